@@ -1,0 +1,261 @@
+"""THE table of every parameter: name, type, default, unit, range, live or structural, one sentence.
+
+`sim` checks its dataclasses against it, `ros` declares ROS parameters from it, and the parameter reference in
+docs/parameters.md is printed from it. To add a parameter, add its row here; nothing else declares one.
+Imports the standard library only.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+INFINITY = math.inf
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row: `live` values take effect at the next frame, the others rebuild the simulation.
+
+    kind: "bool", "integer", "double", "string", "string_array", "double_array" or "pins" (a word or a list of indices).
+    low, high: inclusive bounds of a number or of every element of an array; length: of an array, 0 for any.
+    """
+
+    name: str
+    kind: str
+    default: Any
+    text: str
+    unit: str = ""
+    low: float = -INFINITY
+    high: float = INFINITY
+    live: bool = False
+    choices: tuple[str, ...] = ()
+    length: int = 0
+
+
+def _double(name, default, text, unit="", low=-INFINITY, high=INFINITY, live=True):
+    return Parameter(name, "double", float(default), text, unit, low, high, live)
+
+
+def _integer(name, default, text, low, high, live=False):
+    return Parameter(name, "integer", default, text, "", low, high, live)
+
+
+def _vector(name, default, text, unit="", low=-1e6, high=1e6, live=False, length=3):
+    return Parameter(
+        name, "double_array", tuple(map(float, default)), text, unit, low, high, live, length=length
+    )
+
+
+def _choice(name, default, text, choices):
+    return Parameter(name, "string", default, text, choices=choices)
+
+
+_PLACE = (
+    _vector("position", (0, 0, 0), "Position of the local origin.", "m"),
+    _vector("orientation", (0, 0, 0, 1), "Orientation quaternion x y z w of the local axes.", "", -1, 1, length=4),
+)
+
+_SURFACE = (
+    _double("static_friction", 0.5, "Coulomb coefficient while sticking; a pair uses the geometric mean.", "", 0, 10),
+    _double("kinetic_friction", 0.4, "Coulomb coefficient while sliding; a pair uses the geometric mean.", "", 0, 10),
+)
+
+_BODY = (
+    _double("mass", 0.2, "Total mass, pinned particles included.", "kg", 1e-9, 1e6, live=False),
+    _double("damping", 0.0, "Axial damping: time constant of every spring's dashpot, c = damping x k.", "s", 0, 1e3),
+)
+
+SOLVER = (
+    _choice("method", "xpbd", "Method of integration.", ("xpbd",)),
+    _integer("order", 1, "1: implicit Euler; 2: BDF2, more accurate where motion is smooth.", 1, 2),
+    _choice(
+        "schedule",
+        "auto",
+        "resident: one launch per body and frame; coloured: one launch per colour; auto: resident where it fits.",
+        ("auto", "resident", "coloured"),
+    ),
+    _integer("substeps", 20, "Substeps a frame.", 1, 10000, live=True),
+    _integer("iterations", 1, "Solver iterations a substep.", 1, 1000, live=True),
+    _double("global_damping", 0.0, "Drag on every particle, relative to its momentum.", "1/s", 0, 1e4),
+)
+
+FRAME_DT = _double("frame_dt", 1 / 60, "Simulated time a frame.", "s", 1e-6, 1.0, live=False)
+
+WIND = (
+    Parameter("enabled", "bool", False, "Whether the scene has wind; without it no aerodynamics is compiled in."),
+    _vector("velocity", (0, 0, 0), "Wind velocity.", "m/s", -1000, 1000, live=True),
+    _double("air_density", 1.225, "Density of the air.", "kg/m^3", 0, 1e4),
+    _double("drag_coefficient", 1.2, "Drag coefficient of a surface across the flow.", "", 0, 100),
+    _double("lift_coefficient", 0.6, "Lift coefficient of a surface oblique to the flow.", "", 0, 100),
+)
+
+CLOTH = (
+    Parameter("resolution", "integer_array", (32, 32), "Particles along local x and y.", "", 2, 2048, length=2),
+    _vector("size", (1, 1), "Width and height.", "m", 1e-4, 1e4, length=2),
+    Parameter("pins", "pins", "corners", "Fixed particles: corners (the top two), top, edges, none, or indices."),
+    _double(
+        "stretch_compliance",
+        1e-3,
+        "Compliance of the sheet in stretch: 1/spring constant of a square grid; 0 is rigid.",
+        "m/N",
+        0,
+        1e6,
+    ),
+    _double(
+        "shear_compliance",
+        3e-3,
+        "Compliance of the diagonal springs of a square grid; 0 is rigid; a mesh has none.",
+        "m/N",
+        0,
+        1e6,
+    ),
+    _choice(
+        "bending",
+        "none",
+        "none; springs: distance springs over two edges [m/N]; dihedral: angle between triangles [1/(N m)].",
+        ("none", "springs", "dihedral"),
+    ),
+    _double(
+        "bend_compliance",
+        1.0,
+        "springs: 1/spring constant [m/N]; dihedral: 1/flexural rigidity of the sheet [1/(N m)]; 0 is rigid.",
+        "m/N or 1/(N m)",
+        0,
+        1e12,
+    ),
+    _double("thickness", 0.005, "Distance from a collider at which the middle surface touches it.", "m", 0, 1.0),
+    *_BODY,
+    *_SURFACE,
+    *_PLACE,
+)
+
+ROPE = (
+    _integer("segments", 32, "Straight segments from start to end.", 1, 65535),
+    _vector("start", (0, 0, 1), "First end, in the local axes.", "m"),
+    _vector("end", (1, 0, 1), "Last end, in the local axes.", "m"),
+    Parameter("pins", "pins", "start", "Fixed particles: start, end, both, none, or indices."),
+    _double("radius", 0.005, "Radius of the rope.", "m", 1e-6, 10.0),
+    _double("stretch_compliance", 1e-4, "1/EA: strain per tension; 0 is rigid.", "1/N", 0, 1e6),
+    _choice("bending", "none", "none; angle: resists curvature with 1/bend_compliance = EI.", ("none", "angle")),
+    _double("bend_compliance", 1e2, "1/EI: curvature per bending moment; 0 is rigid.", "1/(N m^2)", 0, 1e12),
+    *_BODY,
+    *_SURFACE,
+    *_PLACE,
+)
+
+COLLIDER = (
+    _choice("shape", "sphere", "Shape of the collider.", ("plane", "sphere", "capsule", "box")),
+    Parameter(
+        "dimensions",
+        "double_array",
+        (0.2,),
+        "As in shape_msgs/SolidPrimitive: box x y z; sphere radius; capsule height (of the cylinder), radius; plane none.",
+        "m",
+        1e-6,
+        1e6,
+    ),
+    *_SURFACE,
+    *_PLACE,
+)
+
+GRAVITY = _vector("gravity", (0, 0, -9.81), "Acceleration of gravity.", "m/s^2", -1e4, 1e4, live=True)
+
+
+def row(group: tuple[Parameter, ...], name: str) -> Parameter:
+    """The row called `name` of `group`. Raises KeyError where there is none."""
+    for parameter in group:
+        if parameter.name == name:
+            return parameter
+    raise KeyError(name)
+
+
+def allowed(parameter: Parameter) -> str:
+    """What a value of `parameter` may be, in words, for messages and the reference."""
+    if parameter.choices:
+        return "one of " + ", ".join(parameter.choices)
+    if parameter.kind == "pins":
+        return "a name such as 'none' or a list of particle indices"
+    words = {"bool": "true or false", "integer": "a whole number", "double": "a finite number", "string": "text"}
+    text = words.get(parameter.kind) or f"{parameter.length or 'a list of'} {_element(parameter)}"
+    low, high = parameter.low, parameter.high
+    if low > -INFINITY and high < INFINITY:
+        text += f" from {low:g} to {high:g}"
+    elif low > -INFINITY:
+        text += f" of at least {low:g}"
+    return text + (f" [{parameter.unit}]" if parameter.unit else "")
+
+
+def check(parameter: Parameter, value: Any, name: str | None = None) -> Any:
+    """`value` as the type of `parameter`, or ValueError in one sentence naming the thing, the value and what is allowed.
+
+    Whole numbers count as doubles, tuples and arrays as lists; booleans never count as numbers.
+    """
+    try:
+        return _CHECKS[parameter.kind](parameter, value)
+    except (TypeError, ValueError, OverflowError):
+        shown = repr(value) if len(repr(value)) <= 80 else repr(value)[:77] + "..."
+        raise ValueError(f"{name or parameter.name} is {shown}; allowed is {allowed(parameter)}") from None
+
+
+def _element(parameter: Parameter) -> str:
+    return {"double_array": "finite numbers", "integer_array": "whole numbers", "string_array": "names"}[parameter.kind]
+
+
+def _number(parameter: Parameter, value: Any) -> float:
+    if isinstance(value, (bool, str, bytes)) or type(value).__name__ == "bool_":
+        raise TypeError
+    number = float(value)
+    if not math.isfinite(number) or not parameter.low <= number <= parameter.high:
+        raise ValueError
+    return number
+
+
+def _whole(parameter: Parameter, value: Any) -> int:
+    number = _number(parameter, value)
+    if number != int(number):
+        raise ValueError
+    return int(number)
+
+
+def _text(parameter: Parameter, value: Any) -> str:
+    if not isinstance(value, str) or (parameter.choices and value not in parameter.choices):
+        raise ValueError
+    return value
+
+
+def _flag(parameter: Parameter, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError
+    return value
+
+
+def _array(convert):
+    def check_array(parameter: Parameter, value: Any) -> tuple:
+        if isinstance(value, (str, bytes)):
+            raise TypeError
+        items = tuple(convert(parameter, item) for item in value)
+        if parameter.length and len(items) != parameter.length:
+            raise ValueError
+        return items
+
+    return check_array
+
+
+def _pins(parameter: Parameter, value: Any) -> Any:
+    if value is None or isinstance(value, str):
+        return value
+    return tuple(_whole(parameter, item) for item in value)
+
+
+_CHECKS = {
+    "bool": _flag,
+    "integer": _whole,
+    "double": _number,
+    "string": _text,
+    "string_array": _array(_text),
+    "double_array": _array(_number),
+    "integer_array": _array(_whole),
+    "pins": _pins,
+}
