@@ -1,0 +1,1 @@
+"""Speed against error: references in float64, closed forms, cases, sweeps and figures. Never imports rclpy."""
