@@ -16,7 +16,7 @@ INFINITY = math.inf
 
 @dataclass(frozen=True)
 class Parameter:
-    """One row: `live` values take effect at the next frame, the others rebuild the simulation.
+    """One row: `live` values take effect at the next frame, `fixed` ones hold until a restart, others rebuild.
 
     kind: "bool", "integer", "double", "string", "string_array", "double_array" or "pins" (a word or a list of indices).
     low, high: inclusive bounds of a number or of every element of an array; length: of an array, 0 for any.
@@ -32,6 +32,7 @@ class Parameter:
     live: bool = False
     choices: tuple[str, ...] = ()
     length: int = 0
+    fixed: bool = False
 
 
 def _double(name, default, text, unit="", low=-INFINITY, high=INFINITY, live=True):
@@ -75,6 +76,12 @@ SOLVER = (
         "auto",
         "resident: one launch per body and frame; coloured: one launch per colour; auto: resident where it fits.",
         ("auto", "resident", "coloured"),
+    ),
+    _choice(
+        "rope_solver",
+        "direct",
+        "direct: one exact solve along each rope an iteration; gauss_seidel: segment by segment, for comparison.",
+        ("direct", "gauss_seidel"),
     ),
     _integer("substeps", 20, "Substeps a frame.", 1, 10000, live=True),
     _integer("iterations", 1, "Solver iterations a substep.", 1, 1000, live=True),
@@ -161,6 +168,38 @@ COLLIDER = (
 )
 
 GRAVITY = _vector("gravity", (0, 0, -9.81), "Acceleration of gravity.", "m/s^2", -1e4, 1e4, live=True)
+
+NODE = (
+    Parameter("objects", "string_array", (), "Names of the objects; <object>. prefixes each one's values.", fixed=True),
+    Parameter(
+        "colliders", "string_array", (), "Names of the colliders; <collider>. prefixes each one's values.", fixed=True
+    ),
+    Parameter("device", "string", "auto", "Where to compute: auto, cpu, cuda:0, ..."),
+    Parameter("frame_id", "string", "world", "Frame of everything sent and received.", fixed=True),
+    _double("rate", 60, "Frames a second, simulated and sent.", "Hz", 1, 1000, live=False),
+    _double(
+        "pose_timeout",
+        0.5,
+        "A collider stays put after its last pose; a gap longer than this between two poses is crossed in one frame.",
+        "s",
+        0.01,
+        60,
+    ),
+    Parameter("publish_clock", "bool", False, "Whether to send /clock and to stamp with simulated time.", fixed=True),
+    GRAVITY,
+)
+
+PUBLISH = (
+    Parameter("normals", "bool", False, "Whether particles carry normal_x normal_y normal_z."),
+    Parameter("velocities", "bool", False, "Whether particles carry vx vy vz [m/s]."),
+    Parameter("mesh", "bool", True, "Whether there is a mesh marker to draw."),
+)
+
+OBJECT = (
+    Parameter("type", "string", "cloth", "What the object is.", choices=("cloth", "rope"), fixed=True),
+    Parameter("mesh", "string", "", "File of a triangle mesh in place of the grid (cloth only, read by trimesh)."),
+    Parameter("shear", "bool", True, "Whether a square grid has diagonal springs (cloth only)."),
+)
 
 
 def row(group: tuple[Parameter, ...], name: str) -> Parameter:

@@ -1,0 +1,9 @@
+"""Cloth and rope simulation in NVIDIA Warp, usable without ROS."""
+
+from cloth_sim_ros.sim.readback import Readback
+from cloth_sim_ros.sim.scene import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Sphere, Wind
+from cloth_sim_ros.sim.simulation import Simulation
+
+__all__ = [
+    "Box", "Capsule", "Cloth", "Plane", "Readback", "Rope", "Scene", "Settings", "Simulation", "Sphere", "Wind"
+]  # fmt: skip

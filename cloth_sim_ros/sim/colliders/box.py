@@ -1,0 +1,33 @@
+"""A box around the local origin; size holds its half extents."""
+
+import warp as wp
+
+
+@wp.func
+def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
+    """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m].
+
+    Outside, the nearest point of the surface; inside, the nearest face, z before y before x where they tie.
+    """
+    side = wp.vec3(wp.where(p[0] < 0.0, -1.0, 1.0), wp.where(p[1] < 0.0, -1.0, 1.0), wp.where(p[2] < 0.0, -1.0, 1.0))
+    q = wp.vec3(wp.abs(p[0]) - size[0], wp.abs(p[1]) - size[1], wp.abs(p[2]) - size[2])
+    outside = wp.vec3(wp.max(q[0], 0.0), wp.max(q[1], 0.0), wp.max(q[2], 0.0))
+    distance = wp.length(outside)
+    n = wp.vec3(0.0, 0.0, 0.0)
+    if distance > 1.0e-9:
+        n = wp.cw_mul(outside, side) / distance
+    elif q[2] >= q[0] and q[2] >= q[1]:
+        n = wp.vec3(0.0, 0.0, side[2])
+        distance = q[2]
+    elif q[1] >= q[0]:
+        n = wp.vec3(0.0, side[1], 0.0)
+        distance = q[1]
+    else:
+        n = wp.vec3(side[0], 0.0, 0.0)
+        distance = q[0]
+    return wp.vec4(n[0], n[1], n[2], distance)
+
+
+def size(collider) -> tuple[float, float, float]:
+    """half_extents [m]."""
+    return collider.half_extents

@@ -1,0 +1,17 @@
+"""A capsule along local z; size is (radius, half length, -)."""
+
+import warp as wp
+
+
+@wp.func
+def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
+    """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m]; along x on the axis."""
+    r = wp.vec3(p[0], p[1], p[2] - wp.clamp(p[2], -size[1], size[1]))
+    length = wp.length(r)
+    n = wp.where(length > 1.0e-9, r / wp.max(length, 1.0e-9), wp.vec3(1.0, 0.0, 0.0))
+    return wp.vec4(n[0], n[1], n[2], length - size[0])
+
+
+def size(collider) -> tuple[float, float, float]:
+    """(radius, half_length, 0) [m]."""
+    return (collider.radius, collider.half_length, 0.0)

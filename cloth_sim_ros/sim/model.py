@@ -1,0 +1,166 @@
+"""Scene -> constant device arrays of one batch: bodies that share a kernel and live behind one another in flat arrays.
+
+Particle indices inside elements count from the body's first particle, so that a body's block needs no offset.
+`Body` says where a body's part of every array begins. Nothing here varies after construction (see state.py).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.topology import KINDS, Elements, Topology
+
+
+CONSTRAINTS = ("spring", "hinge", "bend")
+
+
+@dataclass(frozen=True)
+class Features:
+    """What the kernels of a batch hold; anything absent here is not compiled."""
+
+    constraints: tuple[str, ...]  # of CONSTRAINTS, projected colour by colour
+    chain: bool  # a direct solve along a rope
+    panels: str  # "" without wind, else "triangles" or "segments"
+    shapes: tuple[str, ...]  # collider shapes
+    order: int
+
+    def key(self) -> str:
+        """A name for kernels with these features, the same in every process, so that caches on disk are found."""
+        return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
+
+    @staticmethod
+    def of(topology: Topology, wind: bool, shapes: tuple[str, ...], order: int) -> Features:
+        """The features of a body with `topology` in a scene with or without wind and with colliders of `shapes`."""
+        kinds = ("spring",) if topology.springs else ()
+        panels = "triangles" if len(topology.triangles) else "segments"
+        others = tuple(name for name, _, _ in topology.others())
+        return Features(kinds + others, topology.chain is not None, panels if wind else "", shapes, order)
+
+
+@wp.struct
+class Body:
+    """Where a body's parts begin: particles, colour groups, chain segments, panels."""
+
+    particles: int
+    count: int
+    groups: int
+    groups_end: int
+    segments: int
+    segments_end: int
+    panels: int
+    panels_end: int
+
+
+@wp.struct
+class Model:
+    """Constant arrays. groups: (constraint, material kind, first, end) of one colour.
+
+    scale: element compliance / material compliance. Springs have arrays of their own, half as wide, because a frame
+    streams them once a substep; all other constraints share `tuples`, whose four numbers each constraint defines.
+    """
+
+    bodies: wp.array(dtype=Body)
+    groups: wp.array(dtype=wp.vec4i)
+    inverse_mass: wp.array(dtype=float)  # (N,) [1/kg], 0 is pinned
+    pairs: wp.array(dtype=wp.vec2i)  # (S, 2) particles
+    pair_rest: wp.array(dtype=wp.vec2)  # (S, 2) rest length [m], scale
+    tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles, the last repeated where there are three
+    tuple_rest: wp.array(dtype=wp.vec4)  # (E, 4) rest, scale and two more
+    segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
+    panels: wp.array(dtype=wp.vec3i)  # (P, 3) particles, -1 for none
+    panel_start: wp.array(dtype=int)  # (N + 1,) into particle_panels
+    particle_panels: wp.array(dtype=int)  # panels around each particle, counted in the batch
+
+
+def colour_sorted(elements: Elements) -> tuple[np.ndarray, list[tuple[int, int]]]:
+    """Order that puts colours behind one another, by particle within a colour; and (first, end) of each colour."""
+    order = np.lexsort((elements.particles[:, 0], elements.colour))
+    edges = np.concatenate([[0], np.cumsum(np.bincount(elements.colour))])
+    return order, [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+
+
+class ModelArrays:
+    """Collects the NumPy parts of a batch, body by body, and uploads them once.
+
+    spring_order[b][kind] is (first, order): element `order[i]` of that kind lies at first + i of the pair arrays.
+    """
+
+    def __init__(self) -> None:
+        self.rows: dict[str, list[np.ndarray]] = {name: [] for name in _TYPES}
+        self.bodies: list[tuple] = []
+        self.groups: list[tuple[int, int, int, int]] = []
+        self.size = dict.fromkeys(_TYPES, 0)
+        self.spring_order: list[dict[str, tuple[int, np.ndarray]]] = []
+
+    def _append(self, name: str, rows: np.ndarray) -> int:
+        start = self.size[name]
+        self.rows[name].append(rows)
+        self.size[name] += len(rows)
+        return start
+
+    def _append_groups(self, constraint: str, kind: int, first: int, spans: list[tuple[int, int]]) -> None:
+        self.groups += [(CONSTRAINTS.index(constraint), kind, first + a, first + b) for a, b in spans]
+
+    def add(self, topology: Topology) -> None:
+        """Append one body."""
+        first = self._append("inverse_mass", np.where(topology.pinned, 0.0, 1.0 / topology.masses))
+        groups = len(self.groups)
+        self.spring_order.append({})
+        for kind, elements in topology.springs.items():
+            order, spans = colour_sorted(elements)
+            start = self._append("pairs", elements.particles[order])
+            self._append("pair_rest", np.stack([elements.rest, elements.scale], 1)[order])
+            self.spring_order[-1][kind] = (start, order)
+            self._append_groups("spring", KINDS.index(kind), start, spans)
+        for constraint, elements, extra in topology.others():
+            order, spans = colour_sorted(elements)
+            start = self._append("tuples", np.pad(elements.particles, ((0, 0), (0, 4 - elements.particles.shape[1])), "edge")[order])
+            self._append("tuple_rest", np.column_stack([elements.rest, elements.scale, extra])[order])
+            self._append_groups(constraint, KINDS.index("bending"), start, spans)
+        chain = topology.chain.rest if topology.chain is not None else np.zeros(0)
+        segments = self._append("segment_length", chain)
+        panels = self._add_panels(topology)
+        spans = (groups, len(self.groups), segments, segments + len(chain), panels, panels + len(topology.panels))
+        self.bodies.append((first, len(topology.masses), *spans))
+
+    def _add_panels(self, topology: Topology) -> int:
+        start = self._append("panels", topology.panels)
+        corner = topology.panels.ravel()
+        panel = np.repeat(np.arange(len(topology.panels)), 3) + start
+        order = np.argsort(corner, kind="stable")
+        order = order[corner[order] >= 0]
+        counts = np.bincount(corner[order], minlength=len(topology.masses))
+        offset = self._append("particle_panels", panel[order])
+        self._append("panel_start", offset + np.concatenate([[0], np.cumsum(counts)[:-1]]))
+        return start
+
+    def upload(self, device: wp.Device) -> Model:
+        """The arrays on `device`. An absent kind is an array of no element."""
+        model = Model()
+        self.rows["panel_start"].append(np.array([self.size["particle_panels"]]))
+        for name, (dtype, kind) in _TYPES.items():
+            width = dtype._length_ if hasattr(dtype, "_length_") else 0
+            shape = (0, width) if width else (0,)
+            rows = np.concatenate([np.zeros(shape), *self.rows[name]]).astype(kind)
+            setattr(model, name, wp.array(rows, dtype=dtype, device=device))
+        model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 4), dtype=wp.vec4i, device=device)
+        bodies = np.array(self.bodies, dtype=np.int32)
+        model.bodies = wp.array(bodies.view(Body.numpy_dtype()).reshape(-1), dtype=Body, device=device)
+        return model
+
+
+_TYPES = {
+    "inverse_mass": (float, np.float32),
+    "pairs": (wp.vec2i, np.int32),
+    "pair_rest": (wp.vec2, np.float32),
+    "tuples": (wp.vec4i, np.int32),
+    "tuple_rest": (wp.vec4, np.float32),
+    "segment_length": (float, np.float32),
+    "panels": (wp.vec3i, np.int32),
+    "panel_start": (int, np.int32),
+    "particle_panels": (int, np.int32),
+}

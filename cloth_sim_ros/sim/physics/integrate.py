@@ -1,0 +1,55 @@
+"""Time integration in displacement form: what a substep starts from and what it leaves behind.
+
+A substep solves for the displacement d = x_new - x, not for x_new, so that the velocity d/h keeps its precision when h is
+small. Both orders share one form with the effective step h_e and a base displacement b:
+    implicit Euler: h_e = h,    b = 0,         v* = v                        v_new = d / h
+    BDF2:           h_e = 2h/3, b = d_prev/3,  v* = v + (v - v_prev)/3       v_new = (d - b) / h_e
+and predict d~ = b + h_e v* + h_e^2 a, with compliances divided by h_e^2 (BDF2 solved for the displacement).
+"""
+
+import warp as wp
+
+
+@wp.func
+def effective_step(h: float, second: bool) -> float:
+    """h_e [s] of a substep h [s]; `second` once two substeps of smooth history exist."""
+    return wp.where(second, 2.0 * h / 3.0, h)
+
+
+@wp.func
+def predict_displacement(base: wp.vec3, v: wp.vec3, a: wp.vec3, rate: float, h: float) -> wp.vec3:
+    """d~ [m] under acceleration a [m/s^2] with linear drag of `rate` [1/s], whose value at v is already part of a.
+
+    Linearly implicit in the drag (Rosenbrock-Euler), so that it never reverses the relative velocity.
+    """
+    return base + h * v + (h * h / (1.0 + h * rate)) * a
+
+
+@wp.func
+def split_sum(x: wp.vec3, d: wp.vec3) -> wp.vec3:
+    """The part of x + d [m] that float32 loses (Fast2Sum, Dekker 1971); carried to the next substep."""
+    total = x + d
+    return d - (total - x)
+
+
+@wp.struct
+class Step:
+    """One substep and iteration: h and h_e [s], 1/h_e^2, and what the projections need to know of the loop around them."""
+
+    h: float
+    effective: float
+    inverse_square: float
+    second: bool  # order 2 with its history
+    first: bool  # first iteration: multipliers start from zero
+    store: bool  # someone reads the multipliers afterwards
+
+
+@wp.func
+def make_step(h: float, second: bool) -> Step:
+    """The part of a Step that lasts for the substep."""
+    step = Step()
+    step.h = h
+    step.effective = effective_step(h, second)
+    step.inverse_square = 1.0 / (step.effective * step.effective)
+    step.second = second
+    return step

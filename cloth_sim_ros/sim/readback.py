@@ -1,0 +1,123 @@
+"""State -> outgoing data: kernels write what a message will hold, and one copy brings it to pinned host memory."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.schedules.stages import xyz
+from cloth_sim_ros.sim.simulation import Simulation
+from cloth_sim_ros.sim.state import Arrays
+
+
+@wp.func
+def vertex_normal(arrays: Arrays, first: int, g: int) -> wp.vec3:
+    """Unit normal of particle g by area, gathered from its triangles; 0 where it has none."""
+    m = arrays.model
+    n = wp.vec3(0.0)
+    for k in range(m.panel_start[g], m.panel_start[g + 1]):
+        p = m.panels[m.particle_panels[k]]
+        if p[2] >= 0:
+            a = xyz(arrays.state.positions[first + p[0]])
+            n += wp.cross(
+                xyz(arrays.state.positions[first + p[1]]) - a, xyz(arrays.state.positions[first + p[2]]) - a
+            )
+    return wp.normalize(n)
+
+
+@wp.kernel(enable_backward=False)
+def write_particles(arrays: Arrays, first: int, normals: bool, velocities: bool, out: wp.array2d(dtype=float)):
+    i = wp.tid()
+    g = first + i
+    position = arrays.state.positions[g]
+    column = int(3)
+    for c in range(3):
+        out[i, c] = position[c]
+    if normals:
+        n = vertex_normal(arrays, first, g)
+        for c in range(3):
+            out[i, column + c] = n[c]
+        column += 3
+    if velocities:
+        v = arrays.state.velocities[g]
+        for c in range(3):
+            out[i, column + c] = v[c]
+
+
+@wp.kernel(enable_backward=False)
+def write_points(positions: wp.array(dtype=wp.vec4), order: wp.array(dtype=int), out: wp.array2d(dtype=wp.float64)):
+    i = wp.tid()
+    position = positions[order[i]]
+    for c in range(3):
+        out[i, c] = wp.float64(position[c])
+
+
+class Readback:
+    """One object's particles, and with `mesh` its triangle list or line strip, as messages want them.
+
+    `request()` launches the writing and the copies and allocates nothing; `particles()` and `mesh()` wait for them and
+    return views that hold until the next request.
+    """
+
+    def __init__(
+        self, sim: Simulation, name: str, normals: bool = False, velocities: bool = False, mesh: bool = False
+    ) -> None:
+        arrays, span, device = sim.device_arrays(name)
+        count = span.stop - span.start
+        self._device = device
+        columns = 3 + 3 * normals + 3 * velocities
+        self._particles = _Buffer((count, columns), wp.float32, device)
+        inputs = [arrays, span.start, normals, velocities, self._particles.device_array]
+        self._commands = [wp.launch(write_particles, dim=count, inputs=inputs, device=device, record_cmd=True)]
+        self._mesh = None
+        if mesh:
+            triangles = sim.triangles(name)
+            order = triangles.ravel() if len(triangles) else np.arange(count)
+            self._order = wp.array(order + span.start, dtype=int, device=device)
+            self._mesh = _Buffer((len(order), 3), wp.float64, device)
+            inputs = [arrays.state.positions, self._order, self._mesh.device_array]
+            self._commands.append(
+                wp.launch(write_points, dim=len(order), inputs=inputs, device=device, record_cmd=True)
+            )
+        self._done = wp.Event(device) if device.is_cuda else None
+
+    def request(self) -> None:
+        """Start writing and copying the state as it will be when all launched frames are done."""
+        for command in self._commands:
+            command.launch()
+        self._particles.copy()
+        if self._mesh is not None:
+            self._mesh.copy()
+        if self._done is not None:
+            wp.record_event(self._done)
+
+    def particles(self) -> np.ndarray:
+        """(N, 3, 6 or 9) float32: x y z [m], then normals, then velocities [m/s]."""
+        self._wait()
+        return self._particles.view
+
+    def mesh(self) -> np.ndarray:
+        """(3T, 3) float64 corners of the triangles [m] of a cloth, (N, 3) points of a rope."""
+        if self._mesh is None:
+            raise ValueError("this Readback was made without a mesh; allowed is Readback(..., mesh=True)")
+        self._wait()
+        return self._mesh.view
+
+    def _wait(self) -> None:
+        if self._done is not None:
+            wp.synchronize_event(self._done)
+
+
+class _Buffer:
+    """A device array and its host copy: pinned beside a GPU, the same memory on the CPU."""
+
+    def __init__(self, shape: tuple[int, int], dtype: type, device: wp.Device) -> None:
+        self.device_array = wp.zeros(shape, dtype=dtype, device=device)
+        self._host = self.device_array
+        if device.is_cuda:
+            self._host = wp.zeros(shape, dtype=dtype, device="cpu", pinned=True)
+        self.view = self._host.numpy()
+
+    def copy(self) -> None:
+        if self._host is not self.device_array:
+            wp.copy(self._host, self.device_array)

@@ -1,0 +1,107 @@
+"""What a body is like now: energy, strain, penetration and what the solver left, reduced on the device."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.colliders import make_signed_distance
+from cloth_sim_ros.sim.model import KINDS
+from cloth_sim_ros.sim.physics.integrate import effective_step
+from cloth_sim_ros.sim.schedules.stages import xyz
+from cloth_sim_ros.sim.state import Arrays
+
+# Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.
+STRAIN, RESIDUAL, PENETRATION = 0, 1, 2
+
+
+@wp.kernel(enable_backward=False)
+def measure_springs(
+    arrays: Arrays, b: int, first: int, kind: int, dt: float, second: bool, result: wp.array(dtype=float)
+):
+    k = first + wp.tid()
+    body = arrays.model.bodies[b]
+    pair = arrays.model.pairs[k]
+    rest = arrays.model.pair_rest[k]
+    i = body.particles + pair[0]
+    j = body.particles + pair[1]
+    h = effective_step(dt, second)
+    force = arrays.state.pair_multipliers[k] / (h * h)
+    _measure(arrays, b, i, j, rest[0], rest[1] * arrays.materials[b].compliance[kind] * force, result)
+
+
+@wp.kernel(enable_backward=False)
+def measure_chain(arrays: Arrays, b: int, result: wp.array(dtype=float)):
+    body = arrays.model.bodies[b]
+    k = body.segments + wp.tid()
+    i = body.particles + wp.tid()
+    rest = arrays.model.segment_length[k]
+    sag = -rest * arrays.materials[b].compliance[0] * arrays.state.tensions[k]
+    _measure(arrays, b, i, i + 1, rest, sag, result)
+
+
+@wp.func
+def _measure(arrays: Arrays, b: int, i: int, j: int, rest: float, held: float, result: wp.array(dtype=float)):
+    """Strain, and the violation of C + gamma slip + compliance x multiplier = 0 with `held` as its last term [m]."""
+    e = (xyz(arrays.state.positions[j]) - xyz(arrays.state.positions[i])) + (arrays.state.low[j] - arrays.state.low[i])
+    length = wp.length(e)
+    n = e / wp.max(length, 1.0e-12)
+    rate = wp.dot(n, arrays.state.velocities[j] - arrays.state.velocities[i])
+    wp.atomic_max(result, STRAIN, wp.abs(length - rest) / wp.max(rest, 1.0e-12))
+    wp.atomic_max(result, RESIDUAL, wp.abs(length - rest + arrays.materials[b].damping * rate + held))
+
+
+@lru_cache
+def make_measure_contacts(shapes: tuple[str, ...]):
+    """The kernel of the deepest penetration into colliders of `shapes` where they are at the end of the frame."""
+    signed_distance = make_signed_distance(shapes)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def measure_contacts(arrays: Arrays, b: int, result: wp.array(dtype=float)):
+        g = arrays.model.bodies[b].particles + wp.tid()
+        if arrays.model.inverse_mass[g] == 0.0:
+            return
+        for c in range(arrays.colliders.shape[0]):
+            collider = arrays.colliders[c]
+            p = wp.quat_rotate_inv(collider.end_orientation, xyz(arrays.state.positions[g]) - collider.end_position)
+            gap = signed_distance(collider.shape, p, collider.size)[3] - arrays.materials[b].thickness
+            wp.atomic_max(result, PENETRATION, -gap)
+
+    return measure_contacts
+
+
+class Reporter:
+    """Measures bodies; keeps the few numbers of the result on the device."""
+
+    def __init__(self, device: wp.Device) -> None:
+        self._device = device
+        self._result = wp.zeros(3, dtype=float, device=device)
+
+    def measure(self, batch: Batch, name: str, dt: float) -> dict[str, float]:
+        """kinetic_energy [J], max_strain [-], max_penetration [m] and residual [m] of one body."""
+        b, span = batch.index[name], batch.span(name)
+        self._result.zero_()
+        second = batch.features.order == 2
+        for kind, (first, order) in batch.spring_order[b].items():
+            inputs = [batch.arrays, b, first, KINDS.index(kind), dt, second, self._result]
+            wp.launch(measure_springs, dim=len(order), inputs=inputs, device=self._device)
+        if batch.features.chain:
+            segments = span.stop - span.start - 1
+            wp.launch(measure_chain, dim=segments, inputs=[batch.arrays, b, self._result], device=self._device)
+        if batch.features.shapes:
+            kernel = make_measure_contacts(batch.features.shapes)
+            wp.launch(kernel, dim=span.stop - span.start, inputs=[batch.arrays, b, self._result], device=self._device)
+        velocities = batch.arrays.state.velocities[span].numpy().astype(np.float64)
+        inverse = batch.arrays.model.inverse_mass[span].numpy().astype(np.float64)
+        moving = inverse > 0.0
+        energy = 0.5 * float(((velocities[moving] ** 2).sum(1) / inverse[moving]).sum())
+        result = self._result.numpy()
+        return {
+            "kinetic_energy": energy,
+            "max_strain": float(result[STRAIN]),
+            "max_penetration": float(result[PENETRATION]),
+            "residual": float(result[RESIDUAL]),
+        }

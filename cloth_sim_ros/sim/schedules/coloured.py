@@ -1,0 +1,200 @@
+"""One launch a stage and a colour, for bodies too large for a block; on a GPU a frame is captured in one CUDA graph.
+
+The same stages as the resident schedule, on plain device arrays, in the same order: both give the same state but for
+the rounding of the compiler's choices.
+"""
+
+from functools import lru_cache
+
+import warp as wp
+
+from cloth_sim_ros.sim.constraints import make_project
+from cloth_sim_ros.sim.model import Body, Features
+from cloth_sim_ros.sim.physics.integrate import make_step
+from cloth_sim_ros.sim.schedules.lines import make_solve_chain
+from cloth_sim_ros.sim.schedules.memory import array_address
+from cloth_sim_ros.sim.schedules.stages import make_contact, make_finish, make_panel, make_predict, sweep_collider
+from cloth_sim_ros.sim.state import Arrays, State
+
+
+class Coloured:
+    """The launches of one batch. `advance()` simulates one frame of every body in it."""
+
+    def __init__(self, features: Features, arrays: Arrays, device: wp.Device):
+        self._features, self._device = features, device
+        self._kernels = make_kernels(features)
+        self._arrays = arrays
+        self._colliders = arrays.colliders.shape[0]
+        self._bodies = [dict(zip(Body.vars, body, strict=True)) for body in arrays.model.bodies.numpy().tolist()]
+        self._groups = arrays.model.groups.numpy().tolist()
+        self._commands: dict[tuple, wp.Launch] = {}
+        self._graph, self._captured = None, None
+
+    def advance(self, substeps: int, iterations: int) -> None:
+        """Launch one frame; on a GPU a new number of substeps or iterations captures the graph anew."""
+        if self._captured == (substeps, iterations):
+            wp.capture_launch(self._graph)
+            return
+        self._launch_frame(substeps, iterations)
+        if self._device.is_cuda:
+            with wp.ScopedCapture(device=self._device) as capture:
+                self._launch_frame(substeps, iterations)
+            self._graph, self._captured = capture.graph, (substeps, iterations)
+
+    def _launch(self, stage: str, size: int, *arguments: int) -> None:
+        key = (stage, size, *arguments)
+        if key not in self._commands:
+            inputs = [self._arrays, *arguments]
+            self._commands[key] = wp.launch(
+                self._kernels[stage], dim=size, inputs=inputs, device=self._device, record_cmd=True
+            )
+        self._commands[key].launch()
+
+    def _launch_frame(self, substeps: int, iterations: int) -> None:
+        for substep in range(substeps):
+            for b, body in enumerate(self._bodies):
+                if self._colliders:
+                    self._launch("sweep", self._colliders, b, substep)
+                if self._features.panels:
+                    self._launch("panel", body["panels_end"] - body["panels"], b)
+                self._launch("predict", body["count"], b)
+                for iteration in range(iterations):
+                    first = int(iteration == 0)
+                    store = int(iterations > 1 or substep == substeps - 1)
+                    self._launch_iteration(b, body, first, store)
+                self._launch("finish", body["count"], b)
+            if self._features.order == 2:
+                self._launch("age", len(self._bodies))
+
+    def _launch_iteration(self, b: int, body: dict, first: int, store: int) -> None:
+        if self._features.chain:
+            self._launch("chain", 1, b, first)
+        for g in range(body["groups"], body["groups_end"]):
+            _, _, start, end = self._groups[g]
+            self._launch("project", end - start, b, first, store, g)
+        if self._colliders:
+            self._launch("contact", body["count"], b, first)
+
+
+@lru_cache
+def make_kernels(features: Features) -> dict[str, wp.Kernel]:
+    """The kernels of the stages that `features` need, in one module of their own."""
+    predict_particle, finish_particle = make_predict(features), make_finish(features)
+    panel_force = make_panel(features) if features.panels else None
+    contact_particle = make_contact(features) if features.shapes else None
+    project_element = make_project(features.constraints, features.order) if features.constraints else None
+    solve_chain = make_solve_chain(features.order) if features.chain else None
+    module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}")
+    kernels: dict[str, wp.Kernel] = {}
+
+    def stage(function):
+        kernels[function.__name__] = wp.kernel(function, enable_backward=False, module=module)
+
+    @wp.func
+    def second(s: State, b: int) -> bool:
+        result = bool(False)
+        if wp.static(features.order == 2):
+            result = s.history[b] > 0
+        return result
+
+    @stage
+    def predict(
+        arrays: Arrays,
+        b: int,
+    ):
+        body = arrays.model.bodies[b]
+        d = array_address(arrays.state.displacements, body.particles)
+        predict_particle(wp.tid(), arrays.model, arrays.state, body, arrays.frames[0], make_step(arrays.frames[0].dt, second(arrays.state, b)), d)
+
+    @stage
+    def finish(
+        arrays: Arrays,
+        b: int,
+    ):
+        body = arrays.model.bodies[b]
+        x = array_address(arrays.state.positions, body.particles)
+        d = array_address(arrays.state.displacements, body.particles)
+        finish_particle(wp.tid(), arrays.state, body, make_step(arrays.frames[0].dt, second(arrays.state, b)), x, d)
+
+    if features.shapes:
+
+        @stage
+        def sweep(
+            arrays: Arrays,
+            b: int,
+            substep: int,
+        ):
+            c = wp.tid()
+            count = float(arrays.frames[0].substeps)
+            arrays.state.sweeps[b * arrays.colliders.shape[0] + c] = sweep_collider(
+                arrays.colliders[c], float(substep) / count, float(substep + 1) / count
+            )
+
+        @stage
+        def contact(
+            arrays: Arrays,
+            b: int,
+            first: int,
+        ):
+            body = arrays.model.bodies[b]
+            x = array_address(arrays.state.positions, body.particles)
+            d = array_address(arrays.state.displacements, body.particles)
+            step = make_step(arrays.frames[0].dt, second(arrays.state, b))
+            step.first = first != 0
+            contact_particle(wp.tid(), b, body, arrays.materials[b], arrays.colliders, arrays.state, step, x, d)
+
+    if features.panels:
+
+        @stage
+        def panel(
+            arrays: Arrays,
+            b: int,
+        ):
+            body = arrays.model.bodies[b]
+            x = array_address(arrays.state.positions, body.particles)
+            panel_force(body.panels + wp.tid(), arrays.model, arrays.state, body, arrays.materials[b], arrays.frames[0], x)
+
+    if features.constraints:
+
+        @stage
+        def project(
+            arrays: Arrays,
+            b: int,
+            first: int,
+            store: int,
+            g: int,
+        ):
+            body = arrays.model.bodies[b]
+            group = arrays.model.groups[g]
+            x = array_address(arrays.state.positions, body.particles)
+            d = array_address(arrays.state.displacements, body.particles)
+            step = make_step(arrays.frames[0].dt, second(arrays.state, b))
+            step.first = first != 0
+            step.store = store != 0
+            alpha = arrays.materials[b].compliance[group[1]] * step.inverse_square
+            project_element(group[0], group[2] + wp.tid(), alpha, arrays.model, arrays.state, body, arrays.materials[b], step, x, d)
+
+    if features.chain:
+
+        @stage
+        def chain(
+            arrays: Arrays,
+            b: int,
+            first: int,
+        ):
+            body = arrays.model.bodies[b]
+            x = array_address(arrays.state.positions, body.particles)
+            d = array_address(arrays.state.displacements, body.particles)
+            step = make_step(arrays.frames[0].dt, second(arrays.state, b))
+            step.first = first != 0
+            solve_chain(arrays.model, arrays.state, body, arrays.materials[b], step, x, d)
+
+    if features.order == 2:
+
+        @stage
+        def age(
+            arrays: Arrays,
+        ):
+            arrays.state.history[wp.tid()] = 1
+
+    return kernels

@@ -1,0 +1,54 @@
+"""Where a body's positions and displacements live during a substep, and how a block waits for itself.
+
+A resident body keeps both in the shared memory of its block on a GPU; elsewhere they are plain device arrays. The stages
+see an address and an index and cannot tell: the compiler infers the address space, and the loads are 16 bytes wide.
+"""
+
+import warp as wp
+
+BYTES_A_PARTICLE = 32  # one float4 of position, one of displacement and inverse mass
+
+_LOAD = """
+#if defined(__CUDA_ARCH__)
+float4 f = ((const float4*)address)[i];
+return wp::vec4(f.x, f.y, f.z, f.w);
+#else
+return ((const wp::vec4*)address)[i];
+#endif
+"""
+_STORE = """
+#if defined(__CUDA_ARCH__)
+((float4*)address)[i] = make_float4(v[0], v[1], v[2], v[3]);
+#else
+((wp::vec4*)address)[i] = v;
+#endif
+"""
+_SYNC = """
+#if defined(__CUDA_ARCH__)
+__syncthreads();
+#endif
+"""
+
+
+@wp.func_native(_LOAD)
+def load4(address: wp.uint64, i: int) -> wp.vec4: ...
+
+
+@wp.func_native(_STORE)
+def store4(address: wp.uint64, i: int, v: wp.vec4): ...
+
+
+@wp.func_native(_SYNC)
+def sync(): ...
+
+
+@wp.func_native("return (uint64_t)(values.data + offset);")
+def array_address(values: wp.array(dtype=wp.vec4), offset: int) -> wp.uint64: ...
+
+
+def make_tile_address(capacity: int):
+    """A Warp function: a shared tile of `capacity` vec4 -> its address. For CUDA kernels alone."""
+
+    def tile_address(tile: wp.tile[wp.vec4, capacity]) -> wp.uint64: ...
+
+    return wp.func_native("return (uint64_t)(tile.data.ptr);")(tile_address)

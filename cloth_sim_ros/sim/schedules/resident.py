@@ -1,0 +1,129 @@
+"""One launch a frame: a block (on the CPU, one thread) keeps a body and runs all its substeps.
+
+On a GPU positions and displacements stay in the block's shared memory for the whole frame, so a body may have at most
+`capacity(device)` particles; on the CPU there is no limit. Blocks never wait for one another.
+"""
+
+from functools import lru_cache
+
+import warp as wp
+
+from cloth_sim_ros.sim.constraints import make_project
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.physics.integrate import make_step
+from cloth_sim_ros.sim.schedules import memory
+from cloth_sim_ros.sim.schedules.lines import make_solve_chain
+from cloth_sim_ros.sim.schedules.memory import load4, store4, sync
+from cloth_sim_ros.sim.schedules.stages import make_contact, make_finish, make_panel, make_predict, sweep_collider
+from cloth_sim_ros.sim.state import Arrays
+
+RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
+
+
+def capacity(device: wp.Device) -> int:
+    """The most particles of a body that one block can hold."""
+    if device.is_cpu:
+        return 1 << 30
+    return (device.max_shared_memory_per_block - RESERVED) // memory.BYTES_A_PARTICLE
+
+
+class Resident:
+    """The launch of one batch. `advance()` simulates one frame of every body in it."""
+
+    def __init__(self, features: Features, arrays: Arrays, device: wp.Device, largest: int):
+        shared = 0 if device.is_cpu else -(-largest // 64) * 64
+        block = 1 if device.is_cpu else min(1024, max(32, -(-largest // 4) // 32 * 32))
+        kernel = make_frame(features, shared)
+        self._launch = wp.launch(
+            kernel,
+            dim=(arrays.model.bodies.shape[0], block),
+            inputs=[arrays],
+            device=device,
+            block_dim=block,
+            record_cmd=True,
+        )
+
+    def advance(self, substeps: int, iterations: int) -> None:
+        """Launch one frame; both numbers are read from the device's Frame, where they are already."""
+        self._launch.launch()
+
+
+@lru_cache
+def make_frame(features: Features, shared: int):
+    """The kernel of a whole frame for `features`; `shared` particles in shared memory, 0 for plain arrays."""
+    predict, finish = make_predict(features), make_finish(features)
+    panel = make_panel(features) if features.panels else None
+    contact = make_contact(features) if features.shapes else None
+    project = make_project(features.constraints, features.order) if features.constraints else None
+    solve_chain = make_solve_chain(features.order) if features.chain else None
+    tile_address = memory.make_tile_address(shared) if shared else None
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def simulate_frame(arrays: Arrays):
+        b, t = wp.tid()
+        m = arrays.model
+        s = arrays.state
+        width = wp.block_dim()
+        body = m.bodies[b]
+        material = arrays.materials[b]
+        frame = arrays.frames[0]
+        x = memory.array_address(s.positions, body.particles)
+        d = memory.array_address(s.displacements, body.particles)
+        if wp.static(shared > 0):
+            x_tile = wp.tile_empty(shape=(wp.static(shared),), dtype=wp.vec4, storage="shared")
+            d_tile = wp.tile_empty(shape=(wp.static(shared),), dtype=wp.vec4, storage="shared")
+            x = tile_address(x_tile)
+            d = tile_address(d_tile)
+            for i in range(t, body.count, width):
+                store4(x, i, s.positions[body.particles + i])
+        history = int(0)
+        if wp.static(features.order == 2):
+            history = s.history[b]
+        sync()
+        for substep in range(frame.substeps):
+            step = make_step(frame.dt, history > 0)
+            if wp.static(bool(features.shapes)):
+                for c in range(t, arrays.colliders.shape[0], width):
+                    count = float(frame.substeps)
+                    s.sweeps[b * arrays.colliders.shape[0] + c] = sweep_collider(
+                        arrays.colliders[c], float(substep) / count, float(substep + 1) / count
+                    )
+            if wp.static(features.panels != ""):
+                for k in range(body.panels + t, body.panels_end, width):
+                    panel(k, m, s, body, material, frame, x)
+                sync()
+            for i in range(t, body.count, width):
+                predict(i, m, s, body, frame, step, d)
+            sync()
+            for iteration in range(frame.iterations):
+                step.first = iteration == 0
+                step.store = frame.iterations > 1 or substep == frame.substeps - 1
+                if wp.static(features.chain):
+                    if t == 0:
+                        solve_chain(m, s, body, material, step, x, d)
+                    sync()
+                if wp.static(bool(features.constraints)):
+                    for g in range(body.groups, body.groups_end):
+                        group = m.groups[g]
+                        alpha = material.compliance[group[1]] * step.inverse_square
+                        for k in range(group[2] + t, group[3], width):
+                            project(group[0], k, alpha, m, s, body, material, step, x, d)
+                        sync()
+                if wp.static(bool(features.shapes)):
+                    for i in range(t, body.count, width):
+                        contact(i, b, body, material, arrays.colliders, s, step, x, d)
+                    sync()
+            for i in range(t, body.count, width):
+                finish(i, s, body, step, x, d)
+            if wp.static(features.panels != ""):
+                sync()
+            if wp.static(features.order == 2):
+                history = 1
+        if wp.static(features.order == 2):
+            if t == 0:
+                s.history[b] = history
+        if wp.static(shared > 0):
+            for i in range(t, body.count, width):
+                s.positions[body.particles + i] = load4(x, i)
+
+    return simulate_frame

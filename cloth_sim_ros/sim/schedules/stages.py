@@ -1,0 +1,205 @@
+"""The stages of a substep besides the constraints, one function an element, made for the features of a batch.
+
+Every schedule runs: sweep and panel, then predict, then per iteration (constraints, chain, contact), then finish.
+Particle indices count within the body; x and d are addresses of its positions and displacements (schedules/memory.py).
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.colliders import make_signed_distance
+from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
+from cloth_sim_ros.sim.physics.friction import friction_correction
+from cloth_sim_ros.sim.physics.integrate import Step, predict_displacement, split_sum
+from cloth_sim_ros.sim.schedules.memory import load4, store4
+from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
+
+
+@wp.func
+def xyz(v: wp.vec4) -> wp.vec3:
+    return wp.vec3(v[0], v[1], v[2])
+
+
+@wp.func
+def pack(v: wp.vec3, w: float) -> wp.vec4:
+    return wp.vec4(v[0], v[1], v[2], w)
+
+
+@wp.func
+def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
+    """The motion of a collider between two fractions of the frame; a resting one does not turn by rounding."""
+    sweep = Sweep()
+    q0 = c.start_orientation
+    q1 = c.start_orientation
+    moves = wp.length_sq(c.start_orientation - c.end_orientation) > 0.0
+    if moves:
+        q0 = wp.quat_slerp(c.start_orientation, c.end_orientation, before)
+        q1 = wp.quat_slerp(c.start_orientation, c.end_orientation, after)
+    sweep.to_local = wp.transpose(wp.quat_to_matrix(q1))
+    if moves:
+        sweep.turn = sweep.to_local - wp.transpose(wp.quat_to_matrix(q0))
+    sweep.motion = (c.end_position - c.start_position) * (after - before)
+    sweep.position = c.start_position + (c.end_position - c.start_position) * after
+    return sweep
+
+
+def make_panel(features: Features):
+    """The stage that computes the air's force on panel k of the batch."""
+
+    @wp.func
+    def panel_force(k: int, m: Model, s: State, body: Body, material: Material, frame: Frame, x: wp.uint64):
+        p = m.panels[k]
+        a = xyz(load4(x, p[0]))
+        b = xyz(load4(x, p[1]))
+        va = s.velocities[body.particles + p[0]]
+        vb = s.velocities[body.particles + p[1]]
+        if wp.static(features.panels == "triangles"):
+            relative = frame.wind - (va + vb + s.velocities[body.particles + p[2]]) / 3.0
+            c = xyz(load4(x, p[2]))
+            s.panel_forces[k] = triangle_force(a, b, c, relative, frame.air_density, frame.drag, frame.lift) / 3.0
+        else:
+            relative = frame.wind - (va + vb) / 2.0
+            s.panel_forces[k] = (
+                segment_force(a, b, material.thickness, relative, frame.air_density, frame.drag) / 2.0
+            )
+
+    return panel_force
+
+
+def make_predict(features: Features):
+    """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
+
+    @wp.func
+    def predict(i: int, m: Model, s: State, body: Body, frame: Frame, step: Step, d: wp.uint64):
+        g = body.particles + i
+        w = m.inverse_mass[g]
+        low = s.low[g]
+        if w == 0.0:
+            store4(d, i, pack(low, 0.0))
+            return
+        v = s.velocities[g]
+        base = wp.vec3(0.0)
+        if wp.static(features.order == 2):
+            if step.second:
+                base = s.last_displacements[g] / 3.0
+                v += (v - s.last_velocities[g]) / 3.0
+        a = frame.gravity - frame.global_damping * v
+        rate = frame.global_damping
+        if wp.static(features.panels != ""):
+            for k in range(m.panel_start[g], m.panel_start[g + 1]):
+                force = s.panel_forces[m.particle_panels[k]]
+                a += w * xyz(force)
+                rate += w * force[3]
+        displacement = predict_displacement(base, v, a, rate, step.effective)
+        # The implicit drag weighs like added mass; with it the static balance of drag, weight and springs is exact.
+        store4(d, i, pack(displacement + low, w / (1.0 + step.effective * rate)))
+
+    return predict
+
+
+def make_contact(features: Features):
+    """The stage that keeps particle i outside all colliders, with friction, after each iteration."""
+    signed_distance = make_signed_distance(features.shapes)
+
+    @wp.func
+    def enter(shape: int, size: wp.vec3, start: wp.vec3, path: wp.vec3, thickness: float) -> wp.vec4:
+        """Normal and fraction of `path` at which it enters the surface, by sphere tracing; -1 if it does not."""
+        length = wp.length(path)
+        reached = float(0.0)
+        surface = signed_distance(shape, start, size)
+        if surface[3] < 0.0 or length <= 0.0:
+            return wp.vec4(0.0, 0.0, 0.0, -1.0)
+        for _ in range(16):
+            gap = surface[3] - thickness
+            if gap <= 1.0e-3 * thickness:
+                return pack(xyz(surface), reached)
+            reached += gap / length
+            if reached > 1.0:
+                return wp.vec4(0.0, 0.0, 0.0, -1.0)
+            surface = signed_distance(shape, start + reached * path, size)
+        return pack(xyz(surface), reached)
+
+    @wp.func
+    def contact(
+        i: int,
+        body_index: int,
+        body: Body,
+        material: Material,
+        colliders: wp.array(dtype=ColliderMotion),
+        s: State,
+        step: Step,
+        x: wp.uint64,
+        d: wp.uint64,
+    ):
+        packed = load4(d, i)
+        w = packed[3]
+        if w == 0.0:
+            return
+        position = xyz(load4(x, i))
+        displacement = xyz(packed)
+        low = s.low[body.particles + i]
+        touched = bool(False)
+        for c in range(colliders.shape[0]):
+            collider = colliders[c]
+            sweep = s.sweeps[body_index * colliders.shape[0] + c]
+            slot = c * s.low.shape[0] + body.particles + i
+            before = wp.vec4(0.0)
+            if not step.first:
+                before = s.contacts[slot]
+            # Relative motion in the collider's axes, without the difference of two large positions.
+            slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
+            p = sweep.to_local * ((position - sweep.position) + displacement)
+            surface = signed_distance(collider.shape, p, collider.size)
+            gap = surface[3] - material.thickness
+            n = xyz(surface)
+            after = before
+            if gap < wp.length(slip):
+                if gap > 0.0 or wp.length_sq(slip) > gap * gap:
+                    # Fast enough to have come through the surface: find where it entered, and stay on that side.
+                    entry = enter(collider.shape, collider.size, p - slip, slip, material.thickness)
+                    if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
+                        n = xyz(entry)
+                        gap = wp.dot(n, slip) * (1.0 - entry[3])
+                if gap < 0.0:
+                    pressed = before[3] - gap
+                    tangential = slip - wp.dot(slip, n) * n
+                    mu_s = wp.sqrt(material.static_friction * collider.static_friction)
+                    mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
+                    rubbed = friction_correction(tangential, xyz(before), pressed, mu_s, mu_k)
+                    displacement += wp.transpose(sweep.to_local) * (-gap * n + rubbed - xyz(before))
+                    after = pack(rubbed, pressed)
+                    touched = True
+            s.contacts[slot] = after
+        if touched:
+            store4(d, i, pack(displacement, w))
+
+    return contact
+
+
+def make_finish(features: Features):
+    """The stage that turns the displacement of particle i into its new velocity and position."""
+
+    @wp.func
+    def finish(i: int, s: State, body: Body, step: Step, x: wp.uint64, d: wp.uint64):
+        g = body.particles + i
+        packed = load4(d, i)
+        if packed[3] == 0.0:
+            s.velocities[g] = wp.vec3(0.0)
+            return
+        total = xyz(packed)
+        displacement = total - s.low[g]
+        if wp.static(features.order == 2):
+            base = wp.vec3(0.0)
+            if step.second:
+                base = s.last_displacements[g] / 3.0
+            s.last_velocities[g] = s.velocities[g]
+            s.last_displacements[g] = displacement
+            s.velocities[g] = (displacement - base) / step.effective
+        else:
+            s.velocities[g] = displacement / step.effective
+        old = load4(x, i)
+        position = xyz(old)
+        s.low[g] = split_sum(position, total)
+        store4(x, i, pack(position + total, old[3]))
+
+    return finish

@@ -1,0 +1,331 @@
+"""The public face: a scene and settings on a device, advanced frame by frame and read back by name."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim import topology
+from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.colliders import NAMES, SHAPES, shape_of
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.report import Reporter
+from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings, finite_array, unit_quaternion
+from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, LiveArray
+
+_FAR = 1e6  # [m] the largest coordinate that positions may be given in
+
+
+class Simulation:
+    """Cloths and ropes of `scene`, computed as `settings` say on `device` ("cpu", "cuda:0" or "auto").
+
+    Everything that takes a value raises ValueError with one sentence where the value cannot be, and changes nothing then.
+    `step` may return before a GPU is done; whatever reads the state waits.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings | None = None, device: str = "auto") -> None:
+        self.scene, self.settings = scene, settings or Settings()
+        self._device = _find_device(device)
+        self._frame = LiveArray(Frame, 1, self._device)
+        self._colliders = LiveArray(ColliderMotion, len(scene.colliders), self._device)
+        self._collider_row = {name: row for row, name in enumerate(scene.colliders)}
+        self._moving: set[int] = set()
+        self._wanted: dict[int, tuple] = {}
+        direct = self.settings.rope_solver == "direct"
+        self._topologies = {name: topology.build(thing, name, direct) for name, thing in scene.objects.items()}
+        self._batches = self._make_batches()
+        self._batch = {name: batch for batch in self._batches for name in batch.index}
+        self._reporter = Reporter(self._device)
+        self._frames = 0
+        self._write_settings()
+        self._write_scene()
+
+    def _make_batches(self) -> list[Batch]:
+        shapes = tuple(sorted({shape_of(collider) for collider in self.scene.colliders.values()}))
+        wind = self.scene.wind is not None
+        alike: dict[Features, dict[str, topology.Topology]] = {}
+        for name, topo in self._topologies.items():
+            alike.setdefault(Features.of(topo, wind, shapes, self.settings.order), {})[name] = topo
+        return [
+            Batch(bodies, features, self.settings.schedule, self._frame, self._colliders, self._device)
+            for features, bodies in alike.items()
+        ]
+
+    # -- what the scene holds ------------------------------------------------------------------------------------
+
+    @property
+    def device(self) -> str:
+        """The device's name, such as "cpu" or "cuda:0"."""
+        return self._device.alias
+
+    @property
+    def method(self) -> str:
+        """Method, order and schedules in words, for diagnostics."""
+        kinds = sorted({type(batch.schedule).__name__.lower() for batch in self._batches})
+        return f"{self.settings.method} order {self.settings.order}, {' and '.join(kinds) or 'empty scene'}"
+
+    @property
+    def time(self) -> float:
+        """Simulated time since construction or reset [s]."""
+        return self._frames * self.settings.frame_dt
+
+    def masses(self, name: str) -> np.ndarray:
+        """Masses (N,) float64 [kg], pinned particles included."""
+        return self._topology(name).masses.copy()
+
+    def triangles(self, name: str) -> np.ndarray:
+        """Triangles (T, 3) int32, counter-clockwise seen from their normals; none for a rope."""
+        return self._topology(name).triangles.astype(np.int32)
+
+    def rest_positions(self, name: str) -> np.ndarray:
+        """Rest positions (N, 3) float32 [m] in the world."""
+        return self._topology(name).rest.astype(np.float32)
+
+    def springs(self, name: str) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Kind -> (pairs (S, 2) int, rest_length (S,) [m], constant (S,) [N/m], infinite where rigid), as they are now."""
+        topo, batch = self._topology(name), self._batch[name]
+        kinds = dict(topo.springs)
+        if topo.chain is not None:
+            kinds["structural"] = topo.chain
+        compliance = batch.materials.read(batch.index[name], "compliance")
+        found = {}
+        for kind, elements in kinds.items():
+            with np.errstate(divide="ignore"):
+                constant = 1.0 / (float(compliance[topology.KINDS.index(kind)]) * elements.scale)
+            found[kind] = (elements.particles.astype(np.int64), elements.rest.copy(), constant)
+        return found
+
+    # -- time ----------------------------------------------------------------------------------------------------
+
+    def step(self, frames: int = 1) -> None:
+        """Simulate `frames` frames of settings.frame_dt each."""
+        for _ in range(frames):
+            self._upload()
+            for batch in self._batches:
+                batch.schedule.advance(self.settings.substeps, self.settings.iterations)
+            self._frames += 1
+
+    def reset(self) -> None:
+        """Objects and colliders back to where the scene put them, at rest, time 0; live parameters stay as they are."""
+        for batch in self._batches:
+            for name in batch.index:
+                batch.reset(name)
+        self._wanted.clear()
+        self._moving.clear()
+        self._place_colliders()
+        self._frames = 0
+
+    def _upload(self) -> None:
+        for row in self._moving - self._wanted.keys():
+            self._rest_collider(row)
+        self._moving = set(self._wanted)
+        for row, (position, orientation) in self._wanted.items():
+            self._rest_collider(row)
+            if np.dot(orientation, self._colliders.read(row, "start_orientation")) < 0.0:
+                orientation = tuple(-q for q in orientation)
+            self._colliders.write(row, end_position=position, end_orientation=orientation)
+        self._wanted.clear()
+        self._frame.upload()
+        self._colliders.upload()
+        for batch in self._batches:
+            batch.materials.upload()
+
+    def _rest_collider(self, row: int) -> None:
+        position, orientation = self._colliders.read(row, "end_position"), self._colliders.read(row, "end_orientation")
+        self._colliders.write(row, start_position=position, start_orientation=orientation)
+
+    # -- state ---------------------------------------------------------------------------------------------------
+
+    def positions(self, name: str) -> np.ndarray:
+        """Positions (N, 3) float32 [m]."""
+        batch = self._of(name)
+        return np.ascontiguousarray(batch.arrays.state.positions[batch.span(name)].numpy()[:, :3])
+
+    def velocities(self, name: str) -> np.ndarray:
+        """Velocities (N, 3) float32 [m/s]."""
+        batch = self._of(name)
+        return batch.arrays.state.velocities[batch.span(name)].numpy().copy()
+
+    def set_positions(self, name: str, positions: Any) -> None:
+        """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew."""
+        self._of(name).write_positions(name, self._rows(name, positions, "positions", _FAR))
+
+    def set_velocities(self, name: str, velocities: Any) -> None:
+        """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start anew."""
+        rows = self._rows(name, velocities, "velocities", 1e6)
+        rows[self._topology(name).pinned] = 0.0
+        self._of(name).write_velocities(name, rows)
+
+    def _rows(self, name: str, values: Any, what: str, limit: float) -> np.ndarray:
+        rows = finite_array(values, 3, f"{name} {what}")
+        count = len(self._topology(name).masses)
+        if len(rows) != count or np.abs(rows).max() > limit:
+            raise ValueError(
+                f"{name} {what} have {len(rows)} rows up to {np.abs(rows).max():g}; allowed are {count} rows up to {limit:g}"
+            )
+        return rows
+
+    def device_arrays(self, name: str) -> tuple[Arrays, slice, wp.Device]:
+        """The arrays of the batch that holds an object, where its particles lie in them, and their device."""
+        batch = self._of(name)
+        return batch.arrays, batch.span(name), self._device
+
+    def report(self) -> dict[str, dict[str, float]]:
+        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m] into the contact distance, residual [m].
+
+        residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
+        substep; max_penetration is how much deeper than the thickness a particle lies.
+        """
+        self._upload_quietly()
+        dt = self.settings.frame_dt / self.settings.substeps
+        return {name: self._reporter.measure(batch, name, dt) for name, batch in self._batch.items()}
+
+    def _upload_quietly(self) -> None:
+        """Live numbers that the report reads, without starting the pending collider motion."""
+        self._frame.upload()
+        for batch in self._batches:
+            batch.materials.upload()
+
+    # -- live numbers --------------------------------------------------------------------------------------------
+
+    def set_collider_pose(self, name: str, position: Any, orientation: Any = (0.0, 0.0, 0.0, 1.0)) -> None:
+        """Move a collider: it reaches the pose [m], x y z w, at the end of the next frame, swept in between."""
+        if name not in self._collider_row:
+            raise ValueError(f"there is no collider {name!r}; allowed is {_names(self._collider_row)}")
+        place = {parameter.name: parameter for parameter in table.COLLIDER}["position"]
+        position = table.check(place, position, f"{name}.position")
+        self._wanted[self._collider_row[name]] = (position, unit_quaternion(orientation, f"{name}.orientation"))
+
+    def set_wind(self, velocity: Any) -> None:
+        """Set the wind velocity [m/s] from the next frame on."""
+        self.set("wind.velocity", velocity)
+
+    def set(self, name: str, value: Any) -> None:
+        """Set a live parameter such as "cloth.stretch_compliance", "solver.substeps", "gravity" or "wind.velocity"."""
+        owner, _, field = name.rpartition(".")
+        if name == "gravity":
+            self._set_frame(table.GRAVITY, name, value)
+        elif owner == "solver":
+            self._set_solver(_live(table.SOLVER, field, name), name, value)
+        elif owner == "wind":
+            if self.scene.wind is None:
+                raise ValueError(f"{name} is set but the scene has no wind; allowed is a scene built with one")
+            self._set_frame(_live(table.WIND, field, name), name, value)
+        elif owner in self.scene.objects:
+            self._set_material(owner, field, name, value)
+        elif owner in self.scene.colliders:
+            row = _live(table.COLLIDER, field, name)
+            self._colliders.write(self._collider_row[owner], **{field: table.check(row, value, name)})
+        else:
+            known = [*self.scene.objects, *self.scene.colliders, "solver", "wind"]
+            raise ValueError(f"there is no parameter {name!r}; allowed are 'gravity' and those of {_names(known)}")
+
+    def _set_frame(self, row: table.Parameter, name: str, value: Any) -> None:
+        fields = {"velocity": "wind", "drag_coefficient": "drag", "lift_coefficient": "lift"}
+        self._frame.write(0, **{fields.get(row.name, row.name): table.check(row, value, name)})
+
+    def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
+        self.settings = dataclasses.replace(self.settings, **{row.name: table.check(row, value, name)})
+        self._write_settings()
+
+    def _set_material(self, owner: str, field: str, name: str, value: Any) -> None:
+        thing = self.scene.objects[owner]
+        row = _live(table.CLOTH if isinstance(thing, Cloth) else table.ROPE, field, name)
+        if field in ("shear_compliance", "bend_compliance") and getattr(thing, field) is None:
+            raise ValueError(f"{name} is set but {owner} was built without; allowed is an object built with {field}")
+        value = table.check(row, value, name)
+        batch = self._batch[owner]
+        b = batch.index[owner]
+        if field.endswith("_compliance"):
+            compliance = batch.materials.read(b, "compliance").copy()
+            compliance[("stretch_compliance", "shear_compliance", "bend_compliance").index(field)] = value
+            batch.materials.write(b, compliance=compliance)
+        else:
+            batch.materials.write(b, **{"thickness" if field == "radius" else field: value})
+
+    # -- host mirrors of the device's structs --------------------------------------------------------------------
+
+    def _write_settings(self) -> None:
+        s = self.settings
+        self._frame.write(
+            0,
+            dt=s.frame_dt / s.substeps,
+            substeps=s.substeps,
+            iterations=s.iterations,
+            global_damping=s.global_damping,
+        )
+
+    def _write_scene(self) -> None:
+        self._frame.write(0, gravity=self.scene.gravity)
+        if self.scene.wind is not None:
+            for row in table.WIND:
+                if row.live:
+                    self._set_frame(row, f"wind.{row.name}", getattr(self.scene.wind, row.name))
+        for name, thing in self.scene.objects.items():
+            self._write_material(name, thing)
+        self._place_colliders()
+
+    def _write_material(self, name: str, thing: Cloth | Rope) -> None:
+        kinds = (thing.stretch_compliance, getattr(thing, "shear_compliance", None), thing.bend_compliance)
+        batch = self._batch[name]
+        batch.materials.write(
+            batch.index[name],
+            compliance=[kind or 0.0 for kind in kinds],
+            damping=thing.damping,
+            thickness=thing.radius if isinstance(thing, Rope) else thing.thickness,
+            static_friction=thing.static_friction,
+            kinetic_friction=thing.kinetic_friction,
+        )
+
+    def _place_colliders(self) -> None:
+        for name, collider in self.scene.colliders.items():
+            shape = shape_of(collider)
+            self._colliders.write(
+                self._collider_row[name],
+                shape=NAMES.index(shape),
+                size=SHAPES[shape][1].size(collider),
+                static_friction=collider.static_friction,
+                kinetic_friction=collider.kinetic_friction,
+                start_position=collider.position,
+                start_orientation=collider.orientation,
+                end_position=collider.position,
+                end_orientation=collider.orientation,
+            )
+
+    def _of(self, name: str) -> Batch:
+        self._topology(name)
+        return self._batch[name]
+
+    def _topology(self, name: str) -> topology.Topology:
+        if name not in self._topologies:
+            raise ValueError(f"there is no object {name!r}; allowed is {_names(self._topologies)}")
+        return self._topologies[name]
+
+
+def _names(names: Any) -> str:
+    return ", ".join(names) or "none, the scene is empty"
+
+
+def _live(group: tuple[table.Parameter, ...], field: str, name: str) -> table.Parameter:
+    try:
+        row = table.row(group, field)
+    except KeyError:
+        live = ", ".join(parameter.name for parameter in group if parameter.live)
+        raise ValueError(f"there is no parameter {name!r}; allowed is one of {live}") from None
+    if not row.live:
+        raise ValueError(f"{name} is fixed when a Simulation is built; allowed is a new Simulation with another value")
+    return row
+
+
+def _find_device(name: str) -> wp.Device:
+    if name == "auto":
+        name = "cuda:0" if wp.is_cuda_available() else "cpu"
+    try:
+        return wp.get_device(name)
+    except Exception:
+        known = ", ".join(device.alias for device in wp.get_devices())
+        raise ValueError(f"device is {name!r}; allowed is auto or one of {known}") from None

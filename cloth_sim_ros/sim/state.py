@@ -1,0 +1,160 @@
+"""What varies: the state of a batch on the device, and the live numbers that the kernels read every frame.
+
+Live numbers are structs in one-row-a-thing device arrays with a host mirror: a change is one small copy at the start of
+the next frame and never compiles or captures anything again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.model import Features, Model, ModelArrays
+
+
+@wp.struct
+class Material:
+    """One body. compliance: structural, shear, bending in units of the scene; lengths [m], damping [s]."""
+
+    compliance: wp.vec3
+    damping: float
+    thickness: float
+    static_friction: float
+    kinetic_friction: float
+
+
+@wp.struct
+class Frame:
+    """One batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], wind [m/s], air_density [kg/m^3]."""
+
+    gravity: wp.vec3
+    dt: float
+    substeps: int
+    iterations: int
+    global_damping: float
+    wind: wp.vec3
+    air_density: float
+    drag: float
+    lift: float
+
+
+@wp.struct
+class ColliderMotion:
+    """One collider: its shape, size and Coulomb coefficients, and its pose at the start and the end of the frame."""
+
+    shape: int
+    size: wp.vec3
+    static_friction: float
+    kinetic_friction: float
+    start_position: wp.vec3
+    start_orientation: wp.quat
+    end_position: wp.vec3
+    end_orientation: wp.quat
+
+
+@wp.struct
+class Sweep:
+    """One collider within one substep: R^T at its end, R^T_end - R^T_start, position at its end, and its motion [m]."""
+
+    to_local: wp.mat33
+    turn: wp.mat33
+    position: wp.vec3
+    motion: wp.vec3
+
+
+@wp.struct
+class Segment:
+    """Scratch of a direct solve at one segment of a chain (see physics/chain.py)."""
+
+    frame: wp.mat33
+    admittance: wp.mat33
+    compliance: wp.mat33
+    free: wp.vec3
+    gap: float
+
+
+@wp.struct
+class State:
+    """Arrays of one batch; N particles, S springs, E tuples, C segments, P panels, K colliders, B bodies."""
+
+    positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m]
+    low: wp.array(dtype=wp.vec3)  # (N,) what float32 lost of the positions [m]
+    displacements: wp.array(dtype=wp.vec4)  # (N,) of the substep, and the effective inverse mass [1/kg]
+    velocities: wp.array(dtype=wp.vec3)  # (N,) [m/s]
+    last_velocities: wp.array(dtype=wp.vec3)  # (N,) one substep ago, order 2 alone
+    last_displacements: wp.array(dtype=wp.vec3)  # (N,) of the last substep [m], order 2 alone
+    pair_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m]
+    tuple_multipliers: wp.array(dtype=wp.vec3)  # (E, 3)
+    tensions: wp.array(dtype=float)  # (C,) [N]
+    targets: wp.array(dtype=wp.vec3)  # (N,) where particles of a chain would be without it [m], chains alone
+    solved: wp.array(dtype=wp.vec3)  # (N,) where its last solve put them [m], chains alone
+    segments: wp.array(dtype=Segment)  # (C,)
+    panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
+    contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
+    sweeps: wp.array(dtype=Sweep)  # (B K,)
+    history: wp.array(dtype=int)  # (B,) smooth substeps behind this one, order 2 alone
+
+
+@wp.struct
+class Arrays:
+    """Everything a kernel reads or writes: the one argument that every schedule passes."""
+
+    model: Model
+    state: State
+    frames: wp.array(dtype=Frame)  # (1,)
+    materials: wp.array(dtype=Material)  # (B,)
+    colliders: wp.array(dtype=ColliderMotion)  # (K,)
+
+
+def make_state(arrays: ModelArrays, features: Features, colliders: int, device: wp.Device) -> State:
+    """Zeroed state for the bodies in `arrays`; arrays that `features` do not need have no element."""
+    state = State()
+    particles, bodies = arrays.size["inverse_mass"], len(arrays.bodies)
+    second = particles if features.order == 2 else 0
+    sizes = {
+        "positions": (particles, wp.vec4),
+        "low": (particles, wp.vec3),
+        "displacements": (particles, wp.vec4),
+        "velocities": (particles, wp.vec3),
+        "last_velocities": (second, wp.vec3),
+        "last_displacements": (second, wp.vec3),
+        "pair_multipliers": (arrays.size["pairs"], float),
+        "tuple_multipliers": (arrays.size["tuples"], wp.vec3),
+        "tensions": (arrays.size["segment_length"], float),
+        "targets": (particles if features.chain else 0, wp.vec3),
+        "solved": (particles if features.chain else 0, wp.vec3),
+        "segments": (arrays.size["segment_length"], Segment),
+        "panel_forces": (arrays.size["panels"] if features.panels else 0, wp.vec4),
+        "contacts": (particles * colliders, wp.vec4),
+        "sweeps": (bodies * colliders, Sweep),
+        "history": (bodies if features.order == 2 else 0, int),
+    }
+    for name, (size, dtype) in sizes.items():
+        setattr(state, name, wp.zeros(size, dtype=dtype, device=device))
+    return state
+
+
+class LiveArray:
+    """Rows of a struct on the device with a host mirror; `row(i)` is changed in place, `upload()` copies if it was."""
+
+    def __init__(self, struct, rows: int, device: wp.Device) -> None:
+        self._mirror = np.zeros(rows, dtype=struct.numpy_dtype())
+        self._host = wp.array(self._mirror, dtype=struct, device="cpu", copy=False)
+        self.array = wp.zeros(rows, dtype=struct, device=device)
+        self._changed = True
+
+    def read(self, row: int, name: str) -> np.ndarray:
+        """The value of one field."""
+        return self._mirror[row][name]
+
+    def write(self, row: int, **values) -> None:
+        """Change fields of one row; they reach the device with the next upload."""
+        for name, value in values.items():
+            self._mirror[row][name] = value
+        self._changed = True
+
+    def upload(self) -> None:
+        """Copy to the device if anything changed; ordered before the launches that follow on the device's stream."""
+        if self._changed:
+            wp.copy(self.array, self._host)
+            self._changed = False
