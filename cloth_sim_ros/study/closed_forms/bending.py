@@ -19,8 +19,8 @@ def cantilever_tip(length, flexural_rigidity, load=0.0, weight=0.0):
 def cantilever_chain_tip(lengths_below, loads, segment, flexural_rigidity):
     """Small deflection [m] of the last particle of a clamped chain of n segments [m], loads (n,) [N] on its particles.
 
-    Each joint turns by M_j / kappa_j, M_j the moment of all loads beyond it. `lengths_below` (n,) [m] are the particles'
-    distances from the clamp.
+    Each joint turns by M_j / kappa_j, M_j the moment of all loads beyond it. `lengths_below` (n,) [m] are the
+    particles' distances from the clamp.
     """
     x, loads = np.asarray(lengths_below, dtype=np.float64), np.asarray(loads, dtype=np.float64)
     joints = np.concatenate([[0.0], x[:-1]])
@@ -65,7 +65,8 @@ def heavy_chain(segment, flexural_rigidity, loads):
     carried = np.cumsum(loads[::-1])[::-1]
 
     def imbalance(angles):
-        # The moment about the foot of segment j of the loads beyond is sum over segments i >= j of a cos(theta_i) carried_i.
+        # The moment about the foot of segment j of the loads beyond is sum over segments i >= j of a cos(theta_i)
+        # carried_i.
         moments = np.cumsum((segment * np.cos(angles) * carried)[::-1])[::-1]
         return kappa * np.diff(angles, prepend=0.0) - moments
 
@@ -87,7 +88,8 @@ def euler_buckling_chain(segment, flexural_rigidity, segments):
 
 
 def michell_twist(flexural_rigidity, torsional_rigidity):
-    """Total twist [rad] 2 pi sqrt(3) EI / GJ at which a straight rod closed to a ring leaves its plane (Michell 1889)."""
+    """Total twist [rad] 2 pi sqrt(3) EI / GJ at which a straight rod closed to a ring leaves its plane (Michell
+    1889)."""
     return 2.0 * np.pi * np.sqrt(3.0) * flexural_rigidity / torsional_rigidity
 
 

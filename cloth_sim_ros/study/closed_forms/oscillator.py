@@ -57,7 +57,8 @@ def damping_ratio(dashpot, constant, mass):
 
 
 def damped_oscillation(t, frequency, zeta):
-    """q(t) of q'' + 2 zeta w q' + w^2 q = 0 with q(0) = 1, q'(0) = 0, at times t [s], `frequency` w [rad/s], zeta < 1."""
+    """q(t) of q'' + 2 zeta w q' + w^2 q = 0 with q(0) = 1, q'(0) = 0, at times t [s], `frequency` w [rad/s], zeta <
+    1."""
     t = np.asarray(t, dtype=np.float64)
     damped = frequency * np.sqrt(1.0 - zeta**2)
     return np.exp(-zeta * frequency * t) * (np.cos(damped * t) + zeta * frequency / damped * np.sin(damped * t))

@@ -53,8 +53,9 @@ def catenary_chain(span, rest_lengths, masses, constants, gravity):
     """(N, 2) points [m] of a chain of springs that hangs at rest from (0, 0) and (span, 0).
 
     The horizontal tension H is the same in all links and the vertical one falls by the weight of each particle, so link
-    j points along tan theta_j = (V0 - g sum_{1 <= i <= j} m_i) / H and is l_j (1 + T_j / (k_j l_j)) long, with T the tension.
-    `rest_lengths` l, `constants` k (N-1,) [m], [N/m] (inf: a rigid link), `masses` (N,) [kg]. H and V0 follow from both ends.
+    j points along tan theta_j = (V0 - g sum_{1 <= i <= j} m_i) / H and is l_j (1 + T_j / (k_j l_j)) long, with T the
+    tension. `rest_lengths` l, `constants` k (N-1,) [m], [N/m] (inf: a rigid link), `masses` (N,) [kg]. H and V0 follow
+    from both ends.
     """
     rest, masses = np.asarray(rest_lengths, dtype=np.float64), np.asarray(masses, dtype=np.float64)
     carried = gravity * np.concatenate([[0.0], np.cumsum(masses[1:-1])])
@@ -92,7 +93,8 @@ def equal_beads_frequencies(link, gravity, beads):
 
 
 def hanging_beads_frequencies(masses, link, gravity):
-    """All angular frequencies [rad/s] of a hung chain of any `masses` (N,) [kg] below its fixed point, links `link` [m].
+    """All angular frequencies [rad/s] of a hung chain of any `masses` (N,) [kg] below its fixed point, links `link`
+    [m].
 
     Small transverse motion: m_i q_i'' = T_i+1 (q_i+1 - q_i) / l - T_i (q_i - q_i-1) / l with the static tensions T.
     """
@@ -104,13 +106,16 @@ def hanging_beads_frequencies(masses, link, gravity):
 
 
 def string_frequency(length, tension, line_density):
-    """First frequency [Hz] of a taut string: f1 = sqrt(T / mu) / 2L (Mersenne; Rayleigh, Theory of Sound, chapter 6)."""
+    """First frequency [Hz] of a taut string: f1 = sqrt(T / mu) / 2L (Mersenne; Rayleigh, Theory of Sound, chapter
+    6)."""
     return np.sqrt(tension / line_density) / (2.0 * length)
 
 
 def beaded_string_frequency(mode, tension, mass, link, beads):
-    """Angular frequency [rad/s] of `mode` (1 ...) of equal beads [kg] on a taut string with links `link` [m], fixed ends.
+    """Angular frequency [rad/s] of `mode` (1 ...) of equal beads [kg] on a taut string with links `link` [m], fixed
+    ends.
 
-    w_n = 2 sqrt(T / (m l)) sin(n pi / (2 (N + 1))). Source: Lagrange (1759); Goldstein, Classical Mechanics, chapter 13.
+    w_n = 2 sqrt(T / (m l)) sin(n pi / (2 (N + 1))). Source: Lagrange (1759); Goldstein, Classical Mechanics, chapter
+    13.
     """
     return 2.0 * np.sqrt(tension / (mass * link)) * np.sin(mode * np.pi / (2.0 * (beads + 1)))

@@ -13,7 +13,8 @@ def plate_pendulum_frequency(length, gravity):
 def row_pendulum_frequency(row_masses, spacing, gravity):
     """Angular frequency [rad/s] of a stiff sheet of rows at `spacing` a [m] below its fixed row.
 
-    w^2 = (g / a) sum(j m_j) / sum(j^2 m_j), j = 1 ... r; for r equal rows (g / a) 3 / (2 r + 1). `row_masses` (r,) [kg].
+    w^2 = (g / a) sum(j m_j) / sum(j^2 m_j), j = 1 ... r; for r equal rows (g / a) 3 / (2 r + 1). `row_masses` (r,)
+    [kg].
     """
     masses = np.asarray(row_masses, dtype=np.float64)
     j = np.arange(1, len(masses) + 1)

@@ -1,0 +1,102 @@
+"""Converged implicit Euler and static equilibrium of a SpringSystem, by sparse Newton with a line search.
+
+Implicit Euler's step is what first-order XPBD tends to with its iterations, so the difference of the two is what the
+iterations leave behind (Macklin, Mueller, Chentanez 2016).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from cloth_sim_ros.study.springs import SpringSystem
+
+
+def implicit_step(
+    system: SpringSystem, x: np.ndarray, v: np.ndarray, h: float, tolerance: float = 1e-12
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities after a step h [s]: M (x' - x - h v) / h^2 = f(x', (x' - x) / h), v' = (x' - x) / h.
+
+    Converged when a Newton step moves no particle by more than `tolerance` [m].
+    """
+    inertia = system.masses[:, None] / h**2
+    mass = sparse.diags_array(np.repeat(system.masses / h**2, 3)).tocsc()
+
+    length = system.lengths(x)[0]
+
+    def residual(new: np.ndarray) -> np.ndarray:
+        return inertia * (new - x - h * v) - system.forces(new, (new - x) / h)
+
+    def potential(new: np.ndarray) -> float:
+        # Its gradient is the residual but for the dashpots, whose direction turns within the step.
+        dashpots = 0.5 * system.damping / h * (system.constant * (system.lengths(new)[0] - length) ** 2).sum()
+        drag = 0.5 * system.global_damping * h * (inertia * (new - x) ** 2).sum()
+        return 0.5 * (inertia * (new - x - h * v) ** 2).sum() + dashpots + drag + sum(system.energy(new, 0.0 * x))
+
+    def matrix(new: np.ndarray, clamped: bool) -> sparse.csc_array:
+        return mass + system.jacobian(new, (new - x) / h, h, clamped)
+
+    start = np.where(system.fixed[:, None], x, x + h * v)
+    new = _newton(system, residual, potential, matrix, start, tolerance)
+    return new, (new - x) / h
+
+
+def equilibrium(system: SpringSystem, x: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
+    """Positions (N, 3) at rest near x, where all forces on free particles vanish.
+
+    Implicit steps of growing length settle the system, as each of them dissipates; Newton on the forces finishes.
+    Raises ArithmeticError where there is none to be found.
+    """
+    x, still = np.array(x, dtype=np.float64), np.zeros_like(x, dtype=np.float64)
+    for h in np.geomspace(1e-2, 1e3, 26):
+        x = implicit_step(system, x, still, h, tolerance=1e-9)[0]
+    return _newton(
+        system,
+        lambda new: -system.forces(new, still),
+        lambda new: sum(system.energy(new, still)),
+        lambda new, clamped: system.jacobian(new, still, np.inf, clamped),
+        x,
+        tolerance,
+    )
+
+
+def _newton(
+    system: SpringSystem,
+    residual: Callable[[np.ndarray], np.ndarray],
+    potential: Callable[[np.ndarray], float],
+    matrix: Callable[[np.ndarray, bool], sparse.csc_array],
+    x: np.ndarray,
+    tolerance: float,
+) -> np.ndarray:
+    """The root of `residual` over the free particles from x on.
+
+    A Newton step that lessens the residual is taken; else one with the clamped matrix, which is always downhill, halved
+    until the potential falls. Ends when a step would move no particle by more than `tolerance` [m].
+    """
+    free = np.flatnonzero(np.repeat(~system.fixed, 3))
+
+    def norm(at: np.ndarray) -> float:
+        return float(np.linalg.norm(residual(at).ravel()[free]))
+
+    def direction(clamped: bool) -> np.ndarray:
+        step = np.zeros(x.size)
+        step[free] = spsolve(matrix(x, clamped)[free][:, free], -residual(x).ravel()[free])
+        return step.reshape(x.shape)
+
+    for _ in range(300):
+        step = direction(clamped=False)
+        if np.abs(step).max() < tolerance:
+            return x + step
+        if norm(x + step) < 0.5 * norm(x):
+            x = x + step
+            continue
+        step = direction(clamped=True)
+        shares = (share for share in 0.5 ** np.arange(30) if potential(x + share * step) < potential(x))
+        share = next(shares, None)
+        if share is None:
+            raise ArithmeticError(f"Newton's method stalls at a residual of {norm(x):g} N")
+        x = x + share * step
+    raise ArithmeticError(f"Newton's method did not converge: residual {norm(x):g} N")
