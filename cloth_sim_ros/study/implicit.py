@@ -18,26 +18,34 @@ from cloth_sim_ros.study.springs import SpringSystem
 def implicit_step(
     system: SpringSystem, x: np.ndarray, v: np.ndarray, h: float, tolerance: float = 1e-12
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities after a step h [s]: M (x' - x - h v) / h^2 = f(x', (x' - x) / h), v' = (x' - x) / h.
+    """Positions and velocities after a step h [s]: M (x' - x - h v) / h^2 = f(x'), v' = (x' - x) / h.
 
-    Converged when a Newton step moves no particle by more than `tolerance` [m].
+    A dashpot resists tau k (l' - l) / h, the rate at which its spring's length l really changed, so that a rotation is
+    never damped at any step. Converged when a Newton step moves no particle by more than `tolerance` [m].
     """
+    before = system.lengths(x)[0]
+    weight = np.asarray(system.gravity)
+    drag = 1.0 + h * system.global_damping
     inertia = system.masses[:, None] / h**2
-    mass = sparse.diags_array(np.repeat(system.masses / h**2, 3)).tocsc()
+    mass = sparse.diags_array(np.repeat(system.masses * drag / h**2, 3)).tocsc()
+    slope = system.constant * (1.0 + system.damping / h)
 
-    length = system.lengths(x)[0]
+    def tension(length: np.ndarray) -> np.ndarray:
+        return system.constant * (length - system.rest_length + system.damping / h * (length - before))
 
     def residual(new: np.ndarray) -> np.ndarray:
-        return inertia * (new - x - h * v) - system.forces(new, (new - x) / h)
+        length, n = system.lengths(new)
+        return inertia * (drag * (new - x) - h * v - h**2 * weight) - system.pull(n, tension(length))
 
     def potential(new: np.ndarray) -> float:
-        # Its gradient is the residual but for the dashpots, whose direction turns within the step.
-        dashpots = 0.5 * system.damping / h * (system.constant * (system.lengths(new)[0] - length) ** 2).sum()
-        drag = 0.5 * system.global_damping * h * (inertia * (new - x) ** 2).sum()
-        return 0.5 * (inertia * (new - x - h * v) ** 2).sum() + dashpots + drag + sum(system.energy(new, 0.0 * x))
+        length = system.lengths(new)[0]
+        dashpots = 0.5 * system.damping / h * (system.constant * (length - before) ** 2).sum()
+        moved = new - x
+        inert = (inertia * moved * (0.5 * drag * moved - h * v - h**2 * weight)).sum()
+        return inert + dashpots + 0.5 * (system.constant * (length - system.rest_length) ** 2).sum()
 
     def matrix(new: np.ndarray, clamped: bool) -> sparse.csc_array:
-        return mass + system.jacobian(new, (new - x) / h, h, clamped)
+        return mass + system.stiffness(new, tension(system.lengths(new)[0]), slope, clamped)
 
     start = np.where(system.fixed[:, None], x, x + h * v)
     new = _newton(system, residual, potential, matrix, start, tolerance)
@@ -47,20 +55,13 @@ def implicit_step(
 def equilibrium(system: SpringSystem, x: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
     """Positions (N, 3) at rest near x, where all forces on free particles vanish.
 
-    Implicit steps of growing length settle the system, as each of them dissipates; Newton on the forces finishes.
-    Raises ArithmeticError where there is none to be found.
+    Implicit steps of growing length from rest settle the system, as each of them dissipates; the last is so long that
+    inertia is lost in rounding. Raises ArithmeticError where there is no rest to be found.
     """
-    x, still = np.array(x, dtype=np.float64), np.zeros_like(x, dtype=np.float64)
-    for h in np.geomspace(1e-2, 1e3, 26):
-        x = implicit_step(system, x, still, h, tolerance=1e-9)[0]
-    return _newton(
-        system,
-        lambda new: -system.forces(new, still),
-        lambda new: sum(system.energy(new, still)),
-        lambda new, clamped: system.jacobian(new, still, np.inf, clamped),
-        x,
-        tolerance,
-    )
+    x = np.array(x, dtype=np.float64)
+    for h in np.geomspace(1e-2, 1e6, 40):
+        x = implicit_step(system, x, 0.0 * x, h, max(tolerance, 1e-12))[0]
+    return x
 
 
 def _newton(

@@ -67,6 +67,10 @@ class SpringSystem:
         edge = x[..., self.pairs[:, 1], :] - x[..., self.pairs[:, 0], :]
         return np.linalg.norm(edge, axis=-1) / self.rest_length - 1.0
 
+    def pull(self, directions: np.ndarray, tension: np.ndarray) -> np.ndarray:
+        """Forces (N, 3) [N] of springs along `directions` (S, 3) under `tension` (S,) [N]."""
+        return -(self.incidence @ (tension[:, None] * directions))
+
     def forces(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Forces (N, 3) [N] of springs, dashpots, gravity and global damping, on fixed particles as well."""
         length, n = self.lengths(x)
@@ -74,8 +78,8 @@ class SpringSystem:
         if self.damping > 0.0:
             rate = np.einsum("ij,ij->i", n, v[self.pairs[:, 1]] - v[self.pairs[:, 0]])
             tension = tension + self.damping * self.constant * rate
-        pull = -(self.incidence @ (tension[:, None] * n))
-        return pull + self.masses[:, None] * (np.asarray(self.gravity) - self.global_damping * v)
+        weight = self.masses[:, None] * np.asarray(self.gravity)
+        return self.pull(n, tension) + weight - self.global_damping * self.masses[:, None] * v
 
     def accelerations(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(N, 3) [m/s^2]: forces over masses, zero for fixed particles."""
@@ -94,27 +98,18 @@ class SpringSystem:
         stiffness = abs(self.incidence) @ self.constant
         return float(np.sqrt(2.0 * (stiffness / self.masses)[~self.fixed].max(initial=0.0)))
 
-    def jacobian(self, x: np.ndarray, v: np.ndarray, step: float, clamped: bool = False) -> sparse.csc_array:
-        """-d forces / dx, (3N, 3N) [N/m], where v = (x - x_before) / step moves along with x; step inf: statics.
+    def stiffness(self, x: np.ndarray, tension: np.ndarray, slope: np.ndarray, clamped: bool) -> sparse.csc_array:
+        """-d pull / dx, (3N, 3N) [N/m], of springs under `tension` (S,) [N] that grows by `slope` (S,) [N/m] with
+        length.
 
-        clamped: compression's negative transverse stiffness and the dashpot's geometric terms are left out, which makes
-        it positive semi-definite (Teran et al. 2005).
+        clamped: compression's negative transverse stiffness is left out, which makes it positive semi-definite (Teran
+        et al. 2005).
         """
         length, n = self.lengths(x)
         along = n[:, :, None] * n[:, None, :]
-        across = np.eye(3) - along
-        slack = 1.0 - self.rest_length / np.where(length > 0.0, length, np.inf)
-        transverse = self.constant * (np.clip(slack, 0.0, None) if clamped else slack)
-        blocks = (self.constant * (1.0 + self.damping / step))[:, None, None] * along + transverse[
-            :, None, None
-        ] * across
-        if self.damping > 0.0 and not clamped:
-            w = v[self.pairs[:, 1]] - v[self.pairs[:, 0]]
-            aside = np.einsum("ijk,ik->ij", across, w)
-            turn = np.einsum("ij,ij->i", n, w)[:, None, None] * across + n[:, :, None] * aside[:, None, :]
-            blocks += (self.damping * self.constant / np.where(length > 0.0, length, np.inf))[:, None, None] * turn
+        transverse = (np.clip(tension, 0.0, None) if clamped else tension) / np.where(length > 0.0, length, np.inf)
+        blocks = slope[:, None, None] * along + transverse[:, None, None] * (np.eye(3) - along)
         count = len(self.pairs)
         middle = sparse.bsr_array((blocks, np.arange(count), np.arange(count + 1)), shape=(3 * count, 3 * count))
         spread = sparse.kron(self.incidence, sparse.eye_array(3), format="csr")
-        drag = sparse.diags_array(np.repeat(self.masses * self.global_damping / step, 3))
-        return (spread @ middle @ spread.T + drag).tocsc()
+        return (spread @ middle @ spread.T).tocsc()

@@ -93,21 +93,30 @@ def test_exact_motion_is_the_damped_oscillation():
     assert np.abs(frames[:, 1, 0] - 1.0 - expected).max() < 1e-9
 
 
-def test_jacobian_is_the_derivative_of_the_forces():
-    system, x = grid(3, damping=0.02, global_damping=0.7)
+def test_stiffness_is_the_derivative_of_the_pull():
+    system, x = grid(3)
     rng = np.random.default_rng(3)
-    before, x = x, x + 0.1 * rng.standard_normal(x.shape)
-    h, direction = 0.01, rng.standard_normal(x.shape)
+    x = x + 0.1 * rng.standard_normal(x.shape)
+    direction = rng.standard_normal(x.shape)
 
-    def force(t):
-        new = x + t * direction
-        return system.forces(new, (new - before) / h)
+    def tension(at):
+        return system.constant * (system.lengths(at)[0] - system.rest_length)
 
-    numeric = (force(1e-6) - force(-1e-6)) / 2e-6
-    exact = -(system.jacobian(x, (x - before) / h, h) @ direction.ravel()).reshape(x.shape)
+    def pull(t):
+        at = x + t * direction
+        return system.pull(system.lengths(at)[1], tension(at))
+
+    numeric = (pull(1e-6) - pull(-1e-6)) / 2e-6
+    exact = -(system.stiffness(x, tension(x), system.constant, False) @ direction.ravel()).reshape(x.shape)
     assert np.abs(numeric - exact).max() < 1e-6 * np.abs(exact).max()
-    clamped = system.jacobian(x, np.zeros_like(x), np.inf, clamped=True).toarray()
+    clamped = system.stiffness(x, tension(x), system.constant, True).toarray()
     assert np.linalg.eigvalsh(clamped).min() > -1e-9 * np.abs(clamped).max()
+
+
+def test_implicit_dashpots_and_drag_tend_to_the_exact_motion():
+    system, x = grid(4, damping=2e-3, global_damping=1.5)
+    exact = motion.exact_frames(system, x, np.zeros_like(x), 0.05, 4, 1e-7)[0]
+    assert orders(implicit.implicit_step, system, x, (40, 80), exact) == pytest.approx(1.0, abs=0.12)
 
 
 def test_equilibrium_is_the_chain_and_the_catenary():
