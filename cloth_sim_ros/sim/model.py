@@ -59,15 +59,14 @@ class Body:
 class Model:
     """Constant arrays. groups: (constraint, material kind, first, end) of one colour.
 
-    scale: element compliance / material compliance. Springs have arrays of their own, half as wide, because a frame
-    streams them once a substep; all other constraints share `tuples`, whose four numbers each constraint defines.
+    scale: element compliance / material compliance. A spring is one packed record of 16 bytes, because every substep
+    streams all of them; all other constraints share `tuples`, whose four numbers each constraint defines.
     """
 
     bodies: wp.array(dtype=Body)
     groups: wp.array(dtype=wp.vec4i)
     inverse_mass: wp.array(dtype=float)  # (N,) [1/kg], 0 is pinned
-    pairs: wp.array(dtype=wp.vec2i)  # (S, 2) particles
-    pair_rest: wp.array(dtype=wp.vec2)  # (S, 2) rest length [m], scale
+    springs: wp.array(dtype=wp.vec4)  # (S, 4) both particles as the bits of their indices, rest length [m], scale
     tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles, the last repeated where there are three
     tuple_rest: wp.array(dtype=wp.vec4)  # (E, 4) rest, scale and two more
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
@@ -86,7 +85,7 @@ def colour_sorted(elements: Elements) -> tuple[np.ndarray, list[tuple[int, int]]
 class ModelArrays:
     """Collects the NumPy parts of a batch, body by body, and uploads them once.
 
-    spring_order[b][kind] is (first, order): element `order[i]` of that kind lies at first + i of the pair arrays.
+    spring_order[b][kind] is (first, order): element `order[i]` of that kind lies at first + i of the springs.
     """
 
     def __init__(self) -> None:
@@ -112,8 +111,8 @@ class ModelArrays:
         self.spring_order.append({})
         for kind, elements in topology.springs.items():
             order, spans = colour_sorted(elements)
-            start = self._append("pairs", elements.particles[order])
-            self._append("pair_rest", np.stack([elements.rest, elements.scale], 1)[order])
+            indices = elements.particles[order].astype(np.int32).view(np.float32)
+            start = self._append("springs", np.column_stack([indices, elements.rest[order], elements.scale[order]]))
             self.spring_order[-1][kind] = (start, order)
             self._append_groups("spring", KINDS.index(kind), start, spans)
         for constraint, elements, extra in topology.others():
@@ -155,8 +154,7 @@ class ModelArrays:
 
 _TYPES = {
     "inverse_mass": (float, np.float32),
-    "pairs": (wp.vec2i, np.int32),
-    "pair_rest": (wp.vec2, np.float32),
+    "springs": (wp.vec4, np.float32),
     "tuples": (wp.vec4i, np.int32),
     "tuple_rest": (wp.vec4, np.float32),
     "segment_length": (float, np.float32),

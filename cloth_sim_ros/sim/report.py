@@ -11,6 +11,7 @@ from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.model import KINDS
 from cloth_sim_ros.sim.physics.integrate import effective_step
+from cloth_sim_ros.sim.schedules.memory import as_index
 from cloth_sim_ros.sim.schedules.stages import xyz
 from cloth_sim_ros.sim.state import Arrays
 
@@ -24,13 +25,12 @@ def measure_springs(
 ):
     k = first + wp.tid()
     body = arrays.model.bodies[b]
-    pair = arrays.model.pairs[k]
-    rest = arrays.model.pair_rest[k]
-    i = body.particles + pair[0]
-    j = body.particles + pair[1]
+    spring = arrays.model.springs[k]
+    i = body.particles + as_index(spring[0])
+    j = body.particles + as_index(spring[1])
     h = effective_step(dt, second)
-    force = arrays.state.pair_multipliers[k] / (h * h)
-    _measure(arrays, b, i, j, rest[0], rest[1] * arrays.materials[b].compliance[kind] * force, result)
+    force = arrays.state.spring_multipliers[k] / (h * h)
+    _measure(arrays, b, i, j, spring[2], spring[3] * arrays.materials[b].compliance[kind] * force, result)
 
 
 @wp.kernel(enable_backward=False)

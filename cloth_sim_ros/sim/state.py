@@ -83,7 +83,7 @@ class State:
     velocities: wp.array(dtype=wp.vec3)  # (N,) [m/s]
     last_velocities: wp.array(dtype=wp.vec3)  # (N,) one substep ago, order 2 alone
     last_displacements: wp.array(dtype=wp.vec3)  # (N,) of the last substep [m], order 2 alone
-    pair_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m]
+    spring_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m]
     tuple_multipliers: wp.array(dtype=wp.vec3)  # (E, 3)
     tensions: wp.array(dtype=float)  # (C,) [N]
     targets: wp.array(dtype=wp.vec3)  # (N,) where particles of a chain would be without it [m], chains alone
@@ -118,7 +118,7 @@ def make_state(arrays: ModelArrays, features: Features, colliders: int, device: 
         "velocities": (particles, wp.vec3),
         "last_velocities": (second, wp.vec3),
         "last_displacements": (second, wp.vec3),
-        "pair_multipliers": (arrays.size["pairs"], float),
+        "spring_multipliers": (arrays.size["springs"], float),
         "tuple_multipliers": (arrays.size["tuples"], wp.vec3),
         "tensions": (arrays.size["segment_length"], float),
         "targets": (particles if features.chain else 0, wp.vec3),

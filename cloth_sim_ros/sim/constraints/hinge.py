@@ -4,7 +4,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.bending import hinge_gradients, wrap_angle
-from cloth_sim_ros.sim.physics.distance import spring_multiplier
+from cloth_sim_ros.sim.physics.distance import multiplier_change
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.memory import load4, store4
 from cloth_sim_ros.sim.state import Material, State
@@ -57,7 +57,8 @@ def project_hinge(
     if not step.first:
         multiplier = s.tuple_multipliers[k][0]
     gamma = material.damping / step.effective
-    change = spring_multiplier(wrap_angle(g.angle - rest[0]), slip, sum, alpha * rest[1], gamma, multiplier)
+    quotient = multiplier_change(wrap_angle(g.angle - rest[0]), slip, sum, alpha * rest[1], gamma, multiplier)
+    change = quotient[0] / quotient[1]
     if sum <= 0.0:
         change = 0.0
     if step.store:

@@ -27,7 +27,6 @@ class Coloured:
         self._colliders = arrays.colliders.shape[0]
         self._bodies = [dict(zip(Body.vars, body, strict=True)) for body in arrays.model.bodies.numpy().tolist()]
         self._groups = arrays.model.groups.numpy().tolist()
-        self._commands: dict[tuple, wp.Launch] = {}
         self._graph, self._captured = None, None
 
     def advance(self, substeps: int, iterations: int) -> None:
@@ -42,13 +41,7 @@ class Coloured:
             self._graph, self._captured = capture.graph, (substeps, iterations)
 
     def _launch(self, stage: str, size: int, *arguments: int) -> None:
-        key = (stage, size, *arguments)
-        if key not in self._commands:
-            inputs = [self._arrays, *arguments]
-            self._commands[key] = wp.launch(
-                self._kernels[stage], dim=size, inputs=inputs, device=self._device, record_cmd=True
-            )
-        self._commands[key].launch()
+        wp.launch(self._kernels[stage], dim=size, inputs=[self._arrays, *arguments], device=self._device)
 
     def _launch_frame(self, substeps: int, iterations: int) -> None:
         for substep in range(substeps):

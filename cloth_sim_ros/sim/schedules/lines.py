@@ -8,7 +8,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.chain import edge_frame, particle_compliance, series_admittance, turn_frame
-from cloth_sim_ros.sim.physics.distance import direction, elongation
+from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.memory import load4, store4
 from cloth_sim_ros.sim.state import Material, Segment, State
@@ -51,8 +51,9 @@ def make_solve_chain(order: int):
             xj = load4(x, k + 1)
             pj = load4(d, k + 1)
             de = _xyz(pj) - _xyz(p)
-            e = (_xyz(xj) - _xyz(xi)) + de
-            n = direction(e)
+            e = opened((_xyz(xj) - _xyz(xi)) + de)
+            length = wp.length(e)
+            n = e / length
             slip = elongation(e, de)
             if wp.static(order == 2):
                 if step.second:
@@ -62,7 +63,7 @@ def make_solve_chain(order: int):
             rest = m.segment_length[index]
             alpha = material.compliance[0] * rest * step.inverse_square
             tension = s.tensions[index] * square
-            gap = (wp.length(e) - rest + gamma * slip - alpha * tension) / (1.0 + gamma)
+            gap = (length - rest + gamma * slip - alpha * tension) / (1.0 + gamma)
             w = wp.max(p[3], pj[3])
             new = edge_frame(n)
             y = turn_frame(y, frame, new)
@@ -72,7 +73,7 @@ def make_solve_chain(order: int):
             admittance = wp.mat33(0.0)
             if w > 0.0:
                 along = wp.max(alpha / (1.0 + gamma), 1.0e-6 * w)
-                across = wp.max(tension, 0.0) / wp.max(wp.length(e), 1.0e-3 * rest)
+                across = wp.max(tension, 0.0) / wp.max(length, 1.0e-3 * rest)
                 admittance = series_admittance(y, along, across)
             store = Segment()
             store.frame = frame

@@ -38,6 +38,14 @@ def load4(address: wp.uint64, i: int) -> wp.vec4: ...
 def store4(address: wp.uint64, i: int, v: wp.vec4): ...
 
 
+@wp.func_native("""
+union { float value; int bits; } both;
+both.value = value;
+return both.bits;
+""")
+def as_index(value: float) -> int: ...
+
+
 @wp.func_native(_SYNC)
 def sync(): ...
 

@@ -106,8 +106,10 @@ def make_frame(features: Features, shared: int):
                     for g in range(body.groups, body.groups_end):
                         group = m.groups[g]
                         alpha = material.compliance[group[1]] * step.inverse_square
-                        for k in range(group[2] + t, group[3], width):
+                        k = group[2] + t
+                        while k < group[3]:
                             project(group[0], k, alpha, m, s, body, material, step, x, d)
+                            k += width
                         sync()
                 if wp.static(bool(features.shapes)):
                     for i in range(t, body.count, width):
