@@ -1,0 +1,1 @@
+"""A demonstration of the node: see __main__.py."""

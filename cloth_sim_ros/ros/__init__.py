@@ -1,0 +1,1 @@
+"""The ROS 2 node around the solver core: the only place that imports rclpy and messages."""

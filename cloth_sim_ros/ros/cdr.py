@@ -1,0 +1,98 @@
+"""Outgoing messages as serialised bytes, of which only the stamp and the payload change from frame to frame.
+
+Building a message of 60,000 points in Python takes 170 ms; overwriting the points in bytes serialised once takes under
+2 ms. Middleware bytes are CDR, little-endian: 4 bytes of encapsulation, then the fields, a header's stamp first.
+"""
+
+from __future__ import annotations
+
+import array
+import struct
+
+import numpy as np
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point, Vector3
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker
+
+ENCAPSULATION = b"\x00\x01\x00\x00"
+STAMP_AT = 4
+_SENTINEL = -1.2345678901234567e-89  # a coordinate that no other field of a message holds
+
+
+class PatchedBytes:
+    """One serialised message; `payload` is a writable view of its numbers, `stamped` gives the bytes to publish."""
+
+    def __init__(self, serialised: bytes | bytearray, offset: int, shape: tuple[int, int], dtype: str):
+        self._buffer = bytearray(serialised)
+        count = shape[0] * shape[1]
+        self.payload = np.frombuffer(self._buffer, dtype, count, offset).reshape(shape)
+
+    def stamped(self, stamp: tuple[int, int]) -> bytes:
+        """The message as bytes with the header's stamp (seconds, nanoseconds)."""
+        struct.pack_into("<iI", self._buffer, STAMP_AT, *stamp)
+        return bytes(self._buffer)
+
+
+def cloud_fields(normals: bool, velocities: bool) -> list[str]:
+    """Names of the float32 fields of a particle, in order."""
+    names = ["x", "y", "z"]
+    if normals:
+        names += ["normal_x", "normal_y", "normal_z"]
+    if velocities:
+        names += ["vx", "vy", "vz"]
+    return names
+
+
+def particle_cloud(frame_id: str, count: int, fields: list[str]) -> PatchedBytes:
+    """An unordered PointCloud2 of `count` particles; its payload is (count, len(fields)) float32."""
+    message = PointCloud2(header=Header(frame_id=frame_id), height=1, width=count, is_dense=True)
+    message.fields = [
+        PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1) for k, name in enumerate(fields)
+    ]
+    message.point_step = 4 * len(fields)
+    message.row_step = message.point_step * count
+    message.data = array.array("B", bytes(message.row_step))
+    message.data[:4] = array.array("B", b"\xa5\x5a\xc3\x3c")
+    serialised = serialize_message(message)
+    return PatchedBytes(serialised, serialised.index(b"\xa5\x5a\xc3\x3c"), (count, len(fields)), "<f4")
+
+
+def mesh_marker(frame_id: str, name: str, rope_width: float | None, count: int) -> PatchedBytes:
+    """A Marker named `name` of `count` points, payload (count, 3) float64 [m].
+
+    Without a `rope_width` the points are the corners of triangles, else they are a strip of that width [m].
+    The message is serialised with one point and with two: where they first differ is the number of points. A point is
+    24 bytes, a multiple of the strictest alignment, so what follows the points does not shift within its alignment.
+    """
+    marker = Marker(header=Header(frame_id=frame_id), ns=name, id=0, action=Marker.ADD, lifetime=Duration())
+    if rope_width is None:
+        marker.type, marker.scale = Marker.TRIANGLE_LIST, Vector3(x=1.0, y=1.0, z=1.0)
+        marker.color = ColorRGBA(r=0.25, g=0.55, b=0.85, a=1.0)
+    else:
+        marker.type, marker.scale = Marker.LINE_STRIP, Vector3(x=rope_width)
+        marker.color = ColorRGBA(r=0.85, g=0.6, b=0.25, a=1.0)
+    marker.pose.orientation.w = 1.0
+    sentinel = Point(x=_SENTINEL, y=_SENTINEL, z=_SENTINEL)
+    marker.points = [sentinel]
+    one = serialize_message(marker)
+    marker.points = [sentinel, sentinel]
+    two = serialize_message(marker)
+    count_at = next(k for k, (a, b) in enumerate(zip(one, two, strict=False)) if a != b)
+    points_at = one.index(struct.pack("<d", _SENTINEL))
+    grown = bytearray(one[:points_at]) + bytes(24 * count) + one[points_at + 24 :]
+    struct.pack_into("<I", grown, count_at, count)
+    return PatchedBytes(grown, points_at, (count, 3), "<f8")
+
+
+def topology_mesh(triangles: np.ndarray, vertices: np.ndarray) -> bytes:
+    """A serialised shape_msgs/Mesh of `triangles` (T, 3) and rest `vertices` (N, 3) [m].
+
+    Its layout is simple enough to write down: two sequences of uint32[3] and float64[3].
+    """
+    body = struct.pack("<I", len(triangles)) + np.ascontiguousarray(triangles, "<u4").tobytes()
+    body += struct.pack("<I", len(vertices))
+    body += bytes(-len(body) % 8) + np.ascontiguousarray(vertices, "<f8").tobytes()
+    return ENCAPSULATION + body

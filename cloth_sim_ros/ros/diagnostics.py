@@ -1,0 +1,53 @@
+"""What the node says about itself once a second."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from cloth_sim_ros.ros.frame_clock import Pace
+from cloth_sim_ros.ros.world import World
+
+SLOW = 0.95  # a real-time factor below this is worth a warning
+OVER_ALL = ("max_strain", "max_penetration", "residual")
+
+
+def diagnostics(node_name: str, world: World, pace: Pace, paused: bool, refused: int) -> DiagnosticArray:
+    """The array to publish on /diagnostics; its header is left to the sender."""
+    values: dict[str, Any] = {
+        "real_time_factor": pace.real_time_factor,
+        "ms_per_frame": pace.ms_per_frame,
+        "frames": pace.frames,
+        "resets": world.resets,
+        "inputs_refused": refused,
+        "paused": paused,
+    }
+    report: dict[str, dict[str, float]] = {}
+    if world.sim is not None:
+        report = world.sim.report()
+        values |= {"method": world.sim.method, "device": world.sim.device, "simulated_time": world.sim.time}
+        values |= {key: max((each[key] for each in report.values()), default=0.0) for key in OVER_ALL}
+        values |= {f"{name}.{key}": value for name, each in report.items() for key, value in each.items()}
+    status = DiagnosticStatus(name=f"{node_name}: simulation", hardware_id=str(values.get("device", "")))
+    status.level, status.message = _verdict(world, pace, paused, report)
+    status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+    return DiagnosticArray(status=[status])
+
+
+def _verdict(world: World, pace: Pace, paused: bool, report: dict[str, dict[str, float]]) -> tuple[bytes, str]:
+    if world.sim is None:
+        return DiagnosticStatus.ERROR, f"no simulation: {world.trouble}"
+    broken = [name for name, each in report.items() if not all(map(math.isfinite, each.values()))]
+    if broken:
+        return DiagnosticStatus.ERROR, f"not finite: {', '.join(broken)}"
+    if paused:
+        return DiagnosticStatus.OK, "paused"
+    if pace.real_time_factor < SLOW:
+        return DiagnosticStatus.WARN, f"slower than real time by a factor of {pace.real_time_factor:.2f}"
+    return DiagnosticStatus.OK, "running"
+
+
+def _text(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

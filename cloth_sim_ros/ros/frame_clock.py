@@ -1,0 +1,57 @@
+"""When the next frame is due, and how well the simulation keeps up with real time."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Pace:
+    """real_time_factor: simulated per real second while not paused; ms_per_frame: median work on one frame [ms]."""
+
+    real_time_factor: float
+    ms_per_frame: float
+    frames: int
+
+
+class FrameClock:
+    """Absolute deadlines every `period` [s], so that lateness of one frame does not delay the ones after it.
+
+    A frame that comes more than MOST_DEBT periods late is not caught up with: the debt is dropped, the simulation falls
+    behind real time, and `pace` says so.
+    """
+
+    MOST_DEBT = 2
+
+    def __init__(self, period: float):
+        self.period = period
+        self._deadline = time.monotonic()
+        self._since = self._deadline
+        self._works: list[float] = []
+        self._simulated = 0.0
+
+    def restart(self, period: float) -> None:
+        """Counts and deadlines anew from now on."""
+        self.__init__(period)
+
+    def worked(self, seconds: float, simulated: float) -> None:
+        """Notes a frame that took `seconds` to compute and send and covers `simulated` seconds."""
+        self._works.append(seconds)
+        self._simulated += simulated
+
+    def wait(self, stop: threading.Event) -> None:
+        """Sleeps until the next frame is due, or until `stop` is set."""
+        now = time.monotonic()
+        self._deadline = max(self._deadline + self.period, now - self.MOST_DEBT * self.period)
+        if self._deadline > now:
+            stop.wait(self._deadline - now)
+
+    def pace(self) -> Pace:
+        """The pace since the last call."""
+        now = time.monotonic()
+        elapsed, works = max(now - self._since, 1e-9), sorted(self._works)
+        pace = Pace(self._simulated / elapsed, 1e3 * works[len(works) // 2] if works else 0.0, len(works))
+        self._since, self._works, self._simulated = now, [], 0.0
+        return pace

@@ -1,0 +1,90 @@
+"""Messages -> plain commands: is it finite, in our frame, of a sensible size? Otherwise one sentence says why not."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
+
+from cloth_sim_ros import parameters
+from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
+
+FARTHEST = parameters.row(parameters.COLLIDER, "position").high  # [m]
+STRONGEST_WIND = parameters.row(parameters.WIND, "velocity").high  # [m/s]
+UNIT_TOLERANCE = 1e-2  # how far from 1 a quaternion's norm may be: rounding and integration drift, not mistakes
+
+
+class Refused(ValueError):
+    """A message cannot be used; `kind` names the sort of trouble, the text is one sentence about the message."""
+
+    def __init__(self, kind: str, sentence: str):
+        super().__init__(sentence)
+        self.kind = kind
+
+
+def check_frame(message: PoseStamped | Vector3Stamped, frame_id: str) -> None:
+    """Raises Refused for a foreign frame, which nothing here could convert. An empty one, as typed by hand, is ours."""
+    if message.header.frame_id not in ("", frame_id):
+        raise Refused("frame", f"its frame_id is '{message.header.frame_id}', but this node only knows '{frame_id}'")
+
+
+def read_pose(message: PoseStamped, frame_id: str) -> Pose:
+    """The message's pose. Raises Refused."""
+    check_frame(message, frame_id)
+    p, q = message.pose.position, message.pose.orientation
+    position = _bounded((p.x, p.y, p.z), FARTHEST, "position", "m")
+    orientation = (q.x, q.y, q.z, q.w)
+    norm = math.sqrt(sum(c * c for c in orientation)) if all(map(math.isfinite, orientation)) else math.nan
+    if not abs(norm - 1.0) <= UNIT_TOLERANCE:
+        shown = _shown(orientation)
+        raise Refused("orientation", f"its orientation {shown} has norm {norm:.4g}, but must be of unit norm")
+    return Pose(position, tuple(c / norm for c in orientation))
+
+
+def read_wind(message: Vector3Stamped, frame_id: str) -> Vector:
+    """The message's wind velocity [m/s]. Raises Refused."""
+    check_frame(message, frame_id)
+    v = message.vector
+    return _bounded((v.x, v.y, v.z), STRONGEST_WIND, "velocity", "m/s")
+
+
+def follow(track: PoseTrack, message: PoseStamped, frame_id: str) -> None:
+    """Adds the message's pose to `track`. Raises Refused. A stamp of zero, as hand-typed messages have, means now."""
+    pose, arrival = read_pose(message, frame_id), time.monotonic()
+    stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    try:
+        track.push(stamp or arrival, pose, arrival)
+    except ValueError as error:
+        raise Refused("stamp", str(error)) from None
+
+
+def _bounded(vector: Vector, limit: float, what: str, unit: str) -> Vector:
+    if not all(map(math.isfinite, vector)):
+        raise Refused("finite", f"its {what} {_shown(vector)} is not finite")
+    if max(map(abs, vector)) > limit:
+        raise Refused("size", f"its {what} {_shown(vector)} is beyond {limit:g} {unit}")
+    return vector
+
+
+def _shown(values: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
+
+
+class Complaints:
+    """Warns at most once in `period` [s] for each topic and kind of trouble, and counts what was refused."""
+
+    def __init__(self, warn: Callable[[str], None], period: float = 5.0):
+        self.refused = 0
+        self._warn = warn
+        self._period = period
+        self._last: dict[tuple[str, str], float] = {}
+
+    def refuse(self, topic: str, reason: Refused) -> None:
+        """Counts one message refused on `topic` and says why."""
+        self.refused += 1
+        now, key = time.monotonic(), (topic, reason.kind)
+        if now - self._last.get(key, -math.inf) >= self._period:
+            self._last[key] = now
+            self._warn(f"a message on {topic} is refused: {reason}")

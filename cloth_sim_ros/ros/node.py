@@ -1,0 +1,137 @@
+"""The node `cloth_sim`: wires parameters, inputs, the simulation loop and outputs together."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from functools import partial
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool, Trigger
+
+from cloth_sim_ros.parameters import Parameter
+from cloth_sim_ros.ros import inputs
+from cloth_sim_ros.ros.diagnostics import diagnostics
+from cloth_sim_ros.ros.frame_clock import Pace
+from cloth_sim_ros.ros.outputs import LATEST, ObjectOutput
+from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
+from cloth_sim_ros.ros.scene_plan import group
+from cloth_sim_ros.ros.simulation_loop import SimulationLoop
+from cloth_sim_ros.ros.world import World
+
+NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+PATIENCE = 5.0  # [s] a service waits for the simulation, which may be compiling
+
+
+class ClothSimNode(Node):
+    """Callbacks run in the executor's thread and only check and hand over; the loop's thread simulates and sends."""
+
+    def __init__(self, **node_arguments: Any):
+        super().__init__("cloth_sim", **node_arguments)
+        log = self.get_logger()
+        self._bridge = ParameterBridge(self, self._parameter_changed)
+        values = self._bridge.values
+        self._frame_id = values["frame_id"]
+        self._complaints = inputs.Complaints(log.warning)
+        self._outputs = {name: ObjectOutput(self, name, self._frame_id) for name in values["objects"]}
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._clock_out = self.create_publisher(Clock, "/clock", LATEST) if values["publish_clock"] else None
+        world = World(values, log)
+        self._loop = SimulationLoop(world, lambda: self._bridge.values, self._attach, self._send, self._tell, log)
+        for name in values["colliders"]:
+            topic = f"~/colliders/{name}/pose"
+            self.create_subscription(PoseStamped, topic, partial(self._on_pose, name), NEWEST_ONLY)
+        self.create_subscription(Vector3Stamped, "~/wind", self._on_wind, NEWEST_ONLY)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/step", self._on_step)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self._loop.start()
+
+    def stop(self) -> bool:
+        """Ends the simulation; False if its thread is still busy after 2 s."""
+        return self._loop.stop()
+
+    # -- in the executor's thread --------------------------------------------------------------------------------
+
+    def _parameter_changed(self, name: str, row: Parameter, value: Any) -> None:
+        values = self._bridge.values
+        if name.startswith("publish."):
+            self._loop.submit(lambda: self._attach(self._loop.world))
+        elif row.live:
+            self._loop.submit(lambda: self._loop.world.set_live(name, value, values))
+        else:
+            self._loop.rebuild()
+
+    def _on_pose(self, collider: str, message: PoseStamped) -> None:
+        try:
+            inputs.follow(self._loop.world.tracks[collider], message, self._frame_id)
+        except inputs.Refused as reason:
+            self._complaints.refuse(f"colliders/{collider}/pose", reason)
+
+    def _on_wind(self, message: Vector3Stamped) -> None:
+        try:
+            velocity = inputs.read_wind(message, self._frame_id)
+            if not self._bridge.values["wind.enabled"]:
+                raise inputs.Refused("disabled", "the scene has no wind; set the parameter wind.enabled to true")
+            self._loop.submit(lambda: self._loop.world.set_wind(velocity))
+        except inputs.Refused as reason:
+            self._complaints.refuse("wind", reason)
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return _answer(response, self._loop.submit(self._loop.world.reset), "back at the start")
+
+    def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._loop.paused:
+            response.message = "the simulation is running; pause it first"
+            return response
+        return _answer(response, self._loop.submit(self._loop.step_once), "one frame done")
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._loop.paused = request.data
+        response.success, response.message = True, "paused" if request.data else "running"
+        return response
+
+    # -- in the loop's thread ------------------------------------------------------------------------------------
+
+    def _attach(self, world: World) -> None:
+        publish = group(self._bridge.values, "publish")
+        for name, output in self._outputs.items():
+            if world.sim is not None and name in world.sim.scene.objects:
+                output.attach(world.sim, **publish)
+            else:
+                output.detach()
+
+    def _send(self, world: World) -> None:
+        for output in self._outputs.values():
+            output.request()
+        stamp = divmod(self._now(world), 1_000_000_000)
+        if self._clock_out is not None:
+            self._clock_out.publish(Clock(clock=Time(sec=stamp[0], nanosec=stamp[1])))
+        for output in self._outputs.values():
+            output.send(stamp)
+
+    def _tell(self, world: World, pace: Pace) -> None:
+        array = diagnostics(self.get_name(), world, pace, self._loop.paused, self._complaints.refused)
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _now(self, world: World) -> int:
+        """Nanoseconds for stamps: simulated ones where this node is the source of time. They never run backwards."""
+        return round(1e9 * world.simulated) if self._clock_out is not None else self.get_clock().now().nanoseconds
+
+
+def _answer(response: Trigger.Response, done: Future, message: str) -> Trigger.Response:
+    try:
+        done.result(timeout=PATIENCE)
+        response.success, response.message = True, message
+    except FutureTimeoutError:
+        response.message = f"the simulation is busy; this takes effect when it is not, after more than {PATIENCE:g} s"
+    except Exception as error:
+        response.message = f"that failed: {error}"
+    return response

@@ -1,0 +1,65 @@
+"""Device arrays -> messages: per object a particle cloud, a mesh to draw and, once, its topology."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from visualization_msgs.msg import Marker
+
+from cloth_sim_ros.ros import cdr
+from cloth_sim_ros.sim import Readback, Rope, Simulation
+
+LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class ObjectOutput:
+    """The topics of one object. Nothing is computed, copied or sent that nobody subscribes to.
+
+    Made in the executor's thread; attach(), request() and send() belong to the thread that simulates.
+    """
+
+    def __init__(self, node: Node, name: str, frame_id: str):
+        self._name, self._frame_id = name, frame_id
+        self._particles = node.create_publisher(PointCloud2, f"~/{name}/particles", LATEST)
+        self._mesh = node.create_publisher(Marker, f"~/{name}/mesh", LATEST)
+        self._topology = node.create_publisher(Mesh, f"~/{name}/topology", LATCHED)
+        self._cloud_wanted = self._mesh_wanted = False
+        self.detach()
+
+    def detach(self) -> None:
+        """Sends nothing until the next attach(): the object does not exist."""
+        self._cloud = self._marker = None
+
+    def attach(self, sim: Simulation, normals: bool, velocities: bool, mesh: bool) -> None:
+        """Prepares messages and readbacks for a new simulation and sends the topology."""
+        name, frame = self._name, self._frame_id
+        thing, rest, triangles = sim.scene.objects[name], sim.rest_positions(name), sim.triangles(name)
+        self._cloud_readback = Readback(sim, name, normals=normals, velocities=velocities)
+        self._cloud = cdr.particle_cloud(frame, len(rest), cdr.cloud_fields(normals, velocities))
+        self._marker = None
+        if mesh:
+            width = 2 * thing.radius if isinstance(thing, Rope) else None
+            self._mesh_readback = Readback(sim, name, mesh=True)
+            self._marker = cdr.mesh_marker(frame, name, width, 3 * len(triangles) if len(triangles) else len(rest))
+        self._topology.publish(cdr.topology_mesh(triangles, rest))
+
+    def request(self) -> None:
+        """Starts the writing and copying of what is wanted; the device does it while other objects are asked."""
+        self._cloud_wanted = self._cloud is not None and self._particles.get_subscription_count() > 0
+        self._mesh_wanted = self._marker is not None and self._mesh.get_subscription_count() > 0
+        if self._cloud_wanted:
+            self._cloud_readback.request()
+        if self._mesh_wanted:
+            self._mesh_readback.request()
+
+    def send(self, stamp: tuple[int, int]) -> None:
+        """Sends what was requested, stamped (seconds, nanoseconds)."""
+        if self._cloud_wanted:
+            self._cloud.payload[:] = self._cloud_readback.particles()
+            self._particles.publish(self._cloud.stamped(stamp))
+        if self._mesh_wanted:
+            self._marker.payload[:] = self._mesh_readback.mesh()
+            self._mesh.publish(self._marker.stamped(stamp))

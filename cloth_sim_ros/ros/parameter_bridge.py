@@ -1,0 +1,184 @@
+"""The parameter table as ROS parameters: declared, coerced, checked, and handed on when they change.
+
+All rows are declared with dynamic typing, so that this bridge and not the middleware decides what a value may be: it
+knows the row and can say in one sentence what is allowed. A value keeps the type of its row all the same.
+"""
+
+from __future__ import annotations
+
+import array
+import difflib
+from collections.abc import Callable
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.parameters import Parameter
+from cloth_sim_ros.ros import parameter_names as names
+from cloth_sim_ros.ros.scene_plan import make_plan
+
+_RCLPY_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
+
+Change = Callable[[str, Parameter, Any], None]  # full name, its row, the checked value
+
+
+class ParameterBridge:
+    """Declares every parameter of the scene that the start-up values describe; `values` holds the checked ones.
+
+    `values` is replaced, never written to, so another thread may keep the one it read.
+    """
+
+    def __init__(self, node: Node, on_change: Change):
+        self._node = node
+        self._on_change = on_change
+        self._log = node.get_logger()
+        # rclpy offers the values from YAML files and the command line only by declaring each of them, and fails at the
+        # first of a wrong type or an empty list; its own store of them is the only way to look before declaring.
+        self._given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
+        self.rows: dict[str, Parameter] = {}
+        self.values: dict[str, Any] = {}
+        self._declare_all()
+        self._warn_unknown()
+        node.add_pre_set_parameters_callback(self._coerce)
+        node.add_on_set_parameters_callback(self._refuse_or_accept)
+        node.add_post_set_parameters_callback(self._hand_on)
+
+    # -- start-up ------------------------------------------------------------------------------------------------
+
+    def _declare_all(self) -> None:
+        self._declare(names.fixed_rows())
+        taken = {*names.fixed_rows(), *names.GROUPS}
+        for what in ("objects", "colliders"):
+            good, complaints = names.usable(self.values[what], taken, what)
+            self.values[what] = tuple(good)
+            for sentence in complaints:
+                self._log.error(sentence)
+        types = {}
+        kind = table.row(table.OBJECT, "type")
+        for name in self.values["objects"]:
+            self._declare({f"{name}.type": kind})
+            types[name] = self.values[f"{name}.type"]
+        rows = names.scene_rows(types, self.values["colliders"])
+        self._declare({name: row for name, row in rows.items() if name not in self.rows})
+
+    def _declare(self, rows: dict[str, Parameter]) -> None:
+        for name, row in rows.items():
+            value = self._start_value(name, row)
+            self._node.declare_parameter(name, ros_value(row, value), descriptor(row, name), ignore_override=True)
+            self.rows[name] = row
+            self.values[name] = value
+
+    def _start_value(self, name: str, row: Parameter) -> Any:
+        """The value given for `name`, or the default: where none is given, or after a complaint where it is wrong."""
+        default = row.default
+        if row.name == "pins" and self.values.get(name.replace(".pins", ".mesh")):
+            default = "none"  # a mesh has no corners
+        if name not in self._given:
+            return default
+        given = self._given[name]
+        if given is None and (row.kind.endswith("_array") or row.kind == "pins"):
+            given = ()  # how the middleware passes on an empty list
+        try:
+            return coerced(row, given, name)
+        except ValueError as error:
+            self._log.error(f"{error}; using the default {ros_value(row, default)!r}")
+            return default
+
+    def _warn_unknown(self) -> None:
+        for name in self._given:
+            if name not in self.rows and not name.startswith(_RCLPY_OWN):
+                close = difflib.get_close_matches(name, self.rows, n=1)
+                hint = f"; did you mean {close[0]}?" if close else ""
+                self._log.warning(f"there is no parameter {name}, so its value is ignored{hint}")
+
+    # -- changes -------------------------------------------------------------------------------------------------
+    # An exception in one of these callbacks would end the node's spinning and leave the client without an answer.
+
+    def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
+        result = []
+        for parameter in parameters:
+            row = self.rows.get(parameter.name)
+            try:
+                if row is not None and parameter.value is not None:
+                    value = ros_value(row, coerced(row, parameter.value, parameter.name))
+                    parameter = RosParameter(parameter.name, value=value)
+            except (ValueError, TypeError):
+                pass  # refused with the reason in the next callback
+            result.append(parameter)
+        return result
+
+    def _refuse_or_accept(self, parameters: list[RosParameter]) -> SetParametersResult:
+        try:
+            self._proposed(parameters)
+        except Exception as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _proposed(self, parameters: list[RosParameter]) -> dict[str, Any]:
+        """The values with `parameters` in place. Raises ValueError if they cannot be."""
+        changed = {}
+        for parameter in parameters:
+            if parameter.name in self.rows:
+                if parameter.type_ == RosParameter.Type.NOT_SET:
+                    raise ValueError(f"{parameter.name} cannot be deleted")
+                changed[parameter.name] = coerced(self.rows[parameter.name], parameter.value, parameter.name)
+            elif not parameter.name.startswith(_RCLPY_OWN):
+                raise ValueError(f"there is no parameter {parameter.name}")
+        values = {**self.values, **changed}
+        problems = make_plan(values).problems
+        for owner in {name.partition(".")[0] for name in changed} & set(problems):
+            raise ValueError(problems[owner])
+        return values
+
+    def _hand_on(self, parameters: list[RosParameter]) -> None:
+        try:
+            before, self.values = self.values, self._proposed(parameters)
+            for parameter in parameters:
+                name = parameter.name
+                if name in self.rows and self.values[name] != before[name]:
+                    self._on_change(name, self.rows[name], self.values[name])
+        except Exception as error:
+            self._log.error(f"a parameter change was accepted but not applied: {error}")
+
+
+def coerced(row: Parameter, value: Any, name: str) -> Any:
+    """`value` as the type of `row`: text such as 1e-6 and whole numbers count as doubles.
+
+    Raises ValueError in one sentence.
+    """
+    if isinstance(value, (list, tuple, array.array)):
+        value = tuple(value)
+    if row.kind in ("double", "integer") and isinstance(value, str):
+        try:
+            value = float(value)
+        except ValueError:
+            pass  # check() says what is allowed
+    return table.check(row, value, name)
+
+
+def ros_value(row: Parameter, value: Any) -> Any:
+    """A checked value as ROS holds it: arrays are lists, no pins are "none"."""
+    if row.kind == "pins" and not value:
+        return "none"
+    return list(value) if isinstance(value, tuple) else value
+
+
+def descriptor(row: Parameter, name: str) -> ParameterDescriptor:
+    """Description, range and constraints of `row` for tools that list parameters."""
+    effect = "fixed at start" if row.fixed else "live" if row.live else "rebuilds the simulation"
+    unit = f" [{row.unit}]" if row.unit else ""
+    result = ParameterDescriptor(
+        name=name,
+        description=f"{row.text}{unit} ({effect})",
+        additional_constraints=table.allowed(row),
+        read_only=row.fixed,
+        dynamic_typing=True,
+    )
+    if row.kind == "double" and row.low > -table.INFINITY and row.high < table.INFINITY:
+        result.floating_point_range = [FloatingPointRange(from_value=row.low, to_value=row.high)]
+    elif row.kind == "integer":
+        result.integer_range = [IntegerRange(from_value=int(row.low), to_value=int(row.high), step=1)]
+    return result

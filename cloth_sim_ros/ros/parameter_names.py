@@ -1,0 +1,59 @@
+"""Which ROS parameters exist for a scene of given objects and colliders: full name -> row of the table."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.parameters import Parameter
+
+GROUPS = {"solver": table.SOLVER, "wind": table.WIND, "publish": table.PUBLISH}
+_NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
+
+
+# Topics move colliders while the node runs, so their parameters may as well.
+COLLIDER = tuple(replace(row, live=True) if row.name in ("position", "orientation") else row for row in table.COLLIDER)
+
+
+def object_rows(kind: str) -> tuple[Parameter, ...]:
+    """The rows under the prefix of an object of `kind` "cloth" or "rope"."""
+    return (*table.OBJECT, *(table.CLOTH if kind == "cloth" else table.ROPE))
+
+
+def prefixed(prefix: str, rows: Iterable[Parameter]) -> dict[str, Parameter]:
+    """Full names of `rows` under `prefix`."""
+    return {f"{prefix}.{row.name}": row for row in rows}
+
+
+def fixed_rows() -> dict[str, Parameter]:
+    """The parameters that exist whatever the scene holds."""
+    rows = {row.name: row for row in table.NODE}
+    for prefix, group in GROUPS.items():
+        rows.update(prefixed(prefix, group))
+    return rows
+
+
+def scene_rows(types: Mapping[str, str], colliders: Iterable[str]) -> dict[str, Parameter]:
+    """The parameters of the objects in `types` (name -> "cloth" or "rope") and of `colliders`."""
+    rows: dict[str, Parameter] = {}
+    for name, kind in types.items():
+        rows.update(prefixed(name, object_rows(kind)))
+    for name in colliders:
+        rows.update(prefixed(name, COLLIDER))
+    return rows
+
+
+def usable(names: Iterable[str], taken: set[str], what: str) -> tuple[list[str], list[str]]:
+    """The `names` that can prefix topics and parameters, and a sentence for each that cannot. Adds to `taken`."""
+    good, complaints = [], []
+    for name in names:
+        if not _NAME.fullmatch(name):
+            complaints.append(f"{what} holds '{name}', left out: a name is letters, digits and _, a letter first")
+        elif name in taken:
+            complaints.append(f"{what} holds '{name}', left out: the name is already taken")
+        else:
+            taken.add(name)
+            good.append(name)
+    return good, complaints

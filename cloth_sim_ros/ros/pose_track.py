@@ -1,0 +1,116 @@
+"""A stream of stamped poses, played back on the simulation's own clock.
+
+Messages arrive with jitter and at any rate; a collider that jumped to each as it came would hit the cloth at the wrong
+speed. So the track moves between the received poses at the pace of their stamps: position linearly, orientation
+spherically. It never extrapolates: when nothing newer has come, the collider stays at the last pose. The delay is what
+it takes for the next message to arrive, about one period of the sender (a sender at or above the frame rate is followed
+within a frame or two).
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from dataclasses import dataclass
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """position [m], orientation as unit quaternion x y z w."""
+
+    position: Vector
+    orientation: Quaternion
+
+
+class PoseTrack:
+    """`push` from the thread that receives, `advance` from the thread that simulates, once a frame.
+
+    timeout [s]: a longer gap between two stamps is a jump, reached within one frame; after as long a silence any stamp
+    starts the track anew (a sender restarted, a recording looped).
+    """
+
+    def __init__(self, start: Pose, timeout: float):
+        self.pose = start
+        self.timeout = timeout
+        self._lock = threading.Lock()
+        self._ahead: deque[tuple[float, Pose]] = deque(maxlen=1024)
+        self._now: float | None = None  # on the sender's clock
+        self._newest: float | None = None
+        self._newest_arrival = -math.inf
+
+    def push(self, stamp: float, pose: Pose, arrival: float) -> None:
+        """Adds a pose sent at `stamp` [s] that came at `arrival` [s]. Raises ValueError if it is not newer."""
+        with self._lock:
+            restarted = arrival - self._newest_arrival > self.timeout
+            if self._newest is not None and stamp <= self._newest and not restarted:
+                back = self._newest - stamp
+                raise ValueError(f"its stamp is {back:.6f} s behind the one before" if back else "its stamp repeats")
+            if self._newest is None or not 0 < stamp - self._newest <= self.timeout:
+                self._ahead.clear()
+                self._now = None
+            self._ahead.append((stamp, pose))
+            self._newest, self._newest_arrival = stamp, arrival
+
+    def place(self, pose: Pose) -> None:
+        """Puts the collider at `pose` within the next frame; later messages move it on from there."""
+        with self._lock:
+            self._ahead.clear()
+            self._ahead.append((self._newest or 0.0, pose))
+            self._now = None
+
+    def restart(self, pose: Pose) -> None:
+        """The simulation has put the collider to `pose` by itself; what was still to be played is forgotten."""
+        with self._lock:
+            self._ahead.clear()
+            self.pose, self._now = pose, self._newest
+
+    def advance(self, frame_dt: float) -> Pose | None:
+        """The pose at the end of the coming frame of `frame_dt` [s], or None when it stays where it is."""
+        with self._lock:
+            if not self._ahead:
+                return None
+            if self._now is None:
+                self._now, self.pose = self._ahead[-1]
+                self._ahead.clear()
+                return self.pose
+            self._play(self._pace(frame_dt))
+            return self.pose
+
+    def _pace(self, frame_dt: float) -> float:
+        """Seconds of the sender's clock to play in this frame: `frame_dt`, or what keeps it within two periods.
+
+        More than two periods behind happens when frames take longer than they last, and after a pause.
+        """
+        newest = self._ahead[-1][0]
+        period = newest - (self._ahead[-2][0] if len(self._ahead) > 1 else self._now)
+        return max(frame_dt, newest - self._now - 2 * max(period, frame_dt))
+
+    def _play(self, seconds: float) -> None:
+        now = self._now + seconds
+        while self._ahead and self._ahead[0][0] <= now:
+            self._now, self.pose = self._ahead.popleft()
+        if not self._ahead:  # everything played: wait here, so that the next interval starts at this pose
+            return
+        stamp, target = self._ahead[0]
+        self.pose = between(self.pose, target, (now - self._now) / (stamp - self._now))
+        self._now = now
+
+
+def between(a: Pose, b: Pose, fraction: float) -> Pose:
+    """The pose `fraction` of the way from a to b, turning the shorter way."""
+    position = tuple(p + fraction * (q - p) for p, q in zip(a.position, b.position, strict=True))
+    cosine = sum(p * q for p, q in zip(a.orientation, b.orientation, strict=True))
+    sign = math.copysign(1.0, cosine)
+    angle = math.acos(min(1.0, abs(cosine)))
+    if angle < 1e-6:
+        weight_a, weight_b = 1.0 - fraction, sign * fraction
+    else:
+        weight_a = math.sin((1.0 - fraction) * angle) / math.sin(angle)
+        weight_b = sign * math.sin(fraction * angle) / math.sin(angle)
+    orientation = tuple(weight_a * p + weight_b * q for p, q in zip(a.orientation, b.orientation, strict=True))
+    norm = math.sqrt(sum(c * c for c in orientation))
+    return Pose(position, tuple(c / norm for c in orientation))

@@ -1,0 +1,144 @@
+"""Parameter values -> the Scene, Settings and device of a Simulation. Plain Python: no rclpy, nothing on a device."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros.ros.pose_track import Pose
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Sphere, Wind
+
+Values = Mapping[str, Any]  # full parameter name -> checked value
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to build, and `problems`: name of an object, collider or group -> why it is left out, in one sentence."""
+
+    scene: Scene
+    settings: Settings
+    device: str
+    problems: dict[str, str] = field(default_factory=dict)
+
+    def with_poses(self, poses: Mapping[str, Pose]) -> Plan:
+        """The same plan with colliders at `poses`, where topics have moved them."""
+        colliders = {
+            name: replace(collider, **_placed(collider, poses[name])) if name in poses else collider
+            for name, collider in self.scene.colliders.items()
+        }
+        return replace(self, scene=replace(self.scene, colliders=colliders))
+
+
+def make_plan(values: Values) -> Plan:
+    """The plan for `values`; what cannot be is left out and said in `problems`."""
+    problems: dict[str, str] = {}
+    objects = _made(values, values["objects"], make_object, problems)
+    colliders = _made(values, values["colliders"], make_collider, problems)
+    wind = None
+    if values["wind.enabled"]:
+        wind = Wind(**{name: value for name, value in group(values, "wind").items() if name != "enabled"})
+    return Plan(
+        scene=Scene(objects=objects, colliders=colliders, wind=wind, gravity=values["gravity"]),
+        settings=Settings(frame_dt=1.0 / values["rate"], **group(values, "solver")),
+        device=values["device"],
+        problems=problems,
+    )
+
+
+def group(values: Values, prefix: str) -> dict[str, Any]:
+    """The values under `prefix`, by their names without it."""
+    start = prefix + "."
+    return {name[len(start) :]: value for name, value in values.items() if name.startswith(start)}
+
+
+def make_object(values: Values, name: str) -> Cloth | Rope:
+    """The cloth or rope called `name`. Raises ValueError with what is wrong."""
+    own = group(values, name)
+    is_rope, path, shear = own.pop("type") == "rope", own.pop("mesh"), own.pop("shear")
+    if own["bending"] == "none":
+        own["bend_compliance"] = None
+    if is_rope:
+        if path:
+            raise ValueError(f"{name}.mesh is '{path}', but {name} is a rope; only a cloth is made from a mesh")
+        del own["bending"]
+        return Rope(**own)
+    if not shear:
+        own["shear_compliance"] = None
+    if not path:
+        return Cloth(**own)
+    for absent in ("resolution", "size", "shear_compliance"):
+        del own[absent]
+    return Cloth.from_mesh(*load_mesh(path, f"{name}.mesh"), **own)
+
+
+def make_collider(values: Values, name: str) -> Plane | Sphere | Capsule | Box:
+    """The collider called `name`. Raises ValueError with what is wrong."""
+    own = group(values, name)
+    shape, dimensions = own.pop("shape"), own.pop("dimensions")
+    kind, count, meaning = _SHAPES[shape]
+    if shape != "plane" and len(dimensions) != count:
+        raise ValueError(f"{name}.dimensions is {list(dimensions)}; a {shape} has {meaning}")
+    return kind(**own, **_DIMENSIONS[shape](dimensions))
+
+
+_SHAPES = {
+    "plane": (Plane, 0, "none"),
+    "sphere": (Sphere, 1, "1: radius [m]"),
+    "capsule": (Capsule, 2, "2: height of the cylinder, radius [m]"),
+    "box": (Box, 3, "3: x y z [m]"),
+}
+
+_DIMENSIONS = {
+    "plane": lambda d: {},
+    "sphere": lambda d: {"radius": d[0]},
+    "capsule": lambda d: {"half_length": d[0] / 2, "radius": d[1]},
+    "box": lambda d: {"half_extents": tuple(edge / 2 for edge in d)},
+}
+
+
+def load_mesh(path: str, parameter: str) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (N, 3) [m] and triangles (T, 3) of a mesh file. Raises ValueError with what is wrong."""
+    file = Path(path).expanduser()
+    if not file.is_file():
+        raise ValueError(f"{parameter} is '{path}'; no such file is there")
+    return _load_mesh(str(file), file.stat().st_mtime_ns, parameter)
+
+
+@lru_cache(maxsize=8)
+def _load_mesh(path: str, modified_ns: int, parameter: str) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        import trimesh
+    except ImportError:
+        raise ValueError(f"{parameter} is '{path}', which needs trimesh to be read: pip install trimesh") from None
+    try:
+        mesh = trimesh.load(path, force="mesh")
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        mesh.remove_unreferenced_vertices()
+        vertices, triangles = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int32)
+    except Exception as error:  # whatever a reader of some format raises, the user gets one sentence
+        raise ValueError(f"{parameter} is '{path}', which cannot be read as a triangle mesh: {error}") from None
+    if not len(triangles):
+        raise ValueError(f"{parameter} is '{path}', which holds no triangles")
+    return vertices, triangles
+
+
+def _made(values: Values, names: tuple[str, ...], make, problems: dict[str, str]) -> dict[str, Any]:
+    things = {}
+    for name in names:
+        try:
+            things[name] = make(values, name)
+        except ValueError as error:
+            problems[name] = str(error)
+    return things
+
+
+def _placed(collider: Any, pose: Pose) -> dict[str, Any]:
+    place = {"position": pose.position, "orientation": pose.orientation}
+    if isinstance(collider, Plane):  # a plane's point and normal repeat its pose, and would win over it
+        place |= {"point": None, "normal": None}
+    return place

@@ -1,0 +1,125 @@
+"""The simulation that runs: built from parameter values, rebuilt when they change, fed with poses and wind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import warp
+
+from cloth_sim_ros.ros import parameter_names as names
+from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
+from cloth_sim_ros.ros.scene_plan import group, make_plan
+from cloth_sim_ros.sim import Simulation
+
+
+class World:
+    """Owned by the thread that simulates; only the tracks may be pushed to from elsewhere.
+
+    log: anything with info(), warning() and error(). sim is None while nothing could be built, and `trouble` says why.
+    """
+
+    def __init__(self, values: Mapping[str, Any], log: Any):
+        self.sim: Simulation | None = None
+        self.trouble = "not built yet"
+        self.resets = 0
+        self.simulated = 0.0  # [s] in all, through resets and rebuilds
+        self.tracks = {name: PoseTrack(_pose(values, name), values["pose_timeout"]) for name in values["colliders"]}
+        self._values: Mapping[str, Any] = values
+        self._wind: Vector | None = None  # set by topic since the parameter was last set
+        self._log = log
+
+    def build(self, values: Mapping[str, Any]) -> bool:
+        """Builds the simulation of `values`. If that fails, the one before goes on and the log says why."""
+        self._log.info("building the simulation; kernels that were never used here take some seconds to compile")
+        try:
+            plan = make_plan(values)
+            for sentence in plan.problems.values():
+                self._log.error(f"{sentence}; it is left out until a parameter change mends it")
+            plan = plan.with_poses({name: track.pose for name, track in self.tracks.items()})
+            sim = Simulation(plan.scene, plan.settings, device=plan.device)
+            sim.step()  # compiles what is left to compile, so that no later frame waits for it
+            sim.report()
+            sim.reset()
+        except Exception as error:
+            goes_on = "the simulation before goes on" if self.sim else "waiting for a parameter change"
+            self._log.error(f"cannot build the simulation: {error}; {goes_on}")
+            if self.sim is None:
+                self.trouble = str(error)
+            return False
+        self._keep_states(sim, values)
+        self.sim, self._values, self.trouble = sim, values, ""
+        if self._wind is not None and sim.scene.wind is not None:
+            sim.set_wind(self._wind)
+        sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
+        self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
+        return True
+
+    def _keep_states(self, sim: Simulation, values: Mapping[str, Any]) -> None:
+        """Objects whose structure is as it was go on from where they are."""
+        if self.sim is None:
+            return
+        for name in sim.scene.objects:
+            if name in self.sim.scene.objects and _structure(values, name) == _structure(self._values, name):
+                sim.set_positions(name, self.sim.positions(name))
+                sim.set_velocities(name, self.sim.velocities(name))
+
+    def set_live(self, name: str, value: Any, values: Mapping[str, Any]) -> None:
+        """Applies the changed live parameter `name`; `values` are all of them with the change."""
+        owner, _, field = name.rpartition(".")
+        if name == "pose_timeout":
+            for track in self.tracks.values():
+                track.timeout = value
+        elif owner in self.tracks and field in ("position", "orientation"):
+            self.tracks[owner].place(_pose(values, owner))
+        elif self.sim is not None:
+            if name == "wind.velocity":
+                self._wind = None
+            try:
+                self.sim.set(name, value)
+            except ValueError as error:
+                self._log.info(f"{name} is noted for the next rebuild, it has no effect now: {error}")
+
+    def set_wind(self, velocity: Vector) -> None:
+        """Sets the wind [m/s] from a message."""
+        self._wind = velocity
+        if self.sim is not None and self.sim.scene.wind is not None:
+            self.sim.set_wind(velocity)
+
+    def reset(self) -> None:
+        """Objects and colliders back to their start."""
+        self.resets += 1
+        if self.sim is None:
+            return
+        self.sim.reset()
+        for name, collider in self.sim.scene.colliders.items():
+            self.tracks[name].restart(Pose(collider.position, collider.orientation))
+
+    def advance(self) -> float:
+        """Simulates one frame and returns its length [s]. On a GPU the frame may still be under way."""
+        frame_dt = self.sim.settings.frame_dt
+        for name in self.sim.scene.colliders:
+            pose = self.tracks[name].advance(frame_dt)
+            if pose is not None:
+                self.sim.set_collider_pose(name, pose.position, pose.orientation)
+        self.sim.step()
+        self.simulated += frame_dt
+        return frame_dt
+
+    def fail(self, why: str) -> None:
+        """Drops a simulation that cannot go on; the next structural parameter change builds another."""
+        self._log.error(f"{why}; waiting for a parameter change")
+        self.sim, self.trouble = None, why
+
+    def finish(self) -> None:
+        """Waits until the device has done all that was asked of it, so that frames never pile up there."""
+        warp.synchronize_device(self.sim.device)
+
+
+def _pose(values: Mapping[str, Any], collider: str) -> Pose:
+    return Pose(values[f"{collider}.position"], values[f"{collider}.orientation"])
+
+
+def _structure(values: Mapping[str, Any], name: str) -> dict[str, Any]:
+    live = {row.name for row in names.object_rows(values[f"{name}.type"]) if row.live}
+    return {field: value for field, value in group(values, name).items() if field not in live}

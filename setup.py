@@ -1,0 +1,38 @@
+"""Installs cloth_sim_ros with colcon (ament_python) or with pip."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "cloth_sim_ros"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={f"{NAME}.ros": ["fastdds.xml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", glob("config/*")),
+        (f"share/{NAME}/launch", glob("launch/*.launch.py")),
+    ],
+    install_requires=["setuptools", "numpy", "warp-lang==1.19.*"],
+    extras_require={
+        "ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp"],
+        "mesh": ["trimesh"],
+        "test": ["pytest", "ruff", "scipy", "trimesh", "matplotlib"],
+    },
+    python_requires=">=3.10",
+    zip_safe=True,
+    maintainer="cloth_sim_ros maintainers",
+    maintainer_email="cloth_sim_ros@users.noreply.github.com",
+    description="Cloth and ropes, simulated live in ROS 2 with XPBD on NVIDIA Warp.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "cloth_sim_node = cloth_sim_ros.ros.__main__:main",
+            "cloth_sim_demo = cloth_sim_ros.demo.__main__:main",
+        ],
+    },
+)
