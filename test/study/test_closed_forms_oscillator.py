@@ -75,3 +75,13 @@ def test_damped_step_tends_to_the_damped_oscillation():
         q = stepped("implicit", frequency / steps, zeta, steps)[-1]
         errors.append(abs(q - oscillator.damped_oscillation(1.0, frequency, zeta)))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_implicit_rotation_is_a_step_brought_back_to_the_circle():
+    rate, h = 4.0, 0.01
+    x, v = np.array([1.0, 0.0]), np.array([0.0, rate])
+    for _ in range(50):
+        new = x + h * v
+        new /= np.linalg.norm(new)
+        x, v = new, (new - x) / h
+    assert oscillator.implicit_rotation(rate, h, 50) == pytest.approx((x[0] * v[1] - x[1] * v[0]) / rate, rel=1e-12)

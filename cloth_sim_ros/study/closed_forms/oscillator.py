@@ -64,6 +64,18 @@ def damped_oscillation(t, frequency, zeta):
     return np.exp(-zeta * frequency * t) * (np.cos(damped * t) + zeta * frequency / damped * np.sin(damped * t))
 
 
+def implicit_rotation(rate, step, steps):
+    """Share of its angular momentum that a rigid body turning at `rate` [rad/s] keeps over `steps` of implicit Euler.
+
+    The next position is 2 x_n - x_n-1 brought back to the circle, so the angle a step goes from phi to
+    atan(sin(phi) / (2 - cos(phi))), about phi - phi^3, from atan(W h) in the first; L ~ r^2 sin(phi) / h.
+    """
+    angle = np.arctan(rate * step)
+    for _ in range(steps - 1):
+        angle = np.arctan2(np.sin(angle), 2.0 - np.cos(angle))
+    return np.sin(angle) / (rate * step)
+
+
 def _upper_root(polynomial):
     roots = np.roots(polynomial)
     return roots[np.argmax(np.imag(roots))]

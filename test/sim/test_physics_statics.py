@@ -1,0 +1,108 @@
+"""Statics: what hangs at rest does so by its compliance alone, whatever the iterations, substeps and segments."""
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.study.closed_forms import ropes
+
+G = 9.81
+
+
+def settled(thing, device, frames=240, drag=10.0, **settings):
+    """A simulation of `thing` that has come to rest under a strong drag."""
+    sim = Simulation(Scene(objects={"it": thing}), Settings(global_damping=drag, **settings), device=device)
+    sim.step(frames=frames)
+    return sim
+
+
+def lumped(total, segments):
+    masses = np.full(segments + 1, total / segments)
+    masses[[0, -1]] *= 0.5
+    return masses
+
+
+@pytest.mark.parametrize("rope_solver", ["direct", "gauss_seidel"])
+@pytest.mark.parametrize("iterations", [1, 4, 16])
+@pytest.mark.parametrize("substeps", [5, 20, 80])
+def test_load_sags_by_compliance_times_load(device, rope_solver, substeps, iterations):
+    length, compliance, load = 0.8, 1e-3, 2.0
+    rope = Rope(
+        start=(0, 0, 0),
+        end=(0, 0, -length),
+        segments=1,
+        stretch_compliance=compliance,
+        particle_masses=[0.1, load],
+    )
+    sim = settled(rope, device, substeps=substeps, iterations=iterations, rope_solver=rope_solver)
+    sag = -sim.positions("it")[1, 2] - length
+    assert sag == pytest.approx(compliance * length * load * G, rel=1e-3)
+
+
+def test_compliance_set_live_changes_the_sag(device):
+    rope = Rope(start=(0, 0, 0), end=(0, 0, -1), segments=1, stretch_compliance=1e-3, particle_masses=[0.1, 2.0])
+    sim = settled(rope, device)
+    sim.set("it.stretch_compliance", 3e-3)
+    sim.step(frames=240)
+    assert -sim.positions("it")[1, 2] - 1.0 == pytest.approx(3e-3 * 2.0 * G, rel=1e-3)
+
+
+@pytest.mark.parametrize("load", [0.0, 1.0, 20.0])
+@pytest.mark.parametrize("segments", [8, 32, 128])
+def test_rope_hangs_as_its_closed_form(device, segments, load):
+    length, mass, compliance = 1.0, 0.2, 1e-3
+    masses = lumped(mass, segments)
+    masses[-1] += load
+    rope = Rope(
+        start=(0, 0, 0),
+        end=(0, 0, -length),
+        segments=segments,
+        stretch_compliance=compliance,
+        particle_masses=masses,
+    )
+    sim = settled(rope, device, drag=20.0, substeps=10)
+    elongation = -sim.positions("it")[:, 2] - np.linspace(0.0, length, segments + 1)
+    extensions = ropes.hanging_extensions(masses, sim.springs("it")["structural"][2], G)
+    assert elongation[1:] == pytest.approx(np.cumsum(extensions), rel=1e-3)
+    continuum = ropes.hanging_stretch(length, length, mass * G / length, load * G, 1.0 / compliance)
+    assert elongation[-1] == pytest.approx(continuum, rel=1e-3)
+
+
+@pytest.mark.parametrize("substeps, iterations", [(5, 1), (20, 1), (20, 4)])
+def test_rope_hangs_as_a_catenary(device, substeps, iterations):
+    span, length, segments, mass = 1.0, 1.4, 40, 0.1
+    # Started as a V, so that it has to find its shape.
+    points = np.zeros((segments + 1, 3))
+    points[:, 0] = np.linspace(0.0, span, segments + 1)
+    depth = 0.5 * np.sqrt(length**2 - span**2)
+    points[:, 2] = -depth * (1.0 - np.abs(np.linspace(-1.0, 1.0, segments + 1)))
+    rope = Rope(points=points, mass=mass, pins="both", stretch_compliance=1e-5)
+    sim = settled(rope, device, frames=400, drag=5.0, substeps=substeps, iterations=iterations)
+    found = sim.positions("it")[:, [0, 2]]
+    chain = ropes.catenary_chain(span, np.full(segments, length / segments), lumped(mass, segments), 1e5 * 40 / 1.4, G)
+    assert np.abs(found - chain).max() < 1e-3 * length
+    assert np.abs(found - ropes.catenary_points(span, length, segments + 1)).max() < 1e-3 * length
+    assert np.abs(sim.positions("it")[:, 1]).max() < 1e-6
+
+
+@pytest.mark.parametrize("resolution", [(5, 9), (9, 17)])
+def test_strip_of_cloth_stretches_as_its_springs(device, resolution):
+    """Without shear springs the columns are separate chains; borders carry half the weight on half the constant."""
+    width, height, mass, compliance = 0.4, 0.8, 0.3, 0.02
+    cloth = Cloth(
+        resolution=resolution,
+        size=(width, height),
+        mass=mass,
+        orientation=(np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)),
+        pins="top",
+        stretch_compliance=compliance,
+        shear_compliance=None,
+    )
+    sim = settled(cloth, device, frames=400, drag=8.0, iterations=4)
+    nx, ny = resolution
+    z = sim.positions("it")[:, 2].reshape(ny, nx)
+    # A column of an inner line: spacing b wide, so w = mass g b / (width height), springs of 1/compliance.
+    weight, column = mass * G / (width * height), width / (nx - 1)
+    ea = (1.0 / compliance) * height / (ny - 1)
+    expected = ropes.hanging_stretch(height, height, weight * column, 0.0, ea)
+    assert z[-1] - z[0] - height == pytest.approx(np.full(nx, expected), rel=1e-3)
