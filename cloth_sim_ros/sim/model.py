@@ -47,7 +47,8 @@ class Body:
 
     particles: int
     count: int
-    groups: int
+    groups: int  # springs
+    tuple_groups: int
     groups_end: int
     segments: int
     segments_end: int
@@ -115,6 +116,7 @@ class ModelArrays:
             start = self._append("springs", np.column_stack([indices, elements.rest[order], elements.scale[order]]))
             self.spring_order[-1][kind] = (start, order)
             self._append_groups("spring", KINDS.index(kind), start, spans)
+        tuple_groups = len(self.groups)
         for constraint, elements, extra in topology.others():
             order, spans = colour_sorted(elements)
             start = self._append("tuples", np.pad(elements.particles, ((0, 0), (0, 4 - elements.particles.shape[1])), "edge")[order])
@@ -123,7 +125,7 @@ class ModelArrays:
         chain = topology.chain.rest if topology.chain is not None else np.zeros(0)
         segments = self._append("segment_length", chain)
         panels = self._add_panels(topology)
-        spans = (groups, len(self.groups), segments, segments + len(chain), panels, panels + len(topology.panels))
+        spans = (groups, tuple_groups, len(self.groups), segments, segments + len(chain), panels, panels + len(topology.panels))
         self.bodies.append((first, len(topology.masses), *spans))
 
     def _add_panels(self, topology: Topology) -> int:

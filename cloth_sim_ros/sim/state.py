@@ -23,6 +23,12 @@ class Material:
     kinetic_friction: float
 
 
+@wp.func
+def compliance_of(material: Material, kind: int) -> float:
+    """The compliance of a kind of topology.KINDS, by selection: an index would put the struct into local memory."""
+    return wp.where(kind == 0, material.compliance[0], wp.where(kind == 1, material.compliance[1], material.compliance[2]))
+
+
 @wp.struct
 class Frame:
     """One batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], wind [m/s], air_density [kg/m^3]."""

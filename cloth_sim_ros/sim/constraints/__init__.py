@@ -10,17 +10,20 @@ from cloth_sim_ros.sim.model import CONSTRAINTS, Body, Model
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.state import Material, State
 
-PROJECTIONS = {"spring": spring.make_project, "hinge": hinge.make_project, "bend": bend.make_project}
+PROJECTIONS = {"hinge": hinge.make_project, "bend": bend.make_project}
+make_project_spring = spring.make_project
 
 
-def make_project(present: tuple[str, ...], order: int):
-    """A Warp function that projects element k of a constraint type, holding those in `present` and no others.
+def make_project_tuple(present: tuple[str, ...], order: int):
+    """A Warp function that projects tuple k of a constraint type, holding those in `present` and no others, or None.
 
-    alpha is the material compliance of the colour divided by h_e^2; x and d are addresses (see schedules/memory.py).
+    alpha is the material compliance of the colour divided by h_e^2; x and d are addresses (see schedules/native.py).
     """
-    chosen = PROJECTIONS[present[0]](order)
-    for name in present[1:]:
-        chosen = _or(chosen, PROJECTIONS[name](order), name)
+    chosen = None
+    for name in present:
+        if name in PROJECTIONS:
+            this = PROJECTIONS[name](order)
+            chosen = this if chosen is None else _or(chosen, this, name)
     return chosen
 
 

@@ -5,7 +5,7 @@ import warp as wp
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.bending import turn_residual
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.memory import load4, store4
+from cloth_sim_ros.sim.schedules.native import load4, store4
 from cloth_sim_ros.sim.state import Material, State
 
 

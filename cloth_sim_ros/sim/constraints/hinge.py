@@ -6,7 +6,7 @@ from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.bending import hinge_gradients, wrap_angle
 from cloth_sim_ros.sim.physics.distance import multiplier_change
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.memory import load4, store4
+from cloth_sim_ros.sim.schedules.native import load4, store4
 from cloth_sim_ros.sim.state import Material, State
 
 

@@ -2,22 +2,21 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Body, Model
+from cloth_sim_ros.sim.model import Body
 from cloth_sim_ros.sim.physics.distance import elongation, multiplier_change, SHORTEST
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.memory import array_address, as_index, load4, store4
+from cloth_sim_ros.sim.schedules.native import as_index, load4, quotient, root, store4
 from cloth_sim_ros.sim.state import Material, State
 
 
 def make_project(order: int):
-    """The projection of spring k for an integration order."""
+    """The projection of spring k, whose packed record the schedule has fetched, for an integration order."""
 
     @wp.func
     def project_spring(
-        type: int,
+        spring: wp.vec4,
         k: int,
         alpha: float,
-        m: Model,
         s: State,
         body: Body,
         material: Material,
@@ -25,7 +24,6 @@ def make_project(order: int):
         x: wp.uint64,
         d: wp.uint64,
     ):
-        spring = load4(array_address(m.springs, 0), k)
         i = as_index(spring[0])
         j = as_index(spring[1])
         xi = load4(x, i)
@@ -39,7 +37,7 @@ def make_project(order: int):
         square = e4[0] * e4[0] + e4[1] * e4[1] + e4[2] * e4[2]
         collapsed = square < SHORTEST * SHORTEST
         e = wp.vec3(e4[0], e4[1], e4[2] + wp.where(collapsed, SHORTEST, 0.0))
-        length = wp.sqrt(wp.max(square, SHORTEST * SHORTEST))
+        length = root(wp.max(square, SHORTEST * SHORTEST))
         slip = float(0.0)
         if material.damping > 0.0:
             slip = elongation(e, wp.vec3(de4[0], de4[1], de4[2]))
@@ -52,7 +50,7 @@ def make_project(order: int):
             multiplier = s.spring_multipliers[k]
         gamma = material.damping / step.effective
         change = multiplier_change(length - spring[2], slip, wi + wj, alpha * spring[3], gamma, multiplier)
-        pull = change[0] / (change[1] * length)  # one division for the change and the direction together
+        pull = quotient(change[0], change[1] * length)  # one division for the change and the direction together
         if step.store:
             s.spring_multipliers[k] = multiplier + pull * length
         correction = pull * wp.vec4(e[0], e[1], e[2], 0.0)

@@ -8,13 +8,13 @@ from functools import lru_cache
 
 import warp as wp
 
-from cloth_sim_ros.sim.constraints import make_project
+from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tuple
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
-from cloth_sim_ros.sim.schedules.memory import array_address
+from cloth_sim_ros.sim.schedules.native import array_address
 from cloth_sim_ros.sim.schedules.stages import make_contact, make_finish, make_panel, make_predict, sweep_collider
-from cloth_sim_ros.sim.state import Arrays, State
+from cloth_sim_ros.sim.state import Arrays, State, compliance_of
 
 
 class Coloured:
@@ -64,7 +64,8 @@ class Coloured:
             self._launch("chain", 1, b, first)
         for g in range(body["groups"], body["groups_end"]):
             _, _, start, end = self._groups[g]
-            self._launch("project", end - start, b, first, store, g)
+            stage = "springs" if g < body["tuple_groups"] else "tuples"
+            self._launch(stage, end - start, b, first, store, g)
         if self._colliders:
             self._launch("contact", body["count"], b, first)
 
@@ -75,7 +76,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     predict_particle, finish_particle = make_predict(features), make_finish(features)
     panel_force = make_panel(features) if features.panels else None
     contact_particle = make_contact(features) if features.shapes else None
-    project_element = make_project(features.constraints, features.order) if features.constraints else None
+    project_one_spring = make_project_spring(features.order)
+    project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features.order) if features.chain else None
     module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}")
     kernels: dict[str, wp.Kernel] = {}
@@ -147,10 +149,10 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             x = array_address(arrays.state.positions, body.particles)
             panel_force(body.panels + wp.tid(), arrays.model, arrays.state, body, arrays.materials[b], arrays.frames[0], x)
 
-    if features.constraints:
+    if "spring" in features.constraints:
 
         @stage
-        def project(
+        def springs(
             arrays: Arrays,
             b: int,
             first: int,
@@ -164,8 +166,30 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             step = make_step(arrays.frames[0].dt, second(arrays.state, b))
             step.first = first != 0
             step.store = store != 0
-            alpha = arrays.materials[b].compliance[group[1]] * step.inverse_square
-            project_element(group[0], group[2] + wp.tid(), alpha, arrays.model, arrays.state, body, arrays.materials[b], step, x, d)
+            alpha = compliance_of(arrays.materials[b], group[1]) * step.inverse_square
+            k = group[2] + wp.tid()
+            project_one_spring(arrays.model.springs[k], k, alpha, arrays.state, body, arrays.materials[b], step, x, d)
+
+    if project_one_tuple is not None:
+
+        @stage
+        def tuples(
+            arrays: Arrays,
+            b: int,
+            first: int,
+            store: int,
+            g: int,
+        ):
+            body = arrays.model.bodies[b]
+            group = arrays.model.groups[g]
+            x = array_address(arrays.state.positions, body.particles)
+            d = array_address(arrays.state.displacements, body.particles)
+            step = make_step(arrays.frames[0].dt, second(arrays.state, b))
+            step.first = first != 0
+            step.store = store != 0
+            alpha = compliance_of(arrays.materials[b], group[1]) * step.inverse_square
+            k = group[2] + wp.tid()
+            project_one_tuple(group[0], k, alpha, arrays.model, arrays.state, body, arrays.materials[b], step, x, d)
 
     if features.chain:
 

@@ -10,7 +10,7 @@ from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.chain import edge_frame, particle_compliance, series_admittance, turn_frame
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.memory import load4, store4
+from cloth_sim_ros.sim.schedules.native import load4, store4
 from cloth_sim_ros.sim.state import Material, Segment, State
 
 

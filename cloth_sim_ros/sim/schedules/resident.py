@@ -8,14 +8,14 @@ from functools import lru_cache
 
 import warp as wp
 
-from cloth_sim_ros.sim.constraints import make_project
-from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.integrate import make_step
-from cloth_sim_ros.sim.schedules import memory
+from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tuple
+from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
-from cloth_sim_ros.sim.schedules.memory import load4, store4, sync
+from cloth_sim_ros.sim.schedules.native import load4, store4, sync
 from cloth_sim_ros.sim.schedules.stages import make_contact, make_finish, make_panel, make_predict, sweep_collider
-from cloth_sim_ros.sim.state import Arrays
+from cloth_sim_ros.sim.state import Arrays, Material, State, compliance_of
 
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 
@@ -24,7 +24,7 @@ def capacity(device: wp.Device) -> int:
     """The most particles of a body that one block can hold."""
     if device.is_cpu:
         return 1 << 30
-    return (device.max_shared_memory_per_block - RESERVED) // memory.BYTES_A_PARTICLE
+    return (device.max_shared_memory_per_block - RESERVED) // native.BYTES_A_PARTICLE
 
 
 class Resident:
@@ -54,9 +54,10 @@ def make_frame(features: Features, shared: int):
     predict, finish = make_predict(features), make_finish(features)
     panel = make_panel(features) if features.panels else None
     contact = make_contact(features) if features.shapes else None
-    project = make_project(features.constraints, features.order) if features.constraints else None
+    project_springs = make_project_springs(features.order, shared > 0) if "spring" in features.constraints else None
+    project_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features.order) if features.chain else None
-    tile_address = memory.make_tile_address(shared) if shared else None
+    tile_address = native.make_tile_address(shared) if shared else None
 
     @wp.kernel(enable_backward=False, module="unique")
     def simulate_frame(arrays: Arrays):
@@ -67,8 +68,8 @@ def make_frame(features: Features, shared: int):
         body = m.bodies[b]
         material = arrays.materials[b]
         frame = arrays.frames[0]
-        x = memory.array_address(s.positions, body.particles)
-        d = memory.array_address(s.displacements, body.particles)
+        x = native.array_address(s.positions, body.particles)
+        d = native.array_address(s.displacements, body.particles)
         if wp.static(shared > 0):
             x_tile = wp.tile_empty(shape=(wp.static(shared),), dtype=wp.vec4, storage="shared")
             d_tile = wp.tile_empty(shape=(wp.static(shared),), dtype=wp.vec4, storage="shared")
@@ -80,20 +81,20 @@ def make_frame(features: Features, shared: int):
         if wp.static(features.order == 2):
             history = s.history[b]
         sync()
+        step = make_step(frame.dt, history > 0)
+        if wp.static(features.panels != ""):
+            for k in range(body.panels + t, body.panels_end, width):
+                panel(k, m, s, body, material, frame, x)
+            sync()
+        for i in range(t, body.count, width):
+            predict(i, m, s, body, frame, step, d)
         for substep in range(frame.substeps):
-            step = make_step(frame.dt, history > 0)
             if wp.static(bool(features.shapes)):
                 for c in range(t, arrays.colliders.shape[0], width):
                     count = float(frame.substeps)
                     s.sweeps[b * arrays.colliders.shape[0] + c] = sweep_collider(
                         arrays.colliders[c], float(substep) / count, float(substep + 1) / count
                     )
-            if wp.static(features.panels != ""):
-                for k in range(body.panels + t, body.panels_end, width):
-                    panel(k, m, s, body, material, frame, x)
-                sync()
-            for i in range(t, body.count, width):
-                predict(i, m, s, body, frame, step, d)
             sync()
             for iteration in range(frame.iterations):
                 step.first = iteration == 0
@@ -102,25 +103,36 @@ def make_frame(features: Features, shared: int):
                     if t == 0:
                         solve_chain(m, s, body, material, step, x, d)
                     sync()
-                if wp.static(bool(features.constraints)):
-                    for g in range(body.groups, body.groups_end):
+                if wp.static(project_springs is not None):
+                    project_springs(t, width, m, s, body, material, step, x, d)
+                if wp.static(project_tuple is not None):
+                    for g in range(body.tuple_groups, body.groups_end):
                         group = m.groups[g]
-                        alpha = material.compliance[group[1]] * step.inverse_square
-                        k = group[2] + t
-                        while k < group[3]:
-                            project(group[0], k, alpha, m, s, body, material, step, x, d)
-                            k += width
+                        alpha = compliance_of(material, group[1]) * step.inverse_square
+                        for k in range(group[2] + t, group[3], width):
+                            project_tuple(group[0], k, alpha, m, s, body, material, step, x, d)
                         sync()
                 if wp.static(bool(features.shapes)):
                     for i in range(t, body.count, width):
                         contact(i, b, body, material, arrays.colliders, s, step, x, d)
                     sync()
-            for i in range(t, body.count, width):
-                finish(i, s, body, step, x, d)
             if wp.static(features.panels != ""):
+                for i in range(t, body.count, width):
+                    finish(i, s, body, step, x, d)
                 sync()
+                for k in range(body.panels + t, body.panels_end, width):
+                    panel(k, m, s, body, material, frame, x)
+                sync()
+            done = step
             if wp.static(features.order == 2):
                 history = 1
+                step = make_step(frame.dt, True)
+            # A thread owns its particles from the end of one substep to the next prediction: no barrier in between.
+            for i in range(t, body.count, width):
+                if wp.static(features.panels == ""):
+                    finish(i, s, body, done, x, d)
+                if substep + 1 < frame.substeps:
+                    predict(i, m, s, body, frame, step, d)
         if wp.static(features.order == 2):
             if t == 0:
                 s.history[b] = history
@@ -129,3 +141,52 @@ def make_frame(features: Features, shared: int):
                 s.positions[body.particles + i] = load4(x, i)
 
     return simulate_frame
+
+
+def make_project_springs(order: int, fetch_ahead: bool):
+    """A Warp function: thread t of `width` projects its share of all colours.
+
+    With `fetch_ahead` the record of the next spring is on its way while the present one is projected and while the block
+    waits at a barrier, because a fetch from a GPU's memory takes as long as a whole colour.
+    """
+    project_spring = make_project_spring(order)
+
+    @wp.func
+    def project_springs(
+        t: int,
+        width: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        d: wp.uint64,
+    ):
+        last = m.springs.shape[0] - 1
+        records = native.array_address(m.springs, 0)
+        group = m.groups[body.groups]
+        spring = wp.vec4()
+        following = wp.vec4()
+        ahead = wp.vec4()
+        if wp.static(fetch_ahead):
+            spring = load4(records, wp.min(group[2] + t, last))
+        for g in range(body.groups, body.tuple_groups):
+            next = m.groups[wp.min(g + 1, body.tuple_groups - 1)]
+            if wp.static(fetch_ahead):
+                ahead = load4(records, wp.min(next[2] + t, last))
+            alpha = compliance_of(material, group[1]) * step.inverse_square
+            k = group[2] + t
+            while k < group[3]:
+                if wp.static(fetch_ahead):
+                    following = load4(records, wp.min(k + width, last))
+                else:
+                    spring = load4(records, k)
+                project_spring(spring, k, alpha, s, body, material, step, x, d)
+                spring = following
+                k += width
+            spring = ahead
+            group = next
+            sync()
+
+    return project_springs

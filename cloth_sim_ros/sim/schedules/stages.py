@@ -1,7 +1,7 @@
 """The stages of a substep besides the constraints, one function an element, made for the features of a batch.
 
 Every schedule runs: sweep and panel, then predict, then per iteration (constraints, chain, contact), then finish.
-Particle indices count within the body; x and d are addresses of its positions and displacements (schedules/memory.py).
+Particle indices count within the body; x and d are addresses of its positions and displacements (schedules/native.py).
 """
 
 import warp as wp
@@ -11,7 +11,7 @@ from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step, predict_displacement, split_sum
-from cloth_sim_ros.sim.schedules.memory import load4, store4
+from cloth_sim_ros.sim.schedules.native import load4, store4
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
 
 
