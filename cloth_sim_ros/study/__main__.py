@@ -1,0 +1,34 @@
+"""`python -m cloth_sim_ros.study COMMAND`: each command is a module with add_arguments(parser) and run(arguments)."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import warp as wp
+
+from cloth_sim_ros.study import error, speed
+
+COMMANDS = {
+    "speed": (speed, "one launch a frame against one launch a colour"),
+    "error": (error, "error against time for a case over orders, substeps and iterations"),
+}
+
+
+def main() -> int:
+    """Parse the command line and run its command; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m cloth_sim_ros.study", description=__doc__.split(":")[0])
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name, (module, text) in COMMANDS.items():
+        module.add_arguments(commands.add_parser(name, help=text))
+    arguments = parser.parse_args()
+    wp.config.quiet = True
+    try:
+        return COMMANDS[arguments.command][0].run(arguments)
+    except ValueError as problem:
+        print(f"error: {problem}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

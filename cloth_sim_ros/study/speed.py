@@ -1,0 +1,101 @@
+"""`speed`: one launch a frame against one launch a colour, the same cloth in the same run.
+
+Both schedules take turns, so that whatever else the machine does falls on both alike.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+
+import numpy as np
+
+from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
+from cloth_sim_ros.study.timing import frame_times, machine
+
+SCHEDULES = ("resident", "coloured")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command line of `python -m cloth_sim_ros.study speed`."""
+    parser.add_argument("--device", default="auto", help="cpu, cuda:0 or auto")
+    parser.add_argument("--resolution", type=int, nargs="+", default=[16, 32, 64], help="particles along each side")
+    parser.add_argument("--substeps", type=int, default=20)
+    parser.add_argument("--iterations", type=int, default=1)
+    parser.add_argument("--rounds", type=int, default=9, help="turns that each schedule takes")
+    parser.add_argument("--seconds", type=float, default=0.25, help="length of a turn [s]")
+    parser.add_argument("--json", metavar="FILE", help="write the numbers to FILE")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure, print the table, write the JSON."""
+    rows = []
+    for resolution in arguments.resolution:
+        print(f"measuring {resolution} x {resolution} ...", file=sys.stderr, flush=True)
+        rows.append(measure(resolution, arguments))
+    where = machine(rows[0]["device"])
+    print(f"{where['name']} ({where['device']}), {arguments.substeps} substeps x {arguments.iterations} iterations")
+    print(table(rows))
+    if arguments.json:
+        with open(arguments.json, "w") as file:
+            json.dump({"machine": where, "rows": rows}, file, indent=1)
+    return 0
+
+
+def hanging_cloth(resolution: int) -> Scene:
+    """A cloth of 1 m with all springs: stretch, shear and bending, hung by two corners."""
+    cloth = Cloth(
+        resolution=(resolution, resolution),
+        orientation=(np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)),
+        bending="springs",
+        bend_compliance=1e-2,
+    )
+    return Scene(objects={"cloth": cloth})
+
+
+def measure(resolution: int, arguments: argparse.Namespace) -> dict:
+    """Medians over the rounds of both schedules [ms per frame], their quartiles, and the ratio of the pairs."""
+    settings = {"substeps": arguments.substeps, "iterations": arguments.iterations}
+    sims, frames = {}, {}
+    for schedule in SCHEDULES:
+        sim = Simulation(hanging_cloth(resolution), Settings(schedule=schedule, **settings), device=arguments.device)
+        frame_times(sim, 3)  # compiles, captures
+        sims[schedule] = sim
+        frames[schedule] = max(3, int(1e3 * arguments.seconds / np.median(frame_times(sim, 5))))
+    found = {schedule: [] for schedule in SCHEDULES}
+    for _ in range(arguments.rounds):
+        for schedule in SCHEDULES:
+            found[schedule].append(float(np.median(frame_times(sims[schedule], frames[schedule]))))
+    row = {"resolution": resolution, **settings, "device": sims["resident"].device}
+    for schedule in SCHEDULES:
+        row[schedule] = dict(zip(("low", "median", "high"), np.percentile(found[schedule], (25, 50, 75)), strict=True))
+    ratios = np.array(found["coloured"]) / np.array(found["resident"])
+    row["ratio"] = dict(zip(("low", "median", "high"), np.percentile(ratios, (25, 50, 75)), strict=True))
+    row["wall"] = _wall(sims["resident"], frames["resident"])
+    return row
+
+
+def _wall(sim: Simulation, frames: int) -> float:
+    """Milliseconds per frame of the host's clock, from the first call to the last frame read back."""
+    start = time.perf_counter()
+    sim.step(frames=frames)
+    sim.positions("cloth")
+    return 1e3 * (time.perf_counter() - start) / frames
+
+
+def table(rows: list[dict]) -> str:
+    """The rows as text: median and quartiles in ms per frame."""
+
+    def spread(numbers: dict, digits: int) -> str:
+        return f"{numbers['median']:.{digits}f} ({numbers['low']:.{digits}f}-{numbers['high']:.{digits}f})"
+
+    lines = [f"{'cloth':>9}  {'one launch a frame':>24}  {'one launch a colour':>24}  {'ratio':>18}  {'wall':>7}"]
+    for row in rows:
+        size = f"{row['resolution']} x {row['resolution']}"
+        lines.append(
+            f"{size:>9}  {spread(row['resident'], 3):>21} ms  {spread(row['coloured'], 3):>21} ms"
+            f"  {spread(row['ratio'], 1):>18}  {row['wall']:.3f} ms"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,57 @@
+"""Time per frame, measured the same way everywhere, and where it was measured."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim import Simulation
+
+
+def frame_times(sim: Simulation, frames: int, after: Callable[[], None] | None = None) -> np.ndarray:
+    """Milliseconds (frames,) that each of `frames` frames took; `after` is called after each, untimed.
+
+    On a GPU by CUDA events on its stream: without `after` the frames follow one another as fast as the device takes
+    them, with it each starts on an idle device, so that the way from the host counts. On the CPU by the wall clock.
+    """
+    device = wp.get_device(sim.device)
+    if not device.is_cuda:
+        return np.array([_wall_ms(sim, after) for _ in range(frames)])
+    stream = wp.get_stream(device)
+    marks = []
+    for _ in range(frames):
+        start = stream.record_event(wp.Event(device, enable_timing=True))
+        sim.step()
+        marks.append((start, stream.record_event(wp.Event(device, enable_timing=True))))
+        if after is not None:
+            after()
+    wp.synchronize_device(device)
+    return np.array([wp.get_event_elapsed_time(start, end) for start, end in marks])
+
+
+def _wall_ms(sim: Simulation, after: Callable[[], None] | None) -> float:
+    start = time.perf_counter()
+    sim.step()
+    elapsed = time.perf_counter() - start
+    if after is not None:
+        after()
+    return 1e3 * elapsed
+
+
+def machine(device: str) -> dict[str, str]:
+    """What the times were measured on, for tables and JSON."""
+    chosen = wp.get_device(device)
+    name = chosen.name if chosen.is_cuda else _processor()
+    return {"device": chosen.alias, "name": name, "warp": wp.__version__, "python": platform.python_version()}
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo") as info:
+            return next(line.split(":", 1)[1].strip() for line in info if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
