@@ -30,6 +30,9 @@ class Batch:
         self.features, self.device = features, device
         self.index = {name: b for b, name in enumerate(topologies)}
         self._rest = {name: topology.rest for name, topology in topologies.items()}
+        self._inverse_mass = {
+            name: np.where(topology.pinned, 0.0, 1.0 / topology.masses) for name, topology in topologies.items()
+        }
         collected = ModelArrays()
         for topology in topologies.values():
             collected.add(topology)
@@ -79,13 +82,13 @@ class Batch:
         """Positions (N, 3) float64 [m], kept to more digits than float32 has; history and multipliers start anew."""
         high = positions.astype(np.float32)
         state, span = self.arrays.state, self.span(name)
-        state.positions[span].assign(np.pad(high, ((0, 0), (0, 1))))
-        state.low[span].assign((positions - high.astype(np.float64)).astype(np.float32))
+        state.positions[span].assign(np.column_stack([high, self._inverse_mass[name]]).astype(np.float32))
+        state.low[span].assign(_padded(positions - high.astype(np.float64)))
         self._forget(name)
 
     def write_velocities(self, name: str, velocities: np.ndarray) -> None:
         """Velocities (N, 3) [m/s]; history and multipliers start anew."""
-        self.arrays.state.velocities[self.span(name)].assign(velocities.astype(np.float32))
+        self.arrays.state.velocities[self.span(name)].assign(_padded(velocities))
         self._forget(name)
 
     def _forget(self, name: str) -> None:
@@ -95,3 +98,7 @@ class Batch:
         if self.features.order == 2:
             b = self.index[name]
             state.history[b : b + 1].zero_()
+
+
+def _padded(rows: np.ndarray) -> np.ndarray:
+    return np.pad(rows, ((0, 0), (0, 1))).astype(np.float32)

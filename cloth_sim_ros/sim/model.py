@@ -66,7 +66,6 @@ class Model:
 
     bodies: wp.array(dtype=Body)
     groups: wp.array(dtype=wp.vec4i)
-    inverse_mass: wp.array(dtype=float)  # (N,) [1/kg], 0 is pinned
     springs: wp.array(dtype=wp.vec4)  # (S, 4) both particles as the bits of their indices, rest length [m], scale
     tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles, the last repeated where there are three
     tuple_rest: wp.array(dtype=wp.vec4)  # (E, 4) rest, scale and two more
@@ -92,6 +91,7 @@ class ModelArrays:
     def __init__(self) -> None:
         self.rows: dict[str, list[np.ndarray]] = {name: [] for name in _TYPES}
         self.bodies: list[tuple] = []
+        self.particles = 0
         self.groups: list[tuple[int, int, int, int]] = []
         self.size = dict.fromkeys(_TYPES, 0)
         self.spring_order: list[dict[str, tuple[int, np.ndarray]]] = []
@@ -107,7 +107,8 @@ class ModelArrays:
 
     def add(self, topology: Topology) -> None:
         """Append one body."""
-        first = self._append("inverse_mass", np.where(topology.pinned, 0.0, 1.0 / topology.masses))
+        first = self.particles
+        self.particles += len(topology.masses)
         groups = len(self.groups)
         self.spring_order.append({})
         for kind, elements in topology.springs.items():
@@ -119,13 +120,23 @@ class ModelArrays:
         tuple_groups = len(self.groups)
         for constraint, elements, extra in topology.others():
             order, spans = colour_sorted(elements)
-            start = self._append("tuples", np.pad(elements.particles, ((0, 0), (0, 4 - elements.particles.shape[1])), "edge")[order])
+            start = self._append(
+                "tuples", np.pad(elements.particles, ((0, 0), (0, 4 - elements.particles.shape[1])), "edge")[order]
+            )
             self._append("tuple_rest", np.column_stack([elements.rest, elements.scale, extra])[order])
             self._append_groups(constraint, KINDS.index("bending"), start, spans)
         chain = topology.chain.rest if topology.chain is not None else np.zeros(0)
         segments = self._append("segment_length", chain)
         panels = self._add_panels(topology)
-        spans = (groups, tuple_groups, len(self.groups), segments, segments + len(chain), panels, panels + len(topology.panels))
+        spans = (
+            groups,
+            tuple_groups,
+            len(self.groups),
+            segments,
+            segments + len(chain),
+            panels,
+            panels + len(topology.panels),
+        )
         self.bodies.append((first, len(topology.masses), *spans))
 
     def _add_panels(self, topology: Topology) -> int:
@@ -155,7 +166,6 @@ class ModelArrays:
 
 
 _TYPES = {
-    "inverse_mass": (float, np.float32),
     "springs": (wp.vec4, np.float32),
     "tuples": (wp.vec4i, np.int32),
     "tuple_rest": (wp.vec4, np.float32),

@@ -19,9 +19,7 @@ def vertex_normal(arrays: Arrays, first: int, g: int) -> wp.vec3:
         p = m.panels[m.particle_panels[k]]
         if p[2] >= 0:
             a = xyz(arrays.state.positions[first + p[0]])
-            n += wp.cross(
-                xyz(arrays.state.positions[first + p[1]]) - a, xyz(arrays.state.positions[first + p[2]]) - a
-            )
+            n += wp.cross(xyz(arrays.state.positions[first + p[1]]) - a, xyz(arrays.state.positions[first + p[2]]) - a)
     return wp.normalize(n)
 
 

@@ -46,10 +46,11 @@ def measure_chain(arrays: Arrays, b: int, result: wp.array(dtype=float)):
 @wp.func
 def _measure(arrays: Arrays, b: int, i: int, j: int, rest: float, held: float, result: wp.array(dtype=float)):
     """Strain, and the violation of C + gamma slip + compliance x multiplier = 0 with `held` as its last term [m]."""
-    e = (xyz(arrays.state.positions[j]) - xyz(arrays.state.positions[i])) + (arrays.state.low[j] - arrays.state.low[i])
+    high = arrays.state.positions[j] - arrays.state.positions[i]
+    e = xyz(high) + xyz(arrays.state.low[j] - arrays.state.low[i])
     length = wp.length(e)
     n = e / wp.max(length, 1.0e-12)
-    rate = wp.dot(n, arrays.state.velocities[j] - arrays.state.velocities[i])
+    rate = wp.dot(n, xyz(arrays.state.velocities[j] - arrays.state.velocities[i]))
     wp.atomic_max(result, STRAIN, wp.abs(length - rest) / wp.max(rest, 1.0e-12))
     wp.atomic_max(result, RESIDUAL, wp.abs(length - rest + arrays.materials[b].damping * rate + held))
 
@@ -62,7 +63,7 @@ def make_measure_contacts(shapes: tuple[str, ...]):
     @wp.kernel(enable_backward=False, module="unique")
     def measure_contacts(arrays: Arrays, b: int, result: wp.array(dtype=float)):
         g = arrays.model.bodies[b].particles + wp.tid()
-        if arrays.model.inverse_mass[g] == 0.0:
+        if arrays.state.positions[g][3] == 0.0:
             return
         for c in range(arrays.colliders.shape[0]):
             collider = arrays.colliders[c]
@@ -95,7 +96,7 @@ class Reporter:
             kernel = make_measure_contacts(batch.features.shapes)
             wp.launch(kernel, dim=span.stop - span.start, inputs=[batch.arrays, b, self._result], device=self._device)
         velocities = batch.arrays.state.velocities[span].numpy().astype(np.float64)
-        inverse = batch.arrays.model.inverse_mass[span].numpy().astype(np.float64)
+        inverse = batch.arrays.state.positions[span].numpy()[:, 3].astype(np.float64)
         moving = inverse > 0.0
         energy = 0.5 * float(((velocities[moving] ** 2).sum(1) / inverse[moving]).sum())
         result = self._result.numpy()

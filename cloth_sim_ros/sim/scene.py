@@ -27,7 +27,9 @@ def _checked(thing: Any, group: tuple[table.Parameter, ...], skip: tuple[str, ..
             name = f"{type(thing).__name__}.{item.name}"
             object.__setattr__(thing, item.name, table.check(rows[item.name], getattr(thing, item.name), name))
     if hasattr(thing, "orientation"):
-        object.__setattr__(thing, "orientation", unit_quaternion(thing.orientation, f"{type(thing).__name__}.orientation"))
+        object.__setattr__(
+            thing, "orientation", unit_quaternion(thing.orientation, f"{type(thing).__name__}.orientation")
+        )
 
 
 def unit_quaternion(value: Any, name: str) -> Quaternion:
@@ -49,7 +51,9 @@ def finite_array(value: Any, columns: int, name: str, dtype: type = np.float64) 
     except (TypeError, ValueError):
         array = np.zeros(0)
     if array.ndim != 2 or array.shape[1] != columns or len(array) == 0 or not np.isfinite(array).all():
-        raise ValueError(f"{name} has shape {np.shape(value)}; allowed are N rows of {columns} finite numbers, N at least 1")
+        raise ValueError(
+            f"{name} has shape {np.shape(value)}; allowed are N rows of {columns} finite numbers, N at least 1"
+        )
     return array
 
 
@@ -109,7 +113,9 @@ class Cloth:
         """
         for name in ("resolution", "size"):
             if name in material:
-                raise ValueError(f"Cloth.from_mesh has {name}; allowed are the material fields, the mesh gives the shape")
+                raise ValueError(
+                    f"Cloth.from_mesh has {name}; allowed are the material fields, the mesh gives the shape"
+                )
         if material.get("shear_compliance") is not None:
             raise ValueError("Cloth.from_mesh has shear_compliance; a mesh's edges carry shear, set stretch_compliance")
         points = finite_array(vertices, 3, "Cloth.from_mesh vertices")
@@ -153,7 +159,9 @@ class Rope:
             points = finite_array(self.points, 3, "Rope.points")
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if len(points) < 2 or lengths.min(initial=np.inf) < 1e-9:
-            raise ValueError("Rope has fewer than two points or a segment of no length; allowed are distinct neighbours")
+            raise ValueError(
+                "Rope has fewer than two points or a segment of no length; allowed are distinct neighbours"
+            )
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "segments", len(points) - 1)
         if self.particle_masses is not None:

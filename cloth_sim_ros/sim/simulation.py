@@ -148,7 +148,7 @@ class Simulation:
     def velocities(self, name: str) -> np.ndarray:
         """Velocities (N, 3) float32 [m/s]."""
         batch = self._of(name)
-        return batch.arrays.state.velocities[batch.span(name)].numpy().copy()
+        return np.ascontiguousarray(batch.arrays.state.velocities[batch.span(name)].numpy()[:, :3])
 
     def set_positions(self, name: str, positions: Any) -> None:
         """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew."""

@@ -26,7 +26,9 @@ class Material:
 @wp.func
 def compliance_of(material: Material, kind: int) -> float:
     """The compliance of a kind of topology.KINDS, by selection: an index would put the struct into local memory."""
-    return wp.where(kind == 0, material.compliance[0], wp.where(kind == 1, material.compliance[1], material.compliance[2]))
+    return wp.where(
+        kind == 0, material.compliance[0], wp.where(kind == 1, material.compliance[1], material.compliance[2])
+    )
 
 
 @wp.struct
@@ -83,10 +85,10 @@ class Segment:
 class State:
     """Arrays of one batch; N particles, S springs, E tuples, C segments, P panels, K colliders, B bodies."""
 
-    positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m]
-    low: wp.array(dtype=wp.vec3)  # (N,) what float32 lost of the positions [m]
+    positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m] and inverse mass [1/kg], 0 is pinned
+    low: wp.array(dtype=wp.vec4)  # (N,) what float32 lost of the positions [m]
     displacements: wp.array(dtype=wp.vec4)  # (N,) of the substep, and the effective inverse mass [1/kg]
-    velocities: wp.array(dtype=wp.vec3)  # (N,) [m/s]
+    velocities: wp.array(dtype=wp.vec4)  # (N,) [m/s]
     last_velocities: wp.array(dtype=wp.vec3)  # (N,) one substep ago, order 2 alone
     last_displacements: wp.array(dtype=wp.vec3)  # (N,) of the last substep [m], order 2 alone
     spring_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m]
@@ -115,13 +117,13 @@ class Arrays:
 def make_state(arrays: ModelArrays, features: Features, colliders: int, device: wp.Device) -> State:
     """Zeroed state for the bodies in `arrays`; arrays that `features` do not need have no element."""
     state = State()
-    particles, bodies = arrays.size["inverse_mass"], len(arrays.bodies)
+    particles, bodies = arrays.particles, len(arrays.bodies)
     second = particles if features.order == 2 else 0
     sizes = {
         "positions": (particles, wp.vec4),
-        "low": (particles, wp.vec3),
+        "low": (particles, wp.vec4),
         "displacements": (particles, wp.vec4),
-        "velocities": (particles, wp.vec3),
+        "velocities": (particles, wp.vec4),
         "last_velocities": (second, wp.vec3),
         "last_displacements": (second, wp.vec3),
         "spring_multipliers": (arrays.size["springs"], float),

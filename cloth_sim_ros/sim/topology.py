@@ -109,7 +109,9 @@ def _grid(cloth: Cloth, name: str) -> Topology:
     nx, ny = cloth.resolution
     width, height = cloth.size
     ix, iy = (a.ravel() for a in np.meshgrid(np.arange(nx), np.arange(ny)))
-    local = np.stack([ix * width / (nx - 1) - width / 2, iy * height / (ny - 1) - height / 2, np.zeros(nx * ny)], axis=1)
+    local = np.stack(
+        [ix * width / (nx - 1) - width / 2, iy * height / (ny - 1) - height / 2, np.zeros(nx * ny)], axis=1
+    )
     border_x = np.where((ix == 0) | (ix == nx - 1), 0.5, 1.0)
     border_y = np.where((iy == 0) | (iy == ny - 1), 0.5, 1.0)
     masses = cloth.mass * border_x * border_y / ((nx - 1) * (ny - 1))
@@ -211,7 +213,9 @@ def _edges(triangles: np.ndarray, areas: np.ndarray, name: str) -> tuple[np.ndar
     inverse = inverse.ravel()
     if count.max() > 2:
         a, b = edges[count.argmax()]
-        raise ValueError(f"{name} has {count.max()} triangles at edge {a}-{b}; allowed are meshes with at most 2 an edge")
+        raise ValueError(
+            f"{name} has {count.max()} triangles at edge {a}-{b}; allowed are meshes with at most 2 an edge"
+        )
     order = np.argsort(inverse, kind="stable")
     start = np.concatenate([[0], np.cumsum(count)[:-1]])
     opposite = np.full((len(edges), 2), -1)

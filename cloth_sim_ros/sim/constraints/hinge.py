@@ -56,7 +56,7 @@ def project_hinge(
     multiplier = float(0.0)
     if not step.first:
         multiplier = s.tuple_multipliers[k][0]
-    gamma = material.damping / step.effective
+    gamma = material.damping * step.inverse
     quotient = multiplier_change(wrap_angle(g.angle - rest[0]), slip, sum, alpha * rest[1], gamma, multiplier)
     change = quotient[0] / quotient[1]
     if sum <= 0.0:

@@ -48,7 +48,7 @@ def make_project(order: int):
         multiplier = float(0.0)
         if not step.first:
             multiplier = s.spring_multipliers[k]
-        gamma = material.damping / step.effective
+        gamma = material.damping * step.inverse
         change = multiplier_change(length - spring[2], slip, wi + wj, alpha * spring[3], gamma, multiplier)
         pull = quotient(change[0], change[1] * length)  # one division for the change and the direction together
         if step.store:

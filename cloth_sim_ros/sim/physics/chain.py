@@ -46,9 +46,7 @@ def _unit_inverse(a: float, b: float, c: float, scale: wp.vec3) -> wp.mat33:
 @wp.func
 def series_admittance(y: wp.mat33, alpha: float, g: float) -> wp.mat33:
     """Z^-1 = (diag(alpha, 1/g, 1/g) + Y)^-1 [kg] in the edge's frame, finite for g = 0; alpha + Y00 must be above 0."""
-    s = wp.vec3(
-        1.0 / wp.sqrt(alpha + y[0, 0]), wp.sqrt(g / (1.0 + g * y[1, 1])), wp.sqrt(g / (1.0 + g * y[2, 2]))
-    )
+    s = wp.vec3(1.0 / wp.sqrt(alpha + y[0, 0]), wp.sqrt(g / (1.0 + g * y[1, 1])), wp.sqrt(g / (1.0 + g * y[2, 2])))
     return _unit_inverse(s[0] * s[1] * y[0, 1], s[0] * s[2] * y[0, 2], s[1] * s[2] * y[1, 2], s)
 
 

@@ -17,12 +17,12 @@ def effective_step(h: float, second: bool) -> float:
 
 
 @wp.func
-def predict_displacement(base: wp.vec3, v: wp.vec3, a: wp.vec3, rate: float, h: float) -> wp.vec3:
-    """d~ [m] under acceleration a [m/s^2] with linear drag of `rate` [1/s], whose value at v is already part of a.
+def predict_displacement(base: wp.vec3, v: wp.vec3, a: wp.vec3, h: float, eased: float) -> wp.vec3:
+    """d~ [m] under acceleration a [m/s^2], of which linear drag of `rate` [1/s] at v is part; eased = 1/(1 + h rate).
 
     Linearly implicit in the drag (Rosenbrock-Euler), so that it never reverses the relative velocity.
     """
-    return base + h * v + (h * h / (1.0 + h * rate)) * a
+    return base + h * (v + (h * eased) * a)
 
 
 @wp.func
@@ -34,10 +34,11 @@ def split_sum(x: wp.vec3, d: wp.vec3) -> wp.vec3:
 
 @wp.struct
 class Step:
-    """One substep and iteration: h and h_e [s], 1/h_e^2, and what the projections need to know of the loop around them."""
+    """One substep and iteration: h and h_e [s], 1/h_e, 1/h_e^2, and what the projections need to know of the loop around them."""
 
     h: float
     effective: float
+    inverse: float
     inverse_square: float
     second: bool  # order 2 with its history
     first: bool  # first iteration: multipliers start from zero
@@ -50,6 +51,7 @@ def make_step(h: float, second: bool) -> Step:
     step = Step()
     step.h = h
     step.effective = effective_step(h, second)
-    step.inverse_square = 1.0 / (step.effective * step.effective)
+    step.inverse = 1.0 / step.effective
+    step.inverse_square = step.inverse * step.inverse
     step.second = second
     return step

@@ -98,8 +98,10 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         b: int,
     ):
         body = arrays.model.bodies[b]
+        x = array_address(arrays.state.positions, body.particles)
         d = array_address(arrays.state.displacements, body.particles)
-        predict_particle(wp.tid(), arrays.model, arrays.state, body, arrays.frames[0], make_step(arrays.frames[0].dt, second(arrays.state, b)), d)
+        step = make_step(arrays.frames[0].dt, second(arrays.state, b))
+        predict_particle(wp.tid(), arrays.model, arrays.state, body, arrays.frames[0], step, x, d)
 
     @stage
     def finish(
@@ -147,7 +149,9 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         ):
             body = arrays.model.bodies[b]
             x = array_address(arrays.state.positions, body.particles)
-            panel_force(body.panels + wp.tid(), arrays.model, arrays.state, body, arrays.materials[b], arrays.frames[0], x)
+            panel_force(
+                body.panels + wp.tid(), arrays.model, arrays.state, body, arrays.materials[b], arrays.frames[0], x
+            )
 
     if "spring" in features.constraints:
 

@@ -38,13 +38,15 @@ def make_solve_chain(order: int):
     """A Warp function that solves the chain of a body once; to be called by one thread."""
 
     @wp.func
-    def eliminate(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64) -> wp.vec3:
+    def eliminate(
+        m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64
+    ) -> wp.vec3:
         """Forward pass; returns the displacement of the last particle."""
         p = load4(d, 0)
         y = wp.identity(n=3, dtype=float) * p[3]
         frame = wp.identity(n=3, dtype=float)
         q = _missing(0, s, body, step, d)
-        gamma = material.damping / step.effective
+        gamma = material.damping * step.inverse
         square = step.effective * step.effective
         xi = load4(x, 0)
         for k in range(body.segments_end - body.segments):

@@ -32,8 +32,8 @@ class Resident:
 
     def __init__(self, features: Features, arrays: Arrays, device: wp.Device, largest: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
-        block = 1 if device.is_cpu else min(1024, max(32, -(-largest // 4) // 32 * 32))
-        kernel = make_frame(features, shared)
+        block = 1 if device.is_cpu else min(1024, -(-largest // 64) * 32)  # one spring of a colour for each thread
+        kernel = make_frame(features, shared, block)
         self._launch = wp.launch(
             kernel,
             dim=(arrays.model.bodies.shape[0], block),
@@ -49,8 +49,11 @@ class Resident:
 
 
 @lru_cache
-def make_frame(features: Features, shared: int):
-    """The kernel of a whole frame for `features`; `shared` particles in shared memory, 0 for plain arrays."""
+def make_frame(features: Features, shared: int, block: int):
+    """The kernel of a whole frame for `features`; `shared` particles in shared memory, 0 for plain arrays.
+
+    The compiler knows that a block has `block` threads, so that their registers fit the multiprocessor.
+    """
     predict, finish = make_predict(features), make_finish(features)
     panel = make_panel(features) if features.panels else None
     contact = make_contact(features) if features.shapes else None
@@ -59,7 +62,7 @@ def make_frame(features: Features, shared: int):
     solve_chain = make_solve_chain(features.order) if features.chain else None
     tile_address = native.make_tile_address(shared) if shared else None
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module="unique", launch_bounds=block)
     def simulate_frame(arrays: Arrays):
         b, t = wp.tid()
         m = arrays.model
@@ -87,7 +90,7 @@ def make_frame(features: Features, shared: int):
                 panel(k, m, s, body, material, frame, x)
             sync()
         for i in range(t, body.count, width):
-            predict(i, m, s, body, frame, step, d)
+            predict(i, m, s, body, frame, step, x, d)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 for c in range(t, arrays.colliders.shape[0], width):
@@ -132,7 +135,7 @@ def make_frame(features: Features, shared: int):
                 if wp.static(features.panels == ""):
                     finish(i, s, body, done, x, d)
                 if substep + 1 < frame.substeps:
-                    predict(i, m, s, body, frame, step, d)
+                    predict(i, m, s, body, frame, step, x, d)
         if wp.static(features.order == 2):
             if t == 0:
                 s.history[b] = history

@@ -11,7 +11,7 @@ from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step, predict_displacement, split_sum
-from cloth_sim_ros.sim.schedules.native import load4, store4
+from cloth_sim_ros.sim.schedules.native import array_address, load4, quotient, store4
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
 
 
@@ -51,17 +51,15 @@ def make_panel(features: Features):
         p = m.panels[k]
         a = xyz(load4(x, p[0]))
         b = xyz(load4(x, p[1]))
-        va = s.velocities[body.particles + p[0]]
-        vb = s.velocities[body.particles + p[1]]
+        va = xyz(s.velocities[body.particles + p[0]])
+        vb = xyz(s.velocities[body.particles + p[1]])
         if wp.static(features.panels == "triangles"):
-            relative = frame.wind - (va + vb + s.velocities[body.particles + p[2]]) / 3.0
+            relative = frame.wind - (va + vb + xyz(s.velocities[body.particles + p[2]])) / 3.0
             c = xyz(load4(x, p[2]))
             s.panel_forces[k] = triangle_force(a, b, c, relative, frame.air_density, frame.drag, frame.lift) / 3.0
         else:
             relative = frame.wind - (va + vb) / 2.0
-            s.panel_forces[k] = (
-                segment_force(a, b, material.thickness, relative, frame.air_density, frame.drag) / 2.0
-            )
+            s.panel_forces[k] = segment_force(a, b, material.thickness, relative, frame.air_density, frame.drag) / 2.0
 
     return panel_force
 
@@ -70,14 +68,14 @@ def make_predict(features: Features):
     """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
 
     @wp.func
-    def predict(i: int, m: Model, s: State, body: Body, frame: Frame, step: Step, d: wp.uint64):
+    def predict(i: int, m: Model, s: State, body: Body, frame: Frame, step: Step, x: wp.uint64, d: wp.uint64):
         g = body.particles + i
-        w = m.inverse_mass[g]
-        low = s.low[g]
+        w = load4(x, i)[3]
+        low = xyz(load4(array_address(s.low, 0), g))
         if w == 0.0:
             store4(d, i, pack(low, 0.0))
             return
-        v = s.velocities[g]
+        v = xyz(load4(array_address(s.velocities, 0), g))
         base = wp.vec3(0.0)
         if wp.static(features.order == 2):
             if step.second:
@@ -90,9 +88,10 @@ def make_predict(features: Features):
                 force = s.panel_forces[m.particle_panels[k]]
                 a += w * xyz(force)
                 rate += w * force[3]
-        displacement = predict_displacement(base, v, a, rate, step.effective)
+        eased = quotient(1.0, 1.0 + step.effective * rate)
+        displacement = predict_displacement(base, v, a, step.effective, eased)
         # The implicit drag weighs like added mass; with it the static balance of drag, weight and springs is exact.
-        store4(d, i, pack(displacement + low, w / (1.0 + step.effective * rate)))
+        store4(d, i, pack(displacement + low, w * eased))
 
     return predict
 
@@ -137,7 +136,7 @@ def make_contact(features: Features):
             return
         position = xyz(load4(x, i))
         displacement = xyz(packed)
-        low = s.low[body.particles + i]
+        low = xyz(s.low[body.particles + i])
         touched = bool(False)
         for c in range(colliders.shape[0]):
             collider = colliders[c]
@@ -184,22 +183,22 @@ def make_finish(features: Features):
         g = body.particles + i
         packed = load4(d, i)
         if packed[3] == 0.0:
-            s.velocities[g] = wp.vec3(0.0)
+            s.velocities[g] = wp.vec4(0.0)
             return
         total = xyz(packed)
-        displacement = total - s.low[g]
+        displacement = total - xyz(load4(array_address(s.low, 0), g))
+        velocity = step.inverse * displacement
         if wp.static(features.order == 2):
             base = wp.vec3(0.0)
             if step.second:
                 base = s.last_displacements[g] / 3.0
-            s.last_velocities[g] = s.velocities[g]
+            velocity -= step.inverse * base
+            s.last_velocities[g] = xyz(s.velocities[g])
             s.last_displacements[g] = displacement
-            s.velocities[g] = (displacement - base) / step.effective
-        else:
-            s.velocities[g] = displacement / step.effective
+        store4(array_address(s.velocities, 0), g, pack(velocity, 0.0))
         old = load4(x, i)
         position = xyz(old)
-        s.low[g] = split_sum(position, total)
+        store4(array_address(s.low, 0), g, pack(split_sum(position, total), 0.0))
         store4(x, i, pack(position + total, old[3]))
 
     return finish
