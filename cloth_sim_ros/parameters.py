@@ -170,9 +170,9 @@ COLLIDER = (
 GRAVITY = _vector("gravity", (0, 0, -9.81), "Acceleration of gravity.", "m/s^2", -1e4, 1e4, live=True)
 
 NODE = (
-    Parameter("objects", "string_array", (), "Names of the objects; <object>. prefixes each one's values.", fixed=True),
+    Parameter("objects", "string_array", (), "Names of the objects; each prefixes its own parameters.", fixed=True),
     Parameter(
-        "colliders", "string_array", (), "Names of the colliders; <collider>. prefixes each one's values.", fixed=True
+        "colliders", "string_array", (), "Names of the colliders; each prefixes its own parameters.", fixed=True
     ),
     Parameter("device", "string", "auto", "Where to compute: auto, cpu, cuda:0, ..."),
     Parameter("frame_id", "string", "world", "Frame of everything sent and received.", fixed=True),
@@ -190,15 +190,16 @@ NODE = (
 )
 
 PUBLISH = (
-    Parameter("normals", "bool", False, "Whether particles carry normal_x normal_y normal_z."),
-    Parameter("velocities", "bool", False, "Whether particles carry vx vy vz [m/s]."),
-    Parameter("mesh", "bool", True, "Whether there is a mesh marker to draw."),
+    Parameter("normals", "bool", False, "Whether particles carry normal_x normal_y normal_z.", live=True),
+    Parameter("velocities", "bool", False, "Whether particles carry vx vy vz [m/s].", live=True),
+    Parameter("mesh", "bool", True, "Whether there is a mesh marker to draw.", live=True),
 )
 
-OBJECT = (
-    Parameter("type", "string", "cloth", "What the object is.", choices=("cloth", "rope"), fixed=True),
-    Parameter("mesh", "string", "", "File of a triangle mesh in place of the grid (cloth only, read by trimesh)."),
-    Parameter("shear", "bool", True, "Whether a square grid has diagonal springs (cloth only)."),
+OBJECT = (Parameter("type", "string", "cloth", "What the object is.", choices=("cloth", "rope"), fixed=True),)
+
+SHEET = (
+    Parameter("mesh", "string", "", "File of a triangle mesh in place of the grid, read by trimesh."),
+    Parameter("shear", "bool", True, "Whether a square grid has diagonal springs; a mesh has none."),
 )
 
 

@@ -66,12 +66,12 @@ def watch(stop: threading.Event, node: subprocess.Popen, seconds: float) -> None
     audience = Audience()
     executor = SingleThreadedExecutor()
     executor.add_node(audience)
-    end = math.inf
+    end, greeted = math.inf, False
     while not stop.is_set() and node.poll() is None and time.monotonic() < end:
         executor.spin_once(timeout_sec=0.1)
-        if end == math.inf and audience.seen:
+        if audience.seen and not greeted:
             print(LOOK_CLOSER, flush=True)
-            end = time.monotonic() + seconds
+            end, greeted = time.monotonic() + seconds, True
     executor.shutdown()
     audience.destroy_node()
     rclpy.try_shutdown()

@@ -57,15 +57,15 @@ def particle_cloud(frame_id: str, count: int, fields: list[str]) -> PatchedBytes
     message.data = array.array("B", bytes(message.row_step))
     message.data[:4] = array.array("B", b"\xa5\x5a\xc3\x3c")
     serialised = serialize_message(message)
-    return PatchedBytes(serialised, serialised.index(b"\xa5\x5a\xc3\x3c"), (count, len(fields)), "<f4")
+    return PatchedBytes(serialised, serialised.rindex(b"\xa5\x5a\xc3\x3c"), (count, len(fields)), "<f4")
 
 
 def mesh_marker(frame_id: str, name: str, rope_width: float | None, count: int) -> PatchedBytes:
     """A Marker named `name` of `count` points, payload (count, 3) float64 [m].
 
     Without a `rope_width` the points are the corners of triangles, else they are a strip of that width [m].
-    The message is serialised with one point and with two: where they first differ is the number of points. A point is
-    24 bytes, a multiple of the strictest alignment, so what follows the points does not shift within its alignment.
+    A message of one point is grown: a point is 24 bytes, a multiple of the strictest alignment, so what follows the
+    points does not shift within its alignment.
     """
     marker = Marker(header=Header(frame_id=frame_id), ns=name, id=0, action=Marker.ADD, lifetime=Duration())
     if rope_width is None:
@@ -75,13 +75,18 @@ def mesh_marker(frame_id: str, name: str, rope_width: float | None, count: int) 
         marker.type, marker.scale = Marker.LINE_STRIP, Vector3(x=rope_width)
         marker.color = ColorRGBA(r=0.85, g=0.6, b=0.25, a=1.0)
     marker.pose.orientation.w = 1.0
-    sentinel = Point(x=_SENTINEL, y=_SENTINEL, z=_SENTINEL)
-    marker.points = [sentinel]
-    one = serialize_message(marker)
-    marker.points = [sentinel, sentinel]
-    two = serialize_message(marker)
-    count_at = next(k for k, (a, b) in enumerate(zip(one, two, strict=False)) if a != b)
+    serialised = []
+    for points in range(1, 4):
+        marker.points = [Point(x=_SENTINEL, y=_SENTINEL, z=_SENTINEL)] * points
+        serialised.append(serialize_message(marker))
+    one = serialised[0]
     points_at = one.index(struct.pack("<d", _SENTINEL))
+    # The number of points comes right before them, or before 4 bytes of padding, whose content is arbitrary.
+    count_at = next(
+        at
+        for at in (points_at - 4, points_at - 8)
+        if all(struct.unpack_from("<I", each, at)[0] == k for k, each in enumerate(serialised, 1))
+    )
     grown = bytearray(one[:points_at]) + bytes(24 * count) + one[points_at + 24 :]
     struct.pack_into("<I", grown, count_at, count)
     return PatchedBytes(grown, points_at, (count, 3), "<f8")

@@ -33,7 +33,8 @@ class ClothSimNode(Node):
     """Callbacks run in the executor's thread and only check and hand over; the loop's thread simulates and sends."""
 
     def __init__(self, **node_arguments: Any):
-        super().__init__("cloth_sim", **node_arguments)
+        # Undeclared parameters pass rclpy, which would not name them, and are refused by the bridge.
+        super().__init__("cloth_sim", allow_undeclared_parameters=True, **node_arguments)
         log = self.get_logger()
         self._bridge = ParameterBridge(self, self._parameter_changed)
         values = self._bridge.values

@@ -90,9 +90,11 @@ class ParameterBridge:
     def _warn_unknown(self) -> None:
         for name in self._given:
             if name not in self.rows and not name.startswith(_RCLPY_OWN):
-                close = difflib.get_close_matches(name, self.rows, n=1)
-                hint = f"; did you mean {close[0]}?" if close else ""
-                self._log.warning(f"there is no parameter {name}, so its value is ignored{hint}")
+                self._log.warning(f"{self._unknown(name)} Its value is ignored.")
+
+    def _unknown(self, name: str) -> str:
+        close = difflib.get_close_matches(name, self.rows, n=1)
+        return f"there is no parameter {name}" + (f"; did you mean {close[0]}?" if close else ".")
 
     # -- changes -------------------------------------------------------------------------------------------------
     # An exception in one of these callbacks would end the node's spinning and leave the client without an answer.
@@ -114,6 +116,10 @@ class ParameterBridge:
         try:
             self._proposed(parameters)
         except Exception as error:
+            for parameter in parameters:
+                if parameter.name in self.rows:  # rclpy has already noted the refused value's type as the parameter's
+                    held = self._node.get_parameter(parameter.name)
+                    self._node.describe_parameter(parameter.name).type = held.type_.value
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
@@ -126,7 +132,7 @@ class ParameterBridge:
                     raise ValueError(f"{parameter.name} cannot be deleted")
                 changed[parameter.name] = coerced(self.rows[parameter.name], parameter.value, parameter.name)
             elif not parameter.name.startswith(_RCLPY_OWN):
-                raise ValueError(f"there is no parameter {parameter.name}")
+                raise ValueError(self._unknown(parameter.name))
         values = {**self.values, **changed}
         problems = make_plan(values).problems
         for owner in {name.partition(".")[0] for name in changed} & set(problems):

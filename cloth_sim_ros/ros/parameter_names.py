@@ -19,7 +19,7 @@ COLLIDER = tuple(replace(row, live=True) if row.name in ("position", "orientatio
 
 def object_rows(kind: str) -> tuple[Parameter, ...]:
     """The rows under the prefix of an object of `kind` "cloth" or "rope"."""
-    return (*table.OBJECT, *(table.CLOTH if kind == "cloth" else table.ROPE))
+    return (*table.OBJECT, *(table.ROPE if kind == "rope" else (*table.SHEET, *table.CLOTH)))
 
 
 def prefixed(prefix: str, rows: Iterable[Parameter]) -> dict[str, Parameter]:

@@ -59,14 +59,12 @@ def group(values: Values, prefix: str) -> dict[str, Any]:
 def make_object(values: Values, name: str) -> Cloth | Rope:
     """The cloth or rope called `name`. Raises ValueError with what is wrong."""
     own = group(values, name)
-    is_rope, path, shear = own.pop("type") == "rope", own.pop("mesh"), own.pop("shear")
     if own["bending"] == "none":
         own["bend_compliance"] = None
-    if is_rope:
-        if path:
-            raise ValueError(f"{name}.mesh is '{path}', but {name} is a rope; only a cloth is made from a mesh")
+    if own.pop("type") == "rope":
         del own["bending"]
         return Rope(**own)
+    path, shear = own.pop("mesh"), own.pop("shear")
     if not shear:
         own["shear_compliance"] = None
     if not path:

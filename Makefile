@@ -1,0 +1,50 @@
+# make demo   the node on config/curtain.yaml, a ball, a breeze and a status line; ARGS="--seconds 10" ends it by itself
+# make test   ruff and all tests
+# Both set up .venv first; the second time that takes no time. PYTHON=/path/to/python3 chooses an interpreter.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+VENV := .venv
+RUN := $(VENV)/bin/python
+SOURCES := setup.py setup.cfg pyproject.toml Makefile
+
+.PHONY: demo test format docs clean
+
+demo: $(VENV)/ready-to-run
+	@exec $(RUN) -m cloth_sim_ros.demo $(ARGS)
+
+test: $(VENV)/ready-to-test
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+	$(RUN) -m pytest
+
+format: $(VENV)/ready-to-test
+	$(RUN) -m ruff check --fix .
+	$(RUN) -m ruff format .
+
+docs: $(VENV)/ready-to-run
+	$(RUN) -m cloth_sim_ros.ros.reference > docs/parameters.md
+
+clean:
+	rm -rf $(VENV) build install log *.egg-info
+
+# Where rclpy is installed already, as by apt, it is used; elsewhere it comes as wheels from the Python registry.
+$(VENV)/ready-to-run: $(SOURCES)
+	@python=""; \
+	for candidate in $(PYTHON) python3 python3.12 python3.11 python3.13 python3.10; do \
+	  if "$$candidate" -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null; \
+	  then python="$$candidate"; break; fi; \
+	done; \
+	if [ -z "$$python" ]; then echo "No python3 of version 3.10 to 3.13 was found; name one: make PYTHON=..." >&2; exit 1; fi; \
+	if "$$python" -c 'import rclpy' 2>/dev/null; then options=--system-site-packages; what=.; ros="the installed ROS 2"; \
+	else options=; what='.[ros]'; ros="ROS 2 from wheels"; fi; \
+	echo "== Setting up $(VENV) with $$("$$python" --version) and $$ros; this is done once"; \
+	"$$python" -m venv --clear $$options $(VENV) || \
+	  { echo "Python cannot make environments; on Debian and Ubuntu: sudo apt install python3-venv" >&2; exit 1; }; \
+	$(RUN) -m pip install --disable-pip-version-check --editable "$$what"; \
+	touch $@; \
+	echo "== $(VENV) is ready to run"
+
+$(VENV)/ready-to-test: $(VENV)/ready-to-run
+	@echo "== Adding what the tests need"
+	@$(RUN) -m pip install --disable-pip-version-check --editable '.[test]'
+	@touch $@

@@ -1,0 +1,58 @@
+"""Prints docs/parameters.md from the table: `make docs`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.parameters import Parameter
+from cloth_sim_ros.ros import parameter_names as names
+
+HEAD = """# Parameters
+
+Printed from `cloth_sim_ros/parameters.py` by `make docs`; do not edit.
+
+`<cloth>`, `<rope>` and `<collider>` stand for the names listed in `objects` and `colliders`. **live**: takes effect at
+the next frame; **rebuild**: the simulation is built anew at the next frame, objects whose own parameters did not change
+go on from where they are; **start**: fixed while the node runs. Whole numbers and text such as `1e-6` are accepted for
+decimals.
+"""
+
+
+def reference() -> str:
+    """The whole document."""
+    sections = [
+        ("Node", "", table.NODE),
+        ("Solver", "solver.", table.SOLVER),
+        ("Wind", "wind.", table.WIND),
+        ("What is sent", "publish.", table.PUBLISH),
+        ("Objects of type cloth", "<cloth>.", names.object_rows("cloth")),
+        ("Objects of type rope", "<rope>.", names.object_rows("rope")),
+        ("Colliders", "<collider>.", names.COLLIDER),
+    ]
+    return HEAD + "".join(_section(*section) for section in sections)
+
+
+def _section(title: str, prefix: str, rows: Iterable[Parameter]) -> str:
+    lines = [f"\n## {title}\n", "| parameter | default | allowed | change | meaning |", "|---|---|---|---|---|"]
+    lines += [_line(prefix, row) for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _line(prefix: str, row: Parameter) -> str:
+    change = "start" if row.fixed else "live" if row.live else "rebuild"
+    return f"| `{prefix}{row.name}` | {_shown(row.default)} | {table.allowed(row)} | {change} | {row.text} |"
+
+
+def _shown(default: object) -> str:
+    if isinstance(default, tuple):
+        return "[" + ", ".join(_shown(item) for item in default) + "]"
+    if isinstance(default, bool):
+        return str(default).lower()
+    if isinstance(default, float):
+        return f"{default:g}"
+    return str(default) or "(empty)"
+
+
+if __name__ == "__main__":
+    print(reference(), end="")
