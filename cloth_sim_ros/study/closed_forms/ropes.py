@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import eigvalsh_tridiagonal
+from scipy.linalg import eigh_tridiagonal
 from scipy.optimize import brentq, root
 from scipy.special import jn_zeros, roots_laguerre
 
@@ -92,17 +92,18 @@ def equal_beads_frequencies(link, gravity, beads):
     return np.sqrt(gravity / link * roots_laguerre(beads)[0])
 
 
-def hanging_beads_frequencies(masses, link, gravity):
-    """All angular frequencies [rad/s] of a hung chain of any `masses` (N,) [kg] below its fixed point, links `link`
-    [m].
+def hanging_beads_modes(masses, link, gravity):
+    """Angular frequencies (N,) [rad/s], rising, and shapes (N, N), one a column, of a chain hung from a fixed point.
 
-    Small transverse motion: m_i q_i'' = T_i+1 (q_i+1 - q_i) / l - T_i (q_i - q_i-1) / l with the static tensions T.
+    Any `masses` (N,) [kg] from the top, links `link` [m]. Small transverse motion under the static tensions T:
+    m_i q_i'' = T_i+1 (q_i+1 - q_i) / l - T_i (q_i - q_i-1) / l.
     """
     masses = np.asarray(masses, dtype=np.float64)
     tension = gravity * np.cumsum(masses[::-1])[::-1]
     diagonal = (tension + np.append(tension[1:], 0.0)) / (link * masses)
     beside = -tension[1:] / (link * np.sqrt(masses[:-1] * masses[1:]))
-    return np.sqrt(eigvalsh_tridiagonal(diagonal, beside))
+    squares, vectors = eigh_tridiagonal(diagonal, beside)
+    return np.sqrt(squares), vectors / np.sqrt(masses)[:, None]
 
 
 def string_frequency(length, tension, line_density):
