@@ -23,7 +23,7 @@ def _checked(thing: Any, group: tuple[table.Parameter, ...], skip: tuple[str, ..
     """Replace every field of `thing` that has a row in `group` by its checked value."""
     rows = {parameter.name: parameter for parameter in group}
     for item in dataclasses.fields(thing):
-        if item.name in rows and item.name not in skip:
+        if item.name in rows and item.name not in (*skip, "orientation"):
             name = f"{type(thing).__name__}.{item.name}"
             object.__setattr__(thing, item.name, table.check(rows[item.name], getattr(thing, item.name), name))
     if hasattr(thing, "orientation"):
@@ -117,7 +117,9 @@ class Cloth:
                     f"Cloth.from_mesh has {name}; allowed are the material fields, the mesh gives the shape"
                 )
         if material.get("shear_compliance") is not None:
-            raise ValueError("Cloth.from_mesh has shear_compliance; a mesh's edges carry shear, set stretch_compliance")
+            raise ValueError(
+                "Cloth.from_mesh has shear_compliance; a mesh's edges carry shear, allowed is stretch_compliance"
+            )
         points = finite_array(vertices, 3, "Cloth.from_mesh vertices")
         faces = finite_array(triangles, 3, "Cloth.from_mesh triangles").astype(np.int32)
         if faces.min() < 0 or faces.max() >= len(points):
@@ -319,6 +321,6 @@ def _named(things: Mapping, kinds: tuple, where: str, allowed: str) -> None:
         if not isinstance(name, str) or not name or "." in name:
             raise ValueError(f"Scene.{where} has the name {name!r}; allowed is a word without dots")
         if name in ("solver", "wind", "gravity"):
-            raise ValueError(f"Scene.{where} has the name {name!r}; it is taken by the settings of that name")
+            raise ValueError(f"Scene.{where} has the name {name!r}; allowed is a name that no group of parameters has")
         if not isinstance(thing, kinds):
             raise ValueError(f"Scene.{where}[{name!r}] is {thing!r}; allowed is {allowed}")

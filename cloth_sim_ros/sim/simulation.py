@@ -104,6 +104,7 @@ class Simulation:
     def step(self, frames: int = 1) -> None:
         """Simulate `frames` frames of settings.frame_dt each."""
         for _ in range(frames):
+            self._move_colliders()
             self._upload()
             for batch in self._batches:
                 batch.schedule.advance(self.settings.substeps, self.settings.iterations)
@@ -119,7 +120,7 @@ class Simulation:
         self._place_colliders()
         self._frames = 0
 
-    def _upload(self) -> None:
+    def _move_colliders(self) -> None:
         for row in self._moving - self._wanted.keys():
             self._rest_collider(row)
         self._moving = set(self._wanted)
@@ -129,6 +130,8 @@ class Simulation:
                 orientation = tuple(-q for q in orientation)
             self._colliders.write(row, end_position=position, end_orientation=orientation)
         self._wanted.clear()
+
+    def _upload(self) -> None:
         self._frame.upload()
         self._colliders.upload()
         for batch in self._batches:
@@ -180,15 +183,9 @@ class Simulation:
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep; max_penetration is how much deeper than the thickness a particle lies.
         """
-        self._upload_quietly()
+        self._upload()
         dt = self.settings.frame_dt / self.settings.substeps
         return {name: self._reporter.measure(batch, name, dt) for name, batch in self._batch.items()}
-
-    def _upload_quietly(self) -> None:
-        """Live numbers that the report reads, without starting the pending collider motion."""
-        self._frame.upload()
-        for batch in self._batches:
-            batch.materials.upload()
 
     # -- live numbers --------------------------------------------------------------------------------------------
 

@@ -40,10 +40,12 @@ def make_project(order: int):
         length = root(wp.max(square, SHORTEST * SHORTEST))
         slip = float(0.0)
         if material.damping > 0.0:
-            slip = elongation(e, wp.vec3(de4[0], de4[1], de4[2]))
+            # A dashpot must not see what displacements carry of the positions' rounding: at small steps that is a speed.
+            g = body.particles
+            moved = de4 - (s.low[g + j] - s.low[g + i])
+            slip = elongation(e, wp.vec3(moved[0], moved[1], moved[2]))
             if wp.static(order == 2):
                 if step.second:
-                    g = body.particles
                     slip -= wp.dot(e, s.last_displacements[g + j] - s.last_displacements[g + i]) / (3.0 * length)
         multiplier = float(0.0)
         if not step.first:

@@ -56,10 +56,10 @@ def make_solve_chain(order: int):
             e = opened((_xyz(xj) - _xyz(xi)) + de)
             length = wp.length(e)
             n = e / length
-            slip = elongation(e, de)
+            g0 = body.particles + k
+            slip = elongation(e, de - _xyz(s.low[g0 + 1] - s.low[g0]))
             if wp.static(order == 2):
                 if step.second:
-                    g0 = body.particles + k
                     slip -= wp.dot(n, s.last_displacements[g0 + 1] - s.last_displacements[g0]) / 3.0
             index = body.segments + k
             rest = m.segment_length[index]

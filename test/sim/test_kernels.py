@@ -1,0 +1,150 @@
+"""The kernels themselves: schedules agree to the bit, an absent feature leaves no trace, everything compiles for CUDA."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind, topology
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.schedules import resident
+
+
+def busy_scene(**cloth):
+    """Everything at once: a cloth and ropes in wind among all shapes, one of them moving."""
+    return Scene(
+        objects={
+            "cloth": Cloth(resolution=(12, 9), pins="top", bend_compliance=0.1, damping=1e-3, **cloth),
+            "rope": Rope(segments=20, start=(0, 0, 1.0), bend_compliance=1e2),
+            "line": Rope(segments=12, start=(0, 1, 1)),
+        },
+        colliders={
+            "ball": Sphere(radius=0.2, position=(0, 0, -0.3)),
+            "floor": Plane(position=(0, 0, -1)),
+            "box": Box(position=(0.3, 0.3, -0.3)),
+            "pill": Capsule(position=(0.6, -0.3, -0.4)),
+        },
+        wind=Wind((1, 0.5, 0)),
+    )
+
+
+def states(device, frames=8, cloth=None, **settings):
+    sim = Simulation(busy_scene(**(cloth or {})), Settings(**settings), device=device)
+    for frame in range(frames):
+        sim.set_collider_pose("ball", (0, 0.02 * frame, -0.2), (0, 0, 0.05 * frame, 1))
+        sim.step()
+    return {name: (sim.positions(name), sim.velocities(name)) for name in sim.scene.objects}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("iterations", [1, 3])
+def test_both_schedules_give_the_same_state(device, order, iterations):
+    kinds = {"resident": None, "coloured": None}
+    for schedule in kinds:
+        kinds[schedule] = states(device, order=order, iterations=iterations, substeps=7, schedule=schedule)
+    for name, (x, v) in kinds["resident"].items():
+        assert np.abs(x - kinds["coloured"][name][0]).max() < 2e-6
+        assert np.abs(v - kinds["coloured"][name][1]).max() < 2e-3
+
+
+def test_dihedral_bending_agrees_between_schedules(device):
+    found = [
+        states(device, cloth={"bending": "dihedral"}, schedule=schedule)["cloth"][0]
+        for schedule in ("resident", "coloured")
+    ]
+    assert np.abs(found[0] - found[1]).max() < 2e-6
+
+
+def test_the_same_inputs_give_the_same_bits(device):
+    first, second = states(device, order=2), states(device, order=2)
+    for name in first:
+        assert np.array_equal(first[name][0], second[name][0])
+        assert np.array_equal(first[name][1], second[name][1])
+
+
+def test_every_device_agrees_with_the_cpu(device):
+    here, there = states(device, frames=12), states("cpu", frames=12, schedule="coloured")
+    for name in here:
+        assert np.abs(here[name][0] - there[name][0]).max() < 1e-5
+
+
+def functions_in_kernel(features, folder):
+    """Names of all functions in the CUDA source generated for `features`; also compiles it, which needs no GPU."""
+    kernel = resident.make_frame.__wrapped__(features, 256, 128)
+    wp.compile_aot_module(kernel.module, arch=90, module_dir=folder, use_ptx=True)
+    source = next(Path(folder).glob("*.cu")).read_text()
+    return set(re.findall(r"(\w+?)_\d+\(", source.split("cuda_kernel_forward")[0]))
+
+
+ALL_FUNCTIONS = {
+    "wind on cloth": "triangle_force",
+    "wind on ropes": "segment_force",
+    "colliders": "sweep_collider friction_correction",
+    "box": "signed_distance_box",
+    "capsule": "signed_distance_capsule",
+    "plane": "signed_distance_plane",
+    "sphere": "signed_distance_sphere",
+    "springs": "multiplier_change elongation",
+    "hinges": "hinge_gradients",
+    "bends": "turn_residual",
+    "chain": "series_admittance",
+}
+
+
+@pytest.mark.parametrize(
+    ("features", "present"),
+    [
+        (Features(("spring",), False, "", (), 1), {"springs"}),
+        (Features(("spring", "hinge"), False, "triangles", ("sphere",), 2), {"springs", "hinges", "wind on cloth", "colliders", "sphere"}),
+        (Features(("bend",), True, "segments", ("plane", "box"), 1), {"bends", "chain", "wind on ropes", "colliders", "plane", "box"}),
+    ],
+)  # fmt: skip
+def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present, tmp_path):
+    found = functions_in_kernel(features, tmp_path)
+    for feature, names in ALL_FUNCTIONS.items():
+        for name in names.split():
+            if feature in present:
+                assert any(name in function for function in found), name
+            elif not (name == "elongation" and "chain" in present):
+                assert not any(name in function for function in found), name
+
+
+def test_two_scenes_without_a_feature_share_one_kernel():
+    small, large = (topology.build(Cloth(resolution=(n, n)), "cloth", True) for n in (4, 9))
+    without = Features.of(small, False, (), 1)
+    assert without != Features.of(small, True, (), 1)
+    assert resident.make_frame(without, 0, 1) is resident.make_frame(Features.of(large, False, (), 1), 0, 1)
+
+
+def test_changing_live_numbers_compiles_nothing(device):
+    sim = Simulation(busy_scene(), Settings(), device=device)
+    sim.step()
+    before = resident.make_frame.cache_info().misses
+    for name, value in {
+        "cloth.stretch_compliance": 1e-4,
+        "cloth.damping": 0.0,
+        "rope.bend_compliance": 10.0,
+        "ball.static_friction": 0.9,
+        "solver.substeps": 11,
+        "solver.iterations": 2,
+        "gravity": (0, 0, 0),
+        "wind.velocity": (0, 0, 0),
+    }.items():
+        sim.set(name, value)
+    sim.step()
+    assert resident.make_frame.cache_info().misses == before
+
+
+def test_the_solver_needs_no_ros():
+    code = (
+        "import sys; sys.modules['rclpy'] = None; sys.modules['std_msgs'] = None\n"
+        "from cloth_sim_ros.sim import *\n"
+        "sim = Simulation(Scene(objects={'r': Rope(segments=4)}), device='cpu'); sim.step(); print(sim.time)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip().endswith("0.016666666666666666")

@@ -1,0 +1,171 @@
+"""The public face: what is set is read back, what is live takes effect, what is bad changes nothing."""
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Readback, Rope, Scene, Settings, Simulation, Sphere, Wind
+
+
+def sheet_sim(device, colliders=None, wind=None, **fields):
+    cloth = Cloth(**{"resolution": (9, 9), "pins": "top", "orientation": (0.70710678, 0, 0, 0.70710678), **fields})
+    return Simulation(Scene({"cloth": cloth}, colliders or {}, wind), Settings(), device=device)
+
+
+def test_particles_lie_where_the_scene_says(device):
+    sim = Simulation(Scene({"c": Cloth(resolution=(4, 3), size=(3, 2), position=(1, 2, 3))}), device=device)
+    x = sim.positions("c")
+    assert x.shape == (12, 3) and x.dtype == np.float32
+    assert x[0].tolist() == [-0.5, 1.0, 3.0] and x[11].tolist() == [2.5, 3.0, 3.0] and x[1].tolist() == [0.5, 1.0, 3.0]
+
+
+def test_reset_returns_to_the_first_bit(device):
+    sim = sheet_sim(device, {"ball": Sphere(radius=0.2, position=(0, 0.5, 0))})
+    runs = []
+    for _ in range(2):
+        for frame in range(10):
+            sim.set_collider_pose("ball", (0, 0.5 - 0.05 * frame, 0))
+            sim.step()
+        runs.append(sim.positions("cloth"))
+        assert sim.time == pytest.approx(10 / 60)
+        sim.reset()
+        assert sim.time == 0.0
+    assert np.array_equal(*runs)
+
+
+def test_set_state_and_read_it_back(device):
+    sim = sheet_sim(device)
+    x = sim.positions("cloth") + np.float32(0.25)
+    v = np.ones_like(x)
+    sim.set_positions("cloth", x)
+    sim.set_velocities("cloth", v)
+    assert np.array_equal(sim.positions("cloth"), x)
+    pinned = np.zeros(81, dtype=bool)
+    pinned[72:] = True
+    assert (sim.velocities("cloth")[pinned] == 0).all() and (sim.velocities("cloth")[~pinned] == 1).all()
+    sim.step()
+    assert np.array_equal(sim.positions("cloth")[pinned], x[pinned])
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        lambda sim: sim.set_positions("cloth", np.full((81, 3), np.nan)),
+        lambda sim: sim.set_positions("cloth", np.zeros((80, 3))),
+        lambda sim: sim.set_velocities("cloth", np.full((81, 3), 1e9)),
+        lambda sim: sim.set_positions("curtain", np.zeros((81, 3))),
+        lambda sim: sim.set_collider_pose("ball", (np.inf, 0, 0)),
+        lambda sim: sim.set_collider_pose("ball", (0, 0, 1e9)),
+        lambda sim: sim.set_collider_pose("ball", (0, 0, 0), (0, 0, 0, 0)),
+        lambda sim: sim.set_collider_pose("cube", (0, 0, 0)),
+        lambda sim: sim.set_wind((1, 0, 0)),
+        lambda sim: sim.set("cloth.resolution", (3, 3)),
+        lambda sim: sim.set("cloth.colour", 3),
+        lambda sim: sim.set("cloth.bend_compliance", 1.0),
+        lambda sim: sim.set("cloth.stretch_compliance", "soft"),
+        lambda sim: sim.set("solver.substeps", 2.5),
+        lambda sim: sim.set("solver.order", 2),
+        lambda sim: sim.set("gravity", (0, 0)),
+        lambda sim: sim.set("nobody.mass", 1.0),
+        lambda sim: sim.set("ball.dimensions", 1.0),
+    ],
+)
+def test_bad_values_are_refused_and_change_nothing(action):
+    sims = [sheet_sim("cpu", {"ball": Sphere(radius=0.2, position=(0, 0.1, 0))}) for _ in range(2)]
+    with pytest.raises(ValueError) as caught:
+        action(sims[0])
+    assert "allowed" in str(caught.value) and "\n" not in str(caught.value)
+    for sim in sims:
+        sim.step(5)
+    assert np.array_equal(sims[0].positions("cloth"), sims[1].positions("cloth"))
+
+
+def test_live_compliance_changes_the_sag_and_springs(device):
+    sim = sheet_sim(device)
+    before = sim.springs("cloth")["structural"][2]
+    sim.set("cloth.stretch_compliance", 1e-2)
+    after = sim.springs("cloth")["structural"][2]
+    assert after == pytest.approx(before / 10, rel=1e-6)
+    stiff = sheet_sim(device)
+    for one in (sim, stiff):
+        one.set("solver.global_damping", 8.0)
+        one.step(90)
+    assert sim.positions("cloth")[:, 2].min() < stiff.positions("cloth")[:, 2].min() - 2e-3
+
+
+def test_a_rigid_spring_has_an_infinite_constant():
+    sim = sheet_sim("cpu", stretch_compliance=0.0)
+    assert np.isinf(sim.springs("cloth")["structural"][2]).all()
+
+
+@pytest.mark.parametrize(
+    "collider",
+    [
+        Sphere(radius=0.2),
+        Capsule(radius=0.15, half_length=0.2),
+        Box(half_extents=(0.15, 0.2, 0.1)),
+        Plane(normal=(0, 1, 0), point=(0, 0, 0)),
+    ],
+)
+def test_a_moving_collider_pushes_the_cloth_and_none_stays_inside(device, collider):
+    start = (0.0, -0.3, -0.1)
+    sim = sheet_sim(device, {"it": collider})
+    for frame in range(45):
+        sim.set_collider_pose("it", (0.0, start[1] + 0.01 * frame, start[2]), collider.orientation)
+        sim.step()
+    assert sim.positions("cloth")[:72, 1].max() > 0.1
+    assert sim.report()["cloth"]["max_penetration"] < 1e-4
+
+
+def test_a_fast_thin_collider_does_not_pass_through(device):
+    """A plate thinner than its motion in a substep sweeps 0.8 m in two frames."""
+    sim = sheet_sim(device, {"plate": Box(half_extents=(0.3, 0.001, 0.3), position=(0, -0.4, 0))}, pins=None)
+    sim.set("gravity", (0, 0, 0))
+    x = sim.positions("cloth")
+    in_the_way = (np.abs(x[:, 0]) < 0.27) & (np.abs(x[:, 2]) < 0.27)
+    assert in_the_way.sum() == 25
+    for y in (0.0, 0.4):
+        sim.set_collider_pose("plate", (0, y, 0))
+        sim.step()
+    assert sim.positions("cloth")[in_the_way, 1].min() > 0.4
+
+
+def test_wind_lifts_and_stops(device):
+    sim = sheet_sim(device, wind=Wind((0, 0, 0)))
+    sim.set_wind((0, 8, 0))
+    sim.step(30)
+    assert sim.positions("cloth")[:9, 1].mean() > 0.1
+
+
+def test_readback_writes_what_messages_hold(device):
+    sim = sheet_sim(device)
+    sim.step(5)
+    readback = Readback(sim, "cloth", normals=True, velocities=True, mesh=True)
+    readback.request()
+    rows = readback.particles().copy()
+    assert np.array_equal(rows[:, :3], sim.positions("cloth"))
+    assert np.array_equal(rows[:, 6:], sim.velocities("cloth"))
+    assert np.array_equal(readback.mesh().reshape(-1, 3, 3), rows[sim.triangles("cloth"), :3].astype(np.float64))
+    assert np.linalg.norm(rows[:, 3:6], axis=1) == pytest.approx(np.ones(81), abs=1e-5)
+    assert rows[40, 4] < -0.9  # local z of a sheet turned to hang in x and z
+    sim.step(5)
+    assert np.array_equal(readback.particles(), rows), "views hold until the next request"
+    readback.request()
+    assert not np.array_equal(readback.particles(), rows)
+
+
+def test_readback_of_a_rope_is_its_line(device):
+    sim = Simulation(Scene({"rope": Rope(segments=5)}), device=device)
+    readback = Readback(sim, "rope", mesh=True)
+    readback.request()
+    assert np.array_equal(readback.mesh(), sim.positions("rope").astype(np.float64))
+
+
+def test_report_measures_strain_energy_and_penetration(device):
+    sim = sheet_sim(device, {"ball": Sphere(radius=0.2, position=(0, 0, 0))}, pins=None, shear_compliance=None)
+    x = sim.positions("cloth")
+    sim.set_positions("cloth", x * 1.1)
+    sim.set_velocities("cloth", np.tile([3.0, 0, 0], (81, 1)))
+    report = sim.report()["cloth"]
+    assert report["max_strain"] == pytest.approx(0.1, rel=1e-4)
+    assert report["kinetic_energy"] == pytest.approx(0.5 * 0.2 * 9, rel=1e-5)
+    assert report["max_penetration"] == pytest.approx(0.205, rel=1e-4)

@@ -1,0 +1,84 @@
+"""Particles, elements and colours of grids, meshes and ropes."""
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Cloth, Rope
+from cloth_sim_ros.sim.topology import build, colour
+
+
+def grid(**fields):
+    return build(Cloth(**{"resolution": (7, 5), "size": (3.0, 2.0), "bend_compliance": 0.1, **fields}), "cloth", True)
+
+
+def independent(particles, colours):
+    """Whether no two elements of a colour share a particle."""
+    return all(
+        len(np.unique(particles[colours == c])) == particles[colours == c].size for c in range(colours.max() + 1)
+    )
+
+
+def test_grid_counts_and_colours():
+    springs = grid().springs
+    assert {kind: len(e.particles) for kind, e in springs.items()} == {"structural": 58, "shear": 48, "bending": 46}
+    assert all(e.colour.max() == 3 and independent(e.particles, e.colour) for e in springs.values())
+
+
+def test_grid_borders_carry_half_the_constant_and_half_the_mass():
+    topology = grid()
+    structural = topology.springs["structural"]
+    on_border = {
+        tuple(sorted(p)) for p, s in zip(structural.particles.tolist(), structural.scale, strict=True) if s == 2
+    }
+    assert (0, 1) in on_border and (0, 7) in on_border and (8, 9) not in on_border and (1, 8) not in on_border
+    assert len(on_border) == 2 * 6 + 2 * 4
+    assert topology.masses.sum() == pytest.approx(0.2)
+    assert topology.masses[0] == pytest.approx(topology.masses[8] / 4)
+    assert topology.masses[1] == pytest.approx(topology.masses[8] / 2)
+
+
+@pytest.mark.parametrize(("pins", "count"), [("corners", 2), ("top", 7), ("edges", 20), ("none", 0), ((3, 4), 2)])
+def test_pins(pins, count):
+    pinned = grid(pins=pins).pinned
+    assert pinned.sum() == count
+    if pins == "corners":
+        assert pinned[[28, 34]].all()
+
+
+def test_a_grid_given_as_a_mesh_has_the_constants_of_the_grid():
+    topology = grid(bend_compliance=None)
+    mesh = build(Cloth.from_mesh(topology.rest, topology.triangles, mass=0.2), "mesh", True)
+    constants = {tuple(sorted(p)): 1 / s for p, s in zip(mesh.springs["structural"].particles.tolist(),
+                                                         mesh.springs["structural"].scale, strict=True)}  # fmt: skip
+    # A square cell would give exactly 1 and 1/2; here cells are 0.5 x 0.5.
+    structural = topology.springs["structural"]
+    for pair, scale in zip(structural.particles.tolist(), structural.scale, strict=True):
+        assert constants[tuple(sorted(pair))] == pytest.approx(1 / scale)
+    assert mesh.masses.sum() == pytest.approx(0.2)
+
+
+def test_hinges_are_flat_and_independent_and_fold_with_the_right_sign():
+    topology = grid(bending="dihedral")
+    hinges = topology.hinges
+    assert np.abs(hinges.rest).max() < 1e-12
+    assert independent(hinges.particles, hinges.colour)
+    assert len(hinges.rest) == 3 * 6 * 4 + 6 + 4 - 2 * (6 + 4)  # edges of the triangulation less its border
+    bent = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0.4], [0.5, -1, 0.4]], dtype=float)
+    folded = build(Cloth.from_mesh(bent, [[0, 1, 2], [1, 0, 3]], bend_compliance=1.0, bending="dihedral"), "m", True)
+    assert abs(folded.hinges.rest[0]) == pytest.approx(2 * np.arctan(0.4))
+
+
+def test_random_elements_are_coloured_independently_and_always_alike():
+    rng = np.random.default_rng(0)
+    particles = np.stack([rng.choice(60, 4, replace=False) for _ in range(200)])
+    colours = colour(particles, 60)
+    assert colours.min() == 0 and independent(particles, colours)
+    assert np.array_equal(colours, colour(particles, 60))
+
+
+def test_rope_masses_lump_by_length_and_bends_span_uneven_segments():
+    rope = build(Rope(points=[[0, 0, 0], [1, 0, 0], [3, 0, 0]], mass=3.0, bend_compliance=1.0), "rope", True)
+    assert rope.masses.tolist() == pytest.approx([0.5, 1.5, 1.0])
+    assert rope.bends.scale.tolist() == pytest.approx([1.5])
+    assert rope.bend_weights.tolist() == [pytest.approx([1.0, 0.5])]
+    assert rope.bends.rest.tolist() == pytest.approx([0.0])
