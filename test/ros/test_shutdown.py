@@ -1,0 +1,17 @@
+"""Signals end the node with status 0, soon and without a traceback, whatever it is doing."""
+
+import signal
+import time
+
+import pytest
+from node_process import SMALL
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("when", ["cloth_sim]: building", "cloth_sim]: simulating"])
+def test_signals_end_it(start, number, when):
+    node = start(SMALL).wait_for(when)
+    begin = time.monotonic()
+    assert node.end(number) == 0, node.log
+    assert time.monotonic() - begin < 5.0
+    assert "Traceback" not in node.log
