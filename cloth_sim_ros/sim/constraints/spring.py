@@ -5,7 +5,7 @@ import warp as wp
 from cloth_sim_ros.sim.model import Body
 from cloth_sim_ros.sim.physics.distance import elongation, multiplier_change, SHORTEST
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import as_index, load4, quotient, root, store4
+from cloth_sim_ros.sim.schedules.native import as_index, load4, quotient, root, store_xyz
 from cloth_sim_ros.sim.state import Material, State
 
 
@@ -56,7 +56,7 @@ def make_project(order: int):
         if step.store:
             s.spring_multipliers[k] = multiplier + pull * length
         correction = pull * wp.vec4(e[0], e[1], e[2], 0.0)
-        store4(d, i, di - wi * correction)
-        store4(d, j, dj + wj * correction)
+        store_xyz(d, i, di - wi * correction)
+        store_xyz(d, j, dj + wj * correction)
 
     return project_spring

@@ -12,7 +12,7 @@ from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tupl
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
-from cloth_sim_ros.sim.schedules.native import array_address
+from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
 from cloth_sim_ros.sim.schedules.stages import make_contact, make_finish, make_panel, make_predict, sweep_collider
 from cloth_sim_ros.sim.state import Arrays, State, compliance_of
 
@@ -80,6 +80,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features.order) if features.chain else None
     module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}")
+    wp.set_module_options(CPU_FLAGS, module)
     kernels: dict[str, wp.Kernel] = {}
 
     def stage(function):

@@ -62,7 +62,7 @@ def make_frame(features: Features, shared: int, block: int):
     solve_chain = make_solve_chain(features.order) if features.chain else None
     tile_address = native.make_tile_address(shared) if shared else None
 
-    @wp.kernel(enable_backward=False, module="unique", launch_bounds=block)
+    @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
     def simulate_frame(arrays: Arrays):
         b, t = wp.tid()
         m = arrays.model
