@@ -44,9 +44,7 @@ def _integer(name, default, text, low, high, live=False):
 
 
 def _vector(name, default, text, unit="", low=-1e6, high=1e6, live=False, length=3):
-    return Parameter(
-        name, "double_array", tuple(map(float, default)), text, unit, low, high, live, length=length
-    )
+    return Parameter(name, "double_array", tuple(map(float, default)), text, unit, low, high, live, length=length)
 
 
 def _choice(name, default, text, choices):
@@ -158,7 +156,7 @@ COLLIDER = (
         "dimensions",
         "double_array",
         (0.2,),
-        "As in shape_msgs/SolidPrimitive: box x y z; sphere radius; capsule height (of the cylinder), radius; plane none.",
+        "As in shape_msgs/SolidPrimitive: box x y z; sphere radius; capsule cylinder height, radius; plane none.",
         "m",
         1e-6,
         1e6,
@@ -171,9 +169,7 @@ GRAVITY = _vector("gravity", (0, 0, -9.81), "Acceleration of gravity.", "m/s^2",
 
 NODE = (
     Parameter("objects", "string_array", (), "Names of the objects; each prefixes its own parameters.", fixed=True),
-    Parameter(
-        "colliders", "string_array", (), "Names of the colliders; each prefixes its own parameters.", fixed=True
-    ),
+    Parameter("colliders", "string_array", (), "Names of the colliders; each prefixes its own parameters.", fixed=True),
     Parameter("device", "string", "auto", "Where to compute: auto, cpu, cuda:0, ..."),
     Parameter("frame_id", "string", "world", "Frame of everything sent and received.", fixed=True),
     _double("rate", 60, "Frames a second, simulated and sent.", "Hz", 1, 1000, live=False),
@@ -228,7 +224,7 @@ def allowed(parameter: Parameter) -> str:
 
 
 def check(parameter: Parameter, value: Any, name: str | None = None) -> Any:
-    """`value` as the type of `parameter`, or ValueError in one sentence naming the thing, the value and what is allowed.
+    """`value` as the type of `parameter`, or ValueError in one sentence with the thing, the value and what is allowed.
 
     Whole numbers count as doubles, tuples and arrays as lists; booleans never count as numbers.
     """

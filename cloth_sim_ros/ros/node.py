@@ -44,7 +44,7 @@ class ClothSimNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._clock_out = self.create_publisher(Clock, "/clock", LATEST) if values["publish_clock"] else None
         world = World(values, log)
-        self._loop = SimulationLoop(world, lambda: self._bridge.values, self._attach, self._send, self._tell, log)
+        self._loop = SimulationLoop(world, lambda: self._bridge.values, self._built, self._send, self._tell, log)
         for name in values["colliders"]:
             topic = f"~/colliders/{name}/pose"
             self.create_subscription(PoseStamped, topic, partial(self._on_pose, name), NEWEST_ONLY)
@@ -99,6 +99,13 @@ class ClothSimNode(Node):
         return response
 
     # -- in the loop's thread ------------------------------------------------------------------------------------
+
+    def _built(self, world: World, ok: bool) -> None:
+        if ok:
+            self._attach(world)
+        elif world.sim is not None and self.executor is not None:
+            built = world.values
+            self.executor.create_task(lambda: self._bridge.restore(built))
 
     def _attach(self, world: World) -> None:
         publish = group(self._bridge.values, "publish")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import array
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -40,6 +40,7 @@ class ParameterBridge:
         self._given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
         self.rows: dict[str, Parameter] = {}
         self.values: dict[str, Any] = {}
+        self._restoring = False
         self._declare_all()
         self._warn_unknown()
         node.add_pre_set_parameters_callback(self._coerce)
@@ -144,10 +145,21 @@ class ParameterBridge:
             before, self.values = self.values, self._proposed(parameters)
             for parameter in parameters:
                 name = parameter.name
-                if name in self.rows and self.values[name] != before[name]:
+                if name in self.rows and self.values[name] != before[name] and not self._restoring:
                     self._on_change(name, self.rows[name], self.values[name])
         except Exception as error:
             self._log.error(f"a parameter change was accepted but not applied: {error}")
+
+    def restore(self, built: Mapping[str, Any]) -> None:
+        """Puts the parameters that rebuild back to the values `built` that the simulation still runs on."""
+        stale = [name for name, row in self.rows.items() if not row.live and self.values[name] != built[name]]
+        self._restoring = True
+        try:
+            self._node.set_parameters(
+                [RosParameter(name, value=ros_value(self.rows[name], built[name])) for name in stale]
+            )
+        finally:
+            self._restoring = False
 
 
 def coerced(row: Parameter, value: Any, name: str) -> Any:

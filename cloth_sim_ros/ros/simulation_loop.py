@@ -16,8 +16,8 @@ from cloth_sim_ros.ros.world import World
 class SimulationLoop:
     """Runs `world` in a thread of its own.
 
-    send(world) is called after every frame, also while paused; tell(world, pace) once a second; built(world) after each
-    build. values() gives the parameter values to build from. All are called in this thread.
+    send(world) is called after every frame, also while paused; tell(world, pace) once a second; built(world, ok) after
+    each attempt to build. values() gives the parameter values to build from. All are called in this thread.
     """
 
     TELL_PERIOD = 1.0  # [s]
@@ -26,7 +26,7 @@ class SimulationLoop:
         self,
         world: World,
         values: Callable[[], dict[str, Any]],
-        built: Callable[[World], None],
+        built: Callable[[World, bool], None],
         send: Callable[[World], None],
         tell: Callable[..., None],
         log: Any,
@@ -39,6 +39,7 @@ class SimulationLoop:
         self._stop = threading.Event()
         self._rebuild.set()
         self._clock = FrameClock(self._period())
+        self._next_tell = time.monotonic() + self.TELL_PERIOD
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
     def start(self) -> None:
@@ -71,12 +72,11 @@ class SimulationLoop:
         return sim.settings.frame_dt if sim is not None else 1.0 / self._values()["rate"]
 
     def _run(self) -> None:
-        next_tell = time.monotonic() + self.TELL_PERIOD
         while not self._stop.is_set():
             try:
                 self._frame()
-                if time.monotonic() >= next_tell:
-                    next_tell = time.monotonic() + self.TELL_PERIOD
+                if time.monotonic() >= self._next_tell:
+                    self._next_tell = time.monotonic() + self.TELL_PERIOD
                     self._tell(self.world, self._clock.pace())
             except Exception as error:  # a device error must not silence the node: say so and wait to be mended
                 self.world.fail(f"the simulation stopped: {type(error).__name__}: {error}")
@@ -85,9 +85,9 @@ class SimulationLoop:
     def _frame(self) -> None:
         if self._rebuild.is_set():
             self._rebuild.clear()
-            if self.world.build(self._values()):
-                self._built(self.world)
+            self._built(self.world, self.world.build(self._values()))
             self._clock.restart(self._period())
+            self._next_tell = time.monotonic() + self.TELL_PERIOD
         self._run_commands()
         if self.world.sim is None:
             return

@@ -25,7 +25,7 @@ class World:
         self.resets = 0
         self.simulated = 0.0  # [s] in all, through resets and rebuilds
         self.tracks = {name: PoseTrack(_pose(values, name), values["pose_timeout"]) for name in values["colliders"]}
-        self._values: Mapping[str, Any] = values
+        self.values: Mapping[str, Any] = values  # as they were when the simulation was built
         self._wind: Vector | None = None  # set by topic since the parameter was last set
         self._log = log
 
@@ -48,7 +48,7 @@ class World:
                 self.trouble = str(error)
             return False
         self._keep_states(sim, values)
-        self.sim, self._values, self.trouble = sim, values, ""
+        self.sim, self.values, self.trouble = sim, values, ""
         if self._wind is not None and sim.scene.wind is not None:
             sim.set_wind(self._wind)
         sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
@@ -60,7 +60,7 @@ class World:
         if self.sim is None:
             return
         for name in sim.scene.objects:
-            if name in self.sim.scene.objects and _structure(values, name) == _structure(self._values, name):
+            if name in self.sim.scene.objects and _structure(values, name) == _structure(self.values, name):
                 sim.set_positions(name, self.sim.positions(name))
                 sim.set_velocities(name, self.sim.velocities(name))
 

@@ -43,6 +43,7 @@ def test_a_simulation_that_cannot_be_built_leaves_the_one_before(node, client):
     assert client.set("device", "cuda:77").successful
     node.wait_for("cannot build the simulation: device is 'cuda:77'")
     assert "the simulation before goes on" in node.log
+    client.until(lambda: client.get("device") == "auto")
     node.clouds.clear()
     client.until(lambda: len(node.clouds) > 3)
     assert finite(node.clouds[-1])

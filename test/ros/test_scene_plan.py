@@ -1,0 +1,98 @@
+"""Parameter values become the scene, the settings and the device that they describe."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.ros import parameter_names as names
+from cloth_sim_ros.ros.pose_track import Pose
+from cloth_sim_ros.ros.scene_plan import load_mesh, make_plan
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Simulation, Sphere
+
+TYPES = {"sheet": "cloth", "line": "rope"}
+COLLIDERS = ("ball", "rod", "crate", "ground")
+
+
+def values(**changes):
+    """The defaults of two objects and four colliders, with `changes` (dots written as two underscores)."""
+    rows = {**names.fixed_rows(), **names.scene_rows(TYPES, COLLIDERS)}
+    found = {name: row.default for name, row in rows.items()}
+    found |= {"objects": tuple(TYPES), "colliders": COLLIDERS, "line.type": "rope"}
+    shapes = {"ball": "sphere", "rod": "capsule", "crate": "box", "ground": "plane"}
+    dimensions = {"ball": (0.3,), "rod": (0.8, 0.1), "crate": (0.2, 0.4, 0.6), "ground": ()}
+    for name in COLLIDERS:
+        found |= {f"{name}.shape": shapes[name], f"{name}.dimensions": dimensions[name]}
+    return found | {name.replace("__", "."): value for name, value in changes.items()}
+
+
+def test_the_defaults_make_a_simulation():
+    plan = make_plan(values())
+    assert not plan.problems and plan.scene.wind is None
+    assert (plan.settings.frame_dt, plan.settings.substeps) == (1 / 60, 20)
+    Simulation(plan.scene, plan.settings, device="cpu").step()
+
+
+def test_dimensions_follow_solid_primitive():
+    colliders = make_plan(values()).scene.colliders
+    assert isinstance(colliders["ball"], Sphere) and colliders["ball"].radius == 0.3
+    assert isinstance(colliders["rod"], Capsule)
+    assert (colliders["rod"].half_length, colliders["rod"].radius) == (0.4, 0.1)
+    assert isinstance(colliders["crate"], Box) and colliders["crate"].half_extents == (0.1, 0.2, 0.3)
+    assert isinstance(colliders["ground"], Plane)
+
+
+def test_presence_is_explicit():
+    objects = make_plan(values()).scene.objects
+    assert isinstance(objects["sheet"], Cloth) and objects["sheet"].shear_compliance == 3e-3
+    assert isinstance(objects["line"], Rope)
+    assert objects["sheet"].bend_compliance is None and objects["line"].bend_compliance is None
+    changed = make_plan(
+        values(sheet__shear=False, sheet__bending="dihedral", line__bending="angle", wind__enabled=True)
+    ).scene
+    assert changed.objects["sheet"].shear_compliance is None
+    assert (changed.objects["sheet"].bending, changed.objects["sheet"].bend_compliance) == ("dihedral", 1.0)
+    assert changed.objects["line"].bend_compliance == 100.0
+    assert changed.wind is not None
+
+
+def test_a_moved_collider_is_built_where_it_is():
+    turned = Pose((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0))
+    moved = make_plan(values()).with_poses({"ball": turned, "ground": turned}).scene.colliders
+    for name in ("ball", "ground"):
+        assert (moved[name].position, moved[name].orientation) == (turned.position, turned.orientation)
+    assert moved["ground"].normal == pytest.approx((0.0, 0.0, -1.0))
+
+
+@pytest.mark.parametrize("name", ["ball", "rod", "crate"])
+def test_wrong_dimensions_leave_the_collider_out(name):
+    plan = make_plan(values(**{f"{name}__dimensions": (1.0, 1.0, 1.0, 1.0)}))
+    assert name not in plan.scene.colliders and f"{name}.dimensions is [1.0, 1.0, 1.0, 1.0]" in plan.problems[name]
+
+
+def test_a_mesh_file_becomes_a_cloth(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    file = tmp_path / "box.stl"  # a format that repeats every vertex in each of its triangles
+    box.export(file)
+    vertices, triangles = load_mesh(str(file), "sheet.mesh")
+    assert vertices.shape == (8, 3) and triangles.shape == (12, 3)
+    sheet = make_plan(values(sheet__mesh=str(file), sheet__pins=(0, 1))).scene.objects["sheet"]
+    assert np.allclose(sheet.vertices, vertices) and sheet.pins == (0, 1)
+
+
+@pytest.mark.parametrize("content", ["", "solid nothing\nendsolid nothing\n", "\x00\x01garbage"])
+def test_what_is_no_mesh_is_said_in_one_sentence(tmp_path, content):
+    pytest.importorskip("trimesh")
+    file = tmp_path / "bad.stl"
+    file.write_text(content)
+    with pytest.raises(ValueError, match=r"^sheet\.mesh is '.*bad\.stl', which [^\n]*$"):
+        load_mesh(str(file), "sheet.mesh")
+
+
+def test_the_rows_are_the_fields_of_the_scene():
+    """Every row of the table under an object or collider ends up in the scene, or this test names it."""
+    ours = {"type", "mesh", "shear", "bending", "shape", "dimensions"}
+    for kind, description in (("cloth", Cloth), ("rope", Rope)):
+        fields = {field.name for field in dataclasses.fields(description)}
+        assert {row.name for row in names.object_rows(kind)} - ours <= fields
