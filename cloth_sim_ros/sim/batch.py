@@ -37,8 +37,8 @@ class Batch:
         for topology in topologies.values():
             collected.add(topology)
         self.spring_order = collected.spring_order
-        self.starts = [body[0] for body in collected.bodies]
-        self.counts = [body[1] for body in collected.bodies]
+        self.starts = [body[2] for body in collected.bodies]
+        self.counts = [body[3] for body in collected.bodies]
         self.materials = LiveArray(Material, len(topologies), device)
         self.arrays = Arrays()
         self.arrays.model = collected.upload(device)
@@ -90,6 +90,10 @@ class Batch:
         """Velocities (N, 3) [m/s]; history and multipliers start anew."""
         self.arrays.state.velocities[self.span(name)].assign(_padded(velocities))
         self._forget(name)
+
+    def forget_steps(self) -> None:
+        """The length of a substep changed: order 2 starts from its first-order substep again."""
+        self.arrays.state.history.zero_()
 
     def _forget(self, name: str) -> None:
         state, segments = self.arrays.state, self.segments(name)

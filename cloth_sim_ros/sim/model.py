@@ -14,7 +14,6 @@ import warp as wp
 
 from cloth_sim_ros.sim.topology import KINDS, Elements, Topology
 
-
 CONSTRAINTS = ("spring", "hinge", "bend")
 
 
@@ -45,6 +44,8 @@ class Features:
 class Body:
     """Where a body's parts begin: particles, colour groups, chain segments, panels."""
 
+    index: int
+    spacing: float  # mean rest length of its springs [m]
     particles: int
     count: int
     groups: int  # springs
@@ -128,6 +129,8 @@ class ModelArrays:
         chain = topology.chain.rest if topology.chain is not None else np.zeros(0)
         segments = self._append("segment_length", chain)
         panels = self._add_panels(topology)
+        rests = [e.rest for e in topology.springs.values()] + ([chain] if len(chain) else [])
+        spacing = float(np.concatenate(rests).mean()) if rests else 1.0
         spans = (
             groups,
             tuple_groups,
@@ -137,7 +140,7 @@ class ModelArrays:
             panels,
             panels + len(topology.panels),
         )
-        self.bodies.append((first, len(topology.masses), *spans))
+        self.bodies.append((len(self.bodies), spacing, first, len(topology.masses), *spans))
 
     def _add_panels(self, topology: Topology) -> int:
         start = self._append("panels", topology.panels)
@@ -160,8 +163,7 @@ class ModelArrays:
             rows = np.concatenate([np.zeros(shape), *self.rows[name]]).astype(kind)
             setattr(model, name, wp.array(rows, dtype=dtype, device=device))
         model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 4), dtype=wp.vec4i, device=device)
-        bodies = np.array(self.bodies, dtype=np.int32)
-        model.bodies = wp.array(bodies.view(Body.numpy_dtype()).reshape(-1), dtype=Body, device=device)
+        model.bodies = wp.array(np.array(self.bodies, dtype=Body.numpy_dtype()), dtype=Body, device=device)
         return model
 
 

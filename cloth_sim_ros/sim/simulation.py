@@ -227,6 +227,9 @@ class Simulation:
 
     def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
         self.settings = dataclasses.replace(self.settings, **{row.name: table.check(row, value, name)})
+        if row.name == "substeps":
+            for batch in self._batches:
+                batch.forget_steps()
         self._write_settings()
 
     def _set_material(self, owner: str, field: str, name: str, value: Any) -> None:

@@ -3,7 +3,7 @@
 import warp as wp
 
 from cloth_sim_ros.sim.model import Body
-from cloth_sim_ros.sim.physics.distance import elongation, multiplier_change, SHORTEST
+from cloth_sim_ros.sim.physics.distance import SHORTEST, elongation, multiplier_change, opening
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.native import as_index, load4, quotient, root, store_xyz
 from cloth_sim_ros.sim.state import Material, State
@@ -35,9 +35,11 @@ def make_project(order: int):
         de4 = dj - di
         e4 = (xj - xi) + de4
         square = e4[0] * e4[0] + e4[1] * e4[1] + e4[2] * e4[2]
-        collapsed = square < SHORTEST * SHORTEST
-        e = wp.vec3(e4[0], e4[1], e4[2] + wp.where(collapsed, SHORTEST, 0.0))
-        length = root(wp.max(square, SHORTEST * SHORTEST))
+        e = wp.vec3(e4[0], e4[1], e4[2])
+        if square < SHORTEST * SHORTEST:
+            e = opening(k)
+            square = SHORTEST * SHORTEST
+        length = root(square)
         slip = float(0.0)
         if material.damping > 0.0:
             # A dashpot must not see what displacements carry of the positions' rounding: at small steps that is a speed.

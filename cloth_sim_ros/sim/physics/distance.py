@@ -6,9 +6,24 @@ SHORTEST = wp.constant(1.0e-12)  # [m] below this an edge has no direction of it
 
 
 @wp.func
-def opened(e: wp.vec3) -> wp.vec3:
-    """The edge e, or a fixed tiny one where it has no length, so that collapsed springs know where to open."""
-    return wp.where(wp.dot(e, e) < SHORTEST * SHORTEST, wp.vec3(0.0, 0.0, SHORTEST), e)
+def opening(k: int) -> wp.vec3:
+    """A tiny edge in the direction that collapsed spring k opens: fixed for each spring, spread over all directions.
+
+    One direction for all would unfold a sheet collapsed to a point into a line. Directions are those of a Fibonacci
+    lattice with golden-ratio steps in height and angle.
+    """
+    z = 2.0 * wp.frac(float(k) * 0.61803399) - 1.0
+    angle = float(k % 4096) * 2.39996323
+    r = wp.sqrt(wp.max(1.0 - z * z, 0.0))
+    return SHORTEST * wp.vec3(r * wp.cos(angle), r * wp.sin(angle), z)
+
+
+@wp.func
+def opened(e: wp.vec3, k: int) -> wp.vec3:
+    """The edge e of spring k, or a tiny one where it has no length, so that collapsed springs know where to open."""
+    if wp.dot(e, e) < SHORTEST * SHORTEST:
+        return opening(k)
+    return e
 
 
 @wp.func

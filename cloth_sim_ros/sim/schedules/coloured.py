@@ -55,9 +55,9 @@ class Coloured:
                     first = int(iteration == 0)
                     store = int(iterations > 1 or substep == substeps - 1)
                     self._launch_iteration(b, body, first, store)
-                self._launch("finish", body["count"], b)
+                self._launch("finish", body["count"], b, substep)
             if self._features.order == 2:
-                self._launch("age", len(self._bodies))
+                self._launch("age", len(self._bodies), substep)
 
     def _launch_iteration(self, b: int, body: dict, first: int, store: int) -> None:
         if self._features.chain:
@@ -108,11 +108,14 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     def finish(
         arrays: Arrays,
         b: int,
+        substep: int,
     ):
         body = arrays.model.bodies[b]
         x = array_address(arrays.state.positions, body.particles)
         d = array_address(arrays.state.displacements, body.particles)
-        finish_particle(wp.tid(), arrays.state, body, make_step(arrays.frames[0].dt, second(arrays.state, b)), x, d)
+        finish_particle(
+            wp.tid(), substep, arrays.state, body, make_step(arrays.frames[0].dt, second(arrays.state, b)), x, d
+        )
 
     if features.shapes:
 
@@ -214,9 +217,9 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if features.order == 2:
 
         @stage
-        def age(
-            arrays: Arrays,
-        ):
-            arrays.state.history[wp.tid()] = 1
+        def age(arrays: Arrays, substep: int):
+            b = wp.tid()
+            arrays.state.history[b] = wp.where(arrays.state.events[b] == substep + 1, 0, 1)
+            arrays.state.events[b] = 0
 
     return kernels

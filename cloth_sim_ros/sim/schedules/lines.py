@@ -53,7 +53,7 @@ def make_solve_chain(order: int):
             xj = load4(x, k + 1)
             pj = load4(d, k + 1)
             de = _xyz(pj) - _xyz(p)
-            e = opened((_xyz(xj) - _xyz(xi)) + de)
+            e = opened((_xyz(xj) - _xyz(xi)) + de, k)
             length = wp.length(e)
             n = e / length
             g0 = body.particles + k

@@ -83,6 +83,8 @@ def make_frame(features: Features, shared: int, block: int):
         history = int(0)
         if wp.static(features.order == 2):
             history = s.history[b]
+            if t == 0:
+                s.events[b] = 0
         sync()
         step = make_step(frame.dt, history > 0)
         if wp.static(features.panels != ""):
@@ -121,19 +123,22 @@ def make_frame(features: Features, shared: int, block: int):
                     sync()
             if wp.static(features.panels != ""):
                 for i in range(t, body.count, width):
-                    finish(i, s, body, step, x, d)
+                    finish(i, substep, s, body, step, x, d)
                 sync()
                 for k in range(body.panels + t, body.panels_end, width):
                     panel(k, m, s, body, material, frame, x)
                 sync()
-            done = step
             if wp.static(features.order == 2):
-                history = 1
-                step = make_step(frame.dt, True)
+                if wp.static(features.panels == ""):
+                    for i in range(t, body.count, width):
+                        finish(i, substep, s, body, step, x, d)
+                    sync()
+                history = wp.where(s.events[b] == substep + 1, 0, 1)
+                step = make_step(frame.dt, history > 0)
             # A thread owns its particles from the end of one substep to the next prediction: no barrier in between.
             for i in range(t, body.count, width):
-                if wp.static(features.panels == ""):
-                    finish(i, s, body, done, x, d)
+                if wp.static(features.panels == "" and features.order == 1):
+                    finish(i, substep, s, body, step, x, d)
                 if substep + 1 < frame.substeps:
                     predict(i, m, s, body, frame, step, x, d)
         if wp.static(features.order == 2):
