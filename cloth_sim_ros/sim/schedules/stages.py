@@ -192,12 +192,13 @@ def make_finish(features: Features):
             return
         total = xyz(packed)
         displacement = total - xyz(load4(array_address(s.low, 0), g))
-        velocity = step.inverse * displacement
+        # Divided, not multiplied by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
+        velocity = displacement / step.effective
         if wp.static(features.order == 2):
             base = wp.vec3(0.0)
             if step.second:
                 base = s.last_displacements[g] / 3.0
-            velocity -= step.inverse * base
+            velocity = (displacement - base) / step.effective
             if wp.length(displacement - s.last_displacements[g]) > SMOOTH * body.spacing:
                 s.events[body.index] = substep + 1
             s.last_velocities[g] = xyz(s.velocities[g])
