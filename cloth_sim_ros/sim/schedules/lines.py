@@ -74,7 +74,9 @@ def make_solve_chain(order: int):
             q += wp.transpose(frame) * (y * wp.vec3(tension, 0.0, 0.0))
             admittance = wp.mat33(0.0)
             if w > 0.0:
-                along = wp.max(alpha / (1.0 + gamma), 1.0e-6 * w)
+                # Between a rigid edge and a pinned particle nothing would be left to divide by. Much softer, a load of
+                # 1e5 times the mass stretches the tangent; much stiffer, rounding across the edge reaches it.
+                along = wp.max(alpha / (1.0 + gamma), 1.0e-9 * w)
                 across = wp.max(tension, 0.0) / wp.max(length, 1.0e-3 * rest)
                 admittance = series_admittance(y, along, across)
             store = Segment()
