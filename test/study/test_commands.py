@@ -22,7 +22,7 @@ def test_speed_measures_both_schedules(monkeypatch, tmp_path, capsys):
     assert command(monkeypatch, "speed", *options) == 0
     row = json.loads(file.read_text())["rows"][0]
     assert row["resolution"] == 8 and 0.0 < row["resident"]["median"] < row["coloured"]["median"]
-    assert row["ratio"]["median"] == pytest.approx(row["coloured"]["median"] / row["resident"]["median"], rel=0.5)
+    assert row["ratio"]["low"] <= row["ratio"]["median"] <= row["ratio"]["high"] and row["ratio"]["median"] > 1.0
     assert "8 x 8" in capsys.readouterr().out
 
 
