@@ -1,7 +1,7 @@
 """What exists: plain frozen descriptions of objects, colliders and wind. Nothing here touches a device.
 
-Every number is checked on construction against the table in `cloth_sim_ros.parameters`; a bad one raises ValueError with
-one sentence that names the thing, the value and what is allowed.
+Every number is checked on construction against the table in `cloth_sim_ros.parameters`; a bad one raises ValueError
+with one sentence that names the thing, the value and what is allowed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ def _checked(thing: Any, group: tuple[table.Parameter, ...], skip: tuple[str, ..
 
 
 def unit_quaternion(value: Any, name: str) -> Quaternion:
-    """`value` (x, y, z, w) scaled to length 1. Raises ValueError if it is not four finite numbers or shorter than 1e-6."""
+    """`value` (x, y, z, w) scaled to length 1. Raises ValueError if it is not four finite numbers or shorter than
+    1e-6."""
     try:
         q = np.asarray(value, dtype=np.float64)
         length = float(np.linalg.norm(q))
@@ -70,11 +71,13 @@ class Cloth:
 
     Particle (ix, iy) is index iy*nx + ix at local (ix*w/(nx-1) - w/2, iy*h/(ny-1) - h/2, 0).
     stretch_compliance, shear_compliance [m/N]: 1/constant of every spring of a square grid, borders twice as compliant;
-    on a mesh the edge between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same on a
-    grid (Van Gelder 1998). bend_compliance: None for no bending; with bending="springs" [m/N], 1/constant of the distance
-    springs over two edges; with "dihedral" [1/(N m)], 1/flexural rigidity B: each inner edge e between triangles A1, A2 has
-    the energy B |e|^2 / (2 (A1 + A2)) (theta - rest)^2, which bends a grid or an equilateral mesh with rigidity B (Seung
-    and Nelson 1988). shear_compliance None means no shear springs. Compliance 0 is rigid. mass [kg] is lumped by area. damping [s]: c = damping x constant. thickness [m]: distance at which the cloth touches a collider.
+    on a mesh the edge between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same
+    on a grid (Van Gelder 1998). bend_compliance: None for no bending; with bending="springs" [m/N], 1/constant of the
+    distance springs over two edges; with "dihedral" [1/(N m)], 1/flexural rigidity B: each inner edge e between
+    triangles A1, A2 has the energy B |e|^2 / (2 (A1 + A2)) (theta - rest)^2, which bends a grid or an equilateral mesh
+    with rigidity B (Seung and Nelson 1988). shear_compliance None means no shear springs. Compliance 0 is rigid. mass
+    [kg] is lumped by area. damping [s]: c = damping x constant. thickness [m]: distance at which the cloth touches a
+    collider.
     """
 
     resolution: tuple[int, int] = (32, 32)
@@ -170,7 +173,7 @@ class Rope:
             masses = np.array(self.particle_masses, dtype=np.float64)
             if masses.shape != (len(points),) or not np.isfinite(masses).all() or masses.min() <= 0.0:
                 raise ValueError(
-                    f"Rope.particle_masses has shape {masses.shape}; allowed are {len(points)} finite masses above 0 [kg]"
+                    f"Rope.particle_masses has shape {masses.shape}; allowed are {len(points)} finite masses > 0 [kg]"
                 )
             object.__setattr__(self, "particle_masses", masses)
             object.__setattr__(self, "mass", float(masses.sum()))
@@ -266,7 +269,8 @@ class Box(Collider):
 
 @dataclass(frozen=True)
 class Wind:
-    """A uniform wind [m/s]. Per triangle 1/2 rho A ((Cd - Cl)|v.n| v + Cl |v|^2 n), v the air relative to the surface."""
+    """A uniform wind [m/s]. Per triangle 1/2 rho A ((Cd - Cl)|v.n| v + Cl |v|^2 n), v the air relative to the
+    surface."""
 
     velocity: Vector = (0.0, 0.0, 0.0)
     air_density: float = 1.225
@@ -296,7 +300,8 @@ class Settings:
 
 @dataclass(frozen=True)
 class Scene:
-    """Named objects and colliders, wind (None: no air) and gravity [m/s^2]. Names are shared by topics and parameters."""
+    """Named objects and colliders, wind (None: no air) and gravity [m/s^2]. Names are shared by topics and
+    parameters."""
 
     objects: Mapping[str, Cloth | Rope] = field(default_factory=dict)
     colliders: Mapping[str, Collider] = field(default_factory=dict)

@@ -23,7 +23,7 @@ _FAR = 1e6  # [m] the largest coordinate that positions may be given in
 class Simulation:
     """Cloths and ropes of `scene`, computed as `settings` say on `device` ("cpu", "cuda:0" or "auto").
 
-    Everything that takes a value raises ValueError with one sentence where the value cannot be, and changes nothing then.
+    Whatever takes a value raises ValueError with one sentence where the value cannot be, and changes nothing then.
     `step` may return before a GPU is done; whatever reads the state waits.
     """
 
@@ -86,7 +86,8 @@ class Simulation:
         return self._topology(name).rest.astype(np.float32)
 
     def springs(self, name: str) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Kind -> (pairs (S, 2) int, rest_length (S,) [m], constant (S,) [N/m], infinite where rigid), as they are now."""
+        """Kind -> (pairs (S, 2) int, rest_length (S,) [m], constant (S,) [N/m], infinite where rigid), as they are
+        now."""
         topo, batch = self._topology(name), self._batch[name]
         kinds = dict(topo.springs)
         if topo.chain is not None:
@@ -158,7 +159,8 @@ class Simulation:
         self._of(name).write_positions(name, self._rows(name, positions, "positions", _FAR))
 
     def set_velocities(self, name: str, velocities: Any) -> None:
-        """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start anew."""
+        """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start
+        anew."""
         rows = self._rows(name, velocities, "velocities", 1e6)
         rows[self._topology(name).pinned] = 0.0
         self._of(name).write_velocities(name, rows)
@@ -168,7 +170,8 @@ class Simulation:
         count = len(self._topology(name).masses)
         if len(rows) != count or np.abs(rows).max() > limit:
             raise ValueError(
-                f"{name} {what} have {len(rows)} rows up to {np.abs(rows).max():g}; allowed are {count} rows up to {limit:g}"
+                f"{name} {what} have {len(rows)} rows up to {np.abs(rows).max():g}; "
+                f"allowed are {count} rows up to {limit:g}"
             )
         return rows
 

@@ -205,7 +205,8 @@ def _areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def _edges(triangles: np.ndarray, areas: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unique edges (E, 2), the vertices opposite (E, 2) with -1 beyond a border, and the area of both triangles (E,)."""
+    """Unique edges (E, 2), the vertices opposite (E, 2) with -1 beyond a border, and the area of both triangles
+    (E,)."""
     half = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     third = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
     area = np.tile(areas, 3)

@@ -1,4 +1,5 @@
-"""The kernels themselves: schedules agree to the bit, an absent feature leaves no trace, everything compiles for CUDA."""
+"""The kernels themselves: schedules agree to the bit, an absent feature leaves no trace, everything compiles for
+CUDA."""
 
 import re
 import subprocess
@@ -95,14 +96,18 @@ ALL_FUNCTIONS = {
 }
 
 
+SHEET_AND_BALL = Features(("spring", "hinge"), False, "triangles", ("sphere",), 2)
+ROPE_AND_ROOM = Features(("bend",), True, "segments", ("plane", "box"), 1)
+
+
 @pytest.mark.parametrize(
     ("features", "present"),
     [
         (Features(("spring",), False, "", (), 1), {"springs"}),
-        (Features(("spring", "hinge"), False, "triangles", ("sphere",), 2), {"springs", "hinges", "wind on cloth", "colliders", "sphere"}),
-        (Features(("bend",), True, "segments", ("plane", "box"), 1), {"bends", "chain", "wind on ropes", "colliders", "plane", "box"}),
+        (SHEET_AND_BALL, {"springs", "hinges", "wind on cloth", "colliders", "sphere"}),
+        (ROPE_AND_ROOM, {"bends", "chain", "wind on ropes", "colliders", "plane", "box"}),
     ],
-)  # fmt: skip
+)
 def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present, tmp_path):
     found = functions_in_kernel(features, tmp_path)
     for feature, names in ALL_FUNCTIONS.items():

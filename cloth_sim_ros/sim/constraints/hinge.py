@@ -29,7 +29,8 @@ def make_project(order: int):
 
     @wp.func
     def moved(i: int, s: State, body: Body, step: Step, d: wp.uint64) -> wp.vec3:
-        """What a dashpot takes as the motion of a particle in this substep [m]: not the carried rounding, not the base."""
+        """What a dashpot takes as the motion of a particle in this substep [m]: not the carried rounding, not the
+        base."""
         q = load4(d, i) - s.low[body.particles + i]
         result = wp.vec3(q[0], q[1], q[2])
         if wp.static(order == 2):

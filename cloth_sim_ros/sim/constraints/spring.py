@@ -1,4 +1,4 @@
-"""Distance springs: structural, shear, and bending over two edges. The hottest loop of a cloth: count its operations."""
+"""Distance springs: structural, shear, bending over two edges. The hottest loop of a cloth: count its operations."""
 
 import warp as wp
 
@@ -42,7 +42,7 @@ def make_project(order: int):
         length = root(square)
         slip = float(0.0)
         if material.damping > 0.0:
-            # A dashpot must not see what displacements carry of the positions' rounding: at small steps that is a speed.
+            # A dashpot must not see the rounding that displacements carry: divided by a small step it is a speed.
             g = body.particles
             moved = de4 - (s.low[g + j] - s.low[g + i])
             slip = elongation(e, wp.vec3(moved[0], moved[1], moved[2]))

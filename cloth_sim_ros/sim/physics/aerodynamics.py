@@ -9,8 +9,8 @@ def triangle_force(
 ) -> wp.vec4:
     """Force (x, y, z) [N] on a triangle in air of velocity `relative` [m/s], and its drag rate [N s/m] as fourth.
 
-    F = 1/2 rho A ((Cd - Cl) |v.n| v + Cl |v|^2 sign(v.n) n) (Ling 2000; Wilson et al. 2014). The rate bounds the slope of F
-    along v, so that an implicit step never carries the triangle beyond the wind.
+    F = 1/2 rho A ((Cd - Cl) |v.n| v + Cl |v|^2 sign(v.n) n) (Ling 2000; Wilson et al. 2014). The rate bounds the slope
+    of F along v, so that an implicit step never carries the triangle beyond the wind.
     """
     doubled = wp.cross(b - a, c - a)
     area = 0.5 * wp.length(doubled)

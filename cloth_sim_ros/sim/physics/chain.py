@@ -8,9 +8,9 @@ geometric stiffness (dropped under compression, so that the tangent stays positi
 
     Z = C + Y_i,    S_j = m_j + Z^-1,    Y_j = S_j^-1.
 
-Only positive quantities are added, never subtracted, so single precision keeps its digits for compliance 0 and for loads
-of 1e5 times the mass alike. Matrices stay in the frames of their edges, scaled to unit diagonals before inversion,
-because their entries along and across an edge may differ by ten orders of magnitude.
+Only positive quantities are added, never subtracted, so single precision keeps its digits for compliance 0 and for
+loads of 1e5 times the mass alike. Matrices stay in the frames of their edges, scaled to unit diagonals before
+inversion, because their entries along and across an edge may differ by ten orders of magnitude.
 """
 
 import warp as wp

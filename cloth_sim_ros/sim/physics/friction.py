@@ -8,8 +8,8 @@ def friction_correction(slip: wp.vec3, before: wp.vec3, pressed: float, static: 
     """The tangential correction of a substep [m] that Coulomb's law allows.
 
     slip: tangential displacement relative to the surface that is left [m]; before: correction given so far; pressed:
-    total normal correction [m], the normal impulse times h w. Sticks while the whole correction stays in the static cone,
-    else slides with the kinetic coefficient (Macklin et al. 2014, sec. 6.1, on accumulated corrections).
+    total normal correction [m], the normal impulse times h w. Sticks while the whole correction stays in the static
+    cone, else slides with the kinetic coefficient (Macklin et al. 2014, sec. 6.1, on accumulated corrections).
     """
     wanted = before - slip
     size = wp.length(wanted)

@@ -1,9 +1,11 @@
 """Time integration in displacement form: what a substep starts from and what it leaves behind.
 
-A substep solves for the displacement d = x_new - x, not for x_new, so that the velocity d/h keeps its precision when h is
-small. Both orders share one form with the effective step h_e and a base displacement b:
+A substep solves for the displacement d = x_new - x, not for x_new, so that the velocity d/h keeps its precision when h
+is small. Both orders share one form with the effective step h_e and a base displacement b:
+
     implicit Euler: h_e = h,    b = 0,         v* = v                        v_new = d / h
     BDF2:           h_e = 2h/3, b = d_prev/3,  v* = v + (v - v_prev)/3       v_new = (d - b) / h_e
+
 and predict d~ = b + h_e v* + h_e^2 a, with compliances divided by h_e^2 (BDF2 solved for the displacement).
 """
 
@@ -34,7 +36,8 @@ def split_sum(x: wp.vec3, d: wp.vec3) -> wp.vec3:
 
 @wp.struct
 class Step:
-    """One substep and iteration: h and h_e [s], 1/h_e, 1/h_e^2, and what the projections need to know of the loop around them."""
+    """One substep and iteration: h and h_e [s], 1/h_e, 1/h_e^2, and what the projections need to know of the loop
+    around them."""
 
     h: float
     effective: float

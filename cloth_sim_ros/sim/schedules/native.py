@@ -1,7 +1,8 @@
-"""The little that Warp cannot say: wide loads, barriers, fast roots, and where a body's positions and displacements live during a substep, and how a block waits for itself.
+"""The little that Warp cannot say: wide loads, barriers, fast roots, and where a body lives during a substep.
 
-A resident body keeps both in the shared memory of its block on a GPU; elsewhere they are plain device arrays. The stages
-see an address and an index and cannot tell: the compiler infers the address space, and the loads are 16 bytes wide.
+A resident body keeps both in the shared memory of its block on a GPU; elsewhere they are plain device arrays. The
+stages see an address and an index and cannot tell: the compiler infers the address space, and the loads are 16 bytes
+wide.
 """
 
 import warp as wp
@@ -36,8 +37,8 @@ p[1] = v[1];
 p[2] = v[2];
 #endif
 """
-# On a GPU the reciprocals of the special function unit, refined once to about one unit in the last place: a third of the
-# instructions of IEEE division and square root, which would otherwise fill half of the projection of a spring.
+# On a GPU the reciprocals of the special function unit, refined once to about one unit in the last place: a third of
+# the instructions of IEEE division and square root, which would otherwise fill half of the projection of a spring.
 _ROOT = """
 #if defined(__CUDA_ARCH__)
 float y = rsqrtf(value);

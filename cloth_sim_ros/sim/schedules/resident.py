@@ -154,8 +154,8 @@ def make_frame(features: Features, shared: int, block: int):
 def make_project_springs(order: int, fetch_ahead: bool):
     """A Warp function: thread t of `width` projects its share of all colours.
 
-    With `fetch_ahead` the record of the next spring is on its way while the present one is projected and while the block
-    waits at a barrier, because a fetch from a GPU's memory takes as long as a whole colour.
+    With `fetch_ahead` the record of the next spring is on its way while the present one is projected and while the
+    block waits at a barrier, because a fetch from a GPU's memory takes as long as a whole colour.
     """
     project_spring = make_project_spring(order)
 
