@@ -35,11 +35,12 @@ $(VENV)/ready-to-run: $(SOURCES)
 	  then python="$$candidate"; break; fi; \
 	done; \
 	if [ -z "$$python" ]; then echo "No python3 of version 3.10 to 3.13 was found; name one: make PYTHON=..." >&2; exit 1; fi; \
-	if "$$python" -c 'import rclpy' 2>/dev/null; then options=--system-site-packages; what=.; ros="the installed ROS 2"; \
-	else options=; what='.[ros]'; ros="ROS 2 from wheels"; fi; \
-	echo "== Setting up $(VENV) with $$("$$python" --version) and $$ros; this is done once"; \
+	options=; if "$$python" -c 'import rclpy' 2>/dev/null; then options=--system-site-packages; fi; \
+	echo "== Setting up $(VENV) with $$("$$python" --version); this is done once"; \
 	"$$python" -m venv --clear $$options $(VENV) || \
 	  { echo "Python cannot make environments; on Debian and Ubuntu: sudo apt install python3-venv" >&2; exit 1; }; \
+	if $(RUN) -c 'import rclpy' 2>/dev/null; then what=.; echo "== Using the ROS 2 that is installed"; \
+	else what='.[ros]'; echo "== Adding ROS 2 from wheels"; fi; \
 	$(RUN) -m pip install --disable-pip-version-check --editable "$$what"; \
 	touch $@; \
 	echo "== $(VENV) is ready to run"
