@@ -1,0 +1,1 @@
+"""Pictures that teach the method, drawn from what the product itself computes."""
