@@ -67,8 +67,13 @@ _BODY = (
 )
 
 SOLVER = (
-    _choice("method", "xpbd", "Method of integration.", ("xpbd",)),
-    _integer("order", 1, "1: implicit Euler; 2: BDF2, more accurate where motion is smooth.", 1, 2),
+    _choice(
+        "method",
+        "xpbd",
+        "xpbd: implicit, stable at any stiffness; verlet: explicit leapfrog, exact for soft scenes, needs enough substeps.",
+        ("xpbd", "verlet"),
+    ),
+    _integer("order", 1, "Of xpbd: 1 is implicit Euler, 2 is BDF2, more accurate in smooth motion.", 1, 2),
     _choice(
         "schedule",
         "auto",

@@ -33,7 +33,7 @@ class Batch:
         self._inverse_mass = {
             name: np.where(topology.pinned, 0.0, 1.0 / topology.masses) for name, topology in topologies.items()
         }
-        collected = ModelArrays()
+        collected = ModelArrays(spokes=features.method == "verlet")
         for topology in topologies.values():
             collected.add(topology)
         self.spring_order = collected.spring_order
@@ -99,7 +99,7 @@ class Batch:
         state, segments = self.arrays.state, self.segments(name)
         if segments.stop > segments.start:
             state.tensions[segments].zero_()
-        if self.features.order == 2:
+        if self.features.looks_back:
             b = self.index[name]
             state.history[b : b + 1].zero_()
 

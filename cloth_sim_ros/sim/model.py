@@ -26,18 +26,24 @@ class Features:
     panels: str  # "" without wind, else "triangles" or "segments"
     shapes: tuple[str, ...]  # collider shapes
     order: int
+    method: str
 
     def key(self) -> str:
         """A name for kernels with these features, the same in every process, so that caches on disk are found."""
         return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
 
+    @property
+    def looks_back(self) -> bool:
+        """Whether a substep needs to know if the one before it was smooth."""
+        return self.order == 2 or self.method == "verlet"
+
     @staticmethod
-    def of(topology: Topology, wind: bool, shapes: tuple[str, ...], order: int) -> Features:
+    def of(topology: Topology, wind: bool, shapes: tuple[str, ...], order: int = 1, method: str = "xpbd") -> Features:
         """The features of a body with `topology` in a scene with or without wind and with colliders of `shapes`."""
-        kinds = ("spring",) if topology.springs else ()
+        kinds = ("spring",) if topology.springs and method == "xpbd" else ()
         panels = "triangles" if len(topology.triangles) else "segments"
         others = tuple(name for name, _, _ in topology.others())
-        return Features(kinds + others, topology.chain is not None, panels if wind else "", shapes, order)
+        return Features(kinds + others, topology.chain is not None, panels if wind else "", shapes, order, method)
 
 
 @wp.struct
@@ -71,6 +77,8 @@ class Model:
     tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles, the last repeated where there are three
     tuple_rest: wp.array(dtype=wp.vec4)  # (E, 4) rest, scale and two more
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
+    spokes: wp.array(dtype=wp.vec4)  # (2 S, 4) springs around each particle: other particle, rest, scale, kind
+    spoke_start: wp.array(dtype=int)  # (N + 1,) into spokes; both for method verlet alone
     panels: wp.array(dtype=wp.vec3i)  # (P, 3) particles, -1 for none
     panel_start: wp.array(dtype=int)  # (N + 1,) into particle_panels
     particle_panels: wp.array(dtype=int)  # panels around each particle, counted in the batch
@@ -89,7 +97,8 @@ class ModelArrays:
     spring_order[b][kind] is (first, order): element `order[i]` of that kind lies at first + i of the springs.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, spokes: bool) -> None:
+        self._with_spokes = spokes
         self.rows: dict[str, list[np.ndarray]] = {name: [] for name in _TYPES}
         self.bodies: list[tuple] = []
         self.particles = 0
@@ -99,7 +108,7 @@ class ModelArrays:
 
     def _append(self, name: str, rows: np.ndarray) -> int:
         start = self.size[name]
-        self.rows[name].append(rows)
+        self.rows[name].append(rows.astype(_TYPES[name][1]))
         self.size[name] += len(rows)
         return start
 
@@ -114,8 +123,9 @@ class ModelArrays:
         self.spring_order.append({})
         for kind, elements in topology.springs.items():
             order, spans = colour_sorted(elements)
-            indices = elements.particles[order].astype(np.int32).view(np.float32)
-            start = self._append("springs", np.column_stack([indices, elements.rest[order], elements.scale[order]]))
+            indices = bits(elements.particles[order])
+            numbers = np.stack([elements.rest, elements.scale], 1)[order].astype(np.float32)
+            start = self._append("springs", np.concatenate([indices, numbers], 1))
             self.spring_order[-1][kind] = (start, order)
             self._append_groups("spring", KINDS.index(kind), start, spans)
         tuple_groups = len(self.groups)
@@ -129,6 +139,8 @@ class ModelArrays:
         chain = topology.chain.rest if topology.chain is not None else np.zeros(0)
         segments = self._append("segment_length", chain)
         panels = self._add_panels(topology)
+        if self._with_spokes:
+            self._add_spokes(topology)
         rests = [e.rest for e in topology.springs.values()] + ([chain] if len(chain) else [])
         spacing = float(np.concatenate(rests).mean()) if rests else 1.0
         spans = (
@@ -153,18 +165,43 @@ class ModelArrays:
         self._append("panel_start", offset + np.concatenate([[0], np.cumsum(counts)[:-1]]))
         return start
 
+    def _add_spokes(self, topology: Topology) -> None:
+        found = [
+            (elements.particles[:, [side, 1 - side]], elements.rest, elements.scale, KINDS.index(kind))
+            for kind, elements in topology.springs.items()
+            for side in (0, 1)
+        ]
+        hub = np.concatenate([particles[:, 0] for particles, _, _, _ in found])
+        rows = np.concatenate(
+            [
+                np.concatenate(
+                    [bits(p[:, 1:]), np.stack([rest, scale], 1).astype(np.float32), bits(np.full((len(p), 1), kind))], 1
+                )
+                for p, rest, scale, kind in found
+            ]
+        )
+        offset = self._append("spokes", rows[np.argsort(hub, kind="stable")])
+        counts = np.bincount(hub, minlength=len(topology.masses))
+        self._append("spoke_start", offset + np.concatenate([[0], np.cumsum(counts)[:-1]]))
+
     def upload(self, device: wp.Device) -> Model:
         """The arrays on `device`. An absent kind is an array of no element."""
         model = Model()
-        self.rows["panel_start"].append(np.array([self.size["particle_panels"]]))
+        self._append("panel_start", np.array([self.size["particle_panels"]]))
+        self._append("spoke_start", np.array([self.size["spokes"]]))
         for name, (dtype, kind) in _TYPES.items():
             width = dtype._length_ if hasattr(dtype, "_length_") else 0
             shape = (0, width) if width else (0,)
-            rows = np.concatenate([np.zeros(shape), *self.rows[name]]).astype(kind)
+            rows = np.concatenate([np.zeros(shape, dtype=kind), *self.rows[name]])
             setattr(model, name, wp.array(rows, dtype=dtype, device=device))
         model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 4), dtype=wp.vec4i, device=device)
         model.bodies = wp.array(np.array(self.bodies, dtype=Body.numpy_dtype()), dtype=Body, device=device)
         return model
+
+
+def bits(indices: np.ndarray) -> np.ndarray:
+    """Indices as float32 of the same bits, to pack them beside numbers; never computed with, only moved."""
+    return np.ascontiguousarray(indices, dtype=np.int32).view(np.float32)
 
 
 _TYPES = {
@@ -172,6 +209,8 @@ _TYPES = {
     "tuples": (wp.vec4i, np.int32),
     "tuple_rest": (wp.vec4, np.float32),
     "segment_length": (float, np.float32),
+    "spokes": (wp.vec4, np.float32),
+    "spoke_start": (int, np.int32),
     "panels": (wp.vec3i, np.int32),
     "panel_start": (int, np.int32),
     "particle_panels": (int, np.int32),

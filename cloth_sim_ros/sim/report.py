@@ -21,7 +21,14 @@ STRAIN, RESIDUAL, PENETRATION = 0, 1, 2
 
 @wp.kernel(enable_backward=False)
 def measure_springs(
-    arrays: Arrays, b: int, first: int, kind: int, dt: float, second: bool, result: wp.array(dtype=float)
+    arrays: Arrays,
+    b: int,
+    first: int,
+    kind: int,
+    dt: float,
+    second: bool,
+    implicit: bool,
+    result: wp.array(dtype=float),
 ):
     k = first + wp.tid()
     body = arrays.model.bodies[b]
@@ -30,7 +37,7 @@ def measure_springs(
     j = body.particles + as_index(spring[1])
     h = effective_step(dt, second)
     force = arrays.state.spring_multipliers[k] / (h * h)
-    _measure(arrays, b, i, j, spring[2], spring[3] * arrays.materials[b].compliance[kind] * force, result)
+    _measure(arrays, b, i, j, spring[2], spring[3] * arrays.materials[b].compliance[kind] * force, implicit, result)
 
 
 @wp.kernel(enable_backward=False)
@@ -40,11 +47,13 @@ def measure_chain(arrays: Arrays, b: int, result: wp.array(dtype=float)):
     i = body.particles + wp.tid()
     rest = arrays.model.segment_length[k]
     sag = -rest * arrays.materials[b].compliance[0] * arrays.state.tensions[k]
-    _measure(arrays, b, i, i + 1, rest, sag, result)
+    _measure(arrays, b, i, i + 1, rest, sag, True, result)
 
 
 @wp.func
-def _measure(arrays: Arrays, b: int, i: int, j: int, rest: float, held: float, result: wp.array(dtype=float)):
+def _measure(
+    arrays: Arrays, b: int, i: int, j: int, rest: float, held: float, implicit: bool, result: wp.array(dtype=float)
+):
     """Strain, and the violation of C + gamma slip + compliance x multiplier = 0 with `held` as its last term [m]."""
     high = arrays.state.positions[j] - arrays.state.positions[i]
     e = xyz(high) + xyz(arrays.state.low[j] - arrays.state.low[i])
@@ -52,7 +61,8 @@ def _measure(arrays: Arrays, b: int, i: int, j: int, rest: float, held: float, r
     n = e / wp.max(length, 1.0e-12)
     rate = wp.dot(n, xyz(arrays.state.velocities[j] - arrays.state.velocities[i]))
     wp.atomic_max(result, STRAIN, wp.abs(length - rest) / wp.max(rest, 1.0e-12))
-    wp.atomic_max(result, RESIDUAL, wp.abs(length - rest + arrays.materials[b].damping * rate + held))
+    if implicit:
+        wp.atomic_max(result, RESIDUAL, wp.abs(length - rest + arrays.materials[b].damping * rate + held))
 
 
 @lru_cache
@@ -85,9 +95,9 @@ class Reporter:
         """kinetic_energy [J], max_strain [-], max_penetration [m] and residual [m] of one body."""
         b, span = batch.index[name], batch.span(name)
         self._result.zero_()
-        second = batch.features.order == 2
+        second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
         for kind, (first, order) in batch.spring_order[b].items():
-            inputs = [batch.arrays, b, first, KINDS.index(kind), dt, second, self._result]
+            inputs = [batch.arrays, b, first, KINDS.index(kind), dt, second, implicit, self._result]
             wp.launch(measure_springs, dim=len(order), inputs=inputs, device=self._device)
         if batch.features.chain:
             segments = span.stop - span.start - 1

@@ -65,6 +65,21 @@ def rotate(orientation: Quaternion, points: np.ndarray) -> np.ndarray:
     return points + w * turn + np.cross(axis, turn)
 
 
+def _check_pins(thing: Any, names: tuple[str, ...], count: int) -> None:
+    """Raise ValueError where `pins` is not None, "none", one of `names` or indices below `count`."""
+    pins, name = thing.pins, f"{type(thing).__name__}.pins"
+    if pins is None or pins == "none":
+        return
+    if isinstance(pins, str):
+        if pins not in names:
+            words = ", ".join([*names, "none"])
+            raise ValueError(f"{name} is {pins!r}; allowed is one of {words} or a list of particle indices")
+        return
+    bad = [index for index in pins if not 0 <= index < count]
+    if bad:
+        raise ValueError(f"{name} names particle {bad[0]}; allowed are 0 to {count - 1}")
+
+
 @dataclass(frozen=True)
 class Cloth:
     """A rectangular sheet (or, from `Cloth.from_mesh`, any manifold triangle mesh) of springs.
@@ -106,6 +121,10 @@ class Cloth:
             raise ValueError("Cloth has vertices or triangles alone; allowed are both or neither")
         if min(self.size) <= 0.0:
             raise ValueError(f"Cloth.size is {self.size}; allowed are two numbers above 0 [m]")
+        if self.vertices is None:
+            _check_pins(self, ("corners", "top", "edges"), self.resolution[0] * self.resolution[1])
+        else:
+            _check_pins(self, (), len(self.vertices))
 
     @classmethod
     def from_mesh(cls, vertices: Any, triangles: Any, **material: Any) -> Cloth:
@@ -169,6 +188,7 @@ class Rope:
             )
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "segments", len(points) - 1)
+        _check_pins(self, ("start", "end", "both"), len(points))
         if self.particle_masses is not None:
             masses = np.array(self.particle_masses, dtype=np.float64)
             if masses.shape != (len(points),) or not np.isfinite(masses).all() or masses.min() <= 0.0:

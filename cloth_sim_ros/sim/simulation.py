@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim import topology
+from cloth_sim_ros.sim import limits, topology
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.colliders import NAMES, SHAPES, shape_of
 from cloth_sim_ros.sim.model import Features
@@ -35,8 +35,11 @@ class Simulation:
         self._collider_row = {name: row for row, name in enumerate(scene.colliders)}
         self._moving: set[int] = set()
         self._wanted: dict[int, tuple] = {}
-        direct = self.settings.rope_solver == "direct"
+        direct = self.settings.rope_solver == "direct" and self.settings.method == "xpbd"
         self._topologies = {name: topology.build(thing, name, direct) for name, thing in scene.objects.items()}
+        if self.settings.method == "verlet":
+            for name, thing in scene.objects.items():
+                self._check_explicit(name, _compliances(thing), self.settings.substeps)
         self._batches = self._make_batches()
         self._batch = {name: batch for batch in self._batches for name in batch.index}
         self._reporter = Reporter(self._device)
@@ -49,7 +52,8 @@ class Simulation:
         wind = self.scene.wind is not None
         alike: dict[Features, dict[str, topology.Topology]] = {}
         for name, topo in self._topologies.items():
-            alike.setdefault(Features.of(topo, wind, shapes, self.settings.order), {})[name] = topo
+            order = self.settings.order if self.settings.method == "xpbd" else 1
+            alike.setdefault(Features.of(topo, wind, shapes, order, self.settings.method), {})[name] = topo
         return [
             Batch(bodies, features, self.settings.schedule, self._frame, self._colliders, self._device)
             for features, bodies in alike.items()
@@ -66,7 +70,8 @@ class Simulation:
     def method(self) -> str:
         """Method, order and schedules in words, for diagnostics."""
         kinds = sorted({type(batch.schedule).__name__.lower() for batch in self._batches})
-        return f"{self.settings.method} order {self.settings.order}, {' and '.join(kinds) or 'empty scene'}"
+        method = "verlet" if self.settings.method == "verlet" else f"xpbd order {self.settings.order}"
+        return f"{method}, {' and '.join(kinds) or 'empty scene'}"
 
     @property
     def time(self) -> float:
@@ -192,13 +197,25 @@ class Simulation:
 
     # -- live numbers --------------------------------------------------------------------------------------------
 
-    def set_collider_pose(self, name: str, position: Any, orientation: Any = (0.0, 0.0, 0.0, 1.0)) -> None:
-        """Move a collider: it reaches the pose [m], x y z w, at the end of the next frame, swept in between."""
+    def set_collider_pose(
+        self, name: str, position: Any, orientation: Any = (0.0, 0.0, 0.0, 1.0), sweep: bool = True
+    ) -> None:
+        """Move a collider: it reaches the pose [m], x y z w, at the end of the next frame, swept in between.
+
+        Without `sweep` it is there at once and was never anywhere else: for placing it, not for pushing with it.
+        """
         if name not in self._collider_row:
             raise ValueError(f"there is no collider {name!r}; allowed is {_names(self._collider_row)}")
         place = {parameter.name: parameter for parameter in table.COLLIDER}["position"]
         position = table.check(place, position, f"{name}.position")
-        self._wanted[self._collider_row[name]] = (position, unit_quaternion(orientation, f"{name}.orientation"))
+        row, orientation = self._collider_row[name], unit_quaternion(orientation, f"{name}.orientation")
+        if sweep:
+            self._wanted[row] = (position, orientation)
+            return
+        self._wanted.pop(row, None)
+        self._moving.discard(row)
+        self._colliders.write(row, end_position=position, end_orientation=orientation)
+        self._rest_collider(row)
 
     def set_wind(self, velocity: Any) -> None:
         """Set the wind velocity [m/s] from the next frame on."""
@@ -229,7 +246,11 @@ class Simulation:
         self._frame.write(0, **{fields.get(row.name, row.name): table.check(row, value, name)})
 
     def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
-        self.settings = dataclasses.replace(self.settings, **{row.name: table.check(row, value, name)})
+        value = table.check(row, value, name)
+        if row.name == "substeps" and self.settings.method == "verlet":
+            for owner in self.scene.objects:
+                self._check_explicit(owner, self._compliance(owner), value)
+        self.settings = dataclasses.replace(self.settings, **{row.name: value})
         if row.name == "substeps":
             for batch in self._batches:
                 batch.forget_steps()
@@ -244,11 +265,30 @@ class Simulation:
         batch = self._batch[owner]
         b = batch.index[owner]
         if field.endswith("_compliance"):
-            compliance = batch.materials.read(b, "compliance").copy()
+            compliance = self._compliance(owner)
             compliance[("stretch_compliance", "shear_compliance", "bend_compliance").index(field)] = value
+            if self.settings.method == "verlet":
+                self._check_explicit(owner, compliance, self.settings.substeps)
             batch.materials.write(b, compliance=compliance)
         else:
             batch.materials.write(b, **{"thickness" if field == "radius" else field: value})
+
+    def _compliance(self, name: str) -> np.ndarray:
+        """The three compliances of an object as they are now."""
+        batch = self._batch[name]
+        return batch.materials.read(batch.index[name], "compliance").copy()
+
+    def _check_explicit(self, name: str, compliance: Any, substeps: int) -> None:
+        """Raise ValueError where method verlet cannot hold an object, saying what it would need."""
+        topo = self._topologies[name]
+        if topo.others():
+            raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
+        needed = limits.explicit_substeps(topo, compliance, self.settings.frame_dt)
+        if substeps < needed:
+            raise ValueError(
+                f"solver.substeps is {substeps} with method 'verlet'; allowed is at least {needed:g} for the stiffness "
+                f"of {name}, or method 'xpbd'"
+            )
 
     # -- host mirrors of the device's structs --------------------------------------------------------------------
 
@@ -273,11 +313,10 @@ class Simulation:
         self._place_colliders()
 
     def _write_material(self, name: str, thing: Cloth | Rope) -> None:
-        kinds = (thing.stretch_compliance, getattr(thing, "shear_compliance", None), thing.bend_compliance)
         batch = self._batch[name]
         batch.materials.write(
             batch.index[name],
-            compliance=[kind or 0.0 for kind in kinds],
+            compliance=_compliances(thing),
             damping=thing.damping,
             thickness=thing.radius if isinstance(thing, Rope) else thing.thickness,
             static_friction=thing.static_friction,
@@ -307,6 +346,12 @@ class Simulation:
         if name not in self._topologies:
             raise ValueError(f"there is no object {name!r}; allowed is {_names(self._topologies)}")
         return self._topologies[name]
+
+
+def _compliances(thing: Cloth | Rope) -> list[float]:
+    """Structural, shear and bending compliance, 0 for a kind that does not exist."""
+    kinds = (thing.stretch_compliance, getattr(thing, "shear_compliance", None), thing.bend_compliance)
+    return [kind or 0.0 for kind in kinds]
 
 
 def _names(names: Any) -> str:

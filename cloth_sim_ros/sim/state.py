@@ -100,10 +100,8 @@ class State:
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     sweeps: wp.array(dtype=Sweep)  # (B K,)
-    history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 alone
-    events: wp.array(
-        dtype=int
-    )  # (B,) 1 + the substep of the frame in which a motion was last not smooth, order 2 alone
+    history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet
+    events: wp.array(dtype=int)  # (B,) 1 + the substep of the frame in which a motion was last not smooth, order 2
 
 
 @wp.struct
@@ -138,8 +136,8 @@ def make_state(arrays: ModelArrays, features: Features, colliders: int, device: 
         "panel_forces": (arrays.size["panels"] if features.panels else 0, wp.vec4),
         "contacts": (particles * colliders, wp.vec4),
         "sweeps": (bodies * colliders, Sweep),
-        "history": (bodies if features.order == 2 else 0, int),
-        "events": (bodies if features.order == 2 else 0, int),
+        "history": (bodies if features.looks_back else 0, int),
+        "events": (bodies if features.looks_back else 0, int),
     }
     for name, (size, dtype) in sizes.items():
         setattr(state, name, wp.zeros(size, dtype=dtype, device=device))

@@ -7,6 +7,7 @@ live change of the material never touches these arrays. Nothing here knows of a 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -56,9 +57,9 @@ class Topology:
 
 
 def build(thing: Cloth | Rope, name: str, direct_ropes: bool) -> Topology:
-    """The topology of a cloth or rope called `name`. Raises ValueError for pins or meshes that cannot be."""
+    """The topology of a cloth or rope called `name`. Raises ValueError for a mesh that is not manifold."""
     if isinstance(thing, Rope):
-        return _rope(thing, name, direct_ropes)
+        return _rope(thing, direct_ropes)
     return _grid(thing, name) if thing.vertices is None else _mesh(thing, name)
 
 
@@ -87,21 +88,11 @@ def colour(particles: np.ndarray, count: int) -> np.ndarray:
     return result
 
 
-def _pinned(pins, named: dict[str, np.ndarray], count: int, name: str) -> np.ndarray:
+def _pinned(pins: Any, named: dict[str, np.ndarray], count: int) -> np.ndarray:
+    """Which of `count` particles are fixed (N,), by a name of `named` or by indices, as the scene has checked them."""
     fixed = np.zeros(count, dtype=bool)
-    if pins is None or (isinstance(pins, str) and pins == "none"):
-        return fixed
-    if isinstance(pins, str):
-        if pins not in named:
-            words = ", ".join([*named, "none"])
-            raise ValueError(f"{name}.pins is {pins!r}; allowed is one of {words} or a list of particle indices")
-        fixed[named[pins]] = True
-        return fixed
-    indices = np.asarray(pins, dtype=np.int64)
-    if len(indices) and (indices.min() < 0 or indices.max() >= count):
-        bad = indices[(indices < 0) | (indices >= count)][0]
-        raise ValueError(f"{name}.pins names particle {bad}; allowed are 0 to {count - 1}")
-    fixed[indices] = True
+    if pins is not None and pins != "none":
+        fixed[named[pins] if isinstance(pins, str) else list(pins)] = True
     return fixed
 
 
@@ -191,7 +182,7 @@ def _sheet(cloth, name, local, masses, named, triangles, springs) -> Topology:
     return Topology(
         rest=rotate(cloth.orientation, local) + np.asarray(cloth.position),
         masses=masses,
-        pinned=_pinned(cloth.pins, named, len(local), name),
+        pinned=_pinned(cloth.pins, named, len(local)),
         springs=springs,
         triangles=triangles,
         panels=triangles,
@@ -240,7 +231,7 @@ def _hinges(points: np.ndarray, triangles: np.ndarray, name: str) -> Elements | 
     return Elements(particles, angle, scale, colour(particles, len(points)))
 
 
-def _rope(rope: Rope, name: str, direct: bool) -> Topology:
+def _rope(rope: Rope, direct: bool) -> Topology:
     points = rope.points
     count = len(points)
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -254,7 +245,7 @@ def _rope(rope: Rope, name: str, direct: bool) -> Topology:
     return Topology(
         rest=rotate(rope.orientation, points) + np.asarray(rope.position),
         masses=masses,
-        pinned=_pinned(rope.pins, named, count, name),
+        pinned=_pinned(rope.pins, named, count),
         springs={} if direct else {"structural": stretch},
         triangles=np.zeros((0, 3), dtype=np.int32),
         panels=np.concatenate([pairs, np.full((count - 1, 1), -1)], axis=1),

@@ -96,14 +96,14 @@ ALL_FUNCTIONS = {
 }
 
 
-SHEET_AND_BALL = Features(("spring", "hinge"), False, "triangles", ("sphere",), 2)
-ROPE_AND_ROOM = Features(("bend",), True, "segments", ("plane", "box"), 1)
+SHEET_AND_BALL = Features(("spring", "hinge"), False, "triangles", ("sphere",), 2, "xpbd")
+ROPE_AND_ROOM = Features(("bend",), True, "segments", ("plane", "box"), 1, "xpbd")
 
 
 @pytest.mark.parametrize(
     ("features", "present"),
     [
-        (Features(("spring",), False, "", (), 1), {"springs"}),
+        (Features(("spring",), False, "", (), 1, "xpbd"), {"springs"}),
         (SHEET_AND_BALL, {"springs", "hinges", "wind on cloth", "colliders", "sphere"}),
         (ROPE_AND_ROOM, {"bends", "chain", "wind on ropes", "colliders", "plane", "box"}),
     ],
@@ -120,9 +120,9 @@ def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present,
 
 def test_two_scenes_without_a_feature_share_one_kernel():
     small, large = (topology.build(Cloth(resolution=(n, n)), "cloth", True) for n in (4, 9))
-    without = Features.of(small, False, (), 1)
-    assert without != Features.of(small, True, (), 1)
-    assert resident.make_frame(without, 0, 1) is resident.make_frame(Features.of(large, False, (), 1), 0, 1)
+    without = Features.of(small, False, ())
+    assert without != Features.of(small, True, ())
+    assert resident.make_frame(without, 0, 1) is resident.make_frame(Features.of(large, False, ()), 0, 1)
 
 
 def test_changing_live_numbers_compiles_nothing(device):

@@ -116,6 +116,15 @@ def test_a_moving_collider_pushes_the_cloth_and_none_stays_inside(device, collid
     assert sim.report()["cloth"]["max_penetration"] < 1e-4
 
 
+def test_a_placed_collider_was_never_in_between(device):
+    sim = sheet_sim(device, {"ball": Sphere(radius=0.2, position=(0, -0.5, 0))})
+    sim.set("gravity", (0, 0, 0))
+    before = sim.positions("cloth")
+    sim.set_collider_pose("ball", (0, 0.5, 0), sweep=False)
+    sim.step(3)
+    assert np.array_equal(sim.positions("cloth"), before)
+
+
 def test_a_fast_thin_collider_does_not_pass_through(device):
     """A plate thinner than its motion in a substep sweeps 0.8 m in two frames."""
     sim = sheet_sim(device, {"plate": Box(half_extents=(0.3, 0.001, 0.3), position=(0, -0.4, 0))}, pins=None)

@@ -43,17 +43,17 @@ class Step:
     effective: float
     inverse: float
     inverse_square: float
-    second: bool  # order 2 with its history
+    second: bool  # a smooth substep lies behind this one
     first: bool  # first iteration: multipliers start from zero
     store: bool  # someone reads the multipliers afterwards
 
 
 @wp.func
-def make_step(h: float, second: bool) -> Step:
-    """The part of a Step that lasts for the substep."""
+def make_step(h: float, second: bool, order: int) -> Step:
+    """The part of a Step that lasts for the substep; `second`: a smooth substep lies behind it."""
     step = Step()
     step.h = h
-    step.effective = effective_step(h, second)
+    step.effective = effective_step(h, second and order == 2)
     step.inverse = 1.0 / step.effective
     step.inverse_square = step.inverse * step.inverse
     step.second = second

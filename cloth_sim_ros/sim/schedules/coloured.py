@@ -56,13 +56,14 @@ class Coloured:
                     store = int(iterations > 1 or substep == substeps - 1)
                     self._launch_iteration(b, body, first, store)
                 self._launch("finish", body["count"], b, substep)
-            if self._features.order == 2:
+            if self._features.looks_back:
                 self._launch("age", len(self._bodies), substep)
 
     def _launch_iteration(self, b: int, body: dict, first: int, store: int) -> None:
         if self._features.chain:
             self._launch("chain", 1, b, first)
-        for g in range(body["groups"], body["groups_end"]):
+        groups = range(body["groups"], body["groups_end"]) if self._features.constraints else ()
+        for g in groups:
             _, _, start, end = self._groups[g]
             stage = "springs" if g < body["tuple_groups"] else "tuples"
             self._launch(stage, end - start, b, first, store, g)
@@ -89,7 +90,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     @wp.func
     def second(s: State, b: int) -> bool:
         result = bool(False)
-        if wp.static(features.order == 2):
+        if wp.static(features.looks_back):
             result = s.history[b] > 0
         return result
 
@@ -101,8 +102,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         body = arrays.model.bodies[b]
         x = array_address(arrays.state.positions, body.particles)
         d = array_address(arrays.state.displacements, body.particles)
-        step = make_step(arrays.frames[0].dt, second(arrays.state, b))
-        predict_particle(wp.tid(), arrays.model, arrays.state, body, arrays.frames[0], step, x, d)
+        step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
+        predict_particle(wp.tid(), arrays.model, arrays.state, body, arrays.materials[b], arrays.frames[0], step, x, d)
 
     @stage
     def finish(
@@ -114,7 +115,13 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         x = array_address(arrays.state.positions, body.particles)
         d = array_address(arrays.state.displacements, body.particles)
         finish_particle(
-            wp.tid(), substep, arrays.state, body, make_step(arrays.frames[0].dt, second(arrays.state, b)), x, d
+            wp.tid(),
+            substep,
+            arrays.state,
+            body,
+            make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order)),
+            x,
+            d,
         )
 
     if features.shapes:
@@ -140,7 +147,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             body = arrays.model.bodies[b]
             x = array_address(arrays.state.positions, body.particles)
             d = array_address(arrays.state.displacements, body.particles)
-            step = make_step(arrays.frames[0].dt, second(arrays.state, b))
+            step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
             step.first = first != 0
             contact_particle(wp.tid(), b, body, arrays.materials[b], arrays.colliders, arrays.state, step, x, d)
 
@@ -171,7 +178,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             group = arrays.model.groups[g]
             x = array_address(arrays.state.positions, body.particles)
             d = array_address(arrays.state.displacements, body.particles)
-            step = make_step(arrays.frames[0].dt, second(arrays.state, b))
+            step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
             step.first = first != 0
             step.store = store != 0
             alpha = compliance_of(arrays.materials[b], group[1]) * step.inverse_square
@@ -192,7 +199,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             group = arrays.model.groups[g]
             x = array_address(arrays.state.positions, body.particles)
             d = array_address(arrays.state.displacements, body.particles)
-            step = make_step(arrays.frames[0].dt, second(arrays.state, b))
+            step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
             step.first = first != 0
             step.store = store != 0
             alpha = compliance_of(arrays.materials[b], group[1]) * step.inverse_square
@@ -210,11 +217,11 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             body = arrays.model.bodies[b]
             x = array_address(arrays.state.positions, body.particles)
             d = array_address(arrays.state.displacements, body.particles)
-            step = make_step(arrays.frames[0].dt, second(arrays.state, b))
+            step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
             step.first = first != 0
             solve_chain(arrays.model, arrays.state, body, arrays.materials[b], step, x, d)
 
-    if features.order == 2:
+    if features.looks_back:
 
         @stage
         def age(arrays: Arrays, substep: int):

@@ -81,18 +81,18 @@ def make_frame(features: Features, shared: int, block: int):
             for i in range(t, body.count, width):
                 store4(x, i, s.positions[body.particles + i])
         history = int(0)
-        if wp.static(features.order == 2):
+        if wp.static(features.looks_back):
             history = s.history[b]
             if t == 0:
                 s.events[b] = 0
         sync()
-        step = make_step(frame.dt, history > 0)
+        step = make_step(frame.dt, history > 0, wp.static(features.order))
         if wp.static(features.panels != ""):
             for k in range(body.panels + t, body.panels_end, width):
                 panel(k, m, s, body, material, frame, x)
             sync()
         for i in range(t, body.count, width):
-            predict(i, m, s, body, frame, step, x, d)
+            predict(i, m, s, body, material, frame, step, x, d)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 for c in range(t, arrays.colliders.shape[0], width):
@@ -128,20 +128,21 @@ def make_frame(features: Features, shared: int, block: int):
                 for k in range(body.panels + t, body.panels_end, width):
                     panel(k, m, s, body, material, frame, x)
                 sync()
-            if wp.static(features.order == 2):
+            if wp.static(features.looks_back):
                 if wp.static(features.panels == ""):
                     for i in range(t, body.count, width):
                         finish(i, substep, s, body, step, x, d)
                     sync()
                 history = wp.where(s.events[b] == substep + 1, 0, 1)
-                step = make_step(frame.dt, history > 0)
-            # A thread owns its particles from the end of one substep to the next prediction: no barrier in between.
+                step = make_step(frame.dt, history > 0, wp.static(features.order))
+            # A thread owns its particles from the end of one substep to the next prediction; only methods that look
+            # back or around need a barrier in between.
             for i in range(t, body.count, width):
-                if wp.static(features.panels == "" and features.order == 1):
+                if wp.static(features.panels == "" and not features.looks_back):
                     finish(i, substep, s, body, step, x, d)
                 if substep + 1 < frame.substeps:
-                    predict(i, m, s, body, frame, step, x, d)
-        if wp.static(features.order == 2):
+                    predict(i, m, s, body, material, frame, step, x, d)
+        if wp.static(features.looks_back):
             if t == 0:
                 s.history[b] = history
         if wp.static(shared > 0):

@@ -9,10 +9,11 @@ import warp as wp
 from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
+from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step, predict_displacement, split_sum
-from cloth_sim_ros.sim.schedules.native import array_address, load4, quotient, store4
-from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
+from cloth_sim_ros.sim.schedules.native import array_address, as_index, load4, quotient, root, store4
+from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep, compliance_of
 
 
 @wp.func
@@ -64,11 +65,41 @@ def make_panel(features: Features):
     return panel_force
 
 
+@wp.func
+def spring_force(i: int, m: Model, s: State, body: Body, material: Material, v: wp.vec3, x: wp.uint64) -> wp.vec3:
+    """The force of all springs and dashpots around particle i [N], gathered, for explicit methods."""
+    g = body.particles + i
+    xi = load4(x, i)
+    low = s.low[g]
+    force = wp.vec3(0.0)
+    for k in range(m.spoke_start[g], m.spoke_start[g + 1]):
+        spoke = load4(array_address(m.spokes, 0), k)
+        j = as_index(spoke[0])
+        e = xyz((load4(x, j) - xi) + (s.low[body.particles + j] - low))
+        length = root(wp.max(wp.dot(e, e), SHORTEST * SHORTEST))
+        pull = length - spoke[1]
+        if material.damping > 0.0:
+            pull += material.damping * wp.dot(e, xyz(s.velocities[body.particles + j]) - v) / length
+        constant = quotient(1.0, compliance_of(material, as_index(spoke[3])) * spoke[2])
+        force += (constant * quotient(pull, length)) * e
+    return force
+
+
 def make_predict(features: Features):
     """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
 
     @wp.func
-    def predict(i: int, m: Model, s: State, body: Body, frame: Frame, step: Step, x: wp.uint64, d: wp.uint64):
+    def predict(
+        i: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        frame: Frame,
+        step: Step,
+        x: wp.uint64,
+        d: wp.uint64,
+    ):
         g = body.particles + i
         w = load4(x, i)[3]
         low = xyz(load4(array_address(s.low, 0), g))
@@ -88,6 +119,11 @@ def make_predict(features: Features):
                 force = s.panel_forces[m.particle_panels[k]]
                 a += w * xyz(force)
                 rate += w * force[3]
+        if wp.static(features.method == "verlet"):
+            a += w * spring_force(i, m, s, body, material, v, x)
+            if not step.second:
+                # Leapfrog: velocities live half a step before the positions, so the first kick is half a kick.
+                a *= 0.5
         eased = quotient(1.0, 1.0 + step.effective * rate)
         displacement = predict_displacement(base, v, a, step.effective, eased)
         # The implicit drag weighs like added mass; with it the static balance of drag, weight and springs is exact.

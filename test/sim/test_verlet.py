@@ -1,0 +1,81 @@
+"""Method verlet: explicit, of second order, refused where it would be unstable."""
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim.limits import explicit_substeps
+from cloth_sim_ros.sim.topology import build
+
+SHEET = Cloth(resolution=(9, 9), pins="edges", stretch_compliance=1e-3, shear_compliance=1e-3)
+
+
+def final(device, substeps, thing=SHEET, frames=30, **scene):
+    sim = Simulation(Scene({"it": thing}, **scene), Settings(method="verlet", substeps=substeps), device=device)
+    sim.step(frames)
+    return sim.positions("it").astype(np.float64)
+
+
+def test_the_error_falls_with_the_square_of_the_step(device):
+    exact = final(device, 640)
+    errors = [np.abs(final(device, n) - exact).max() for n in (20, 40, 80)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders == pytest.approx([2.0, 2.0], abs=0.2)
+
+
+def test_it_agrees_with_the_implicit_method_in_the_limit(device):
+    sim = Simulation(Scene({"it": SHEET}), Settings(order=2, substeps=160, iterations=6), device=device)
+    sim.step(30)
+    assert np.abs(sim.positions("it") - final(device, 320)).max() < 3e-5
+
+
+def test_schedules_agree_with_wind_and_colliders(device):
+    scene = Scene(
+        {"it": Cloth(resolution=(9, 9), pins="top", damping=1e-4)},
+        {"ball": Sphere(radius=0.2, position=(0, 0, -0.3)), "floor": Plane(position=(0, 0, -0.6))},
+        Wind((1, 0, 0)),
+    )
+    found = []
+    for schedule in ("resident", "coloured"):
+        sim = Simulation(scene, Settings(method="verlet", substeps=60, schedule=schedule), device=device)
+        sim.step(30)
+        found.append(sim.positions("it"))
+    assert np.abs(found[0] - found[1]).max() < 1e-5
+
+
+def test_a_mass_on_a_spring_needs_the_known_step():
+    rope = Rope(start=(0, 0, 1), end=(0, 0, 0), segments=1, stretch_compliance=1e-4, particle_masses=[1.0, 4.0])
+    omega = np.sqrt(1e4 / 4.0)
+    needed = explicit_substeps(build(rope, "rope", False), (1e-4, 0.0, 0.0), 1 / 60)
+    assert needed == np.ceil(omega / 60 / 2 / 0.9)
+
+
+def test_below_its_limit_it_flies_apart_which_is_why_it_is_refused(monkeypatch):
+    needed = explicit_substeps(build(SHEET, "it", False), (1e-3, 1e-3, 0.0), 1 / 60)
+    with pytest.raises(ValueError, match=f"at least {needed:g}"):
+        final("cpu", int(needed) - 1)
+    assert np.abs(final("cpu", int(needed), frames=120)).max() < 1.0
+    monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_: 1)
+    assert not np.abs(final("cpu", int(0.7 * needed), frames=120)).max() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("thing", "words"),
+    [
+        (Cloth(resolution=(4, 4), stretch_compliance=0.0), "at least inf"),
+        (Cloth(resolution=(4, 4), bending="dihedral", bend_compliance=1.0), "bends by angles"),
+        (Rope(segments=4, bend_compliance=1.0), "bends by angles"),
+    ],
+)
+def test_what_it_lacks_is_refused(thing, words):
+    with pytest.raises(ValueError, match=words):
+        final("cpu", 10000, thing)
+
+
+def test_live_changes_beyond_the_limit_are_refused_and_change_nothing():
+    sim = Simulation(Scene({"it": SHEET}), Settings(method="verlet", substeps=40), device="cpu")
+    for name, value in (("it.stretch_compliance", 1e-6), ("solver.substeps", 4)):
+        with pytest.raises(ValueError, match="allowed is at least"):
+            sim.set(name, value)
+    sim.step(30)
+    assert np.array_equal(sim.positions("it").astype(np.float64), final("cpu", 40))
