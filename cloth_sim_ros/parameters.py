@@ -70,7 +70,7 @@ SOLVER = (
     _choice(
         "method",
         "xpbd",
-        "xpbd: implicit, stable at any stiffness; verlet: explicit leapfrog, exact for soft scenes, needs enough substeps.",
+        "xpbd: implicit, stable when stiff; verlet: explicit leapfrog, exact for soft scenes, needs many substeps.",
         ("xpbd", "verlet"),
     ),
     _integer("order", 1, "Of xpbd: 1 is implicit Euler, 2 is BDF2, more accurate in smooth motion.", 1, 2),

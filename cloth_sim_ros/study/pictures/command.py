@@ -10,10 +10,14 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from PIL import Image
 
-from cloth_sim_ros.study.pictures import curtain
+from cloth_sim_ros.study.pictures import curtain, oscillator, rope, springs
 
 PICTURES: dict[str, Callable[[str], Figure]] = {  # file name -> figure, drawn on a device
     "curtain": curtain.draw,
+    "topology": springs.draw_topology,
+    "colouring": springs.draw_colouring,
+    "oscillator": oscillator.draw,
+    "rope": rope.draw,
 }
 
 
