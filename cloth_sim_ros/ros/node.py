@@ -85,7 +85,7 @@ class ClothSimNode(Node):
             self._complaints.refuse("wind", reason)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return _answer(response, self._loop.submit(self._loop.world.reset), "back at the start")
+        return _answer(response, self._loop.submit(self._loop.world.reset), "objects are back at the start")
 
     def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._loop.paused:

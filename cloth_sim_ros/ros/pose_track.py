@@ -62,12 +62,6 @@ class PoseTrack:
             self._ahead.append((self._newest or 0.0, pose))
             self._now = None
 
-    def restart(self, pose: Pose) -> None:
-        """The simulation has put the collider to `pose` by itself; what was still to be played is forgotten."""
-        with self._lock:
-            self._ahead.clear()
-            self.pose, self._now = pose, self._newest
-
     def advance(self, frame_dt: float) -> Pose | None:
         """The pose at the end of the coming frame of `frame_dt` [s], or None when it stays where it is."""
         with self._lock:

@@ -87,13 +87,14 @@ class World:
             self.sim.set_wind(velocity)
 
     def reset(self) -> None:
-        """Objects and colliders back to their start."""
+        """Objects back to their start; colliders stay where the last pose put them, as their senders believe."""
         self.resets += 1
         if self.sim is None:
             return
         self.sim.reset()
-        for name, collider in self.sim.scene.colliders.items():
-            self.tracks[name].restart(Pose(collider.position, collider.orientation))
+        for name in self.sim.scene.colliders:
+            pose = self.tracks[name].pose
+            self.sim.set_collider_pose(name, pose.position, pose.orientation, sweep=False)
 
     def advance(self) -> float:
         """Simulates one frame and returns its length [s]. On a GPU the frame may still be under way."""
