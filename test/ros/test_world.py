@@ -1,0 +1,27 @@
+"""What the thread that simulates does with values, poses and resets, without any message."""
+
+import logging
+
+import numpy as np
+from test_scene_plan import values
+
+from cloth_sim_ros.ros.pose_track import Pose
+from cloth_sim_ros.ros.world import World
+
+
+def test_reset_brings_objects_back_and_leaves_colliders_where_their_senders_put_them():
+    world = World(values(device="cpu"), logging.getLogger("test"))
+    assert world.build(world.values)
+    start = world.sim.positions("sheet")
+    there = Pose((0.0, 0.0, 0.3), (0.0, 0.0, 0.0, 1.0))
+    world.tracks["ball"].push(1.0, there, arrival=0.0)
+    for _ in range(10):
+        world.advance()
+    moved = world.sim.positions("sheet")
+    assert np.abs(moved - start).max() > 0.1
+    world.reset()
+    assert np.array_equal(world.sim.positions("sheet"), start)
+    assert world.tracks["ball"].pose == there and world.resets == 1
+    world.advance()
+    pushed = world.sim.positions("sheet")
+    assert pushed[:, 2].max() > 0.02, "the ball still reaches into the sheet and pushes it up at once"
