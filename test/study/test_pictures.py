@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cloth_sim_ros.study.pictures import camera, command, curtain
+from cloth_sim_ros.study.pictures import camera, command, curtain, oscillator, rope, springs
 
 
 def test_camera_sees_in_perspective():
@@ -31,3 +31,33 @@ def test_saved_picture_is_small_and_not_blank(tmp_path):
     path = command.save(curtain.draw("cpu", resolution=16), tmp_path / "curtain.png")
     assert path.stat().st_size < 200_000
     assert np.asarray(Image.open(path).convert("L")).std() > 10.0
+
+
+def test_forward_euler_grows_by_its_formula():
+    found = {label: oscillator.growth(q) for label, q in oscillator.motions("cpu").items()}
+    theta = oscillator.FREQUENCY * oscillator.STEP
+    assert found["forward Euler"] == pytest.approx(np.sqrt(1.0 + theta**2), rel=1e-9)
+    for label, (z, _) in oscillator.METHODS.items():
+        assert found[label] == pytest.approx(abs(z(theta)), rel=1e-5), label
+
+
+def test_rope_is_as_stiff_as_its_material_under_xpbd_and_as_its_iterations_under_pbd():
+    converged = rope.stretch(rope.CONVERGED(0, "cpu"))
+    found = {label: [rope.stretch(run(n, "cpu")) for n in (1, 64)] for label, (run, _) in rope.METHODS.items()}
+    assert found["XPBD, direct solve"] == pytest.approx([converged] * 2, rel=0.05)
+    assert found["XPBD, segment by segment"][1] == pytest.approx(converged, rel=0.05)
+    few, many = found["PBD, stiffness 1"]
+    assert few > 5.0 * converged and many < 0.3 * converged
+
+
+def test_disk_is_one_sheet_without_holes():
+    points, triangles = springs.disk()
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    assert np.abs(area).sum() == pytest.approx(0.5 * 42 * np.sin(2.0 * np.pi / 42), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["topology", "colouring", "oscillator"])
+def test_pictures_are_written(tmp_path, name):
+    path = command.save(command.PICTURES[name]("cpu"), tmp_path / f"{name}.png")
+    assert 10_000 < path.stat().st_size < 200_000
