@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -26,7 +25,7 @@ def diagnostics(node_name: str, world: World, pace: Pace, paused: bool, refused:
     }
     report: dict[str, dict[str, float]] = {}
     if world.sim is not None:
-        report = world.sim.report()
+        report = world.report()
         values |= {"method": world.sim.method, "device": world.sim.device, "simulated_time": world.sim.time}
         values |= {key: max((each[key] for each in report.values()), default=0.0) for key in OVER_ALL}
         values |= {f"{name}.{key}": value for name, each in report.items() for key, value in each.items()}
@@ -39,9 +38,9 @@ def diagnostics(node_name: str, world: World, pace: Pace, paused: bool, refused:
 def _verdict(world: World, pace: Pace, paused: bool, report: dict[str, dict[str, float]]) -> tuple[bytes, str]:
     if world.sim is None:
         return DiagnosticStatus.ERROR, f"no simulation: {world.trouble}"
-    broken = [name for name, each in report.items() if not all(map(math.isfinite, each.values()))]
-    if broken:
-        return DiagnosticStatus.ERROR, f"not finite: {', '.join(broken)}"
+    put_back = [f"{name} ({each['recoveries']} times)" for name, each in report.items() if each["recoveries"]]
+    if put_back:
+        return DiagnosticStatus.WARN, f"put back after it was not finite or ran away: {', '.join(put_back)}"
     if paused:
         return DiagnosticStatus.OK, "paused"
     if pace.real_time_factor < SLOW:

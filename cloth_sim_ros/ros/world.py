@@ -26,6 +26,7 @@ class World:
         self.simulated = 0.0  # [s] in all, through resets and rebuilds
         self.tracks = {name: PoseTrack(_pose(values, name), values["pose_timeout"]) for name in values["colliders"]}
         self.values: Mapping[str, Any] = values  # as they were when the simulation was built
+        self._recoveries: dict[str, float] = {}
         self._wind: Vector | None = None  # set by topic since the parameter was last set
         self._log = log
 
@@ -106,6 +107,16 @@ class World:
         self.sim.step()
         self.simulated += frame_dt
         return frame_dt
+
+    def report(self) -> dict[str, dict[str, float]]:
+        """The simulation's report; says in the log which objects had to be put back since the last one."""
+        report = self.sim.report()
+        for name, each in report.items():
+            more = each["recoveries"] - self._recoveries.get(name, 0)
+            if more > 0:
+                self._log.warning(f"{name} was not finite or ran away and was put back, at rest, {more} times")
+        self._recoveries = {name: each["recoveries"] for name, each in report.items()}
+        return report
 
     def fail(self, why: str) -> None:
         """Drops a simulation that cannot go on; the next structural parameter change builds another."""

@@ -77,6 +77,7 @@ class Batch:
         """Back to the rest shape, at rest."""
         self.write_positions(name, self._rest[name])
         self.write_velocities(name, np.zeros((len(self._rest[name]), 3)))
+        self.arrays.state.recoveries[self.index[name] : self.index[name] + 1].zero_()
 
     def write_positions(self, name: str, positions: np.ndarray) -> None:
         """Positions (N, 3) float64 [m], kept to more digits than float32 has; history and multipliers start anew."""
@@ -84,6 +85,8 @@ class Batch:
         state, span = self.arrays.state, self.span(name)
         state.positions[span].assign(np.column_stack([high, self._inverse_mass[name]]).astype(np.float32))
         state.low[span].assign(_padded(positions - high.astype(np.float64)))
+        wp.copy(state.good_positions[span], state.positions[span])
+        wp.copy(state.good_low[span], state.low[span])
         self._forget(name)
 
     def write_velocities(self, name: str, velocities: np.ndarray) -> None:

@@ -92,7 +92,7 @@ class Reporter:
         self._result = wp.zeros(3, dtype=float, device=device)
 
     def measure(self, batch: Batch, name: str, dt: float) -> dict[str, float]:
-        """kinetic_energy [J], max_strain [-], max_penetration [m] and residual [m] of one body."""
+        """kinetic_energy [J], max_strain [-], max_penetration [m], residual [m] and recoveries of one body."""
         b, span = batch.index[name], batch.span(name)
         self._result.zero_()
         second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
@@ -110,9 +110,11 @@ class Reporter:
         moving = inverse > 0.0
         energy = 0.5 * float(((velocities[moving] ** 2).sum(1) / inverse[moving]).sum())
         result = self._result.numpy()
+        recoveries = int(batch.arrays.state.recoveries[b : b + 1].numpy()[0])
         return {
             "kinetic_energy": energy,
             "max_strain": float(result[STRAIN]),
             "max_penetration": float(result[PENETRATION]),
             "residual": float(result[RESIDUAL]),
+            "recoveries": recoveries,
         }

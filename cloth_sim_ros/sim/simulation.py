@@ -186,10 +186,11 @@ class Simulation:
         return batch.arrays, batch.span(name), self._device
 
     def report(self) -> dict[str, dict[str, float]]:
-        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m] into the contact distance, residual [m].
+        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries.
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
-        substep; max_penetration is how much deeper than the thickness a particle lies.
+        substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
+        object was put back, at rest, to where it was last good, because a particle was not finite or ran away.
         """
         self._upload()
         dt = self.settings.frame_dt / self.settings.substeps

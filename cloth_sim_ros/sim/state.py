@@ -100,6 +100,10 @@ class State:
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     sweeps: wp.array(dtype=Sweep)  # (B K,)
+    good_positions: wp.array(dtype=wp.vec4)  # (N,) positions and low parts when the body was last good, see watch.py
+    good_low: wp.array(dtype=wp.vec4)  # (N,)
+    faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
+    recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
     history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet
     events: wp.array(dtype=int)  # (B,) 1 + the substep of the frame in which a motion was last not smooth, order 2
 
@@ -136,6 +140,10 @@ def make_state(arrays: ModelArrays, features: Features, colliders: int, device: 
         "panel_forces": (arrays.size["panels"] if features.panels else 0, wp.vec4),
         "contacts": (particles * colliders, wp.vec4),
         "sweeps": (bodies * colliders, Sweep),
+        "good_positions": (particles, wp.vec4),
+        "good_low": (particles, wp.vec4),
+        "faulty": (bodies, int),
+        "recoveries": (bodies, int),
         "history": (bodies if features.looks_back else 0, int),
         "events": (bodies if features.looks_back else 0, int),
     }

@@ -3,8 +3,11 @@
 import logging
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from test_scene_plan import values
 
+from cloth_sim_ros.ros.diagnostics import diagnostics
+from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.ros.world import World
 
@@ -25,3 +28,21 @@ def test_reset_brings_objects_back_and_leaves_colliders_where_their_senders_put_
     world.advance()
     pushed = world.sim.positions("sheet")
     assert pushed[:, 2].max() > 0.02, "the ball still reaches into the sheet and pushes it up at once"
+
+
+def test_an_object_that_goes_bad_is_named_in_log_and_diagnostics(caplog):
+    world = World(values(device="cpu"), logging.getLogger("test"))
+    assert world.build(world.values)
+    arrays, span, _ = world.sim.device_arrays("line")
+    rows = arrays.state.velocities[span].numpy()
+    rows[5] = np.nan
+    arrays.state.velocities[span].assign(rows)
+    world.advance()
+    status = diagnostics("cloth_sim", world, Pace(1.0, 1.0, 1), False, 0).status[0]
+    assert status.level == DiagnosticStatus.WARN and "line (1 times)" in status.message
+    assert [r.message for r in caplog.records if "put back" in r.message] == [
+        "line was not finite or ran away and was put back, at rest, 1 times"
+    ]
+    assert np.isfinite(world.sim.positions("line")).all()
+    world.reset()
+    assert diagnostics("cloth_sim", world, Pace(1.0, 1.0, 1), False, 0).status[0].level == DiagnosticStatus.OK

@@ -14,6 +14,7 @@ from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
 from cloth_sim_ros.sim.schedules.stages import make_contact, make_finish, make_panel, make_predict, sweep_collider
+from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, State, compliance_of
 
 
@@ -58,6 +59,10 @@ class Coloured:
                 self._launch("finish", body["count"], b, substep)
             if self._features.looks_back:
                 self._launch("age", len(self._bodies), substep)
+        for b, body in enumerate(self._bodies):
+            self._launch("find_faults", body["count"], b)
+            self._launch("settle", body["count"], b)
+        self._launch("count_faults", len(self._bodies))
 
     def _launch_iteration(self, b: int, body: dict, first: int, store: int) -> None:
         if self._features.chain:
@@ -123,6 +128,32 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             x,
             d,
         )
+
+    @stage
+    def find_faults(arrays: Arrays, b: int):
+        g = arrays.model.bodies[b].particles + wp.tid()
+        if not is_good(arrays.state.positions[g], arrays.state.velocities[g]):
+            arrays.state.faulty[b] = 1
+
+    @stage
+    def settle(arrays: Arrays, b: int):
+        body = arrays.model.bodies[b]
+        g = body.particles + wp.tid()
+        if arrays.state.faulty[b] == 1:
+            put_back(g, arrays.state)
+            if body.segments + wp.tid() < body.segments_end:
+                arrays.state.tensions[body.segments + wp.tid()] = 0.0
+        else:
+            keep(g, arrays.state.positions[g], arrays.state)
+
+    @stage
+    def count_faults(arrays: Arrays):
+        b = wp.tid()
+        if arrays.state.faulty[b] == 1:
+            arrays.state.recoveries[b] += 1
+            arrays.state.faulty[b] = 0
+            if wp.static(features.looks_back):
+                arrays.state.history[b] = 0
 
     if features.shapes:
 

@@ -15,6 +15,7 @@ from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync
 from cloth_sim_ros.sim.schedules.stages import make_contact, make_finish, make_panel, make_predict, sweep_collider
+from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, Material, State, compliance_of
 
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
@@ -85,6 +86,8 @@ def make_frame(features: Features, shared: int, block: int):
             history = s.history[b]
             if t == 0:
                 s.events[b] = 0
+        if t == 0:
+            s.faulty[b] = 0
         sync()
         step = make_step(frame.dt, history > 0, wp.static(features.order))
         if wp.static(features.panels != ""):
@@ -142,12 +145,25 @@ def make_frame(features: Features, shared: int, block: int):
                     finish(i, substep, s, body, step, x, d)
                 if substep + 1 < frame.substeps:
                     predict(i, m, s, body, material, frame, step, x, d)
-        if wp.static(features.looks_back):
-            if t == 0:
+        for i in range(t, body.count, width):
+            if not is_good(load4(x, i), s.velocities[body.particles + i]):
+                s.faulty[b] = 1
+        sync()
+        faulty = s.faulty[b] == 1
+        for i in range(t, body.count, width):
+            if faulty:
+                put_back(body.particles + i, s)
+            else:
+                keep(body.particles + i, load4(x, i), s)
+        if faulty:
+            history = 0
+            for k in range(body.segments + t, body.segments_end, width):
+                s.tensions[k] = 0.0
+        if t == 0:
+            if faulty:
+                s.recoveries[b] += 1
+            if wp.static(features.looks_back):
                 s.history[b] = history
-        if wp.static(shared > 0):
-            for i in range(t, body.count, width):
-                s.positions[body.particles + i] = load4(x, i)
 
     return simulate_frame
 

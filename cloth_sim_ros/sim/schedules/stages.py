@@ -222,11 +222,11 @@ def make_finish(features: Features):
     @wp.func
     def finish(i: int, substep: int, s: State, body: Body, step: Step, x: wp.uint64, d: wp.uint64):
         g = body.particles + i
-        packed = load4(d, i)
-        if packed[3] == 0.0:
+        old = load4(x, i)
+        if old[3] == 0.0:
             s.velocities[g] = wp.vec4(0.0)
             return
-        total = xyz(packed)
+        total = xyz(load4(d, i))
         displacement = total - xyz(load4(array_address(s.low, 0), g))
         # Divided, not multiplied by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
         velocity = displacement / step.effective
@@ -240,7 +240,6 @@ def make_finish(features: Features):
             s.last_velocities[g] = xyz(s.velocities[g])
             s.last_displacements[g] = displacement
         store4(array_address(s.velocities, 0), g, pack(velocity, 0.0))
-        old = load4(x, i)
         position = xyz(old)
         store4(array_address(s.low, 0), g, pack(split_sum(position, total), 0.0))
         store4(x, i, pack(position + total, old[3]))

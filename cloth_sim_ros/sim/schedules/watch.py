@@ -1,0 +1,36 @@
+"""The watch over every body at the end of a frame: what is not finite or ran away is put back, and it alone.
+
+A body in which any particle is bad returns to where all of them were last good, at rest, with its history and
+multipliers forgotten; velocities are not kept, or the same runaway would come again. Other bodies never notice.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.state import State
+
+FARTHEST = wp.constant(1.0e6)  # [m] from the origin
+FASTEST = wp.constant(1.0e5)  # [m/s]
+
+
+@wp.func
+def is_good(position: wp.vec4, velocity: wp.vec4) -> bool:
+    """Whether a particle is finite and within bounds; written so that NaN is not."""
+    size = wp.abs(position[0]) + wp.abs(position[1]) + wp.abs(position[2])
+    speed = wp.abs(velocity[0]) + wp.abs(velocity[1]) + wp.abs(velocity[2])
+    return size < FARTHEST and speed < FASTEST
+
+
+@wp.func
+def keep(g: int, position: wp.vec4, s: State):
+    """Particle g of the batch is at `position`, and its body is good."""
+    s.positions[g] = position
+    s.good_positions[g] = position
+    s.good_low[g] = s.low[g]
+
+
+@wp.func
+def put_back(g: int, s: State):
+    """Particle g of the batch goes back to where it was last good, at rest."""
+    s.positions[g] = s.good_positions[g]
+    s.low[g] = s.good_low[g]
+    s.velocities[g] = wp.vec4(0.0)

@@ -1,0 +1,47 @@
+"""What goes bad is put back and counted, alone; its neighbours do not change by a bit."""
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Wind
+
+
+def scene():
+    ropes = {f"rope{k}": Rope(segments=8, start=(0, k, 1), end=(1, k, 1)) for k in range(6)}
+    cloths = {f"cloth{k}": Cloth(resolution=(6, 6), position=(0, k, 2)) for k in range(3)}
+    return Scene({**ropes, **cloths}, wind=Wind((1, 0, 0)))
+
+
+def poison(sim, name, value):
+    """What no public call lets in: a bad velocity on the device."""
+    arrays, span, _ = sim.device_arrays(name)
+    rows = arrays.state.velocities[span].numpy()
+    rows[3, 1] = value
+    arrays.state.velocities[span].assign(rows)
+
+
+@pytest.mark.parametrize("schedule", ["resident", "coloured"])
+@pytest.mark.parametrize("settings", [{}, {"order": 2}, {"method": "verlet", "substeps": 120}])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+def test_a_bad_object_is_put_back_alone(device, schedule, settings, value):
+    sims = [Simulation(scene(), Settings(schedule=schedule, **settings), device=device) for _ in range(2)]
+    for sim in sims:
+        sim.step(5)
+    last_good = {name: sims[0].positions(name) for name in ("rope2", "cloth1")}
+    poison(sims[0], "rope2", value)
+    poison(sims[0], "cloth1", value)
+    for sim in sims:
+        sim.step()
+    report = sims[0].report()
+    for name, x in last_good.items():
+        assert np.array_equal(sims[0].positions(name), x)
+        assert (sims[0].velocities(name) == 0).all() and report[name]["recoveries"] == 1
+    for sim in sims:
+        sim.step(5)
+    for name in sims[0].scene.objects:
+        assert np.isfinite(sims[0].positions(name)).all()
+        if name not in last_good:
+            assert np.array_equal(sims[0].positions(name), sims[1].positions(name))
+            assert sims[0].report()[name]["recoveries"] == 0
+        else:
+            assert np.abs(sims[0].velocities(name)).max() > 0.1, "it goes on from there"
