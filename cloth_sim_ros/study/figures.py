@@ -4,52 +4,84 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402 (the backend must be chosen first: there may be no display)
-import numpy as np  # noqa: E402
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 MARKERS = "osD^vP*X"
 
 
-def draw_error(rows: list[dict], title: str, path: Path) -> None:
+def usable(row: dict) -> bool:
+    """Whether a run can be drawn: it neither blew up nor missed by more than the motion itself."""
+    return bool(np.isfinite(row["position"])) and row.get("relative", 0.0) < 1.0
+
+
+def draw_error(
+    rows: list[dict], title: str, path: Path, wanted: float | None = None, budget: float | None = None
+) -> None:
     """Error against time with the Pareto front and p95 whiskers, beside it error against substeps with fitted orders.
 
-    Runs that blew up or missed by more than the motion itself are left out.
+    A colour for each method, a marker for each number of iterations, open ones for methods in NumPy. Dotted lines: a
+    wanted error [m] and a budget [ms].
     """
-    rows = [row for row in rows if np.isfinite(row["position"]) and row["relative"] < 1.0]
-    figure, (left, right) = plt.subplots(1, 2, figsize=(13, 5.5), layout="constrained")
+    figure = Figure(figsize=(13, 6.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
     methods = list(dict.fromkeys(row["method"] for row in rows))
     counts = sorted({row["iterations"] for row in rows})
+    shown = [row for row in rows if usable(row)]
+    entries = []
     for m, method in enumerate(methods):
+        colour = f"C{m % 10}"
+        orders = []
         for k, iterations in enumerate(counts):
-            curve = [row for row in rows if row["method"] == method and row["iterations"] == iterations]
+            curve = [row for row in shown if row["method"] == method and row["iterations"] == iterations]
             if curve:
-                style = {"color": f"C{m}", "marker": MARKERS[k % len(MARKERS)], "alpha": 1.0 - 0.6 * k / len(counts)}
-                _draw_curve(left, right, curve, f"{method}, x{iterations}", style)
-    front = sorted((row for row in rows if row["front"]), key=lambda row: row["ms"])
-    times, errors = ([row[key] for row in front] for key in ("ms", "position"))
-    left.step(times, errors, "k-", where="post", lw=0.8, label="front")
+                _draw_curve(left, right, curve, {"color": colour, "marker": MARKERS[k % len(MARKERS)]})
+                orders += [_order(curve)] if len(curve) > 2 else []
+        note = f", order {orders[-1]:.2f}" if orders else ("" if _any(shown, method) else ": no run in sight")
+        entries.append(Line2D([], [], color=colour, label=method + note))
+    for k, iterations in enumerate(counts):
+        marker = {"color": "grey", "marker": MARKERS[k % len(MARKERS)], "ls": ""}
+        entries.append(Line2D([], [], label=f"{iterations} iterations", **marker))
+    _draw_front(left, [row for row in shown if row["front"]])
+    entries.append(Line2D([], [], color="black", lw=0.8, label="front"))
     left.set(xlabel="median time per 1/60 s frame [ms], whisker: p95", ylabel="RMS error of position [m]")
     right.set(xlabel="substeps per frame", ylabel="RMS error of position [m]")
+    if budget is not None:
+        left.axvline(budget, color="black", ls=":", lw=0.9)
     for axes in (left, right):
+        if wanted is not None:
+            axes.axhline(wanted, color="black", ls=":", lw=0.9)
         axes.set(xscale="log", yscale="log")
         axes.grid(True, which="both", alpha=0.2)
-        axes.legend(fontsize=7)
+    figure.legend(handles=entries, fontsize=8, ncols=4, loc="outside lower center", frameon=False)
     figure.suptitle(title, fontsize=10)
     for suffix in (".png", ".svg"):
-        figure.savefig(path.with_suffix(suffix), dpi=150)
-    plt.close(figure)
+        figure.savefig(path.with_suffix(suffix), dpi=110)
 
 
-def _draw_curve(left: plt.Axes, right: plt.Axes, curve: list[dict], label: str, style: dict) -> None:
+def _any(rows: list[dict], method: str) -> bool:
+    return any(row["method"] == method for row in rows)
+
+
+def _draw_front(axes: Axes, front: list[dict]) -> None:
+    front = sorted(front, key=lambda row: row["ms"])
+    times, errors = ([row[key] for row in front] for key in ("ms", "position"))
+    axes.step(times, errors, "k-", where="post", lw=0.8, zorder=5)
+
+
+def _draw_curve(left: Axes, right: Axes, curve: list[dict], style: dict) -> None:
     keys = ("ms", "ms_p95", "position", "substeps")
     ms, p95, error, substeps = (np.array([row[key] for row in curve]) for key in keys)
-    whiskers = [np.zeros(len(ms)), np.maximum(p95 - ms, 0.0)]
-    left.errorbar(ms, error, xerr=whiskers, lw=1.0, ms=4, elinewidth=0.5, label=label, **style)
-    order = f", order {fitted_order(substeps, error):.2f}" if len(curve) > 2 else ""
-    right.plot(substeps, error, lw=1.0, ms=4, label=label + order, **style)
+    face = "white" if curve[0]["device"] == "numpy" else style["color"]
+    style = {**style, "lw": 0.9, "ms": 4, "mfc": face, "alpha": 0.85}
+    left.errorbar(ms, error, xerr=[np.zeros(len(ms)), np.maximum(p95 - ms, 0.0)], elinewidth=0.5, **style)
+    right.plot(substeps, error, **style)
+
+
+def _order(curve: list[dict]) -> float:
+    return fitted_order(*(np.array([row[key] for row in curve]) for key in ("substeps", "position")))
 
 
 def fitted_order(substeps: np.ndarray, error: np.ndarray) -> float:

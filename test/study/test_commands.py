@@ -7,8 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from cloth_sim_ros.study import __main__, exact, figures
+from cloth_sim_ros.study import __main__, error, exact, figures
 from cloth_sim_ros.study.cases import CASES
+from cloth_sim_ros.study.contenders import CONTENDERS, Run
 
 
 def command(monkeypatch, *arguments):
@@ -29,17 +30,46 @@ def test_speed_measures_both_schedules(monkeypatch, tmp_path, capsys):
 def test_error_writes_table_and_figures(monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     options = ("--device", "cpu", "--resolution", 8, "--substeps", 20, 40, 80, "--iterations", 2, "--output", tmp_path)
-    for _ in range(2):  # the second time from the cache
-        assert command(monkeypatch, "error", *options) == 0
+    for sweeps in (0, 80):  # the second time from the cache, and with the methods in NumPy
+        assert command(monkeypatch, "error", *options, "--numpy-sweeps", sweeps) == 0
     assert len(list((tmp_path / "cache").rglob("*.npz"))) == 1
     stem = "error_clamped_sheet_8_cpu"
     rows = json.loads((tmp_path / f"{stem}.json").read_text())["rows"]
-    assert len(rows) == 6 and any(row["front"] for row in rows)
-    second = [row["position"] for row in rows if "second" in row["method"]]
-    assert second[0] > second[1] > second[2] and second[2] < 1e-4
+    methods = {row["method"] for row in rows}
+    assert methods == {contender.label for contender in CONTENDERS if not contender.ropes_only}
+    assert any(row["front"] for row in rows)
+    for method in ("XPBD, second order", "Verlet", "leapfrog Verlet (NumPy)"):
+        errors = [row["position"] for row in rows if row["method"] == method]
+        assert errors[0] > errors[1] > errors[2] and errors[2] < 1e-4
     for suffix in (".png", ".svg"):
         assert (tmp_path / (stem + suffix)).stat().st_size > 10_000
     assert "second order" in capsys.readouterr().out
+
+
+def test_front_is_what_nothing_beats():
+    rows = [{"ms": ms, "position": error, "relative": 0.1} for ms, error in ((1, 0.5), (2, 0.6), (3, 0.1), (3, 0.2))]
+    rows.append({"ms": 0.1, "position": float("inf"), "relative": float("inf")})
+    error.mark_front(rows)
+    assert [row["front"] for row in rows] == [True, False, True, False, False]
+
+
+@pytest.mark.parametrize("name", ["chain_1", "chain_100"])
+def test_loaded_chain_stretches_as_meant(name):
+    """At rest the load would stretch the chain by half to one percent; it starts at 45 degrees."""
+    case = CASES[name]
+    system, start = case.system(16, case.constant / 4.0)
+    assert start[-1] == pytest.approx([np.sqrt(0.5), 0.0, -np.sqrt(0.5)])
+    load = system.masses[-1]
+    assert system.masses.sum() - load == pytest.approx(0.2, rel=0.05)
+    assert 0.005 < load * 9.81 / (system.constant[0] / 16.0) < 0.0105
+
+
+def test_unstable_runs_are_lost_not_fatal():
+    case = CASES["clamped_sheet"]
+    found = {contender.label: contender for contender in CONTENDERS}
+    for label in ("Verlet", "forward Euler (NumPy)"):
+        frames, _ = found[label].simulate(Run(case, 8, 1e6, "cpu", 5, 1))
+        assert not np.isfinite(frames).all()
 
 
 def test_bad_arguments_give_one_sentence(monkeypatch, capsys):

@@ -1,0 +1,119 @@
+"""Who stands in the figure of error against time: the product's own methods, and the classic ones in NumPy.
+
+To add one, add its row to CONTENDERS: a label, a function from a run to its frames and times, and what it can do.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cloth_sim_ros.sim import Settings
+from cloth_sim_ros.study import motion, rivals
+from cloth_sim_ros.study.cases import BODY, FRAME_DT, Case
+from cloth_sim_ros.study.springs import SpringSystem
+from cloth_sim_ros.study.timing import frame_times
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run to make: of a case at `resolution` with springs of `constant` [N/m] on `device`."""
+
+    case: Case
+    resolution: int
+    constant: float
+    device: str
+    substeps: int
+    iterations: int
+
+
+Simulate = Callable[[Run], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Contender:
+    """`simulate` a run -> frames (F + 1, N, 3) [m], not finite from where it blew up, and milliseconds of every frame.
+
+    iterations: the numbers of them to try in place of the command line's, (1,) where there are none; numpy: a reference
+    in NumPy, timed on one core of the host; ropes_only: differs from another row only there.
+    """
+
+    label: str
+    simulate: Simulate
+    iterations: tuple[int, ...] = ()
+    numpy: bool = False
+    ropes_only: bool = False
+
+
+def product(**settings: object) -> Simulate:
+    """The product itself with some of its settings."""
+
+    def simulate(run: Run) -> tuple[np.ndarray, np.ndarray]:
+        chosen = Settings(frame_dt=FRAME_DT, substeps=run.substeps, iterations=run.iterations, **settings)
+        sim = run.case.simulation(run.resolution, run.constant, chosen, run.device)
+        frame_times(sim, 2)  # compiles
+        sim.reset()
+        frames = [sim.positions(BODY)]
+        times = frame_times(sim, run.case.frames, after=lambda: frames.append(sim.positions(BODY)))
+        return np.array(frames, dtype=np.float64), times
+
+    return simulate
+
+
+def where_stable(simulate: Simulate) -> Simulate:
+    """`simulate`, or frames that are not finite where the product refuses an explicit step as unstable."""
+
+    def attempt(run: Run) -> tuple[np.ndarray, np.ndarray]:
+        try:
+            return simulate(run)
+        except ValueError as problem:
+            if "solver.substeps" not in str(problem):
+                raise
+        return np.full((run.case.frames + 1, 1, 3), np.nan), np.full(run.case.frames, np.nan)
+
+    return attempt
+
+
+def classic(make: Callable[[SpringSystem, int], motion.Step]) -> Simulate:
+    """A step in NumPy made for a system and a number of iterations."""
+
+    def simulate(run: Run) -> tuple[np.ndarray, np.ndarray]:
+        system, x = run.case.system(run.resolution, run.constant)
+        v, step = np.zeros_like(x), make(system, run.iterations)
+        frames = np.full((run.case.frames + 1, *x.shape), np.nan)
+        frames[0] = x
+        times = []
+        with np.errstate(all="ignore"):  # methods that blow up are part of the study
+            for frame in range(run.case.frames):
+                start = time.perf_counter()
+                for _ in range(run.substeps):
+                    x, v = step(system, x, v, FRAME_DT / run.substeps)
+                times.append(1e3 * (time.perf_counter() - start))
+                if not np.isfinite(x).all():
+                    break
+                frames[frame + 1] = x
+        return frames, np.array(times)
+
+    return simulate
+
+
+CONTENDERS = (
+    Contender("XPBD, first order", product(method="xpbd", order=1)),
+    Contender("XPBD, second order", product(method="xpbd", order=2)),
+    Contender("XPBD by segments, first order", product(order=1, rope_solver="gauss_seidel"), ropes_only=True),
+    Contender("XPBD by segments, second order", product(order=2, rope_solver="gauss_seidel"), ropes_only=True),
+    Contender("Verlet", where_stable(product(method="verlet")), iterations=(1,)),
+    Contender("forward Euler (NumPy)", classic(lambda *_: motion.forward_euler), iterations=(1,), numpy=True),
+    Contender("leapfrog Verlet (NumPy)", classic(lambda *_: motion.leapfrog), iterations=(1,), numpy=True),
+    Contender(
+        "implicit Euler, CG (NumPy)",
+        classic(rivals.implicit_conjugate_gradients),
+        iterations=(2, 8, 32),
+        numpy=True,
+    ),
+    Contender("PBD (NumPy)", classic(rivals.position_based), numpy=True),
+    Contender("XPBD by Jacobi (NumPy)", classic(rivals.jacobi_xpbd), numpy=True),
+)
