@@ -1,0 +1,103 @@
+"""The motion that a scene's settings converge to, with how well it is known and where chaos ends the comparison."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cloth_sim_ros.ros.scene_plan import Plan  # noqa: TID251 (free of rclpy, which a test proves)
+from cloth_sim_ros.sim import Settings, Simulation, topology
+from cloth_sim_ros.study import norms
+from cloth_sim_ros.study.timing import frame_times
+
+MOST_SWEEPS = 8192  # substeps x iterations a frame of the finest run
+
+
+@dataclass(frozen=True)
+class Trial:
+    """`frames` frames of a scene, its colliders in `moves` taken by those vectors [m], gently, from where they are."""
+
+    plan: Plan
+    frames: int
+    moves: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def place(self, sim: Simulation, frame: int) -> None:
+        """Send the colliders to where they are at the end of `frame`."""
+        share = 0.5 - 0.5 * np.cos(np.pi * min(1.0, (frame + 1) / self.frames))
+        for name, vector in self.moves.items():
+            collider = self.plan.scene.colliders[name]
+            sim.set_collider_pose(name, np.add(collider.position, share * vector), collider.orientation)
+
+
+@dataclass(frozen=True)
+class Converged:
+    """frames (F + 1, N, 3) [m] of all objects behind one another, of which `trusted` count; `uncertainty` [m]: RMS
+    error of these frames, estimated; moved [m]: RMS distance from the start."""
+
+    frames: np.ndarray
+    trusted: int
+    uncertainty: float
+    moved: float
+    substeps: int
+    iterations: int
+
+    @property
+    def chaotic(self) -> bool:
+        """Whether a part of the frames cannot be judged."""
+        return self.trusted < len(self.frames)
+
+
+def converge(trial: Trial, error: float) -> Converged:
+    """Second-order runs, each of twice the substeps and iterations, until one is known to better than error / 10 [m].
+
+    Its error is taken for a third of the last change: with four times the sweeps at least three quarters of it go.
+    """
+    substeps, iterations = 80, 4
+    coarse = _fine(trial, substeps, iterations)
+    count = norms.trusted_frames(coarse, _fine(trial, substeps, iterations, beside=True), error)
+    count = max(count, 2)  # one frame after the start can always be judged
+    while True:
+        substeps, iterations = 2 * substeps, 2 * iterations
+        fine = _fine(trial, substeps, iterations)
+        uncertainty = norms.rms(fine[1:count] - coarse[1:count]) / 3.0
+        if uncertainty < 0.1 * error or 4 * substeps * iterations > MOST_SWEEPS:
+            moved = norms.rms(fine[1:count] - fine[0])
+            return Converged(fine, count, uncertainty, moved, substeps, iterations)
+        coarse = fine
+
+
+def frames_of(trial: Trial, settings: Settings, count: int, beside: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (count + 1, N, 3) [m] of all objects and milliseconds of every frame; `beside` starts 1e-6 m away."""
+    sim = Simulation(trial.plan.scene, settings, device=trial.plan.device)
+    frame_times(sim, 2)  # compiles
+    sim.reset()
+    if beside:
+        _perturb(sim, trial.plan)
+    found = [_positions(sim, trial.plan)]
+
+    def look() -> None:
+        found.append(_positions(sim, trial.plan))
+        trial.place(sim, len(found) - 1)
+
+    trial.place(sim, 0)
+    times = frame_times(sim, count, after=look)
+    return np.array(found), times
+
+
+def _fine(trial: Trial, substeps: int, iterations: int, beside: bool = False) -> np.ndarray:
+    steps = {"method": "xpbd", "order": 2, "substeps": substeps, "iterations": iterations}
+    return frames_of(trial, dataclasses.replace(trial.plan.settings, **steps), trial.frames, beside)[0]
+
+
+def _perturb(sim: Simulation, plan: Plan) -> None:
+    for name, thing in plan.scene.objects.items():
+        rest = sim.positions(name).astype(np.float64)
+        free = ~topology.build(thing, name, direct_ropes=True).pinned[:, None]
+        sim.set_positions(name, rest + free * norms.perturbation(rest.shape))
+
+
+def _positions(sim: Simulation, plan: Plan) -> np.ndarray:
+    return np.concatenate([sim.positions(name) for name in plan.scene.objects]).astype(np.float64)
