@@ -61,6 +61,8 @@ class Body:
     segments_end: int
     panels: int
     panels_end: int
+    spokes: int
+    spoke_width: int
 
 
 @wp.struct
@@ -77,8 +79,9 @@ class Model:
     tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles, the last repeated where there are three
     tuple_rest: wp.array(dtype=wp.vec4)  # (E, 4) rest, scale and two more
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
-    spokes: wp.array(dtype=wp.vec4)  # (2 S, 4) springs around each particle: other particle, rest, scale, kind
-    spoke_start: wp.array(dtype=int)  # (N + 1,) into spokes; both for method verlet alone
+    spokes: wp.array(dtype=wp.vec2i)  # springs around each particle, for method verlet: other particle and type, the
+    # first spring of all particles of a body, then the second of all, padded with type 0 up to the body's spoke_width
+    spoke_types: wp.array(dtype=wp.vec4)  # (T, 4) rest length [m], 1/scale, kind; type 0 pulls nothing
     panels: wp.array(dtype=wp.vec3i)  # (P, 3) particles, -1 for none
     panel_start: wp.array(dtype=int)  # (N + 1,) into particle_panels
     particle_panels: wp.array(dtype=int)  # panels around each particle, counted in the batch
@@ -139,8 +142,7 @@ class ModelArrays:
         chain = topology.chain.rest if topology.chain is not None else np.zeros(0)
         segments = self._append("segment_length", chain)
         panels = self._add_panels(topology)
-        if self._with_spokes:
-            self._add_spokes(topology)
+        spokes, spoke_width = self._add_spokes(topology) if self._with_spokes else (0, 0)
         rests = [e.rest for e in topology.springs.values()] + ([chain] if len(chain) else [])
         spacing = float(np.concatenate(rests).mean()) if rests else 1.0
         spans = (
@@ -151,6 +153,8 @@ class ModelArrays:
             segments + len(chain),
             panels,
             panels + len(topology.panels),
+            spokes,
+            spoke_width,
         )
         self.bodies.append((len(self.bodies), spacing, first, len(topology.masses), *spans))
 
@@ -165,30 +169,34 @@ class ModelArrays:
         self._append("panel_start", offset + np.concatenate([[0], np.cumsum(counts)[:-1]]))
         return start
 
-    def _add_spokes(self, topology: Topology) -> None:
-        found = [
-            (elements.particles[:, [side, 1 - side]], elements.rest, elements.scale, KINDS.index(kind))
-            for kind, elements in topology.springs.items()
-            for side in (0, 1)
+    def _add_spokes(self, topology: Topology) -> tuple[int, int]:
+        """Spokes of one body: where they begin, and the most springs around one particle of it."""
+        count, springs = len(topology.masses), topology.springs
+        pairs = np.concatenate([e.particles for e in springs.values()])
+        # Rest lengths that differ by rounding are one type, so that the few types of a grid stay in the nearest cache.
+        kinds = [
+            (np.round(e.rest, 12), np.round(1.0 / e.scale, 9), np.full(len(e.rest), KINDS.index(k)))
+            for k, e in springs.items()
         ]
-        hub = np.concatenate([particles[:, 0] for particles, _, _, _ in found])
-        rows = np.concatenate(
-            [
-                np.concatenate(
-                    [bits(p[:, 1:]), np.stack([rest, scale], 1).astype(np.float32), bits(np.full((len(p), 1), kind))], 1
-                )
-                for p, rest, scale, kind in found
-            ]
+        table, types = np.unique(np.concatenate([np.stack(k, 1) for k in kinds]), axis=0, return_inverse=True)
+        start = self._append(
+            "spoke_types", np.column_stack([np.concatenate([[[0.0, 0.0, 0.0]], table]), np.zeros(len(table) + 1)])
         )
-        offset = self._append("spokes", rows[np.argsort(hub, kind="stable")])
-        counts = np.bincount(hub, minlength=len(topology.masses))
-        self._append("spoke_start", offset + np.concatenate([[0], np.cumsum(counts)[:-1]]))
+        hub, rim = pairs.ravel(), pairs[:, ::-1].ravel()
+        types = np.repeat(types.ravel() + start + 1, 2)
+        order = np.argsort(hub, kind="stable")
+        hub, rim, types = hub[order], rim[order], types[order]
+        degree = np.bincount(hub, minlength=count)
+        slot = np.arange(len(hub)) - np.repeat(np.cumsum(degree) - degree, degree)
+        spokes = np.full((degree.max(), count, 2), start)
+        spokes[:, :, 0] = np.arange(count)
+        spokes[slot, hub] = np.stack([rim, types], 1)
+        return self._append("spokes", spokes.reshape(-1, 2)), int(degree.max())
 
     def upload(self, device: wp.Device) -> Model:
         """The arrays on `device`. An absent kind is an array of no element."""
         model = Model()
         self._append("panel_start", np.array([self.size["particle_panels"]]))
-        self._append("spoke_start", np.array([self.size["spokes"]]))
         for name, (dtype, kind) in _TYPES.items():
             width = dtype._length_ if hasattr(dtype, "_length_") else 0
             shape = (0, width) if width else (0,)
@@ -209,8 +217,8 @@ _TYPES = {
     "tuples": (wp.vec4i, np.int32),
     "tuple_rest": (wp.vec4, np.float32),
     "segment_length": (float, np.float32),
-    "spokes": (wp.vec4, np.float32),
-    "spoke_start": (int, np.int32),
+    "spokes": (wp.vec2i, np.int32),
+    "spoke_types": (wp.vec4, np.float32),
     "panels": (wp.vec3i, np.int32),
     "panel_start": (int, np.int32),
     "particle_panels": (int, np.int32),

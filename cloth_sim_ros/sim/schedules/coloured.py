@@ -108,7 +108,10 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         x = array_address(arrays.state.positions, body.particles)
         d = array_address(arrays.state.displacements, body.particles)
         step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
-        predict_particle(wp.tid(), arrays.model, arrays.state, body, arrays.materials[b], arrays.frames[0], step, x, d)
+        low = array_address(arrays.state.low, body.particles)
+        predict_particle(
+            wp.tid(), arrays.model, arrays.state, body, arrays.materials[b], arrays.frames[0], step, x, low, d
+        )
 
     @stage
     def finish(
@@ -119,15 +122,9 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         body = arrays.model.bodies[b]
         x = array_address(arrays.state.positions, body.particles)
         d = array_address(arrays.state.displacements, body.particles)
-        finish_particle(
-            wp.tid(),
-            substep,
-            arrays.state,
-            body,
-            make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order)),
-            x,
-            d,
-        )
+        step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
+        low = array_address(arrays.state.low, body.particles)
+        finish_particle(wp.tid(), substep, arrays.state, body, step, x, low, d)
 
     @stage
     def find_faults(arrays: Arrays, b: int):
@@ -144,7 +141,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             if body.segments + wp.tid() < body.segments_end:
                 arrays.state.tensions[body.segments + wp.tid()] = 0.0
         else:
-            keep(g, arrays.state.positions[g], arrays.state)
+            keep(g, arrays.state.positions[g], arrays.state.low[g], arrays.state)
 
     @stage
     def count_faults(arrays: Arrays):
@@ -180,7 +177,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             d = array_address(arrays.state.displacements, body.particles)
             step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
             step.first = first != 0
-            contact_particle(wp.tid(), b, body, arrays.materials[b], arrays.colliders, arrays.state, step, x, d)
+            low = array_address(arrays.state.low, body.particles)
+            contact_particle(wp.tid(), b, body, arrays.materials[b], arrays.colliders, arrays.state, step, x, low, d)
 
     if features.panels:
 

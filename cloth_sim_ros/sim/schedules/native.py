@@ -20,6 +20,14 @@ return wp::vec4(f.x, f.y, f.z, f.w);
 return ((const wp::vec4*)address)[i];
 #endif
 """
+_LOAD_PAIR = """
+#if defined(__CUDA_ARCH__)
+int2 pair = ((const int2*)values.data)[i];
+return wp::vec_t<2, wp::int32>(pair.x, pair.y);
+#else
+return values.data[i];
+#endif
+"""
 _STORE = """
 #if defined(__CUDA_ARCH__)
 ((float4*)address)[i] = make_float4(v[0], v[1], v[2], v[3]);
@@ -39,6 +47,14 @@ p[2] = v[2];
 """
 # On a GPU the reciprocals of the special function unit, refined once to about one unit in the last place: a third of
 # the instructions of IEEE division and square root, which would otherwise fill half of the projection of a spring.
+_INVERSE_ROOT = """
+#if defined(__CUDA_ARCH__)
+float y = rsqrtf(value);
+return fmaf(0.5f * y, fmaf(-value * y, y, 1.0f), y);
+#else
+return 1.0f / sqrtf(value);
+#endif
+"""
 _ROOT = """
 #if defined(__CUDA_ARCH__)
 float y = rsqrtf(value);
@@ -81,6 +97,14 @@ def as_index(value: float) -> int: ...
 def store_xyz(address: wp.uint64, i: int, v: wp.vec4):
     """Store v whose fourth number is what lies there already: a CPU leaves it, a quarter faster a frame."""
     ...
+
+
+@wp.func_native(_LOAD_PAIR)
+def load_pair(values: wp.array(dtype=wp.vec2i), i: int) -> wp.vec2i: ...
+
+
+@wp.func_native(_INVERSE_ROOT)
+def inverse_root(value: float) -> float: ...
 
 
 @wp.func_native(_ROOT)

@@ -74,13 +74,20 @@ def make_frame(features: Features, shared: int, block: int):
         frame = arrays.frames[0]
         x = native.array_address(s.positions, body.particles)
         d = native.array_address(s.displacements, body.particles)
+        low = native.array_address(s.low, body.particles)
         if wp.static(shared > 0):
+            # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
             x_tile = wp.tile_empty(shape=(wp.static(shared),), dtype=wp.vec4, storage="shared")
-            d_tile = wp.tile_empty(shape=(wp.static(shared),), dtype=wp.vec4, storage="shared")
+            other_tile = wp.tile_empty(shape=(wp.static(shared),), dtype=wp.vec4, storage="shared")
             x = tile_address(x_tile)
-            d = tile_address(d_tile)
+            if wp.static(features.method == "verlet"):
+                low = tile_address(other_tile)
+            else:
+                d = tile_address(other_tile)
             for i in range(t, body.count, width):
                 store4(x, i, s.positions[body.particles + i])
+                if wp.static(features.method == "verlet"):
+                    store4(low, i, s.low[body.particles + i])
         history = int(0)
         if wp.static(features.looks_back):
             history = s.history[b]
@@ -95,7 +102,7 @@ def make_frame(features: Features, shared: int, block: int):
                 panel(k, m, s, body, material, frame, x)
             sync()
         for i in range(t, body.count, width):
-            predict(i, m, s, body, material, frame, step, x, d)
+            predict(i, m, s, body, material, frame, step, x, low, d)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 for c in range(t, arrays.colliders.shape[0], width):
@@ -122,11 +129,11 @@ def make_frame(features: Features, shared: int, block: int):
                         sync()
                 if wp.static(bool(features.shapes)):
                     for i in range(t, body.count, width):
-                        contact(i, b, body, material, arrays.colliders, s, step, x, d)
+                        contact(i, b, body, material, arrays.colliders, s, step, x, low, d)
                     sync()
             if wp.static(features.panels != ""):
                 for i in range(t, body.count, width):
-                    finish(i, substep, s, body, step, x, d)
+                    finish(i, substep, s, body, step, x, low, d)
                 sync()
                 for k in range(body.panels + t, body.panels_end, width):
                     panel(k, m, s, body, material, frame, x)
@@ -134,7 +141,7 @@ def make_frame(features: Features, shared: int, block: int):
             if wp.static(features.looks_back):
                 if wp.static(features.panels == ""):
                     for i in range(t, body.count, width):
-                        finish(i, substep, s, body, step, x, d)
+                        finish(i, substep, s, body, step, x, low, d)
                     sync()
                 history = wp.where(s.events[b] == substep + 1, 0, 1)
                 step = make_step(frame.dt, history > 0, wp.static(features.order))
@@ -142,9 +149,9 @@ def make_frame(features: Features, shared: int, block: int):
             # back or around need a barrier in between.
             for i in range(t, body.count, width):
                 if wp.static(features.panels == "" and not features.looks_back):
-                    finish(i, substep, s, body, step, x, d)
+                    finish(i, substep, s, body, step, x, low, d)
                 if substep + 1 < frame.substeps:
-                    predict(i, m, s, body, material, frame, step, x, d)
+                    predict(i, m, s, body, material, frame, step, x, low, d)
         for i in range(t, body.count, width):
             if not is_good(load4(x, i), s.velocities[body.particles + i]):
                 s.faulty[b] = 1
@@ -154,7 +161,7 @@ def make_frame(features: Features, shared: int, block: int):
             if faulty:
                 put_back(body.particles + i, s)
             else:
-                keep(body.particles + i, load4(x, i), s)
+                keep(body.particles + i, load4(x, i), load4(low, i), s)
         if faulty:
             history = 0
             for k in range(body.segments + t, body.segments_end, width):

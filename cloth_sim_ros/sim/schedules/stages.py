@@ -1,7 +1,8 @@
 """The stages of a substep besides the constraints, one function an element, made for the features of a batch.
 
 Every schedule runs: sweep and panel, then predict, then per iteration (constraints, chain, contact), then finish.
-Particle indices count within the body; x and d are addresses of its positions and displacements (schedules/native.py).
+Particle indices count within the body; x, low and d are addresses of its positions, of what float32 lost of them, and
+of its displacements (schedules/native.py).
 """
 
 import warp as wp
@@ -12,8 +13,8 @@ from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step, predict_displacement, split_sum
-from cloth_sim_ros.sim.schedules.native import array_address, as_index, load4, quotient, root, store4
-from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep, compliance_of
+from cloth_sim_ros.sim.schedules.native import array_address, inverse_root, load4, load_pair, quotient, store4
+from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
 
 
 @wp.func
@@ -66,22 +67,28 @@ def make_panel(features: Features):
 
 
 @wp.func
-def spring_force(i: int, m: Model, s: State, body: Body, material: Material, v: wp.vec3, x: wp.uint64) -> wp.vec3:
+def spring_force(
+    i: int, m: Model, s: State, body: Body, material: Material, v: wp.vec3, x: wp.uint64, low: wp.uint64
+) -> wp.vec3:
     """The force of all springs and dashpots around particle i [N], gathered, for explicit methods."""
-    g = body.particles + i
     xi = load4(x, i)
-    low = s.low[g]
+    li = load4(low, i)
+    stretch = 1.0 / wp.max(material.compliance[0], 1.0e-30)
+    shear = 1.0 / wp.max(material.compliance[1], 1.0e-30)
+    bending = 1.0 / wp.max(material.compliance[2], 1.0e-30)
     force = wp.vec3(0.0)
-    for k in range(m.spoke_start[g], m.spoke_start[g + 1]):
-        spoke = load4(array_address(m.spokes, 0), k)
-        j = as_index(spoke[0])
-        e = xyz((load4(x, j) - xi) + (s.low[body.particles + j] - low))
-        length = root(wp.max(wp.dot(e, e), SHORTEST * SHORTEST))
-        pull = length - spoke[1]
+    for q in range(body.spoke_width):
+        spoke = load_pair(m.spokes, body.spokes + q * body.count + i)
+        j = spoke[0]
+        kind = load4(array_address(m.spoke_types, 0), spoke[1])
+        e = xyz((load4(x, j) - xi) + (load4(low, j) - li))
+        inverse = inverse_root(wp.max(wp.dot(e, e), SHORTEST * SHORTEST))
+        pull = 1.0 - kind[0] * inverse
         if material.damping > 0.0:
-            pull += material.damping * wp.dot(e, xyz(s.velocities[body.particles + j]) - v) / length
-        constant = quotient(1.0, compliance_of(material, as_index(spoke[3])) * spoke[2])
-        force += (constant * quotient(pull, length)) * e
+            rate = wp.dot(e, xyz(s.velocities[body.particles + j]) - v)
+            pull += material.damping * rate * inverse * inverse
+        constant = wp.where(kind[2] == 0.0, stretch, wp.where(kind[2] == 1.0, shear, bending)) * kind[1]
+        force += (constant * pull) * e
     return force
 
 
@@ -98,11 +105,12 @@ def make_predict(features: Features):
         frame: Frame,
         step: Step,
         x: wp.uint64,
+        low_address: wp.uint64,
         d: wp.uint64,
     ):
         g = body.particles + i
         w = load4(x, i)[3]
-        low = xyz(load4(array_address(s.low, 0), g))
+        low = xyz(load4(low_address, i))
         if w == 0.0:
             store4(d, i, pack(low, 0.0))
             return
@@ -120,7 +128,7 @@ def make_predict(features: Features):
                 a += w * xyz(force)
                 rate += w * force[3]
         if wp.static(features.method == "verlet"):
-            a += w * spring_force(i, m, s, body, material, v, x)
+            a += w * spring_force(i, m, s, body, material, v, x, low_address)
             if not step.second:
                 # Leapfrog: velocities live half a step before the positions, so the first kick is half a kick.
                 a *= 0.5
@@ -164,6 +172,7 @@ def make_contact(features: Features):
         s: State,
         step: Step,
         x: wp.uint64,
+        low_address: wp.uint64,
         d: wp.uint64,
     ):
         packed = load4(d, i)
@@ -172,7 +181,7 @@ def make_contact(features: Features):
             return
         position = xyz(load4(x, i))
         displacement = xyz(packed)
-        low = xyz(s.low[body.particles + i])
+        low = xyz(load4(low_address, i))
         touched = bool(False)
         for c in range(colliders.shape[0]):
             collider = colliders[c]
@@ -220,14 +229,16 @@ def make_finish(features: Features):
     """The stage that turns the displacement of particle i into its new velocity and position."""
 
     @wp.func
-    def finish(i: int, substep: int, s: State, body: Body, step: Step, x: wp.uint64, d: wp.uint64):
+    def finish(
+        i: int, substep: int, s: State, body: Body, step: Step, x: wp.uint64, low_address: wp.uint64, d: wp.uint64
+    ):
         g = body.particles + i
         old = load4(x, i)
         if old[3] == 0.0:
             s.velocities[g] = wp.vec4(0.0)
             return
         total = xyz(load4(d, i))
-        displacement = total - xyz(load4(array_address(s.low, 0), g))
+        displacement = total - xyz(load4(low_address, i))
         # Divided, not multiplied by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
         velocity = displacement / step.effective
         if wp.static(features.order == 2):
@@ -241,7 +252,7 @@ def make_finish(features: Features):
             s.last_displacements[g] = displacement
         store4(array_address(s.velocities, 0), g, pack(velocity, 0.0))
         position = xyz(old)
-        store4(array_address(s.low, 0), g, pack(split_sum(position, total), 0.0))
+        store4(low_address, i, pack(split_sum(position, total), 0.0))
         store4(x, i, pack(position + total, old[3]))
 
     return finish

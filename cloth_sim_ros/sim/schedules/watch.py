@@ -21,11 +21,12 @@ def is_good(position: wp.vec4, velocity: wp.vec4) -> bool:
 
 
 @wp.func
-def keep(g: int, position: wp.vec4, s: State):
-    """Particle g of the batch is at `position`, and its body is good."""
+def keep(g: int, position: wp.vec4, low: wp.vec4, s: State):
+    """Particle g of the batch is at `position` plus `low`, and its body is good."""
     s.positions[g] = position
     s.good_positions[g] = position
-    s.good_low[g] = s.low[g]
+    s.low[g] = low
+    s.good_low[g] = low
 
 
 @wp.func
