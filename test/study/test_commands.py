@@ -44,6 +44,20 @@ def test_error_writes_table_and_figures(monkeypatch, tmp_path, capsys):
     for suffix in (".png", ".svg"):
         assert (tmp_path / (stem + suffix)).stat().st_size > 10_000
     assert "second order" in capsys.readouterr().out
+    check_report(monkeypatch, tmp_path)
+
+
+def check_report(monkeypatch, folder):
+    """The page holds what is in the folder, and nothing that is loaded from elsewhere."""
+    assert command(monkeypatch, "report", "--folder", folder, "--images", folder / "none") == 0
+    html = (folder / "report.html").read_text()
+    assert html.count("data:image/png;base64,") == 1 and "http" not in html
+    assert "sheet of 1 m" in html and "leapfrog Verlet (NumPy)" in html and "blew up" in html
+
+
+def test_report_of_nothing_says_what_to_run(monkeypatch, tmp_path, capsys):
+    assert command(monkeypatch, "report", "--folder", tmp_path, "--images", tmp_path) == 2
+    assert "run the commands error" in capsys.readouterr().err
 
 
 def test_front_is_what_nothing_beats():
