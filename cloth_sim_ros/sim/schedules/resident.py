@@ -33,7 +33,9 @@ class Resident:
 
     def __init__(self, features: Features, arrays: Arrays, device: wp.Device, largest: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
-        block = 1 if device.is_cpu else min(1024, -(-largest // 64) * 32)  # one spring of a colour for each thread
+        # A thread takes a particle of an explicit method, or one spring of a colour, which holds half as many.
+        work = largest if features.method == "verlet" else -(-largest // 2)
+        block = 1 if device.is_cpu else min(1024, -(-work // 32) * 32)
         kernel = make_frame(features, shared, block)
         self._launch = wp.launch(
             kernel,
