@@ -15,6 +15,7 @@ from cloth_sim_ros.sim.colliders import NAMES, SHAPES, shape_of
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings, finite_array, unit_quaternion
+from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, LiveArray
 
 _FAR = 1e6  # [m] the largest coordinate that positions may be given in
@@ -72,6 +73,11 @@ class Simulation:
         kinds = sorted({type(batch.schedule).__name__.lower() for batch in self._batches})
         method = "verlet" if self.settings.method == "verlet" else f"xpbd order {self.settings.order}"
         return f"{method}, {' and '.join(kinds) or 'empty scene'}"
+
+    @property
+    def fits_a_block(self) -> bool:
+        """Whether the resident schedule can hold every object, each in one block of the device."""
+        return all(max(batch.counts) <= capacity(self._device) for batch in self._batches)
 
     @property
     def time(self) -> float:

@@ -56,25 +56,34 @@ def hanging_cloth(resolution: int) -> Scene:
 
 
 def measure(resolution: int, arguments: argparse.Namespace) -> dict:
-    """Medians over the rounds of both schedules [ms per frame], their quartiles, and the ratio of the pairs."""
+    """Medians over the rounds of both schedules [ms per frame], their quartiles, and the ratio of the pairs.
+
+    A cloth too large for one block of the device has the launches per colour alone.
+    """
     settings = {"substeps": arguments.substeps, "iterations": arguments.iterations}
-    sims, frames = {}, {}
-    for schedule in SCHEDULES:
-        sim = Simulation(hanging_cloth(resolution), Settings(schedule=schedule, **settings), device=arguments.device)
+    scene, sims, frames = hanging_cloth(resolution), {}, {}
+    automatic = Simulation(scene, Settings(**settings), device=arguments.device)
+    schedules = SCHEDULES if automatic.fits_a_block else ("coloured",)
+    for schedule in schedules:
+        sim = Simulation(scene, Settings(schedule=schedule, **settings), device=arguments.device)
         frame_times(sim, 3)  # compiles, captures
         sims[schedule] = sim
         frames[schedule] = max(3, int(1e3 * arguments.seconds / np.median(frame_times(sim, 5))))
-    found = {schedule: [] for schedule in SCHEDULES}
+    found = {schedule: [] for schedule in schedules}
     for _ in range(arguments.rounds):
-        for schedule in SCHEDULES:
+        for schedule in schedules:
             found[schedule].append(float(np.median(frame_times(sims[schedule], frames[schedule]))))
-    row = {"resolution": resolution, **settings, "device": sims["resident"].device}
-    for schedule in SCHEDULES:
-        row[schedule] = dict(zip(("low", "median", "high"), np.percentile(found[schedule], (25, 50, 75)), strict=True))
-    ratios = np.array(found["coloured"]) / np.array(found["resident"])
-    row["ratio"] = dict(zip(("low", "median", "high"), np.percentile(ratios, (25, 50, 75)), strict=True))
-    row["wall"] = _wall(sims["resident"], frames["resident"])
+    row = {"resolution": resolution, **settings, "device": automatic.device}
+    for schedule in schedules:
+        row[schedule] = _quartiles(found[schedule])
+    if "resident" in found:
+        row["ratio"] = _quartiles(np.array(found["coloured"]) / np.array(found["resident"]))
+    row["wall"] = _wall(automatic, max(frames.values()))
     return row
+
+
+def _quartiles(numbers: np.ndarray) -> dict[str, float]:
+    return dict(zip(("low", "median", "high"), np.percentile(numbers, (25, 50, 75)), strict=True))
 
 
 def _wall(sim: Simulation, frames: int) -> float:
@@ -88,14 +97,16 @@ def _wall(sim: Simulation, frames: int) -> float:
 def table(rows: list[dict]) -> str:
     """The rows as text: median and quartiles in ms per frame."""
 
-    def spread(numbers: dict, digits: int) -> str:
-        return f"{numbers['median']:.{digits}f} ({numbers['low']:.{digits}f}-{numbers['high']:.{digits}f})"
+    def spread(numbers: dict | None, digits: int, unit: str = "") -> str:
+        if numbers is None:
+            return "does not fit"
+        return f"{numbers['median']:.{digits}f} ({numbers['low']:.{digits}f}-{numbers['high']:.{digits}f}){unit}"
 
     lines = [f"{'cloth':>9}  {'one launch a frame':>24}  {'one launch a colour':>24}  {'ratio':>18}  {'wall':>7}"]
     for row in rows:
         size = f"{row['resolution']} x {row['resolution']}"
         lines.append(
-            f"{size:>9}  {spread(row['resident'], 3):>21} ms  {spread(row['coloured'], 3):>21} ms"
-            f"  {spread(row['ratio'], 1):>18}  {row['wall']:.3f} ms"
+            f"{size:>9}  {spread(row.get('resident'), 3, ' ms'):>24}  {spread(row['coloured'], 3, ' ms'):>24}"
+            f"  {spread(row['ratio'], 1) if 'ratio' in row else '':>18}  {row['wall']:.3f} ms"
         )
     return "\n".join(lines)
