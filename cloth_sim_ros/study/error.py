@@ -21,6 +21,8 @@ from cloth_sim_ros.study.timing import machine
 # Columns that only comparisons with the exact motion of the same springs have.
 EXACT = (("relative", "relative"), ("strain_rms", "strain"), ("strain_max", "max"))
 
+LEVELS = (1e-2, 1e-3, 1e-4, 1e-5)  # [m] that prices are told for
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command line of `python -m cloth_sim_ros.study error`."""
@@ -54,7 +56,7 @@ def judge(case: Case, arguments: argparse.Namespace) -> None:
     print(f"{title}; {where['name']} ({where['device']})")
     if exact.trusted <= case.frames:
         print(f"compared up to frame {exact.trusted - 1} of {case.frames}: beyond it the motion is chaotic")
-    print(table(rows))
+    print(table(rows), "cheapest for an error of", prices(rows), sep="\n")
     path = arguments.output / f"error_{case.name}_{resolution}_{where['device'].replace(':', '')}"
     stored = {"title": title, "machine": where, "trusted_frames": exact.trusted, "rows": [finite(row) for row in rows]}
     path.with_suffix(".json").write_text(json.dumps(stored, indent=1))
@@ -123,6 +125,20 @@ def table(rows: list[dict]) -> str:
     for method in dict.fromkeys(row["method"] for row in lost):
         which = ", ".join(f"{row['substeps']} x {row['iterations']}" for row in lost if row["method"] == method)
         lines.append(f"    {method}: {which}")
+    return "\n".join(lines)
+
+
+def prices(rows: list[dict]) -> str:
+    """For each error level [m] the cheapest run that keeps it, and the cheapest of every other method."""
+    lines = []
+    for level in LEVELS:
+        good = [row for row in rows if usable(row) and row["position"] <= level]
+        best = {}
+        for row in sorted(good, key=lambda row: row["ms"]):
+            best.setdefault(
+                row["method"], f"{row['method']} {row['substeps']} x {row['iterations']}: {row['ms']:.3g} ms"
+            )
+        lines.append(f"  {level:.0e} m  " + ("; ".join(best.values()) or "no run"))
     return "\n".join(lines)
 
 

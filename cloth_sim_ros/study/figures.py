@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from PIL import Image
 
 MARKERS = "osD^vP*X"
 
@@ -57,8 +59,16 @@ def draw_error(
         axes.grid(True, which="both", alpha=0.2)
     figure.legend(handles=entries, fontsize=8, ncols=4, loc="outside lower center", frameon=False)
     figure.suptitle(title, fontsize=10)
-    for suffix in (".png", ".svg"):
-        figure.savefig(path.with_suffix(suffix), dpi=110)
+    save_png(figure, path.with_suffix(".png"))
+    figure.savefig(path.with_suffix(".svg"))
+
+
+def save_png(figure: Figure, path: Path) -> None:
+    """`figure` as a PNG of 256 colours, a third of the size that matplotlib writes."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=105)
+    picture = Image.open(buffer).convert("RGB")
+    picture.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def _any(rows: list[dict], method: str) -> bool:

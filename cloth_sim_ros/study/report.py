@@ -101,6 +101,7 @@ def _tables(rows: list[dict]) -> str:
     rows = [{key: float("inf") if value is None else value for key, value in row.items()} for row in rows]
     front = [row for row in rows if row["front"]]
     shown = _pre(error.table(front)) if front else ""
+    shown += f"<p>Cheapest for an error of</p>{_pre(error.prices(rows))}"
     return f"{shown}<details><summary>all {len(rows)} runs</summary>{_pre(error.table(rows))}</details>"
 
 

@@ -67,6 +67,17 @@ def test_front_is_what_nothing_beats():
     assert [row["front"] for row in rows] == [True, False, True, False, False]
 
 
+def test_prices_name_the_cheapest_run_of_every_method_that_keeps_the_level():
+    numbers = (("a", 3.0, 5e-4), ("a", 1.0, 9e-3), ("b", 2.0, 8e-4), ("b", 0.5, 0.1))
+    rows = [
+        {"method": m, "ms": ms, "position": x, "relative": x, "substeps": 5, "iterations": 1} for m, ms, x in numbers
+    ]
+    lines = error.prices(rows).splitlines()
+    assert lines[0].split("m  ", 1)[1] == "a 5 x 1: 1 ms; b 5 x 1: 2 ms"
+    assert lines[1].split("m  ", 1)[1] == "b 5 x 1: 2 ms; a 5 x 1: 3 ms"
+    assert lines[3].endswith("no run")
+
+
 @pytest.mark.parametrize("name", ["chain_1", "chain_100"])
 def test_loaded_chain_stretches_as_meant(name):
     """At rest the load would stretch the chain by half to one percent; it starts at 45 degrees."""

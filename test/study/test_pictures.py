@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cloth_sim_ros.study.figures import save_png
 from cloth_sim_ros.study.pictures import camera, command, curtain, oscillator, rope, springs
 
 
@@ -28,7 +29,8 @@ def test_gathered_curtain_keeps_its_length():
 
 
 def test_saved_picture_is_small_and_not_blank(tmp_path):
-    path = command.save(curtain.draw("cpu", resolution=16), tmp_path / "curtain.png")
+    path = tmp_path / "curtain.png"
+    save_png(curtain.draw("cpu", resolution=16), path)
     assert path.stat().st_size < 200_000
     assert np.asarray(Image.open(path).convert("L")).std() > 10.0
 
@@ -59,5 +61,6 @@ def test_disk_is_one_sheet_without_holes():
 
 @pytest.mark.parametrize("name", ["topology", "colouring", "oscillator"])
 def test_pictures_are_written(tmp_path, name):
-    path = command.save(command.PICTURES[name]("cpu"), tmp_path / f"{name}.png")
+    path = tmp_path / f"{name}.png"
+    save_png(command.PICTURES[name]("cpu"), path)
     assert 10_000 < path.stat().st_size < 200_000

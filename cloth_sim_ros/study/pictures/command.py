@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import io
 from collections.abc import Callable
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from PIL import Image
 
+from cloth_sim_ros.study.figures import save_png
 from cloth_sim_ros.study.pictures import curtain, oscillator, rope, springs
 
 PICTURES: dict[str, Callable[[str], Figure]] = {  # file name -> figure, drawn on a device
@@ -32,15 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Draw and save."""
     arguments.out.mkdir(parents=True, exist_ok=True)
     for name in arguments.only:
-        path = save(PICTURES[name](arguments.device), arguments.out / f"{name}.png")
+        path = arguments.out / f"{name}.png"
+        save_png(PICTURES[name](arguments.device), path)
         print(f"written: {path}, {path.stat().st_size / 1000:.0f} kB")
     return 0
-
-
-def save(figure: Figure, path: Path) -> Path:
-    """`figure` as a PNG of 256 colours, a third of the size that matplotlib writes."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=105)
-    picture = Image.open(buffer).convert("RGB")
-    picture.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
-    return path
