@@ -337,6 +337,7 @@ class Simulation:
                 self._collider_row[name],
                 shape=NAMES.index(shape),
                 size=SHAPES[shape][1].size(collider),
+                reach=SHAPES[shape][1].reach(collider),
                 static_friction=collider.static_friction,
                 kinetic_friction=collider.kinetic_friction,
                 start_position=collider.position,

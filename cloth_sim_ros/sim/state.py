@@ -48,10 +48,11 @@ class Frame:
 
 @wp.struct
 class ColliderMotion:
-    """One collider: its shape, size and Coulomb coefficients, and its pose at the start and the end of the frame."""
+    """One collider: shape, size, reach [m] of it around its origin, friction, and poses at both ends of the frame."""
 
     shape: int
     size: wp.vec3
+    reach: float
     static_friction: float
     kinetic_friction: float
     start_position: wp.vec3
@@ -62,10 +63,11 @@ class ColliderMotion:
 
 @wp.struct
 class Sweep:
-    """One collider within one substep: R^T at its end, R^T_end - R^T_start, position at its end, and its motion [m]."""
+    """One collider within one substep: R^T at its end, R^T_end - R^T_start and a bound of it, position, motion [m]."""
 
     to_local: wp.mat33
     turn: wp.mat33
+    spin: float
     position: wp.vec3
     motion: wp.vec3
 

@@ -1,4 +1,4 @@
-"""Collider shapes. A new shape: a file with `signed_distance` and `size`, a scene class, and its line in SHAPES."""
+"""Collider shapes. A new shape: a file with `signed_distance`, `size`, `reach`, a scene class, its line in SHAPES."""
 
 import warp as wp
 

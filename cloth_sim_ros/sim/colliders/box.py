@@ -1,5 +1,7 @@
 """A box around the local origin; size holds its half extents."""
 
+import math
+
 import warp as wp
 
 
@@ -31,3 +33,8 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
 def size(collider) -> tuple[float, float, float]:
     """half_extents [m]."""
     return collider.half_extents
+
+
+def reach(collider) -> float:
+    """From the middle to a corner [m]."""
+    return math.hypot(*collider.half_extents)

@@ -15,3 +15,8 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
 def size(collider) -> tuple[float, float, float]:
     """(radius, half_length, 0) [m]."""
     return (collider.radius, collider.half_length, 0.0)
+
+
+def reach(collider) -> float:
+    """From the middle to an end [m]."""
+    return collider.radius + collider.half_length

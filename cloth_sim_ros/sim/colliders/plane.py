@@ -1,5 +1,7 @@
 """A plane through the local origin with the outward normal along local z."""
 
+import math
+
 import warp as wp
 
 
@@ -12,3 +14,8 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
 def size(collider) -> tuple[float, float, float]:
     """A plane has no size."""
     return (0.0, 0.0, 0.0)
+
+
+def reach(collider) -> float:
+    """A plane is everywhere."""
+    return math.inf

@@ -15,3 +15,8 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
 def size(collider) -> tuple[float, float, float]:
     """(radius, 0, 0) [m]."""
     return (collider.radius, 0.0, 0.0)
+
+
+def reach(collider) -> float:
+    """The radius [m]."""
+    return collider.radius

@@ -45,6 +45,7 @@ class Step:
     inverse_square: float
     second: bool  # a smooth substep lies behind this one
     first: bool  # first iteration: multipliers start from zero
+    repeats: bool  # more iterations than one
     store: bool  # someone reads the multipliers afterwards
 
 

@@ -177,6 +177,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             d = array_address(arrays.state.displacements, body.particles)
             step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
             step.first = first != 0
+            step.repeats = arrays.frames[0].iterations > 1
             low = array_address(arrays.state.low, body.particles)
             contact_particle(wp.tid(), b, body, arrays.materials[b], arrays.colliders, arrays.state, step, x, low, d)
 

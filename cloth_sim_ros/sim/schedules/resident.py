@@ -115,6 +115,7 @@ def make_frame(features: Features, shared: int, block: int):
             sync()
             for iteration in range(frame.iterations):
                 step.first = iteration == 0
+                step.repeats = frame.iterations > 1
                 step.store = frame.iterations > 1 or substep == frame.substeps - 1
                 if wp.static(features.chain):
                     if t == 0:

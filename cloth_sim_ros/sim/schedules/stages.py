@@ -40,6 +40,7 @@ def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
     sweep.to_local = wp.transpose(wp.quat_to_matrix(q1))
     if moves:
         sweep.turn = sweep.to_local - wp.transpose(wp.quat_to_matrix(q0))
+        sweep.spin = wp.sqrt(wp.ddot(sweep.turn, sweep.turn))
     sweep.motion = (c.end_position - c.start_position) * (after - before)
     sweep.position = c.start_position + (c.end_position - c.start_position) * after
     return sweep
@@ -166,6 +167,21 @@ def make_contact(features: Features):
         return pack(xyz(surface), reached)
 
     @wp.func
+    def meet(shape: int, size: wp.vec3, p: wp.vec3, slip: wp.vec3, thickness: float) -> wp.vec4:
+        """Normal and gap [m] of local point p, which came by `slip`; negative also where it came through."""
+        surface = signed_distance(shape, p, size)
+        gap = surface[3] - thickness
+        n = xyz(surface)
+        square = wp.length_sq(slip)
+        if square > gap * gap:
+            # Fast enough to have come through the surface: find where it entered, and stay on that side.
+            entry = enter(shape, size, p - slip, slip, thickness)
+            if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
+                n = xyz(entry)
+                gap = wp.dot(n, slip) * (1.0 - entry[3])
+        return pack(n, gap)
+
+    @wp.func
     def contact(
         i: int,
         body_index: int,
@@ -184,30 +200,28 @@ def make_contact(features: Features):
             return
         position = xyz(load4(x, i))
         displacement = xyz(packed)
-        low = xyz(load4(low_address, i))
         touched = bool(False)
         for c in range(colliders.shape[0]):
-            collider = colliders[c]
-            sweep = s.sweeps[body_index * colliders.shape[0] + c]
+            k = body_index * colliders.shape[0] + c
             slot = c * s.low.shape[0] + body.particles + i
             before = wp.vec4(0.0)
             if not step.first:
                 before = s.contacts[slot]
-            # Relative motion in the collider's axes, without the difference of two large positions.
-            slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
-            p = sweep.to_local * ((position - sweep.position) + displacement)
-            surface = signed_distance(collider.shape, p, collider.size)
-            gap = surface[3] - material.thickness
-            n = xyz(surface)
             after = before
-            if gap < wp.length(slip):
-                if gap > 0.0 or wp.length_sq(slip) > gap * gap:
-                    # Fast enough to have come through the surface: find where it entered, and stay on that side.
-                    entry = enter(collider.shape, collider.size, p - slip, slip, material.thickness)
-                    if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
-                        n = xyz(entry)
-                        gap = wp.dot(n, slip) * (1.0 - entry[3])
+            # Most particles are farther from the collider than both can move in a substep: a few numbers tell.
+            offset = (position - s.sweeps[k].position) + displacement
+            path = wp.length(displacement - s.sweeps[k].motion)
+            path += s.sweeps[k].spin * (wp.length(offset) + path)
+            if wp.length(offset) - path < colliders[c].reach + material.thickness:
+                collider = colliders[c]
+                sweep = s.sweeps[k]
+                low = xyz(load4(low_address, i))
+                # Relative motion in the collider's axes, without the difference of two large positions.
+                slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
+                touching = meet(collider.shape, collider.size, sweep.to_local * offset, slip, material.thickness)
+                gap = touching[3]
                 if gap < 0.0:
+                    n = xyz(touching)
                     pressed = before[3] - gap
                     tangential = slip - wp.dot(slip, n) * n
                     mu_s = wp.sqrt(material.static_friction * collider.static_friction)
@@ -216,7 +230,8 @@ def make_contact(features: Features):
                     displacement += wp.transpose(sweep.to_local) * (-gap * n + rubbed - xyz(before))
                     after = pack(rubbed, pressed)
                     touched = True
-            s.contacts[slot] = after
+            if step.repeats:
+                s.contacts[slot] = after
         if touched:
             store4(d, i, pack(displacement, w))
 
