@@ -14,6 +14,7 @@ from cloth_sim_ros.study import norms
 from cloth_sim_ros.study.timing import frame_times
 
 MOST_SWEEPS = 8192  # substeps x iterations a frame of the finest run
+SHARE = {1: 1.0, 2: 1.0 / 3.0}  # order -> error of a run over its distance from the one of half as many substeps
 
 
 @dataclass(frozen=True)
@@ -34,13 +35,18 @@ class Trial:
 
 @dataclass(frozen=True)
 class Converged:
-    """frames (F + 1, N, 3) [m] of all objects behind one another, of which `trusted` count; `uncertainty` [m]: RMS
-    error of these frames, estimated; moved [m]: RMS distance from the start."""
+    """frames (F + 1, N, 3) [m] of all objects behind one another, of which `trusted` count, by XPBD of `order`.
+
+    uncertainty [m]: their RMS error, estimated; apart [m]: RMS distance of the finest runs of both orders; moved [m]:
+    RMS distance from the start.
+    """
 
     frames: np.ndarray
     trusted: int
     uncertainty: float
+    apart: float
     moved: float
+    order: int
     substeps: int
     iterations: int
 
@@ -51,22 +57,34 @@ class Converged:
 
 
 def converge(trial: Trial, error: float) -> Converged:
-    """Second-order runs, each of twice the substeps and iterations, until one is known to better than error / 10 [m].
+    """Runs of both orders, each of twice the substeps and iterations, until one order is known to error / 10 [m].
 
-    Its error is taken for a third of the last change: with four times the sweeps at least three quarters of it go.
+    A run's error is taken for SHARE of the larger of its last change and half of the one before: one small change can
+    be chance where contacts open and close. The order that is known better is what the scene is judged by.
     """
-    substeps, iterations = 80, 4
-    coarse = _fine(trial, substeps, iterations)
-    count = norms.trusted_frames(coarse, _fine(trial, substeps, iterations, beside=True), error)
+    substeps, iterations = 40, 2
+    runs = {order: [_fine(trial, order, substeps, iterations)] for order in SHARE}
+    count = norms.trusted_frames(runs[2][0], _fine(trial, 2, substeps, iterations, beside=True), error)
     count = max(count, 2)  # one frame after the start can always be judged
     while True:
         substeps, iterations = 2 * substeps, 2 * iterations
-        fine = _fine(trial, substeps, iterations)
-        uncertainty = norms.rms(fine[1:count] - coarse[1:count]) / 3.0
-        if uncertainty < 0.1 * error or 4 * substeps * iterations > MOST_SWEEPS:
+        for order, found in runs.items():
+            found.append(_fine(trial, order, substeps, iterations))
+        if len(runs[2]) < 3:
+            continue
+        known = {order: SHARE[order] * _change(found, count) for order, found in runs.items()}
+        order = min(known, key=known.get)
+        if known[order] < 0.1 * error or 4 * substeps * iterations > MOST_SWEEPS:
+            fine = runs[order][-1]
+            apart = norms.rms(runs[1][-1][1:count] - runs[2][-1][1:count])
             moved = norms.rms(fine[1:count] - fine[0])
-            return Converged(fine, count, uncertainty, moved, substeps, iterations)
-        coarse = fine
+            return Converged(fine, count, known[order], apart, moved, order, substeps, iterations)
+
+
+def _change(runs: list[np.ndarray], count: int) -> float:
+    """The larger of the last change [m] between `runs` and half of the one before, over `count` frames."""
+    before, last = (norms.rms(runs[k][1:count] - runs[k - 1][1:count]) for k in (-2, -1))
+    return max(last, 0.5 * before)
 
 
 def frames_of(trial: Trial, settings: Settings, count: int, beside: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -87,8 +105,8 @@ def frames_of(trial: Trial, settings: Settings, count: int, beside: bool = False
     return np.array(found), times
 
 
-def _fine(trial: Trial, substeps: int, iterations: int, beside: bool = False) -> np.ndarray:
-    steps = {"method": "xpbd", "order": 2, "substeps": substeps, "iterations": iterations}
+def _fine(trial: Trial, order: int, substeps: int, iterations: int, beside: bool = False) -> np.ndarray:
+    steps = {"method": "xpbd", "order": order, "substeps": substeps, "iterations": iterations}
     return frames_of(trial, dataclasses.replace(trial.plan.settings, **steps), trial.frames, beside)[0]
 
 

@@ -137,9 +137,12 @@ def choose(rows: list[dict], error: float, budget: float | None) -> dict | None:
 
 def verdict_of(exact: Converged, error: float) -> str:
     """How far the converged run can be believed."""
-    text = f"converged to {exact.uncertainty:.1e} m at {exact.substeps} substeps x {exact.iterations} iterations"
+    steps = f"{exact.substeps} substeps x {exact.iterations} iterations of order {exact.order}"
+    text = f"converged to {exact.uncertainty:.1e} m at {steps}"
     if exact.uncertainty > 0.2 * error:
         text += f"; that is too near the wanted {error:g} m to tell settings apart reliably"
+    if exact.apart > error:
+        text += f"; there the two orders are {exact.apart:.1e} m apart, as where contacts keep them from converging"
     if exact.chaotic:
         text += f"; compared over {exact.trusted - 1} frames only: beyond them the motion is chaotic"
     return text

@@ -4,10 +4,14 @@ comments."""
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import yaml
 
-from cloth_sim_ros.study import __main__, scene_file, tune
+from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
+from cloth_sim_ros.study import __main__, convergence, motion, norms, scene_file, tune
+from cloth_sim_ros.study.scene_file import Plan
+from cloth_sim_ros.study.springs import SpringSystem
 
 SCENE = """# A short rope over nothing.
 cloth_sim:
@@ -116,3 +120,16 @@ def test_move_of_no_collider_is_refused(monkeypatch, scene, capsys):
 def test_scene_files_are_read_without_ros():
     code = "import sys, cloth_sim_ros.study.tune; sys.exit('rclpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_converged_motion_is_that_of_the_exact_chain():
+    """A hanging chain let go level, without contact: the estimate of the error holds against the float64 reference."""
+    chain = Rope(segments=8, stretch_compliance=1e-2, pins=(0,))
+    trial = convergence.Trial(Plan(Scene(objects={"rope": chain}), Settings(), "cpu"), 12)
+    found = convergence.converge(trial, 1e-3)
+    sim = Simulation(trial.plan.scene, device="cpu")
+    system = SpringSystem.from_springs(sim.masses("rope"), [0], sim.springs("rope"))
+    start = sim.rest_positions("rope").astype(np.float64)
+    exact = motion.exact_frames(system, start, 0.0 * start, 1.0 / 60.0, 12, 1e-5)[0]
+    assert not found.chaotic and found.order == 2
+    assert norms.rms(found.frames[1:] - exact[1:]) < max(2.0 * found.uncertainty, 1e-6) and found.uncertainty < 1e-4
