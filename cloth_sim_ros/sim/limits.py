@@ -12,10 +12,12 @@ from cloth_sim_ros.sim.topology import KINDS, Topology
 _SHARE = 0.9  # of the limit of the rest shape: stretched and turned springs are a little stiffer together
 
 
-def explicit_substeps(topology: Topology, compliance: Sequence[float], frame_dt: float) -> float:
-    """The least substeps a frame [s] at which leapfrog is stable, h < 2/omega_max; infinite where a spring is rigid.
+def explicit_substeps(topology: Topology, compliance: Sequence[float], damping: float, frame_dt: float) -> float:
+    """The least substeps a frame [s] at which leapfrog is stable; infinite where a spring is rigid.
 
-    omega_max^2 is the largest eigenvalue of M^-1 K of all springs at rest, by power iteration from a fixed start.
+    With dashpots of time constant tau = `damping` [s], whose force takes the velocity of the last half step, the limit
+    is omega^2 (h^2 + 2 h tau) < 4 (Jury's criterion on one oscillator). omega^2 is the largest eigenvalue of M^-1 K of
+    all springs at rest, by power iteration from a fixed start.
     """
     kinds = [(elements, float(compliance[KINDS.index(kind)])) for kind, elements in topology.springs.items()]
     if any(value == 0.0 for _, value in kinds):
@@ -37,4 +39,7 @@ def explicit_substeps(topology: Topology, compliance: Sequence[float], frame_dt:
             force[:, axis] -= np.bincount(pairs[:, 0], pull[:, axis], minlength=len(x))
             force[:, axis] += np.bincount(pairs[:, 1], pull[:, axis], minlength=len(x))
         x, largest = force * inverse_mass[:, None], float(np.linalg.norm(force * inverse_mass[:, None]))
-    return math.ceil(frame_dt * math.sqrt(largest) / (2.0 * _SHARE)) or 1
+    if largest == 0.0:
+        return 1.0
+    longest = 4.0 / largest / (damping + math.sqrt(damping**2 + 4.0 / largest))
+    return float(math.ceil(frame_dt / (_SHARE * longest)))

@@ -40,7 +40,7 @@ class Simulation:
         self._topologies = {name: topology.build(thing, name, direct) for name, thing in scene.objects.items()}
         if self.settings.method == "verlet":
             for name, thing in scene.objects.items():
-                self._check_explicit(name, _compliances(thing), self.settings.substeps)
+                self._check_explicit(name, _compliances(thing), thing.damping, self.settings.substeps)
         self._batches = self._make_batches()
         self._batch = {name: batch for batch in self._batches for name in batch.index}
         self._reporter = Reporter(self._device)
@@ -256,7 +256,7 @@ class Simulation:
         value = table.check(row, value, name)
         if row.name == "substeps" and self.settings.method == "verlet":
             for owner in self.scene.objects:
-                self._check_explicit(owner, self._compliance(owner), value)
+                self._check_explicit(owner, self._compliance(owner), self._damping(owner), value)
         self.settings = dataclasses.replace(self.settings, **{row.name: value})
         if row.name == "substeps":
             for batch in self._batches:
@@ -275,9 +275,11 @@ class Simulation:
             compliance = self._compliance(owner)
             compliance[("stretch_compliance", "shear_compliance", "bend_compliance").index(field)] = value
             if self.settings.method == "verlet":
-                self._check_explicit(owner, compliance, self.settings.substeps)
+                self._check_explicit(owner, compliance, self._damping(owner), self.settings.substeps)
             batch.materials.write(b, compliance=compliance)
         else:
+            if field == "damping" and self.settings.method == "verlet":
+                self._check_explicit(owner, self._compliance(owner), value, self.settings.substeps)
             batch.materials.write(b, **{"thickness" if field == "radius" else field: value})
 
     def _compliance(self, name: str) -> np.ndarray:
@@ -285,16 +287,21 @@ class Simulation:
         batch = self._batch[name]
         return batch.materials.read(batch.index[name], "compliance").copy()
 
-    def _check_explicit(self, name: str, compliance: Any, substeps: int) -> None:
+    def _damping(self, name: str) -> float:
+        """The axial damping of an object as it is now [s]."""
+        batch = self._batch[name]
+        return float(batch.materials.read(batch.index[name], "damping"))
+
+    def _check_explicit(self, name: str, compliance: Any, damping: float, substeps: int) -> None:
         """Raise ValueError where method verlet cannot hold an object, saying what it would need."""
         topo = self._topologies[name]
         if topo.others():
             raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
-        needed = limits.explicit_substeps(topo, compliance, self.settings.frame_dt)
+        needed = limits.explicit_substeps(topo, compliance, damping, self.settings.frame_dt)
         if substeps < needed:
             raise ValueError(
                 f"solver.substeps is {substeps} with method 'verlet'; allowed is at least {needed:g} for the stiffness "
-                f"of {name}, or method 'xpbd'"
+                f"and damping of {name}, or method 'xpbd'"
             )
 
     # -- host mirrors of the device's structs --------------------------------------------------------------------

@@ -46,12 +46,25 @@ def test_schedules_agree_with_wind_and_colliders(device):
 def test_a_mass_on_a_spring_needs_the_known_step():
     rope = Rope(start=(0, 0, 1), end=(0, 0, 0), segments=1, stretch_compliance=1e-4, particle_masses=[1.0, 4.0])
     omega = np.sqrt(1e4 / 4.0)
-    needed = explicit_substeps(build(rope, "rope", False), (1e-4, 0.0, 0.0), 1 / 60)
+    needed = explicit_substeps(build(rope, "rope", False), (1e-4, 0.0, 0.0), 0.0, 1 / 60)
     assert needed == np.ceil(omega / 60 / 2 / 0.9)
 
 
+@pytest.mark.parametrize("damping", [1e-4, 1e-3, 1e-2])
+def test_dashpots_count_in_the_limit(damping):
+    """Just above the limit a stretched sheet comes to rest; far below it a dashpot would drive it."""
+    sheet = Cloth(resolution=(6, 6), pins="edges", shear_compliance=1e-3, damping=damping)
+    needed = explicit_substeps(build(sheet, "it", False), (1e-3, 1e-3, 0.0), damping, 1 / 60)
+    sim = Simulation(Scene({"it": sheet}), Settings(method="verlet", substeps=int(needed)), device="cpu")
+    x = sim.positions("it")
+    sim.set_positions("it", x * 1.05)
+    sim.step(40)
+    assert np.isfinite(sim.positions("it")).all() and np.abs(sim.velocities("it")).max() < 1.0
+    assert needed >= explicit_substeps(build(sheet, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1 / 60)
+
+
 def test_below_its_limit_it_flies_apart_which_is_why_it_is_refused(monkeypatch):
-    needed = explicit_substeps(build(SHEET, "it", False), (1e-3, 1e-3, 0.0), 1 / 60)
+    needed = explicit_substeps(build(SHEET, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1 / 60)
     with pytest.raises(ValueError, match=f"at least {needed:g}"):
         final("cpu", int(needed) - 1)
     assert np.abs(final("cpu", int(needed), frames=120)).max() < 1.0
@@ -74,7 +87,7 @@ def test_what_it_lacks_is_refused(thing, words):
 
 def test_live_changes_beyond_the_limit_are_refused_and_change_nothing():
     sim = Simulation(Scene({"it": SHEET}), Settings(method="verlet", substeps=40), device="cpu")
-    for name, value in (("it.stretch_compliance", 1e-6), ("solver.substeps", 4)):
+    for name, value in (("it.stretch_compliance", 1e-6), ("solver.substeps", 4), ("it.damping", 0.1)):
         with pytest.raises(ValueError, match="allowed is at least"):
             sim.set(name, value)
     sim.step(30)

@@ -70,6 +70,15 @@ return __fdividef(a, b);
 return a / b;
 #endif
 """
+# Correctly rounded like IEEE division, from a reciprocal that is at hand (Markstein 1990).
+_DIVIDE = """
+#if defined(__CUDA_ARCH__)
+float q = a * inverse;
+return fmaf(fmaf(-b, q, a), inverse, q);
+#else
+return a / b;
+#endif
+"""
 _SYNC = """
 #if defined(__CUDA_ARCH__)
 __syncthreads();
@@ -113,6 +122,10 @@ def root(value: float) -> float: ...
 
 @wp.func_native(_QUOTIENT)
 def quotient(a: float, b: float) -> float: ...
+
+
+@wp.func_native(_DIVIDE)
+def divide(a: float, b: float, inverse: float) -> float: ...
 
 
 @wp.func_native(_SYNC)

@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step, predict_displacement, split_sum
-from cloth_sim_ros.sim.schedules.native import array_address, inverse_root, load4, load_pair, quotient, store4
+from cloth_sim_ros.sim.schedules.native import array_address, divide, inverse_root, load4, load_pair, quotient, store4
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
 
 
@@ -243,6 +243,15 @@ def make_contact(features: Features):
 SMOOTH = wp.constant(0.05)
 
 
+@wp.func
+def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
+    """A change over a substep [m], divided by its effective length [m/s]."""
+    h = step.effective
+    return wp.vec3(
+        divide(change[0], h, step.inverse), divide(change[1], h, step.inverse), divide(change[2], h, step.inverse)
+    )
+
+
 def make_finish(features: Features):
     """The stage that turns the displacement of particle i into its new velocity and position."""
 
@@ -258,12 +267,12 @@ def make_finish(features: Features):
         total = xyz(load4(d, i))
         displacement = total - xyz(load4(low_address, i))
         # Divided, not multiplied by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
-        velocity = displacement / step.effective
+        velocity = rate_of(displacement, step)
         if wp.static(features.order == 2):
             base = wp.vec3(0.0)
             if step.second:
                 base = s.last_displacements[g] / 3.0
-            velocity = (displacement - base) / step.effective
+            velocity = rate_of(displacement - base, step)
             if wp.length(displacement - s.last_displacements[g]) > SMOOTH * body.spacing:
                 s.events[body.index] = substep + 1
             s.last_velocities[g] = xyz(s.velocities[g])
