@@ -38,7 +38,7 @@ def make_project(order: int):
         e = wp.vec3(e4[0], e4[1], e4[2])
         if square < SHORTEST * SHORTEST:
             e = opening(k)
-            square = SHORTEST * SHORTEST
+            square = wp.dot(e, e)
         length = root(square)
         slip = float(0.0)
         if material.damping > 0.0:

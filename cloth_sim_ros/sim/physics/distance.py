@@ -9,13 +9,12 @@ SHORTEST = wp.constant(1.0e-12)  # [m] below this an edge has no direction of it
 def opening(k: int) -> wp.vec3:
     """A tiny edge in the direction that collapsed spring k opens: fixed for each spring, spread over all directions.
 
-    One direction for all would unfold a sheet collapsed to a point into a line. Directions are those of a Fibonacci
-    lattice with golden-ratio steps in height and angle.
+    One direction for all would unfold a sheet collapsed to a point into a line. Directions are those of the R3 sequence
+    in a cube (Roberts 2018): no sine, because this stands in the hottest loop, where it is next to never needed.
     """
-    z = 2.0 * wp.frac(float(k) * 0.61803399) - 1.0
-    angle = float(k % 4096) * 2.39996323
-    r = wp.sqrt(wp.max(1.0 - z * z, 0.0))
-    return SHORTEST * wp.vec3(r * wp.cos(angle), r * wp.sin(angle), z)
+    n = float(k % 65536)
+    r = wp.vec3(wp.frac(0.81917251 * n) - 0.5, wp.frac(0.67104361 * n) - 0.5, wp.frac(0.54970048 * n) - 0.5)
+    return SHORTEST * r
 
 
 @wp.func
