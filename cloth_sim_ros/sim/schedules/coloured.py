@@ -13,7 +13,14 @@ from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
-from cloth_sim_ros.sim.schedules.stages import make_contact, make_finish, make_panel, make_predict, sweep_collider
+from cloth_sim_ros.sim.schedules.stages import (
+    make_contact,
+    make_finish,
+    make_panel,
+    make_predict,
+    moving_of,
+    sweep_collider,
+)
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, State, compliance_of
 
@@ -109,9 +116,9 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         d = array_address(arrays.state.displacements, body.particles)
         step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
         low = array_address(arrays.state.low, body.particles)
-        predict_particle(
-            wp.tid(), arrays.model, arrays.state, body, arrays.materials[b], arrays.frames[0], step, x, low, d
-        )
+        moving = moving_of(wp.tid(), arrays.state, body, low)
+        material, frame = arrays.materials[b], arrays.frames[0]
+        predict_particle(wp.tid(), moving, arrays.model, arrays.state, body, material, frame, step, x, low, d)
 
     @stage
     def finish(
@@ -124,7 +131,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         d = array_address(arrays.state.displacements, body.particles)
         step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
         low = array_address(arrays.state.low, body.particles)
-        finish_particle(wp.tid(), substep, arrays.state, body, step, x, low, d)
+        finish_particle(wp.tid(), substep, True, arrays.state, body, step, x, low, d)
 
     @stage
     def find_faults(arrays: Arrays, b: int):

@@ -14,7 +14,14 @@ from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync
-from cloth_sim_ros.sim.schedules.stages import make_contact, make_finish, make_panel, make_predict, sweep_collider
+from cloth_sim_ros.sim.schedules.stages import (
+    make_contact,
+    make_finish,
+    make_panel,
+    make_predict,
+    moving_of,
+    sweep_collider,
+)
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, Material, State, compliance_of
 
@@ -104,7 +111,7 @@ def make_frame(features: Features, shared: int, block: int):
                 panel(k, m, s, body, material, frame, x)
             sync()
         for i in range(t, body.count, width):
-            predict(i, m, s, body, material, frame, step, x, low, d)
+            predict(i, moving_of(i, s, body, low), m, s, body, material, frame, step, x, low, d)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 for c in range(t, arrays.colliders.shape[0], width):
@@ -136,7 +143,7 @@ def make_frame(features: Features, shared: int, block: int):
                     sync()
             if wp.static(features.panels != ""):
                 for i in range(t, body.count, width):
-                    finish(i, substep, s, body, step, x, low, d)
+                    finish(i, substep, True, s, body, step, x, low, d)
                 sync()
                 for k in range(body.panels + t, body.panels_end, width):
                     panel(k, m, s, body, material, frame, x)
@@ -144,17 +151,20 @@ def make_frame(features: Features, shared: int, block: int):
             if wp.static(features.looks_back):
                 if wp.static(features.panels == ""):
                     for i in range(t, body.count, width):
-                        finish(i, substep, s, body, step, x, low, d)
+                        finish(i, substep, True, s, body, step, x, low, d)
                     sync()
                 history = wp.where(s.events[b] == substep + 1, 0, 1)
                 step = make_step(frame.dt, history > 0, wp.static(features.order))
             # A thread owns its particles from the end of one substep to the next prediction; only methods that look
             # back or around need a barrier in between.
             for i in range(t, body.count, width):
+                last = substep + 1 == frame.substeps
                 if wp.static(features.panels == "" and not features.looks_back):
-                    finish(i, substep, s, body, step, x, low, d)
-                if substep + 1 < frame.substeps:
-                    predict(i, m, s, body, material, frame, step, x, low, d)
+                    moving = finish(i, substep, last, s, body, step, x, low, d)
+                else:
+                    moving = moving_of(i, s, body, low)
+                if not last:
+                    predict(i, moving, m, s, body, material, frame, step, x, low, d)
         for i in range(t, body.count, width):
             if not is_good(load4(x, i), s.velocities[body.particles + i]):
                 s.faulty[b] = 1
@@ -214,7 +224,8 @@ def make_project_springs(order: int, fetch_ahead: bool):
             k = group[2] + t
             while k < group[3]:
                 if wp.static(fetch_ahead):
-                    following = load4(records, wp.min(k + width, last))
+                    if k + width < group[3]:
+                        following = load4(records, k + width)
                 else:
                     spring = load4(records, k)
                 project_spring(spring, k, alpha, s, body, material, step, x, d)

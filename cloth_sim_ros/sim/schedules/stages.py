@@ -96,12 +96,30 @@ def spring_force(
     return force
 
 
+@wp.struct
+class Moving:
+    """What a particle carries from one substep to the next: velocity [m/s] and the low part of its position [m]."""
+
+    velocity: wp.vec3
+    low: wp.vec3
+
+
+@wp.func
+def moving_of(i: int, s: State, body: Body, low_address: wp.uint64) -> Moving:
+    """What particle i carries, from memory."""
+    moving = Moving()
+    moving.velocity = xyz(load4(array_address(s.velocities, 0), body.particles + i))
+    moving.low = xyz(load4(low_address, i))
+    return moving
+
+
 def make_predict(features: Features):
     """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
 
     @wp.func
     def predict(
         i: int,
+        moving: Moving,
         m: Model,
         s: State,
         body: Body,
@@ -114,11 +132,11 @@ def make_predict(features: Features):
     ):
         g = body.particles + i
         w = load4(x, i)[3]
-        low = xyz(load4(low_address, i))
+        low = moving.low
         if w == 0.0:
             store4(d, i, pack(low, 0.0))
             return
-        v = xyz(load4(array_address(s.velocities, 0), g))
+        v = moving.velocity
         base = wp.vec3(0.0)
         if wp.static(features.order == 2):
             if step.second:
@@ -253,19 +271,33 @@ def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
 
 
 def make_finish(features: Features):
-    """The stage that turns the displacement of particle i into its new velocity and position."""
+    """The stage that turns the displacement of particle i into its velocity and position, and returns what it carries.
+
+    Velocities are stored when `last` in the frame, and always where another particle or the next substep reads them.
+    """
+    shares_velocities = features.looks_back or features.panels != ""
 
     @wp.func
     def finish(
-        i: int, substep: int, s: State, body: Body, step: Step, x: wp.uint64, low_address: wp.uint64, d: wp.uint64
-    ):
+        i: int,
+        substep: int,
+        last: bool,
+        s: State,
+        body: Body,
+        step: Step,
+        x: wp.uint64,
+        low_address: wp.uint64,
+        d: wp.uint64,
+    ) -> Moving:
         g = body.particles + i
+        moving = Moving()
+        moving.low = xyz(load4(low_address, i))
         old = load4(x, i)
         if old[3] == 0.0:
             s.velocities[g] = wp.vec4(0.0)
-            return
+            return moving
         total = xyz(load4(d, i))
-        displacement = total - xyz(load4(low_address, i))
+        displacement = total - moving.low
         # Divided, not multiplied by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
         velocity = rate_of(displacement, step)
         if wp.static(features.order == 2):
@@ -277,9 +309,13 @@ def make_finish(features: Features):
                 s.events[body.index] = substep + 1
             s.last_velocities[g] = xyz(s.velocities[g])
             s.last_displacements[g] = displacement
-        store4(array_address(s.velocities, 0), g, pack(velocity, 0.0))
+        if last or wp.static(shares_velocities):
+            store4(array_address(s.velocities, 0), g, pack(velocity, 0.0))
         position = xyz(old)
-        store4(low_address, i, pack(split_sum(position, total), 0.0))
+        moving.velocity = velocity
+        moving.low = split_sum(position, total)
+        store4(low_address, i, pack(moving.low, 0.0))
         store4(x, i, pack(position + total, old[3]))
+        return moving
 
     return finish
