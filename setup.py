@@ -21,6 +21,7 @@ setup(
     extras_require={
         "ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp"],
         "mesh": ["trimesh"],
+        "study": ["scipy", "matplotlib", "pyyaml"],
         "test": ["pytest", "ruff", "scipy", "trimesh", "matplotlib"],
     },
     python_requires=">=3.10",
