@@ -10,7 +10,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tuple
 from cloth_sim_ros.sim.model import Body, Features
-from cloth_sim_ros.sim.physics.integrate import make_step
+from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
 from cloth_sim_ros.sim.schedules.stages import (
@@ -22,7 +22,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
-from cloth_sim_ros.sim.state import Arrays, State, compliance_of
+from cloth_sim_ros.sim.state import Arrays, compliance_of
 
 
 class Coloured:
@@ -83,6 +83,17 @@ class Coloured:
             self._launch("contact", body["count"], b, first)
 
 
+@wp.struct
+class Here:
+    """A body, the addresses of its positions, low parts and displacements, and the substep it is in."""
+
+    body: Body
+    x: wp.uint64
+    low: wp.uint64
+    d: wp.uint64
+    step: Step
+
+
 @lru_cache
 def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     """The kernels of the stages that `features` need, in one module of their own."""
@@ -100,38 +111,45 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         kernels[function.__name__] = wp.kernel(function, enable_backward=False, module=module)
 
     @wp.func
-    def second(s: State, b: int) -> bool:
-        result = bool(False)
+    def look(arrays: Arrays, b: int, first: int, store: int) -> Here:
+        """Where body b is in this substep and iteration."""
+        here = Here()
+        here.body = arrays.model.bodies[b]
+        here.x = array_address(arrays.state.positions, here.body.particles)
+        here.low = array_address(arrays.state.low, here.body.particles)
+        here.d = array_address(arrays.state.displacements, here.body.particles)
+        smooth = bool(False)
         if wp.static(features.looks_back):
-            result = s.history[b] > 0
-        return result
+            smooth = arrays.state.history[b] > 0
+        here.step = make_step(arrays.frames[0].dt, smooth, wp.static(features.order))
+        here.step.first = first != 0
+        here.step.store = store != 0
+        here.step.repeats = arrays.frames[0].iterations > 1
+        return here
 
     @stage
-    def predict(
-        arrays: Arrays,
-        b: int,
-    ):
-        body = arrays.model.bodies[b]
-        x = array_address(arrays.state.positions, body.particles)
-        d = array_address(arrays.state.displacements, body.particles)
-        step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
-        low = array_address(arrays.state.low, body.particles)
-        moving = moving_of(wp.tid(), arrays.state, body, low)
+    def predict(arrays: Arrays, b: int):
+        here = look(arrays, b, 1, 0)
+        moving = moving_of(wp.tid(), arrays.state, here.body, here.low)
         material, frame = arrays.materials[b], arrays.frames[0]
-        predict_particle(wp.tid(), moving, arrays.model, arrays.state, body, material, frame, step, x, low, d)
+        predict_particle(
+            wp.tid(),
+            moving,
+            arrays.model,
+            arrays.state,
+            here.body,
+            material,
+            frame,
+            here.step,
+            here.x,
+            here.low,
+            here.d,
+        )
 
     @stage
-    def finish(
-        arrays: Arrays,
-        b: int,
-        substep: int,
-    ):
-        body = arrays.model.bodies[b]
-        x = array_address(arrays.state.positions, body.particles)
-        d = array_address(arrays.state.displacements, body.particles)
-        step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
-        low = array_address(arrays.state.low, body.particles)
-        finish_particle(wp.tid(), substep, True, arrays.state, body, step, x, low, d)
+    def finish(arrays: Arrays, b: int, substep: int):
+        here = look(arrays, b, 1, 0)
+        finish_particle(wp.tid(), substep, True, arrays.state, here.body, here.step, here.x, here.low, here.d)
 
     @stage
     def find_faults(arrays: Arrays, b: int):
@@ -162,11 +180,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if features.shapes:
 
         @stage
-        def sweep(
-            arrays: Arrays,
-            b: int,
-            substep: int,
-        ):
+        def sweep(arrays: Arrays, b: int, substep: int):
             c = wp.tid()
             count = float(arrays.frames[0].substeps)
             arrays.state.sweeps[b * arrays.colliders.shape[0] + c] = sweep_collider(
@@ -174,89 +188,83 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             )
 
         @stage
-        def contact(
-            arrays: Arrays,
-            b: int,
-            first: int,
-        ):
-            body = arrays.model.bodies[b]
-            x = array_address(arrays.state.positions, body.particles)
-            d = array_address(arrays.state.displacements, body.particles)
-            step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
-            step.first = first != 0
-            step.repeats = arrays.frames[0].iterations > 1
-            low = array_address(arrays.state.low, body.particles)
-            contact_particle(wp.tid(), b, body, arrays.materials[b], arrays.colliders, arrays.state, step, x, low, d)
+        def contact(arrays: Arrays, b: int, first: int):
+            here = look(arrays, b, first, 0)
+            contact_particle(
+                wp.tid(),
+                b,
+                here.body,
+                arrays.materials[b],
+                arrays.colliders,
+                arrays.state,
+                here.step,
+                here.x,
+                here.low,
+                here.d,
+            )
 
     if features.panels:
 
         @stage
-        def panel(
-            arrays: Arrays,
-            b: int,
-        ):
-            body = arrays.model.bodies[b]
-            x = array_address(arrays.state.positions, body.particles)
+        def panel(arrays: Arrays, b: int):
+            here = look(arrays, b, 1, 0)
             panel_force(
-                body.panels + wp.tid(), arrays.model, arrays.state, body, arrays.materials[b], arrays.frames[0], x
+                here.body.panels + wp.tid(),
+                arrays.model,
+                arrays.state,
+                here.body,
+                arrays.materials[b],
+                arrays.frames[0],
+                here.x,
             )
 
     if "spring" in features.constraints:
 
         @stage
-        def springs(
-            arrays: Arrays,
-            b: int,
-            first: int,
-            store: int,
-            g: int,
-        ):
-            body = arrays.model.bodies[b]
+        def springs(arrays: Arrays, b: int, first: int, store: int, g: int):
+            here = look(arrays, b, first, store)
             group = arrays.model.groups[g]
-            x = array_address(arrays.state.positions, body.particles)
-            d = array_address(arrays.state.displacements, body.particles)
-            step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
-            step.first = first != 0
-            step.store = store != 0
-            alpha = compliance_of(arrays.materials[b], group[1]) * step.inverse_square
+            alpha = compliance_of(arrays.materials[b], group[1]) * here.step.inverse_square
             k = group[2] + wp.tid()
-            project_one_spring(arrays.model.springs[k], k, alpha, arrays.state, body, arrays.materials[b], step, x, d)
+            project_one_spring(
+                arrays.model.springs[k],
+                k,
+                alpha,
+                arrays.state,
+                here.body,
+                arrays.materials[b],
+                here.step,
+                here.x,
+                here.d,
+            )
 
     if project_one_tuple is not None:
 
         @stage
-        def tuples(
-            arrays: Arrays,
-            b: int,
-            first: int,
-            store: int,
-            g: int,
-        ):
-            body = arrays.model.bodies[b]
+        def tuples(arrays: Arrays, b: int, first: int, store: int, g: int):
+            here = look(arrays, b, first, store)
             group = arrays.model.groups[g]
-            x = array_address(arrays.state.positions, body.particles)
-            d = array_address(arrays.state.displacements, body.particles)
-            step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
-            step.first = first != 0
-            step.store = store != 0
-            alpha = compliance_of(arrays.materials[b], group[1]) * step.inverse_square
+            alpha = compliance_of(arrays.materials[b], group[1]) * here.step.inverse_square
             k = group[2] + wp.tid()
-            project_one_tuple(group[0], k, alpha, arrays.model, arrays.state, body, arrays.materials[b], step, x, d)
+            project_one_tuple(
+                group[0],
+                k,
+                alpha,
+                arrays.model,
+                arrays.state,
+                here.body,
+                arrays.materials[b],
+                here.step,
+                here.x,
+                here.d,
+            )
 
     if features.chain:
 
         @stage
-        def chain(
-            arrays: Arrays,
-            b: int,
-            first: int,
-        ):
-            body = arrays.model.bodies[b]
-            x = array_address(arrays.state.positions, body.particles)
-            d = array_address(arrays.state.displacements, body.particles)
-            step = make_step(arrays.frames[0].dt, second(arrays.state, b), wp.static(features.order))
-            step.first = first != 0
-            solve_chain(arrays.model, arrays.state, body, arrays.materials[b], step, x, d)
+        def chain(arrays: Arrays, b: int, first: int):
+            here = look(arrays, b, first, 0)
+            solve_chain(arrays.model, arrays.state, here.body, arrays.materials[b], here.step, here.x, here.d)
 
     if features.looks_back:
 
