@@ -36,10 +36,9 @@ def split_sum(x: wp.vec3, d: wp.vec3) -> wp.vec3:
 
 @wp.struct
 class Step:
-    """One substep and iteration: h and h_e [s], 1/h_e, 1/h_e^2, and what the projections need to know of the loop
+    """One substep and iteration: h_e [s], 1/h_e, 1/h_e^2, and what the projections need to know of the loop
     around them."""
 
-    h: float
     effective: float
     inverse: float
     inverse_square: float
@@ -53,7 +52,6 @@ class Step:
 def make_step(h: float, second: bool, order: int) -> Step:
     """The part of a Step that lasts for the substep; `second`: a smooth substep lies behind it."""
     step = Step()
-    step.h = h
     step.effective = effective_step(h, second and order == 2)
     step.inverse = 1.0 / step.effective
     step.inverse_square = step.inverse * step.inverse

@@ -10,13 +10,8 @@ from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.chain import edge_frame, particle_compliance, series_admittance, turn_frame
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import load4, store4
+from cloth_sim_ros.sim.schedules.native import load4, store4, xyz
 from cloth_sim_ros.sim.state import Material, Segment, State
-
-
-@wp.func
-def _xyz(v: wp.vec4) -> wp.vec3:
-    return wp.vec3(v[0], v[1], v[2])
 
 
 @wp.func
@@ -26,7 +21,7 @@ def _missing(i: int, s: State, body: Body, step: Step, d: wp.uint64) -> wp.vec3:
     Whatever moved the particle since the last solve (bending, contact) counts as part of where it would be.
     """
     g = body.particles + i
-    now = _xyz(load4(d, i))
+    now = xyz(load4(d, i))
     if step.first:
         s.targets[g] = now
     else:
@@ -52,12 +47,12 @@ def make_solve_chain(order: int):
         for k in range(body.segments_end - body.segments):
             xj = load4(x, k + 1)
             pj = load4(d, k + 1)
-            de = _xyz(pj) - _xyz(p)
-            e = opened((_xyz(xj) - _xyz(xi)) + de, k)
+            de = xyz(pj) - xyz(p)
+            e = opened((xyz(xj) - xyz(xi)) + de, k)
             length = wp.length(e)
             n = e / length
             g0 = body.particles + k
-            slip = elongation(e, de - _xyz(s.low[g0 + 1] - s.low[g0]))
+            slip = elongation(e, de - xyz(s.low[g0 + 1] - s.low[g0]))
             if wp.static(order == 2):
                 if step.second:
                     slip -= wp.dot(n, s.last_displacements[g0 + 1] - s.last_displacements[g0]) / 3.0
@@ -127,4 +122,4 @@ def _move(i: int, u: wp.vec3, s: State, body: Body, d: wp.uint64):
     if p[3] > 0.0:
         p = p + wp.vec4(u[0], u[1], u[2], 0.0)
         store4(d, i, p)
-    s.solved[body.particles + i] = _xyz(p)
+    s.solved[body.particles + i] = xyz(p)

@@ -136,6 +136,12 @@ def sync(): ...
 def array_address(values: wp.array(dtype=wp.vec4), offset: int) -> wp.uint64: ...
 
 
+@wp.func
+def xyz(v: wp.vec4) -> wp.vec3:
+    """The first three of the four numbers that are loaded at a time."""
+    return wp.vec3(v[0], v[1], v[2])
+
+
 def make_tile_address(capacity: int):
     """A Warp function: a shared tile of `capacity` vec4 -> its address. For CUDA kernels alone."""
 

@@ -13,13 +13,17 @@ from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step, predict_displacement, split_sum
-from cloth_sim_ros.sim.schedules.native import array_address, divide, inverse_root, load4, load_pair, quotient, store4
+from cloth_sim_ros.sim.schedules.native import (
+    array_address,
+    divide,
+    inverse_root,
+    load4,
+    load_pair,
+    quotient,
+    store4,
+    xyz,
+)
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
-
-
-@wp.func
-def xyz(v: wp.vec4) -> wp.vec3:
-    return wp.vec3(v[0], v[1], v[2])
 
 
 @wp.func
