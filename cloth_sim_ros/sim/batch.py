@@ -50,7 +50,7 @@ class Batch:
             self.reset(name)
 
     def _make_schedule(self, wanted: str) -> Resident | Coloured:
-        largest, limit = max(self.counts), capacity(self.device)
+        largest, limit = max(self.counts), capacity(self.device, self.features)
         if wanted == "resident" and largest > limit:
             raise ValueError(
                 f"solver.schedule is 'resident' with a body of {largest} particles; allowed are up to {limit} on "

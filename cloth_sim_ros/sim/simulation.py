@@ -77,7 +77,7 @@ class Simulation:
     @property
     def fits_a_block(self) -> bool:
         """Whether the resident schedule can hold every object, each in one block of the device."""
-        return all(max(batch.counts) <= capacity(self._device) for batch in self._batches)
+        return all(max(batch.counts) <= capacity(self._device, batch.features) for batch in self._batches)
 
     @property
     def time(self) -> float:

@@ -80,7 +80,17 @@ class Segment:
     admittance: wp.mat33
     compliance: wp.mat33
     free: wp.vec3
+    missing: wp.vec3
+    tension: float
     gap: float
+    along: float
+    across: float
+    near: float
+    far: float
+    reach: float
+    turn: float
+    too_far: int
+    pull: float
 
 
 @wp.struct
@@ -99,6 +109,7 @@ class State:
     targets: wp.array(dtype=wp.vec3)  # (N,) where particles of a chain would be without it [m], chains alone
     solved: wp.array(dtype=wp.vec3)  # (N,) where its last solve put them [m], chains alone
     segments: wp.array(dtype=Segment)  # (C,)
+    turned: wp.array(dtype=int)  # (B,) the last attempt at a solve that turned a segment too far
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     sweeps: wp.array(dtype=Sweep)  # (B K,)
@@ -139,6 +150,7 @@ def make_state(arrays: ModelArrays, features: Features, colliders: int, device: 
         "targets": (particles if features.chain else 0, wp.vec3),
         "solved": (particles if features.chain else 0, wp.vec3),
         "segments": (arrays.size["segment_length"], Segment),
+        "turned": (bodies if features.chain else 0, int),
         "panel_forces": (arrays.size["panels"] if features.panels else 0, wp.vec4),
         "contacts": (particles * colliders, wp.vec4),
         "sweeps": (bodies * colliders, Sweep),

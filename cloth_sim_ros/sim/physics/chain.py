@@ -11,9 +11,14 @@ geometric stiffness (dropped under compression, so that the tangent stays positi
 Only positive quantities are added, never subtracted, so single precision keeps its digits for compliance 0 and for
 loads of 1e5 times the mass alike. Matrices stay in the frames of their edges, scaled to unit diagonals before
 inversion, because their entries along and across an edge may differ by ten orders of magnitude.
+
+Many threads solve a chain as a parallel scan over spans of it, which join like the elements of a parallel Kalman
+smoother (Sarkka and Garcia-Fernandez 2021), again by adding positive matrices alone.
 """
 
 import warp as wp
+
+from cloth_sim_ros.sim.schedules.native import inverse_root, quotient, root
 
 
 @wp.func
@@ -31,22 +36,29 @@ def edge_frame(n: wp.vec3) -> wp.mat33:
 
 @wp.func
 def _unit_inverse(a: float, b: float, c: float, scale: wp.vec3) -> wp.mat33:
-    """scale M^-1 scale for the symmetric M with unit diagonal and entries a = M01, b = M02, c = M12."""
-    determinant = wp.max(1.0 + 2.0 * a * b * c - a * a - b * b - c * c, 1.0e-9)
-    m01 = (b * c - a) * scale[0] * scale[1]
-    m02 = (a * c - b) * scale[0] * scale[2]
-    m12 = (a * b - c) * scale[1] * scale[2]
-    return wp.mat33(
-        (1.0 - c * c) * scale[0] * scale[0], m01, m02,
-        m01, (1.0 - b * b) * scale[1] * scale[1], m12,
-        m02, m12, (1.0 - a * a) * scale[2] * scale[2],
-    ) / determinant  # fmt: skip
+    """scale M^-1 scale for the symmetric M with unit diagonal and entries a = M01, b = M02, c = M12.
+
+    As a sum of squares, M^-1 = sum of r r^T / pivot (LDL^T), so that rounding never makes it indefinite.
+    """
+    second = quotient(1.0, wp.max(1.0 - a * a, 1.0e-7))
+    l = (c - a * b) * second
+    third = quotient(1.0, wp.max(1.0 - b * b - l * (c - a * b), 1.0e-7))
+    r1 = wp.vec3(scale[0], 0.0, 0.0)
+    r2 = wp.vec3(-a * scale[0], scale[1], 0.0)
+    r3 = wp.vec3((a * l - b) * scale[0], -l * scale[1], scale[2])
+    return wp.outer(r1, r1) + second * wp.outer(r2, r2) + third * wp.outer(r3, r3)
 
 
 @wp.func
 def series_admittance(y: wp.mat33, alpha: float, g: float) -> wp.mat33:
     """Z^-1 = (diag(alpha, 1/g, 1/g) + Y)^-1 [kg] in the edge's frame, finite for g = 0; alpha + Y00 must be above 0."""
-    s = wp.vec3(1.0 / wp.sqrt(alpha + y[0, 0]), wp.sqrt(g / (1.0 + g * y[1, 1])), wp.sqrt(g / (1.0 + g * y[2, 2])))
+    # Turned by a large angle, rounding may leave a small entry below 0.
+    y0 = wp.max(y[0, 0], 0.0)
+    y1 = wp.max(y[1, 1], 0.0)
+    y2 = wp.max(y[2, 2], 0.0)
+    g1 = wp.max(quotient(g, 1.0 + g * y1), 1.0e-30)
+    g2 = wp.max(quotient(g, 1.0 + g * y2), 1.0e-30)
+    s = wp.vec3(inverse_root(alpha + y0), root(g1), root(g2))
     return _unit_inverse(s[0] * s[1] * y[0, 1], s[0] * s[2] * y[0, 2], s[1] * s[2] * y[1, 2], s)
 
 
@@ -55,12 +67,14 @@ def particle_compliance(w: float, admittance: wp.mat33) -> wp.mat33:
     """Y = (m + Z^-1)^-1 [1/kg] of a particle of inverse mass w behind an edge; 0 where it is pinned."""
     if w == 0.0:
         return wp.mat33(0.0)
-    m = 1.0 / w
-    a = wp.vec3(m + admittance[0, 0], m + admittance[1, 1], m + admittance[2, 2])
-    s = wp.vec3(1.0 / wp.sqrt(a[0]), 1.0 / wp.sqrt(a[1]), 1.0 / wp.sqrt(a[2]))
-    return _unit_inverse(
-        s[0] * s[1] * admittance[0, 1], s[0] * s[2] * admittance[0, 2], s[1] * s[2] * admittance[1, 2], s
-    )
+    return inverse_beside(1.0 / w, admittance)
+
+
+@wp.func
+def inverse_beside(m: float, a: wp.mat33) -> wp.mat33:
+    """(m + A)^-1 for m > 0 and a positive semi-definite A of whatever range."""
+    s = wp.vec3(inverse_root(m + a[0, 0]), inverse_root(m + a[1, 1]), inverse_root(m + a[2, 2]))
+    return _unit_inverse(s[0] * s[1] * a[0, 1], s[0] * s[2] * a[0, 2], s[1] * s[2] * a[1, 2], s)
 
 
 @wp.func
@@ -68,3 +82,83 @@ def turn_frame(y: wp.mat33, old: wp.mat33, new: wp.mat33) -> wp.mat33:
     """A symmetric matrix given in the frame `old`, in the frame `new`; straight chains keep their small entries."""
     r = new * wp.transpose(old)
     return r * y * wp.transpose(r)
+
+
+@wp.struct
+class Span:
+    """Neighbouring segments, each with the particle at its far end, seen from outside.
+
+    For a displacement u of the particle before it and a force f on its last particle, that one moves by
+    A u + b + C f, and the particle before it feels the force eta - J u + A^T f. Vectors and matrices are in the frame
+    of the first segment on the side of u, in that of the last on the side of f.
+    """
+
+    passed: wp.mat33  # A
+    compliance: wp.mat33  # C [1/kg]
+    inertia: wp.mat33  # J [kg]
+    free: wp.vec3  # b [m]
+    pull: wp.vec3  # eta [kg m]
+
+
+@wp.func
+def span_of(w: float, along: float, across: float, tension: float, gap: float, missing: wp.vec3) -> Span:
+    """One segment of compliance diag(along, 1/across, 1/across) and its far particle of inverse mass w.
+
+    tension: what the segment pulls with already; gap: what it is too long by; missing: how far the particle lies from
+    where it would be without the chain, in the segment's frame.
+    """
+    span = Span()
+    a = quotient(1.0, along + w)
+    t = quotient(1.0, 1.0 + across * w)
+    span.passed = wp.diag(wp.vec3(w * a, across * w * t, across * w * t))
+    span.compliance = wp.diag(wp.vec3(along * w * a, w * t, w * t))
+    span.inertia = wp.diag(wp.vec3(a, across * t, across * t))
+    span.free = wp.vec3(along * a * (missing[0] - w * tension) - w * a * gap, t * missing[1], t * missing[2])
+    span.pull = wp.vec3((gap + missing[0] + along * tension) * a, across * t * missing[1], across * t * missing[2])
+    return span
+
+
+@wp.func
+def semidefinite_root(m: wp.mat33) -> wp.mat33:
+    """A lower triangular L with L L^T = M, for a positive semi-definite M of whatever range (Cholesky)."""
+    i = wp.vec3(_inverse_root(m[0, 0]), _inverse_root(m[1, 1]), _inverse_root(m[2, 2]))
+    a = m[0, 1] * i[0] * i[1]
+    b = m[0, 2] * i[0] * i[2]
+    c = m[1, 2] * i[1] * i[2]
+    second = wp.max(1.0 - a * a, 1.0e-7)
+    r = inverse_root(second)
+    l = (c - a * b) * r
+    third = root(wp.max(1.0 - b * b - l * l, 1.0e-14))
+    s = wp.vec3(m[0, 0] * i[0], m[1, 1] * i[1], m[2, 2] * i[2])
+    return wp.mat33(s[0], 0.0, 0.0, a * s[1], second * r * s[1], 0.0, b * s[2], l * s[2], third * s[2])
+
+
+@wp.func
+def _inverse_root(value: float) -> float:
+    """1/sqrt of a diagonal entry; 0 where there is nothing."""
+    return wp.where(value > 1.0e-30, inverse_root(wp.max(value, 1.0e-30)), 0.0)
+
+
+@wp.func
+def parallel_inertia(c: wp.mat33, j: wp.mat33) -> wp.mat33:
+    """(C^-1 + J)^-1 = L (1 + L^T J L)^-1 L^T for positive semi-definite C = L L^T and J."""
+    l = semidefinite_root(c)
+    return l * inverse_beside(1.0, wp.transpose(l) * j * l) * wp.transpose(l)
+
+
+@wp.func
+def join(first: Span, second: Span, r: wp.mat33) -> Span:
+    """Two spans one behind the other; r turns the frame at the end of the first into that of the second."""
+    c = r * first.compliance * wp.transpose(r)
+    a = r * first.passed
+    b = r * first.free
+    s = parallel_inertia(c, second.inertia)
+    held = parallel_inertia(second.inertia, c)
+    d = wp.identity(n=3, dtype=float) - s * second.inertia
+    span = Span()
+    span.passed = second.passed * d * a
+    span.compliance = second.compliance + second.passed * s * wp.transpose(second.passed)
+    span.inertia = first.inertia + wp.transpose(a) * held * a
+    span.free = second.free + second.passed * (d * b + s * second.pull)
+    span.pull = first.pull + wp.transpose(a) * (wp.transpose(d) * second.pull - held * b)
+    return span

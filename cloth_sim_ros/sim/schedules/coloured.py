@@ -102,7 +102,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     contact_particle = make_contact(features) if features.shapes else None
     project_one_spring = make_project_spring(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
-    solve_chain = make_solve_chain(features.order) if features.chain else None
+    solve_chain = make_solve_chain(features.order, 1, True) if features.chain else None
     module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}")
     wp.set_module_options(CPU_FLAGS, module)
     kernels: dict[str, wp.Kernel] = {}
@@ -264,7 +264,9 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         @stage
         def chain(arrays: Arrays, b: int, first: int):
             here = look(arrays, b, first, 0)
-            solve_chain(arrays.model, arrays.state, here.body, arrays.materials[b], here.step, here.x, here.d)
+            solve_chain(
+                0, b, arrays.model, arrays.state, here.body, arrays.materials[b], here.step, here.x, here.d, here.x
+            )
 
     if features.looks_back:
 

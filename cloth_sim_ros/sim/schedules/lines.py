@@ -1,125 +1,281 @@
-"""Direct solves along chains: one Newton step over all segments of a rope, by one thread (see physics/chain.py).
+"""Direct solves along chains: one Newton step over all segments of a rope (see physics/chain.py).
 
 Positions and multipliers start from where the last substep and iteration left them: the tension carries over, so that
 the first tangent already knows the geometric stiffness, and the static balance does not depend on step or iterations.
+
+A thread takes neighbouring segments, from `begin` to `end`. Alone it walks the chain to its end and back. Many first
+join their segments to spans and scan these, so that each knows what lies before its own and how its end moves.
 """
 
 import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Model
-from cloth_sim_ros.sim.physics.chain import edge_frame, particle_compliance, series_admittance, turn_frame
+from cloth_sim_ros.sim.physics.chain import (
+    Span,
+    edge_frame,
+    join,
+    particle_compliance,
+    series_admittance,
+    span_of,
+    turn_frame,
+)
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import load4, store4, xyz
+from cloth_sim_ros.sim.schedules.native import load4, store4, sync, xyz
+from cloth_sim_ros.sim.schedules.scan import Reach, Share, scan_backward, scan_forward, share_of
 from cloth_sim_ros.sim.state import Material, Segment, State
+
+# A segment whose correction turns it by more than the root of this [rad^2] left what a linear solve can tell: it is
+# solved again, stiffer across, as far as the turn stretches it (a bound of the energy from above), this often at most.
+LARGEST_TURN = wp.constant(0.09)
+ATTEMPTS = wp.constant(5)
 
 
 @wp.func
-def _missing(i: int, s: State, body: Body, step: Step, d: wp.uint64) -> wp.vec3:
-    """How far particle i lies from where it would be without the chain [m].
-
-    Whatever moved the particle since the last solve (bending, contact) counts as part of where it would be.
-    """
+def _aim(i: int, s: State, body: Body, step: Step, d: wp.uint64):
+    """Note where particle i would be without the chain: whatever moved it since the last solve is part of that."""
     g = body.particles + i
     now = xyz(load4(d, i))
     if step.first:
         s.targets[g] = now
     else:
         s.targets[g] += now - s.solved[g]
-    return s.targets[g] - now
-
-
-def make_solve_chain(order: int):
-    """A Warp function that solves the chain of a body once; to be called by one thread."""
-
-    @wp.func
-    def eliminate(
-        m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64
-    ) -> wp.vec3:
-        """Forward pass; returns the displacement of the last particle."""
-        p = load4(d, 0)
-        y = wp.identity(n=3, dtype=float) * p[3]
-        frame = wp.identity(n=3, dtype=float)
-        q = _missing(0, s, body, step, d)
-        gamma = material.damping * step.inverse
-        square = step.effective * step.effective
-        xi = load4(x, 0)
-        for k in range(body.segments_end - body.segments):
-            xj = load4(x, k + 1)
-            pj = load4(d, k + 1)
-            de = xyz(pj) - xyz(p)
-            e = opened((xyz(xj) - xyz(xi)) + de, k)
-            length = wp.length(e)
-            n = e / length
-            g0 = body.particles + k
-            slip = elongation(e, de - xyz(s.low[g0 + 1] - s.low[g0]))
-            if wp.static(order == 2):
-                if step.second:
-                    slip -= wp.dot(n, s.last_displacements[g0 + 1] - s.last_displacements[g0]) / 3.0
-            index = body.segments + k
-            rest = m.segment_length[index]
-            alpha = material.compliance[0] * rest * step.inverse_square
-            tension = s.tensions[index] * square
-            gap = (length - rest + gamma * slip - alpha * tension) / (1.0 + gamma)
-            w = wp.max(p[3], pj[3])
-            new = edge_frame(n)
-            y = turn_frame(y, frame, new)
-            frame = new
-            # The edge's present tension pulls its first particle; the rest of the pull is solved for.
-            q += wp.transpose(frame) * (y * wp.vec3(tension, 0.0, 0.0))
-            admittance = wp.mat33(0.0)
-            if w > 0.0:
-                # Between a rigid edge and a pinned particle nothing would be left to divide by. Much softer, a load of
-                # 1e5 times the mass stretches the tangent; much stiffer, rounding across the edge reaches it.
-                along = wp.max(alpha / (1.0 + gamma), 1.0e-9 * w)
-                across = wp.max(tension, 0.0) / wp.max(length, 1.0e-3 * rest)
-                admittance = series_admittance(y, along, across)
-            store = Segment()
-            store.frame = frame
-            store.admittance = admittance
-            store.compliance = y
-            store.free = q
-            store.gap = gap
-            s.segments[index] = store
-            pull = admittance * (frame * q - wp.vec3(gap, 0.0, 0.0)) - wp.vec3(tension, 0.0, 0.0)
-            y = particle_compliance(pj[3], admittance)
-            missing = _missing(k + 1, s, body, step, d)
-            push = frame * missing
-            if pj[3] > 0.0:
-                pull += push / pj[3]
-            q = wp.transpose(frame) * (y * pull)
-            p = pj
-            xi = xj
-        return q
-
-    @wp.func
-    def substitute(s: State, body: Body, step: Step, last: wp.vec3, d: wp.uint64):
-        """Backward pass: displacements and tensions."""
-        u = last
-        count = body.segments_end - body.segments
-        square = step.effective * step.effective
-        for r in range(count):
-            k = count - 1 - r
-            index = body.segments + k
-            segment = s.segments[index]
-            force = segment.admittance * (segment.frame * (u - segment.free) + wp.vec3(segment.gap, 0.0, 0.0))
-            s.tensions[index] += force[0] / square
-            _move(k + 1, u, s, body, d)
-            u = segment.free + wp.transpose(segment.frame) * (segment.compliance * force)
-        _move(0, u, s, body, d)
-
-    @wp.func
-    def solve_chain(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64):
-        last = eliminate(m, s, body, material, step, x, d)
-        substitute(s, body, step, last, d)
-
-    return solve_chain
 
 
 @wp.func
-def _move(i: int, u: wp.vec3, s: State, body: Body, d: wp.uint64):
+def _missing(i: int, s: State, body: Body, d: wp.uint64) -> wp.vec3:
+    return s.targets[body.particles + i] - xyz(load4(d, i))
+
+
+@wp.func
+def _move(i: int, s: State, body: Body, d: wp.uint64):
     p = load4(d, i)
+    u = s.solved[body.particles + i]
     if p[3] > 0.0:
         p = p + wp.vec4(u[0], u[1], u[2], 0.0)
         store4(d, i, p)
     s.solved[body.particles + i] = xyz(p)
+
+
+def make_prepare(order: int):
+    """A Warp function: everything that the tangent at segment k needs and that does not depend on others."""
+
+    @wp.func
+    def prepare(
+        k: int, m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64
+    ) -> Segment:
+        index = body.segments + k
+        g = body.particles + k
+        p = load4(d, k)
+        q = load4(d, k + 1)
+        de = xyz(q) - xyz(p)
+        e = opened((xyz(load4(x, k + 1)) - xyz(load4(x, k))) + de, k)
+        length = wp.length(e)
+        n = e / length
+        rest = m.segment_length[index]
+        alpha = material.compliance[0] * rest * step.inverse_square
+        gamma = material.damping * step.inverse
+        segment = Segment()
+        segment.tension = s.tensions[index] * (step.effective * step.effective)
+        gap = length - rest - alpha * segment.tension
+        if gamma > 0.0:
+            slip = elongation(e, de - xyz(s.low[g + 1] - s.low[g]))
+            if wp.static(order == 2):
+                if step.second:
+                    slip -= wp.dot(n, s.last_displacements[g + 1] - s.last_displacements[g]) / 3.0
+            gap += gamma * slip
+        segment.frame = edge_frame(n)
+        segment.gap = gap / (1.0 + gamma)
+        # Between a rigid edge and a pinned particle nothing would be left to divide by. Much softer, a load of 1e5
+        # times the mass stretches the tangent; much stiffer, rounding across the edge reaches it.
+        segment.along = wp.max(alpha / (1.0 + gamma), 1.0e-9 * wp.max(p[3], q[3]))
+        segment.across = wp.max(segment.tension, 0.0) / wp.max(length, 1.0e-3 * rest)
+        segment.reach = wp.max(length, rest)
+        segment.near = p[3]
+        segment.far = q[3]
+        segment.missing = segment.frame * _missing(k + 1, s, body, d)
+        return segment
+
+    return prepare
+
+
+@wp.func
+def _across(segment: Segment) -> float:
+    """The stiffness across a segment, the turn of earlier attempts in it."""
+    return segment.across + wp.min(0.25 * segment.turn, 1.0) / segment.along
+
+
+@wp.func
+def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
+    """Past a segment, from the particle before it with compliance y and free displacement q, in the segment's frame.
+
+    Returns the segment with what the way back needs, and compliance and free displacement of its far particle.
+    """
+    # The edge's present tension pulls its first particle; the rest of the pull is solved for.
+    q += y * wp.vec3(segment.tension, 0.0, 0.0)
+    admittance = wp.mat33(0.0)
+    if segment.near + segment.far > 0.0:
+        admittance = series_admittance(y, segment.along, _across(segment))
+    segment.admittance = admittance
+    segment.compliance = y
+    segment.free = q
+    pull = admittance * (q - wp.vec3(segment.gap, 0.0, 0.0)) - wp.vec3(segment.tension, 0.0, 0.0)
+    if segment.far > 0.0:
+        pull += segment.missing / segment.far
+    y = particle_compliance(segment.far, admittance)
+    return segment, y, y * pull
+
+
+@wp.func
+def backward(segment: Segment, u: wp.vec3):
+    """How the particle before a segment moves when the one behind it moves by u, and the segment with its new pull
+    and turn, negative where it turns too far."""
+    u = segment.frame * u
+    force = segment.admittance * (u - segment.free + wp.vec3(segment.gap, 0.0, 0.0))
+    before = segment.free + segment.compliance * force
+    turned = u - before
+    turn = (turned[1] * turned[1] + turned[2] * turned[2]) / (segment.reach * segment.reach)
+    segment.too_far = wp.where(turn > LARGEST_TURN and turn > 2.0 * segment.turn, 1, 0)
+    segment.turn = wp.max(turn, segment.turn)
+    segment.pull = force[0]
+    return segment, wp.transpose(segment.frame) * before
+
+
+def make_solve_chain(order: int, threads: int, stored: bool):
+    """A Warp function by which thread t of `threads` solves its part of a body's chain.
+
+    `stored`: a thread may have several segments, kept in State.segments; otherwise its one stays in registers. The
+    address is that of SLOTS x threads vec4 that the threads share, unused by one thread.
+    """
+    prepare = make_prepare(order)
+    gather = make_gather(stored)
+    reach_back = make_reach_back(stored)
+
+    @wp.func
+    def solve_chain(
+        t: int,
+        b: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        d: wp.uint64,
+        shared: wp.uint64,
+    ):
+        share = share_of(t, threads, body)
+        segment = Segment()
+        first = wp.mat33(0.0)
+        for k in range(share.begin, share.end):
+            _aim(k + 1, s, body, step, d)
+            segment = prepare(k, m, s, body, material, step, x, d)
+            if k == share.begin:
+                first = segment.frame
+            if wp.static(stored):
+                s.segments[body.segments + k] = segment
+        if t == 0:
+            _aim(0, s, body, step, d)
+            s.turned[b] = 0
+        attempt = int(0)
+        while attempt < ATTEMPTS:
+            attempt += 1
+            # What lies before the thread's first segment, in that one's frame.
+            y = wp.identity(n=3, dtype=float) * load4(d, 0)[3]
+            q = first * _missing(0, s, body, d)
+            if wp.static(threads > 1):
+                span = gather(share, segment, y, q, s, body)
+                before = scan_forward(share, span, first, segment.frame, shared)
+                if t > 0:
+                    y = before.compliance
+                    q = before.free
+            frame = first
+            for k in range(share.begin, share.end):
+                if wp.static(stored):
+                    segment = s.segments[body.segments + k]
+                    if k > share.begin:
+                        y = turn_frame(y, frame, segment.frame)
+                        q = segment.frame * (wp.transpose(frame) * q)
+                    frame = segment.frame
+                segment, y, q = forward(segment, y, q)
+                if wp.static(stored):
+                    s.segments[body.segments + k] = segment
+            u = wp.transpose(segment.frame) * q
+            if wp.static(threads > 1):
+                u = scan_backward(share, reach_back(share, segment, u, s, body), shared, u)
+            too_far = int(0)
+            for r in range(share.end - share.begin):
+                k = share.end - 1 - r
+                s.solved[body.particles + k + 1] = u
+                if wp.static(stored):
+                    segment = s.segments[body.segments + k]
+                segment, u = backward(segment, u)
+                too_far += segment.too_far
+                if wp.static(stored):
+                    s.segments[body.segments + k] = segment
+            if t == 0:
+                s.solved[body.particles] = u
+            if too_far > 0:
+                s.turned[b] = attempt
+            sync()
+            if s.turned[b] < attempt:
+                attempt = ATTEMPTS
+        for k in range(share.begin, share.end):
+            if wp.static(stored):
+                segment = s.segments[body.segments + k]
+            s.tensions[body.segments + k] += segment.pull * step.inverse_square
+            _move(k + 1, s, body, d)
+        if t == 0:
+            _move(0, s, body, d)
+
+    return solve_chain
+
+
+def make_gather(stored: bool):
+    """A Warp function: the segments of a thread as one span; that of the first thread starts at the chain's first
+    particle, with compliance y and free displacement q, and so depends on nothing before it."""
+
+    @wp.func
+    def gather(share: Share, segment: Segment, y: wp.mat33, q: wp.vec3, s: State, body: Body) -> Span:
+        span = Span()
+        if share.begin == 0:
+            span.compliance = y
+            span.free = q
+        frame = wp.mat33(0.0)
+        for k in range(share.begin, share.end):
+            if wp.static(stored):
+                segment = s.segments[body.segments + k]
+            one = span_of(segment.far, segment.along, _across(segment), segment.tension, segment.gap, segment.missing)
+            if k == share.begin:
+                frame = segment.frame
+            if k == 0 or k > share.begin:
+                span = join(span, one, segment.frame * wp.transpose(frame))
+            else:
+                span = one
+            frame = segment.frame
+        return span
+
+    return gather
+
+
+def make_reach_back(stored: bool):
+    """A Warp function: how the particle before a thread's segments follows the last one of them, or for the last
+    thread, how it moves when that one moves by `last`."""
+
+    @wp.func
+    def reach_back(share: Share, segment: Segment, last: wp.vec3, s: State, body: Body) -> Reach:
+        reach = Reach()
+        if share.end == share.count:
+            reach.moved = last
+        else:
+            reach.passed = wp.identity(n=3, dtype=float)
+        for r in range(share.end - share.begin):
+            if wp.static(stored):
+                segment = s.segments[body.segments + share.end - 1 - r]
+            held = wp.transpose(segment.frame) * segment.compliance * segment.admittance
+            reach.passed = held * segment.frame * reach.passed
+            moved = segment.frame * reach.moved - segment.free + wp.vec3(segment.gap, 0.0, 0.0)
+            reach.moved = wp.transpose(segment.frame) * segment.free + held * moved
+        return reach
+
+    return reach_back

@@ -14,6 +14,7 @@ from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync
+from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
 from cloth_sim_ros.sim.schedules.stages import (
     make_contact,
     make_finish,
@@ -28,11 +29,12 @@ from cloth_sim_ros.sim.state import Arrays, Material, State, compliance_of
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 
 
-def capacity(device: wp.Device) -> int:
+def capacity(device: wp.Device, features: Features) -> int:
     """The most particles of a body that one block can hold."""
     if device.is_cpu:
         return 1 << 30
-    return (device.max_shared_memory_per_block - RESERVED) // native.BYTES_A_PARTICLE
+    spans = 16 * SLOTS * THREADS if features.chain else 0
+    return (device.max_shared_memory_per_block - RESERVED - spans) // native.BYTES_A_PARTICLE
 
 
 class Resident:
@@ -40,9 +42,11 @@ class Resident:
 
     def __init__(self, features: Features, arrays: Arrays, device: wp.Device, largest: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
-        # A thread takes a particle of an explicit method, or one spring of a colour, which holds half as many.
-        work = largest if features.method == "verlet" else -(-largest // 2)
-        block = 1 if device.is_cpu else min(1024, -(-work // 32) * 32)
+        # A thread takes a segment of a chain, a particle of an explicit method, or a spring of a colour (at most half
+        # as many as particles).
+        work = largest - 1 if features.chain else largest if features.method == "verlet" else -(-largest // 2)
+        most = THREADS if features.chain else 1024
+        block = 1 if device.is_cpu else min(most, -(-work // 32) * 32)
         kernel = make_frame(features, shared, block)
         self._launch = wp.launch(
             kernel,
@@ -69,8 +73,10 @@ def make_frame(features: Features, shared: int, block: int):
     contact = make_contact(features) if features.shapes else None
     project_springs = make_project_springs(features.order, shared > 0) if "spring" in features.constraints else None
     project_tuple = make_project_tuple(features.constraints, features.order)
-    solve_chain = make_solve_chain(features.order) if features.chain else None
+    solve_chain = make_solve_chain(features.order, block, shared == 0 or shared > THREADS) if features.chain else None
     tile_address = native.make_tile_address(shared) if shared else None
+    slots = SLOTS * block if shared and features.chain else 0
+    span_address = native.make_tile_address(slots) if slots else None
 
     @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
     def simulate_frame(arrays: Arrays):
@@ -97,6 +103,10 @@ def make_frame(features: Features, shared: int, block: int):
                 store4(x, i, s.positions[body.particles + i])
                 if wp.static(features.method == "verlet"):
                     store4(low, i, s.low[body.particles + i])
+        spans = x
+        if wp.static(slots > 0):
+            span_tile = wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared")
+            spans = span_address(span_tile)
         history = int(0)
         if wp.static(features.looks_back):
             history = s.history[b]
@@ -125,8 +135,7 @@ def make_frame(features: Features, shared: int, block: int):
                 step.repeats = frame.iterations > 1
                 step.store = frame.iterations > 1 or substep == frame.substeps - 1
                 if wp.static(features.chain):
-                    if t == 0:
-                        solve_chain(m, s, body, material, step, x, d)
+                    solve_chain(t, b, m, s, body, material, step, x, d, spans)
                     sync()
                 if wp.static(project_springs is not None):
                     project_springs(t, width, m, s, body, material, step, x, d)

@@ -274,12 +274,17 @@ def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
     )
 
 
+# A substep that puts a torn rope together may move its particles by many segments: of the velocity that would leave, a
+# particle gains at most this many segments a substep, or the next substep would tear it again.
+MOST_SPACINGS = wp.constant(0.25)
+
+
 def make_finish(features: Features):
     """The stage that turns the displacement of particle i into its velocity and position, and returns what it carries.
 
     Velocities are stored when `last` in the frame, and always where another particle or the next substep reads them.
     """
-    shares_velocities = features.looks_back or features.panels != ""
+    shares_velocities = features.looks_back or features.chain or features.panels != ""
 
     @wp.func
     def finish(
@@ -313,6 +318,12 @@ def make_finish(features: Features):
                 s.events[body.index] = substep + 1
             s.last_velocities[g] = xyz(s.velocities[g])
             s.last_displacements[g] = displacement
+        if wp.static(features.chain):
+            kick = velocity - xyz(s.velocities[g])
+            most = MOST_SPACINGS * body.spacing * step.inverse
+            speed = wp.length(kick)
+            if speed > most:
+                velocity -= kick * (1.0 - most / speed)
         if last or wp.static(shares_velocities):
             store4(array_address(s.velocities, 0), g, pack(velocity, 0.0))
         position = xyz(old)
