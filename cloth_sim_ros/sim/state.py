@@ -109,7 +109,6 @@ class State:
     targets: wp.array(dtype=wp.vec3)  # (N,) where particles of a chain would be without it [m], chains alone
     solved: wp.array(dtype=wp.vec3)  # (N,) where its last solve put them [m], chains alone
     segments: wp.array(dtype=Segment)  # (C,)
-    turned: wp.array(dtype=int)  # (B,) the last attempt at a solve that turned a segment too far
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     sweeps: wp.array(dtype=Sweep)  # (B K,)
@@ -118,7 +117,7 @@ class State:
     faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
     recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
     history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet
-    events: wp.array(dtype=int)  # (B,) 1 + the substep of the frame in which a motion was last not smooth, order 2
+    events: wp.array(dtype=int)  # (B,) 1 + the substep in which a motion was last not smooth, coloured schedule
 
 
 @wp.struct
@@ -150,7 +149,6 @@ def make_state(arrays: ModelArrays, features: Features, colliders: int, device: 
         "targets": (particles if features.chain else 0, wp.vec3),
         "solved": (particles if features.chain else 0, wp.vec3),
         "segments": (arrays.size["segment_length"], Segment),
-        "turned": (bodies if features.chain else 0, int),
         "panel_forces": (arrays.size["panels"] if features.panels else 0, wp.vec4),
         "contacts": (particles * colliders, wp.vec4),
         "sweeps": (bodies * colliders, Sweep),

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 
 from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
-from cloth_sim_ros.sim.physics.chain import Span, edge_frame, join, span_of, turn_frame
+from cloth_sim_ros.sim.physics.chain import Span, edge_frame, join, span_of, turn_frame, turned_end
 from cloth_sim_ros.sim.schedules.lines import forward
 from cloth_sim_ros.sim.state import Segment
 
@@ -38,12 +38,12 @@ def fold(segments: wp.array(dtype=Segment), w0: float, spans: wp.array(dtype=Spa
         spans[k] = span_of(s.far, s.along, s.across, s.tension, s.gap, s.missing)
     start = Span()
     start.compliance = wp.identity(n=3, dtype=float) * w0
-    spans[0] = join(start, spans[0], wp.identity(n=3, dtype=float))
+    spans[0] = join(start, spans[0])
     width = int(1)  # noqa: UP018 - a variable of the kernel
     while width < segments.shape[0]:
         for i in range(0, segments.shape[0], 2 * width):
             turn = segments[i + width].frame * wp.transpose(segments[i + width - 1].frame)
-            spans[i] = join(spans[i], spans[i + width], turn)
+            spans[i] = join(turned_end(spans[i], turn), spans[i + width])
         width *= 2
 
 

@@ -18,7 +18,7 @@ smoother (Sarkka and Garcia-Fernandez 2021), again by adding positive matrices a
 
 import warp as wp
 
-from cloth_sim_ros.sim.schedules.native import inverse_root, quotient, root
+from cloth_sim_ros.sim.schedules.native import inverse_root, quick_inverse_root, quotient, root
 
 
 @wp.func
@@ -73,7 +73,7 @@ def particle_compliance(w: float, admittance: wp.mat33) -> wp.mat33:
 @wp.func
 def inverse_beside(m: float, a: wp.mat33) -> wp.mat33:
     """(m + A)^-1 for m > 0 and a positive semi-definite A of whatever range."""
-    s = wp.vec3(inverse_root(m + a[0, 0]), inverse_root(m + a[1, 1]), inverse_root(m + a[2, 2]))
+    s = wp.vec3(quick_inverse_root(m + a[0, 0]), quick_inverse_root(m + a[1, 1]), quick_inverse_root(m + a[2, 2]))
     return _unit_inverse(s[0] * s[1] * a[0, 1], s[0] * s[2] * a[0, 2], s[1] * s[2] * a[1, 2], s)
 
 
@@ -126,9 +126,10 @@ def semidefinite_root(m: wp.mat33) -> wp.mat33:
     b = m[0, 2] * i[0] * i[2]
     c = m[1, 2] * i[1] * i[2]
     second = wp.max(1.0 - a * a, 1.0e-7)
-    r = inverse_root(second)
+    r = quick_inverse_root(second)
     l = (c - a * b) * r
-    third = root(wp.max(1.0 - b * b - l * l, 1.0e-14))
+    rest = wp.max(1.0 - b * b - l * l, 1.0e-14)
+    third = rest * quick_inverse_root(rest)
     s = wp.vec3(m[0, 0] * i[0], m[1, 1] * i[1], m[2, 2] * i[2])
     return wp.mat33(s[0], 0.0, 0.0, a * s[1], second * r * s[1], 0.0, b * s[2], l * s[2], third * s[2])
 
@@ -136,29 +137,41 @@ def semidefinite_root(m: wp.mat33) -> wp.mat33:
 @wp.func
 def _inverse_root(value: float) -> float:
     """1/sqrt of a diagonal entry; 0 where there is nothing."""
-    return wp.where(value > 1.0e-30, inverse_root(wp.max(value, 1.0e-30)), 0.0)
+    return wp.where(value > 1.0e-30, quick_inverse_root(wp.max(value, 1.0e-30)), 0.0)
 
 
 @wp.func
-def parallel_inertia(c: wp.mat33, j: wp.mat33) -> wp.mat33:
-    """(C^-1 + J)^-1 = L (1 + L^T J L)^-1 L^T for positive semi-definite C = L L^T and J."""
-    l = semidefinite_root(c)
-    return l * inverse_beside(1.0, wp.transpose(l) * j * l) * wp.transpose(l)
+def join(first: Span, second: Span) -> Span:
+    """Two spans one behind the other, the first ending in the frame in which the second begins.
 
+    Between them C = L L^T of the first meets J of the second. With X = L^T J, M = 1 + X L and N = M^-1 X, the particle
+    that they share keeps the share D = (1 + C J)^-1 = 1 - L N of its motion, and both reach beyond it by
 
-@wp.func
-def join(first: Span, second: Span, r: wp.mat33) -> Span:
-    """Two spans one behind the other; r turns the frame at the end of the first into that of the second."""
-    c = r * first.compliance * wp.transpose(r)
-    a = r * first.passed
-    b = r * first.free
-    s = parallel_inertia(c, second.inertia)
-    held = parallel_inertia(second.inertia, c)
-    d = wp.identity(n=3, dtype=float) - s * second.inertia
+        (C^-1 + J)^-1 = L M^-1 L^T    and    (J^-1 + C)^-1 = D^T J D + N^T N.
+    """
+    l = semidefinite_root(first.compliance)
+    x = wp.transpose(l) * second.inertia
+    inverse = inverse_beside(1.0, x * l)
+    n = inverse * x
+    v = n * first.passed
+    e = first.passed - l * v
+    u = second.passed * l
+    along = n * first.free
+    kept = first.free - l * along
+    pushed = inverse * (wp.transpose(l) * second.pull)
     span = Span()
-    span.passed = second.passed * d * a
-    span.compliance = second.compliance + second.passed * s * wp.transpose(second.passed)
-    span.inertia = first.inertia + wp.transpose(a) * held * a
-    span.free = second.free + second.passed * (d * b + s * second.pull)
-    span.pull = first.pull + wp.transpose(a) * (wp.transpose(d) * second.pull - held * b)
+    span.passed = second.passed * e
+    span.compliance = second.compliance + u * inverse * wp.transpose(u)
+    span.inertia = first.inertia + wp.transpose(e) * second.inertia * e + wp.transpose(v) * v
+    span.free = second.free + second.passed * kept + u * pushed
+    span.pull = first.pull + wp.transpose(e) * (second.pull - second.inertia * kept) - wp.transpose(v) * along
+    return span
+
+
+@wp.func
+def turned_end(span: Span, r: wp.mat33) -> Span:
+    """The span with its end in another frame; r turns the old one into the new."""
+    span.passed = r * span.passed
+    span.compliance = r * span.compliance * wp.transpose(r)
+    span.free = r * span.free
     return span

@@ -149,7 +149,10 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     @stage
     def finish(arrays: Arrays, b: int, substep: int):
         here = look(arrays, b, 1, 0)
-        finish_particle(wp.tid(), substep, True, arrays.state, here.body, here.step, here.x, here.low, here.d)
+        moving = finish_particle(wp.tid(), substep, True, arrays.state, here.body, here.step, here.x, here.low, here.d)
+        if wp.static(features.looks_back):
+            if moving.rough > 0:
+                arrays.state.events[b] = substep + 1
 
     @stage
     def find_faults(arrays: Arrays, b: int):
@@ -265,7 +268,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         def chain(arrays: Arrays, b: int, first: int):
             here = look(arrays, b, first, 0)
             solve_chain(
-                0, b, arrays.model, arrays.state, here.body, arrays.materials[b], here.step, here.x, here.d, here.x
+                0, arrays.model, arrays.state, here.body, arrays.materials[b], here.step, here.x, here.d, here.x
             )
 
     if features.looks_back:

@@ -18,10 +18,11 @@ from cloth_sim_ros.sim.physics.chain import (
     series_admittance,
     span_of,
     turn_frame,
+    turned_end,
 )
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import load4, store4, sync, xyz
+from cloth_sim_ros.sim.schedules.native import load4, quotient, store4, sync_any, xyz
 from cloth_sim_ros.sim.schedules.scan import Reach, Share, scan_backward, scan_forward, share_of
 from cloth_sim_ros.sim.state import Material, Segment, State
 
@@ -85,11 +86,12 @@ def make_prepare(order: int):
                     slip -= wp.dot(n, s.last_displacements[g + 1] - s.last_displacements[g]) / 3.0
             gap += gamma * slip
         segment.frame = edge_frame(n)
-        segment.gap = gap / (1.0 + gamma)
+        eased = quotient(1.0, 1.0 + gamma)
+        segment.gap = gap * eased
         # Between a rigid edge and a pinned particle nothing would be left to divide by. Much softer, a load of 1e5
         # times the mass stretches the tangent; much stiffer, rounding across the edge reaches it.
-        segment.along = wp.max(alpha / (1.0 + gamma), 1.0e-9 * wp.max(p[3], q[3]))
-        segment.across = wp.max(segment.tension, 0.0) / wp.max(length, 1.0e-3 * rest)
+        segment.along = wp.max(alpha * eased, 1.0e-9 * wp.max(p[3], q[3]))
+        segment.across = quotient(wp.max(segment.tension, 0.0), wp.max(length, 1.0e-3 * rest))
         segment.reach = wp.max(length, rest)
         segment.near = p[3]
         segment.far = q[3]
@@ -102,7 +104,7 @@ def make_prepare(order: int):
 @wp.func
 def _across(segment: Segment) -> float:
     """The stiffness across a segment, the turn of earlier attempts in it."""
-    return segment.across + wp.min(0.25 * segment.turn, 1.0) / segment.along
+    return segment.across + quotient(wp.min(0.25 * segment.turn, 1.0), segment.along)
 
 
 @wp.func
@@ -121,7 +123,7 @@ def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
     segment.free = q
     pull = admittance * (q - wp.vec3(segment.gap, 0.0, 0.0)) - wp.vec3(segment.tension, 0.0, 0.0)
     if segment.far > 0.0:
-        pull += segment.missing / segment.far
+        pull += segment.missing * quotient(1.0, segment.far)
     y = particle_compliance(segment.far, admittance)
     return segment, y, y * pull
 
@@ -134,7 +136,7 @@ def backward(segment: Segment, u: wp.vec3):
     force = segment.admittance * (u - segment.free + wp.vec3(segment.gap, 0.0, 0.0))
     before = segment.free + segment.compliance * force
     turned = u - before
-    turn = (turned[1] * turned[1] + turned[2] * turned[2]) / (segment.reach * segment.reach)
+    turn = quotient(turned[1] * turned[1] + turned[2] * turned[2], segment.reach * segment.reach)
     segment.too_far = wp.where(turn > LARGEST_TURN and turn > 2.0 * segment.turn, 1, 0)
     segment.turn = wp.max(turn, segment.turn)
     segment.pull = force[0]
@@ -154,7 +156,6 @@ def make_solve_chain(order: int, threads: int, stored: bool):
     @wp.func
     def solve_chain(
         t: int,
-        b: int,
         m: Model,
         s: State,
         body: Body,
@@ -176,7 +177,6 @@ def make_solve_chain(order: int, threads: int, stored: bool):
                 s.segments[body.segments + k] = segment
         if t == 0:
             _aim(0, s, body, step, d)
-            s.turned[b] = 0
         attempt = int(0)
         while attempt < ATTEMPTS:
             attempt += 1
@@ -184,11 +184,12 @@ def make_solve_chain(order: int, threads: int, stored: bool):
             y = wp.identity(n=3, dtype=float) * load4(d, 0)[3]
             q = first * _missing(0, s, body, d)
             if wp.static(threads > 1):
-                span = gather(share, segment, y, q, s, body)
-                before = scan_forward(share, span, first, segment.frame, shared)
-                if t > 0:
-                    y = before.compliance
-                    q = before.free
+                start = Span()
+                start.compliance = y
+                start.free = q
+                before = scan_forward(share, start, gather(share, segment, s, body), first, segment.frame, shared)
+                y = before.compliance
+                q = before.free
             frame = first
             for k in range(share.begin, share.end):
                 if wp.static(stored):
@@ -215,10 +216,7 @@ def make_solve_chain(order: int, threads: int, stored: bool):
                     s.segments[body.segments + k] = segment
             if t == 0:
                 s.solved[body.particles] = u
-            if too_far > 0:
-                s.turned[b] = attempt
-            sync()
-            if s.turned[b] < attempt:
+            if sync_any(too_far) == 0:
                 attempt = ATTEMPTS
         for k in range(share.begin, share.end):
             if wp.static(stored):
@@ -232,27 +230,21 @@ def make_solve_chain(order: int, threads: int, stored: bool):
 
 
 def make_gather(stored: bool):
-    """A Warp function: the segments of a thread as one span; that of the first thread starts at the chain's first
-    particle, with compliance y and free displacement q, and so depends on nothing before it."""
+    """A Warp function: the segments of a thread as one span."""
 
     @wp.func
-    def gather(share: Share, segment: Segment, y: wp.mat33, q: wp.vec3, s: State, body: Body) -> Span:
+    def gather(share: Share, segment: Segment, s: State, body: Body) -> Span:
         span = Span()
-        if share.begin == 0:
-            span.compliance = y
-            span.free = q
         frame = wp.mat33(0.0)
         for k in range(share.begin, share.end):
             if wp.static(stored):
                 segment = s.segments[body.segments + k]
             one = span_of(segment.far, segment.along, _across(segment), segment.tension, segment.gap, segment.missing)
-            if k == share.begin:
+            if wp.static(stored):
+                if k > share.begin:
+                    one = join(turned_end(span, segment.frame * wp.transpose(frame)), one)
                 frame = segment.frame
-            if k == 0 or k > share.begin:
-                span = join(span, one, segment.frame * wp.transpose(frame))
-            else:
-                span = one
-            frame = segment.frame
+            span = one
         return span
 
     return gather

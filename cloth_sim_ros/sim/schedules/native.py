@@ -47,6 +47,13 @@ p[2] = v[2];
 """
 # On a GPU the reciprocals of the special function unit, refined once to about one unit in the last place: a third of
 # the instructions of IEEE division and square root, which would otherwise fill half of the projection of a spring.
+_QUICK_INVERSE_ROOT = """
+#if defined(__CUDA_ARCH__)
+return rsqrtf(value);
+#else
+return 1.0f / sqrtf(value);
+#endif
+"""
 _INVERSE_ROOT = """
 #if defined(__CUDA_ARCH__)
 float y = rsqrtf(value);
@@ -77,6 +84,13 @@ float q = a * inverse;
 return fmaf(fmaf(-b, q, a), inverse, q);
 #else
 return a / b;
+#endif
+"""
+_SYNC_ANY = """
+#if defined(__CUDA_ARCH__)
+return __syncthreads_or(value);
+#else
+return value;
 #endif
 """
 _SYNC = """
@@ -116,6 +130,12 @@ def load_pair(values: wp.array(dtype=wp.vec2i), i: int) -> wp.vec2i: ...
 def inverse_root(value: float) -> float: ...
 
 
+@wp.func_native(_QUICK_INVERSE_ROOT)
+def quick_inverse_root(value: float) -> float:
+    """To two units in the last place, for scalings that need not be exact."""
+    ...
+
+
 @wp.func_native(_ROOT)
 def root(value: float) -> float: ...
 
@@ -130,6 +150,12 @@ def divide(a: float, b: float, inverse: float) -> float: ...
 
 @wp.func_native(_SYNC)
 def sync(): ...
+
+
+@wp.func_native(_SYNC_ANY)
+def sync_any(value: int) -> int:
+    """A barrier that tells all threads of the block whether the value of any was not 0."""
+    ...
 
 
 @wp.func_native("return (uint64_t)(values.data + offset);")

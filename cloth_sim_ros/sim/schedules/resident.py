@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
-from cloth_sim_ros.sim.schedules.native import load4, store4, sync
+from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
 from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
 from cloth_sim_ros.sim.schedules.stages import (
     make_contact,
@@ -33,7 +33,7 @@ def capacity(device: wp.Device, features: Features) -> int:
     """The most particles of a body that one block can hold."""
     if device.is_cpu:
         return 1 << 30
-    spans = 16 * SLOTS * THREADS if features.chain else 0
+    spans = 16 * 2 * SLOTS * THREADS if features.chain else 0
     return (device.max_shared_memory_per_block - RESERVED - spans) // native.BYTES_A_PARTICLE
 
 
@@ -42,9 +42,8 @@ class Resident:
 
     def __init__(self, features: Features, arrays: Arrays, device: wp.Device, largest: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
-        # A thread takes a segment of a chain, a particle of an explicit method, or a spring of a colour (at most half
-        # as many as particles).
-        work = largest - 1 if features.chain else largest if features.method == "verlet" else -(-largest // 2)
+        # A thread takes a particle of a rope or of an explicit method, or a spring of a colour: half as many at most.
+        work = largest if features.chain or features.method == "verlet" else -(-largest // 2)
         most = THREADS if features.chain else 1024
         block = 1 if device.is_cpu else min(most, -(-work // 32) * 32)
         kernel = make_frame(features, shared, block)
@@ -75,7 +74,7 @@ def make_frame(features: Features, shared: int, block: int):
     project_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features.order, block, shared == 0 or shared > THREADS) if features.chain else None
     tile_address = native.make_tile_address(shared) if shared else None
-    slots = SLOTS * block if shared and features.chain else 0
+    slots = 2 * SLOTS * block if shared and features.chain else 0
     span_address = native.make_tile_address(slots) if slots else None
 
     @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
@@ -110,8 +109,6 @@ def make_frame(features: Features, shared: int, block: int):
         history = int(0)
         if wp.static(features.looks_back):
             history = s.history[b]
-            if t == 0:
-                s.events[b] = 0
         if t == 0:
             s.faulty[b] = 0
         sync()
@@ -135,7 +132,7 @@ def make_frame(features: Features, shared: int, block: int):
                 step.repeats = frame.iterations > 1
                 step.store = frame.iterations > 1 or substep == frame.substeps - 1
                 if wp.static(features.chain):
-                    solve_chain(t, b, m, s, body, material, step, x, d, spans)
+                    solve_chain(t, m, s, body, material, step, x, d, spans)
                     sync()
                 if wp.static(project_springs is not None):
                     project_springs(t, width, m, s, body, material, step, x, d)
@@ -150,19 +147,18 @@ def make_frame(features: Features, shared: int, block: int):
                     for i in range(t, body.count, width):
                         contact(i, b, body, material, arrays.colliders, s, step, x, low, d)
                     sync()
-            if wp.static(features.panels != ""):
+            rough = int(0)
+            if wp.static(features.panels != "" or features.looks_back):
                 for i in range(t, body.count, width):
-                    finish(i, substep, True, s, body, step, x, low, d)
-                sync()
+                    moving = finish(i, substep, True, s, body, step, x, low, d)
+                    rough += moving.rough
+                rough = sync_any(rough)
+            if wp.static(features.panels != ""):
                 for k in range(body.panels + t, body.panels_end, width):
                     panel(k, m, s, body, material, frame, x)
                 sync()
             if wp.static(features.looks_back):
-                if wp.static(features.panels == ""):
-                    for i in range(t, body.count, width):
-                        finish(i, substep, True, s, body, step, x, low, d)
-                    sync()
-                history = wp.where(s.events[b] == substep + 1, 0, 1)
+                history = wp.where(rough == 0, 1, 0)
                 step = make_step(frame.dt, history > 0, wp.static(features.order))
             # A thread owns its particles from the end of one substep to the next prediction; only methods that look
             # back or around need a barrier in between.

@@ -6,11 +6,11 @@ Both scans take log2(lanes) steps (Hillis and Steele 1986). Lanes show one anoth
 import warp as wp
 
 from cloth_sim_ros.sim.model import Body
-from cloth_sim_ros.sim.physics.chain import Span, join
+from cloth_sim_ros.sim.physics.chain import Span, join, turned_end
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, xyz
 
 THREADS = 256  # most that share a chain
-SLOTS = wp.constant(10)  # vec4 by which a thread hands its span to others, and the turn of frames behind it
+SLOTS = wp.constant(10)  # vec4 by which a lane hands on its span and a frame, in each of two copies
 
 
 @wp.struct
@@ -105,41 +105,31 @@ class Reach:
 
 
 @wp.func
-def scan_forward(share: Share, span: Span, first: wp.mat33, last: wp.mat33, shared: wp.uint64) -> Span:
-    """All that lies before a lane as one span that ends in the frame of its first segment.
+def scan_forward(share: Share, start: Span, own: Span, first: wp.mat33, last: wp.mat33, shared: wp.uint64) -> Span:
+    """All that lies before a lane's segments, `start` before the first lane's, in the frame of its first segment.
 
-    first, last: frames of the lane's first and last segment (Hillis and Steele 1986).
+    own: the lane's segments; first, last: frames of the first and the last of them. Two copies of the slots take
+    turns, so that each step needs one barrier (Hillis and Steele 1986).
     """
     takes_part = share.lane < share.lanes
-    turn_at = SLOTS * share.lane + 7
-    if takes_part:
-        _post(share.lane, span, shared)
-        _post_matrix(turn_at, first, wp.vec3(0.0), shared)
-    sync()
-    turn = wp.mat33(0.0)
     if share.lane + 1 < share.lanes:
-        turn = _matrix_at(turn_at + SLOTS, shared) * wp.transpose(last)
+        _post(share.lane + 1, own, shared)
+        _post_matrix(SLOTS * (share.lane + 1) + 7, last, wp.vec3(0.0), shared)
     sync()
-    if takes_part:
-        _post_matrix(turn_at, turn, wp.vec3(0.0), shared)
-    sync()
-    offset = int(1)
-    while offset < share.lanes:
-        joins = takes_part and share.lane >= offset
-        if joins:
-            before = share.lane - offset
-            span = join(_span_at(before, shared), span, _matrix_at(SLOTS * before + 7, shared))
-        sync()
-        if joins:
-            _post(share.lane, span, shared)
-        sync()
-        offset *= 2
+    span = start
     if takes_part and share.lane > 0:
-        span = _span_at(share.lane - 1, shared)
-        turn = _matrix_at(turn_at - SLOTS, shared)
-        span.compliance = turn * span.compliance * wp.transpose(turn)
-        span.free = turn * span.free
-    sync()
+        behind = _matrix_at(SLOTS * share.lane + 7, shared)
+        span = turned_end(_span_at(share.lane, shared), first * wp.transpose(behind))
+    offset = int(1)
+    half = wp.block_dim()
+    while offset < share.lanes:
+        if takes_part:
+            _post(half + share.lane, span, shared)
+        sync()
+        if takes_part and share.lane >= offset:
+            span = join(_span_at(half + share.lane - offset, shared), span)
+        half = wp.block_dim() - half
+        offset *= 2
     return span
 
 
@@ -147,22 +137,23 @@ def scan_forward(share: Share, span: Span, first: wp.mat33, last: wp.mat33, shar
 def scan_backward(share: Share, reach: Reach, shared: wp.uint64, last: wp.vec3) -> wp.vec3:
     """How the last particle of a lane's segments moves; `last` is that of the chain, and known to the last lane."""
     takes_part = share.lane < share.lanes
-    at = SLOTS * share.lane
-    if takes_part:
-        _post_matrix(at, reach.passed, reach.moved, shared)
-    sync()
     offset = int(1)
+    half = int(0)
+    sync()
     while offset < share.lanes:
-        joins = takes_part and share.lane + offset < share.lanes
-        if joins:
+        at = SLOTS * (half + share.lane)
+        if takes_part:
+            _post_matrix(at, reach.passed, reach.moved, shared)
+        sync()
+        if takes_part and share.lane + offset < share.lanes:
             after = at + SLOTS * offset
             reach.moved += reach.passed * _vector_at(after, shared)
             reach.passed = reach.passed * _matrix_at(after, shared)
-        sync()
-        if joins:
-            _post_matrix(at, reach.passed, reach.moved, shared)
-        sync()
+        half = wp.block_dim() - half
         offset *= 2
+    if takes_part:
+        _post_matrix(SLOTS * (half + share.lane), reach.passed, reach.moved, shared)
+    sync()
     if share.lane + 1 < share.lanes:
-        return _vector_at(at + SLOTS, shared)
+        return _vector_at(SLOTS * (half + share.lane + 1), shared)
     return last

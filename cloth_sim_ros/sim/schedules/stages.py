@@ -102,10 +102,14 @@ def spring_force(
 
 @wp.struct
 class Moving:
-    """What a particle carries from one substep to the next: velocity [m/s] and the low part of its position [m]."""
+    """What a particle carries from one substep to the next: velocity [m/s] and the low part of its position [m].
+
+    rough: whether its motion was not smooth, order 2.
+    """
 
     velocity: wp.vec3
     low: wp.vec3
+    rough: int
 
 
 @wp.func
@@ -315,7 +319,7 @@ def make_finish(features: Features):
                 base = s.last_displacements[g] / 3.0
             velocity = rate_of(displacement - base, step)
             if wp.length(displacement - s.last_displacements[g]) > SMOOTH * body.spacing:
-                s.events[body.index] = substep + 1
+                moving.rough = 1
             s.last_velocities[g] = xyz(s.velocities[g])
             s.last_displacements[g] = displacement
         if wp.static(features.chain):
