@@ -81,6 +81,8 @@ class Segment:
     compliance: wp.mat33
     free: wp.vec3
     missing: wp.vec3
+    moved: wp.vec3
+    held: float
     tension: float
     gap: float
     along: float

@@ -25,7 +25,7 @@ from cloth_sim_ros.sim.schedules.native import inverse_root, quick_inverse_root,
 def edge_frame(n: wp.vec3) -> wp.mat33:
     """An orthonormal frame with rows n and two tangents, continuous in n but at n = -z (Duff et al. 2017)."""
     sign = wp.where(n[2] < 0.0, -1.0, 1.0)
-    a = -1.0 / (sign + n[2])
+    a = quotient(-1.0, sign + n[2])
     b = n[0] * n[1] * a
     return wp.mat33(
         n[0], n[1], n[2],

@@ -22,7 +22,7 @@ from cloth_sim_ros.sim.physics.chain import (
 )
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import load4, quotient, store4, sync_any, xyz
+from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quotient, store4, sync_any, xyz
 from cloth_sim_ros.sim.schedules.scan import Reach, Share, scan_backward, scan_forward, share_of
 from cloth_sim_ros.sim.state import Material, Segment, State
 
@@ -33,29 +33,30 @@ ATTEMPTS = wp.constant(5)
 
 
 @wp.func
-def _aim(i: int, s: State, body: Body, step: Step, d: wp.uint64):
-    """Note where particle i would be without the chain: whatever moved it since the last solve is part of that."""
+def missing_of(i: int, s: State, body: Body, step: Step, d: wp.uint64) -> wp.vec3:
+    """How far particle i lies from where it would be without the chain [m].
+
+    Whatever moved it since the last solve of the substep (bending, contact) counts as part of where it would be.
+    """
+    if step.first and not step.repeats:
+        return wp.vec3(0.0)
     g = body.particles + i
     now = xyz(load4(d, i))
-    if step.first:
-        s.targets[g] = now
-    else:
-        s.targets[g] += now - s.solved[g]
+    target = now
+    if not step.first:
+        target = s.targets[g] + (now - s.solved[g])
+    s.targets[g] = target
+    return target - now
 
 
 @wp.func
-def _missing(i: int, s: State, body: Body, d: wp.uint64) -> wp.vec3:
-    return s.targets[body.particles + i] - xyz(load4(d, i))
-
-
-@wp.func
-def _move(i: int, s: State, body: Body, d: wp.uint64):
+def _move(i: int, u: wp.vec3, s: State, body: Body, step: Step, d: wp.uint64):
     p = load4(d, i)
-    u = s.solved[body.particles + i]
     if p[3] > 0.0:
         p = p + wp.vec4(u[0], u[1], u[2], 0.0)
         store4(d, i, p)
-    s.solved[body.particles + i] = xyz(p)
+    if step.repeats:
+        s.solved[body.particles + i] = xyz(p)
 
 
 def make_prepare(order: int):
@@ -71,13 +72,16 @@ def make_prepare(order: int):
         q = load4(d, k + 1)
         de = xyz(q) - xyz(p)
         e = opened((xyz(load4(x, k + 1)) - xyz(load4(x, k))) + de, k)
-        length = wp.length(e)
-        n = e / length
+        square = wp.dot(e, e)
+        inverse = inverse_root(square)
+        length = square * inverse
+        n = inverse * e
         rest = m.segment_length[index]
         alpha = material.compliance[0] * rest * step.inverse_square
         gamma = material.damping * step.inverse
         segment = Segment()
-        segment.tension = s.tensions[index] * (step.effective * step.effective)
+        segment.held = s.tensions[index]
+        segment.tension = segment.held * (step.effective * step.effective)
         gap = length - rest - alpha * segment.tension
         if gamma > 0.0:
             slip = elongation(e, de - xyz(s.low[g + 1] - s.low[g]))
@@ -95,7 +99,7 @@ def make_prepare(order: int):
         segment.reach = wp.max(length, rest)
         segment.near = p[3]
         segment.far = q[3]
-        segment.missing = segment.frame * _missing(k + 1, s, body, d)
+        segment.missing = segment.frame * missing_of(k + 1, s, body, step, d)
         return segment
 
     return prepare
@@ -132,6 +136,7 @@ def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
 def backward(segment: Segment, u: wp.vec3):
     """How the particle before a segment moves when the one behind it moves by u, and the segment with its new pull
     and turn, negative where it turns too far."""
+    segment.moved = u
     u = segment.frame * u
     force = segment.admittance * (u - segment.free + wp.vec3(segment.gap, 0.0, 0.0))
     before = segment.free + segment.compliance * force
@@ -169,20 +174,21 @@ def make_solve_chain(order: int, threads: int, stored: bool):
         segment = Segment()
         first = wp.mat33(0.0)
         for k in range(share.begin, share.end):
-            _aim(k + 1, s, body, step, d)
             segment = prepare(k, m, s, body, material, step, x, d)
             if k == share.begin:
                 first = segment.frame
             if wp.static(stored):
                 s.segments[body.segments + k] = segment
+        missing = wp.vec3(0.0)
         if t == 0:
-            _aim(0, s, body, step, d)
+            missing = missing_of(0, s, body, step, d)
+        near = wp.vec3(0.0)
         attempt = int(0)
         while attempt < ATTEMPTS:
             attempt += 1
             # What lies before the thread's first segment, in that one's frame.
             y = wp.identity(n=3, dtype=float) * load4(d, 0)[3]
-            q = first * _missing(0, s, body, d)
+            q = first * missing
             if wp.static(threads > 1):
                 start = Span()
                 start.compliance = y
@@ -207,24 +213,22 @@ def make_solve_chain(order: int, threads: int, stored: bool):
             too_far = int(0)
             for r in range(share.end - share.begin):
                 k = share.end - 1 - r
-                s.solved[body.particles + k + 1] = u
                 if wp.static(stored):
                     segment = s.segments[body.segments + k]
                 segment, u = backward(segment, u)
                 too_far += segment.too_far
                 if wp.static(stored):
                     s.segments[body.segments + k] = segment
-            if t == 0:
-                s.solved[body.particles] = u
+            near = u
             if sync_any(too_far) == 0:
                 attempt = ATTEMPTS
         for k in range(share.begin, share.end):
             if wp.static(stored):
                 segment = s.segments[body.segments + k]
-            s.tensions[body.segments + k] += segment.pull * step.inverse_square
-            _move(k + 1, s, body, d)
+            s.tensions[body.segments + k] = segment.held + segment.pull * step.inverse_square
+            _move(k + 1, segment.moved, s, body, step, d)
         if t == 0:
-            _move(0, s, body, d)
+            _move(0, near, s, body, step, d)
 
     return solve_chain
 

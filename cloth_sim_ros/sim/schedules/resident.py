@@ -159,7 +159,8 @@ def make_frame(features: Features, shared: int, block: int):
                 sync()
             if wp.static(features.looks_back):
                 history = wp.where(rough == 0, 1, 0)
-                step = make_step(frame.dt, history > 0, wp.static(features.order))
+                if step.second != (history > 0):
+                    step = make_step(frame.dt, history > 0, wp.static(features.order))
             # A thread owns its particles from the end of one substep to the next prediction; only methods that look
             # back or around need a barrier in between.
             for i in range(t, body.count, width):
