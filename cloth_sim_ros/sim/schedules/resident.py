@@ -42,8 +42,8 @@ class Resident:
 
     def __init__(self, features: Features, arrays: Arrays, device: wp.Device, largest: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
-        # A thread takes a particle of a rope or of an explicit method, or a spring of a colour: half as many at most.
-        work = largest if features.chain or features.method == "verlet" else -(-largest // 2)
+        # A thread takes a segment of a rope, a particle of an explicit method, or a spring of a colour.
+        work = largest - 1 if features.chain else largest if features.method == "verlet" else -(-largest // 2)
         most = THREADS if features.chain else 1024
         block = 1 if device.is_cpu else min(most, -(-work // 32) * 32)
         kernel = make_frame(features, shared, block)
@@ -84,6 +84,8 @@ def make_frame(features: Features, shared: int, block: int):
         s = arrays.state
         width = wp.block_dim()
         body = m.bodies[b]
+        # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
+        last = body.count - 1
         material = arrays.materials[b]
         frame = arrays.frames[0]
         x = native.array_address(s.positions, body.particles)
@@ -98,7 +100,7 @@ def make_frame(features: Features, shared: int, block: int):
                 low = tile_address(other_tile)
             else:
                 d = tile_address(other_tile)
-            for i in range(t, body.count, width):
+            for i in range(last - t, -1, -width):
                 store4(x, i, s.positions[body.particles + i])
                 if wp.static(features.method == "verlet"):
                     store4(low, i, s.low[body.particles + i])
@@ -117,7 +119,7 @@ def make_frame(features: Features, shared: int, block: int):
             for k in range(body.panels + t, body.panels_end, width):
                 panel(k, m, s, body, material, frame, x)
             sync()
-        for i in range(t, body.count, width):
+        for i in range(last - t, -1, -width):
             predict(i, moving_of(i, s, body, low), m, s, body, material, frame, step, x, low, d)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
@@ -144,12 +146,12 @@ def make_frame(features: Features, shared: int, block: int):
                             project_tuple(group[0], k, alpha, m, s, body, material, step, x, d)
                         sync()
                 if wp.static(bool(features.shapes)):
-                    for i in range(t, body.count, width):
+                    for i in range(last - t, -1, -width):
                         contact(i, b, body, material, arrays.colliders, s, step, x, low, d)
                     sync()
             rough = int(0)
             if wp.static(features.panels != "" or features.looks_back):
-                for i in range(t, body.count, width):
+                for i in range(last - t, -1, -width):
                     moving = finish(i, substep, True, s, body, step, x, low, d)
                     rough += moving.rough
                 rough = sync_any(rough)
@@ -163,20 +165,20 @@ def make_frame(features: Features, shared: int, block: int):
                     step = make_step(frame.dt, history > 0, wp.static(features.order))
             # A thread owns its particles from the end of one substep to the next prediction; only methods that look
             # back or around need a barrier in between.
-            for i in range(t, body.count, width):
-                last = substep + 1 == frame.substeps
+            for i in range(last - t, -1, -width):
+                ends = substep + 1 == frame.substeps
                 if wp.static(features.panels == "" and not features.looks_back):
-                    moving = finish(i, substep, last, s, body, step, x, low, d)
+                    moving = finish(i, substep, ends, s, body, step, x, low, d)
                 else:
                     moving = moving_of(i, s, body, low)
-                if not last:
+                if not ends:
                     predict(i, moving, m, s, body, material, frame, step, x, low, d)
-        for i in range(t, body.count, width):
+        for i in range(last - t, -1, -width):
             if not is_good(load4(x, i), s.velocities[body.particles + i]):
                 s.faulty[b] = 1
         sync()
         faulty = s.faulty[b] == 1
-        for i in range(t, body.count, width):
+        for i in range(last - t, -1, -width):
             if faulty:
                 put_back(body.particles + i, s)
             else:
