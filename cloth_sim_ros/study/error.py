@@ -10,12 +10,14 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import warp as wp
 
 from cloth_sim_ros.study import norms
 from cloth_sim_ros.study.cases import CASES, Case
 from cloth_sim_ros.study.contenders import CONTENDERS, Contender, Run
 from cloth_sim_ros.study.exact import Reference, reference
 from cloth_sim_ros.study.figures import draw_error, usable
+from cloth_sim_ros.study.peers import PEERS
 from cloth_sim_ros.study.timing import machine
 
 # Columns that only comparisons with the exact motion of the same springs have.
@@ -34,15 +36,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--iterations", type=int, nargs="+", default=[1, 2, 4, 8])
     parser.add_argument("--sweeps", type=int, default=640, help="most substeps x iterations a frame")
     parser.add_argument("--numpy-sweeps", type=int, default=320, help="the same for the methods in NumPy; 0: none")
+    parser.add_argument("--peers", action="store_true", help="also Newton and pyPBD on the same springs, if installed")
     parser.add_argument("--output", type=Path, default=Path("study"), help="folder of the JSON, PNG and SVG")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, print the tables, write JSON and figures."""
     arguments.output.mkdir(parents=True, exist_ok=True)
+    arguments.contenders = (*CONTENDERS, *(peers_on(arguments.device) if arguments.peers else ()))
     for case in CASES.values() if arguments.case == "all" else [CASES[arguments.case]]:
         judge(case, arguments)
     return 0
+
+
+def peers_on(device: str) -> list[Contender]:
+    """The peers that can run on `device`, and on standard error why the others cannot."""
+    chosen = wp.get_device(None if device == "auto" else device).alias
+    found = []
+    for peer in PEERS:
+        problem = peer.why_not(chosen)
+        if problem:
+            print(problem, file=sys.stderr)
+        else:
+            found.append(Contender(peer.label, peer.simulate))
+    return found
 
 
 def judge(case: Case, arguments: argparse.Namespace) -> None:
@@ -67,7 +84,7 @@ def judge(case: Case, arguments: argparse.Namespace) -> None:
 def sweep(case: Case, exact: Reference, resolution: int, constant: float, arguments: argparse.Namespace) -> list[dict]:
     """One row for every contender, number of substeps and of iterations."""
     rows = []
-    for contender in CONTENDERS:
+    for contender in arguments.contenders:
         if contender.ropes_only and not case.is_rope:
             continue
         for iterations in contender.iterations or arguments.iterations:

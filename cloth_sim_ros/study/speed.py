@@ -1,11 +1,13 @@
 """`speed`: one launch a frame against one launch a colour, the same cloth in the same run.
 
-Both schedules take turns, so that whatever else the machine does falls on both alike.
+Both schedules take turns, so that whatever else the machine does falls on both alike. With --peers, the same springs
+at the same substeps in Newton and pyPBD, and MuJoCo's flex of the same size, in the same run.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import sys
 import time
@@ -13,6 +15,9 @@ import time
 import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
+from cloth_sim_ros.study.cases import Case
+from cloth_sim_ros.study.contenders import Run
+from cloth_sim_ros.study.peers import PEERS, flex_times
 from cloth_sim_ros.study.timing import frame_times, machine
 
 SCHEDULES = ("resident", "coloured")
@@ -26,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--iterations", type=int, default=1)
     parser.add_argument("--rounds", type=int, default=9, help="turns that each schedule takes")
     parser.add_argument("--seconds", type=float, default=0.25, help="length of a turn [s]")
+    parser.add_argument("--peers", action="store_true", help="also Newton, pyPBD and MuJoCo, if installed")
     parser.add_argument("--json", metavar="FILE", help="write the numbers to FILE")
 
 
@@ -38,21 +44,64 @@ def run(arguments: argparse.Namespace) -> int:
     where = machine(rows[0]["device"])
     print(f"{where['name']} ({where['device']}), {arguments.substeps} substeps x {arguments.iterations} iterations")
     print(table(rows))
+    compared = compare(rows, arguments) if arguments.peers else []
+    if compared:
+        print(peer_table(compared))
     if arguments.json:
         with open(arguments.json, "w") as file:
-            json.dump({"machine": where, "rows": rows}, file, indent=1)
+            json.dump({"machine": where, "rows": rows, "peers": compared}, file, indent=1)
     return 0
 
 
-def hanging_cloth(resolution: int) -> Scene:
+def hanging_cloth(resolution: int, constant: float = 1e3) -> Cloth:
     """A cloth of 1 m with all springs: stretch, shear and bending, hung by two corners."""
-    cloth = Cloth(
+    return Cloth(
         resolution=(resolution, resolution),
         orientation=(np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)),
+        pins=(resolution * (resolution - 1), resolution * resolution - 1),
+        stretch_compliance=1.0 / constant,
+        shear_compliance=3.0 / constant,
         bending="springs",
-        bend_compliance=1e-2,
+        bend_compliance=10.0 / constant,
     )
-    return Scene(objects={"cloth": cloth})
+
+
+HANGING = Case("hanging_cloth", "cloth hung by two corners", hanging_cloth, 12, 1e-3, 32, 1e3)
+
+
+def compare(rows: list[dict], arguments: argparse.Namespace) -> list[dict]:
+    """Peers at the sizes of `rows`: their ms per frame, and how often the product's frame goes into theirs."""
+    found = []
+    for row in rows:
+        ours = row.get("resident", row["coloured"])["median"]
+
+        def add(label: str, times: np.ndarray, row: dict = row, ours: float = ours) -> None:
+            numbers = _quartiles(times)
+            found.append({"resolution": row["resolution"], "peer": label, **numbers, "ratio": numbers["median"] / ours})
+
+        for peer in PEERS:
+            problem = peer.why_not(row["device"])
+            if problem:
+                print(problem, file=sys.stderr)
+                continue
+            # Vertex block descent is used with several iterations a substep; with one it does not converge.
+            iterations = 5 * arguments.iterations if "VBD" in peer.label else arguments.iterations
+            print(f"measuring {peer.label} {row['resolution']} ...", file=sys.stderr, flush=True)
+            run = Run(HANGING, row["resolution"], HANGING.constant, row["device"], arguments.substeps, iterations)
+            add(f"{peer.label} {arguments.substeps}x{iterations}", peer.simulate(run)[1][2:])
+        if row["device"] == "cpu" and importlib.util.find_spec("mujoco") is not None:
+            add("MuJoCo flex, edge equality", flex_times(row["resolution"], 10))
+    return found
+
+
+def peer_table(rows: list[dict]) -> str:
+    """The peers as text: median and quartiles in ms per frame, and the ratio to one launch a frame of the product."""
+    lines = [f"{'cloth':>9}  {'peer':<28}  {'ms per frame':>26}  {'times ours':>10}"]
+    for row in rows:
+        size = f"{row['resolution']} x {row['resolution']}"
+        spread = f"{row['median']:.2f} ({row['low']:.2f}-{row['high']:.2f}) ms"
+        lines.append(f"{size:>9}  {row['peer']:<28}  {spread:>26}  {row['ratio']:>10.1f}")
+    return "\n".join(lines)
 
 
 def measure(resolution: int, arguments: argparse.Namespace) -> dict:
@@ -61,7 +110,7 @@ def measure(resolution: int, arguments: argparse.Namespace) -> dict:
     A cloth too large for one block of the device has the launches per colour alone.
     """
     settings = {"substeps": arguments.substeps, "iterations": arguments.iterations}
-    scene, sims, frames = hanging_cloth(resolution), {}, {}
+    scene, sims, frames = Scene(objects={"cloth": hanging_cloth(resolution)}), {}, {}
     automatic = Simulation(scene, Settings(**settings), device=arguments.device)
     schedules = SCHEDULES if automatic.fits_a_block else ("coloured",)
     for schedule in schedules:

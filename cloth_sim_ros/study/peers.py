@@ -1,0 +1,187 @@
+"""Peers on the same springs, where they are installed: NVIDIA Newton (XPBD, VBD) and PositionBasedDynamics (pyPBD).
+
+They come with `pip install cloth_sim_ros[peers]`. Each gets the masses, springs and fixed particles of the case's
+SpringSystem, substeps and iterations of the run, and is judged against the same exact motion. MuJoCo's flex has no such
+springs and is compared in speed alone. To add a peer, add a function from a run to its frames and times, and its row.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.study.cases import FRAME_DT
+from cloth_sim_ros.study.springs import SpringSystem
+
+if TYPE_CHECKING:
+    from cloth_sim_ros.study.contenders import Run
+
+Frames = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Peer:
+    """`simulate`(run) -> frames (F + 1, N, 3) [m] and milliseconds (F,); `package` is what it imports."""
+
+    label: str
+    package: str
+    simulate: Callable[[Run], Frames]
+    on_gpu: bool
+
+    def why_not(self, device: str) -> str:
+        """One sentence why it cannot stand in the figure on `device`, or nothing."""
+        if importlib.util.find_spec(self.package) is None:
+            return f"{self.label} is left out: the package {self.package!r} is not installed (extra [peers])"
+        if device.startswith("cuda") and not self.on_gpu:
+            return f"{self.label} is left out: it runs on the CPU alone"
+        return ""
+
+
+def newton(method: str) -> Callable[[Run], Frames]:
+    """Newton's solver "xpbd" or "vbd", on a GPU as one captured graph a frame."""
+
+    def simulate(run: Run) -> Frames:
+        from newton import solvers  # an optional package, imported where it is used
+
+        system, start = run.case.system(run.resolution, run.constant)
+        model = _newton_model(system, start, run.device)
+        kind = {"xpbd": solvers.SolverXPBD, "vbd": solvers.SolverVBD}[method]
+        solver, control = kind(model, iterations=run.iterations), model.control()
+        states = [model.state(), model.state()]
+        substeps = run.substeps + run.substeps % 2  # both states take turns and must be back in place for a graph
+
+        def advance() -> None:
+            for _ in range(substeps):
+                states[0].clear_forces()
+                solver.step(states[0], states[1], control, None, FRAME_DT / substeps)
+                states.reverse()
+
+        device = wp.get_device(model.device)
+        advance()  # compiles
+        states[0].particle_q.assign(start.astype(np.float32))
+        states[0].particle_qd.zero_()
+        if device.is_cuda:
+            with wp.ScopedCapture(device=device) as capture:
+                advance()
+            states[0].particle_q.assign(start.astype(np.float32))
+            states[0].particle_qd.zero_()
+            step = lambda: wp.capture_launch(capture.graph)  # noqa: E731
+        else:
+            step = advance
+        return _record(step, lambda: states[0].particle_q.numpy(), start, run.case.frames, device)
+
+    return simulate
+
+
+def _newton_model(system: SpringSystem, start: np.ndarray, device: str):
+    from newton import Axis, ModelBuilder
+
+    builder = ModelBuilder(up_axis=Axis.Z, gravity=system.gravity)
+    for position, mass, fixed in zip(start, system.masses, system.fixed, strict=True):
+        builder.add_particle(wp.vec3(*position), wp.vec3(0.0, 0.0, 0.0), 0.0 if fixed else float(mass), radius=1e-4)
+    for (i, j), constant in zip(system.pairs, system.constant, strict=True):
+        builder.add_spring(int(i), int(j), float(constant), system.damping * float(constant), 0.0)
+    builder.color()
+    model = builder.finalize(device=None if device == "auto" else device)
+    model.spring_rest_length.assign(system.rest_length.astype(np.float32))
+    return model
+
+
+def pypbd(run: Run) -> Frames:
+    """XPBD of PositionBasedDynamics, whose rest lengths are those of the start and whose up axis is y."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # one core, as the product takes
+    import pypbd as library
+
+    system, start = run.case.system(run.resolution, run.constant)
+    lengths = np.linalg.norm(start[system.pairs[:, 1]] - start[system.pairs[:, 0]], axis=1)
+    if not np.allclose(lengths, system.rest_length, rtol=1e-4):
+        raise ValueError(f"{run.case.name} starts strained; allowed for pyPBD are cases that start at rest")
+    simulation = library.Simulation.getCurrent()
+    simulation.initDefault()
+    model = simulation.getModel()
+    model.cleanup()
+    model.init()
+    particles = model.getParticles()
+    for x, y, z in start:
+        particles.addVertex([x, z, y])
+    for i, mass in enumerate(np.where(system.fixed, 0.0, system.masses)):
+        particles.setMass(i, float(mass))
+    for (i, j), constant in zip(system.pairs, system.constant, strict=True):
+        model.addDistanceConstraint_XPBD(int(i), int(j), float(constant))
+    model.initConstraintGroups()
+    controller = simulation.getTimeStep()
+    controller.setValueUInt(library.TimeStepController.NUM_SUB_STEPS, run.substeps)
+    controller.setValueUInt(library.TimeStepController.MAX_ITERATIONS, run.iterations)
+    library.TimeManager.getCurrent().setTimeStepSize(FRAME_DT)
+    return _record(
+        lambda: controller.step(model),
+        lambda: np.array(particles.getVertices())[:, [0, 2, 1]],
+        start,
+        run.case.frames,
+        wp.get_device("cpu"),
+    )
+
+
+def _record(step: Callable, positions: Callable, start: np.ndarray, frames: int, device: wp.Device) -> Frames:
+    """Frames and times of `step`, measured as study/timing.py measures the product's."""
+    found, times = [start], []
+    stream = wp.get_stream(device) if device.is_cuda else None
+    for _ in range(frames):
+        if stream is not None:
+            begun = stream.record_event(wp.Event(device, enable_timing=True))
+            step()
+            ended = stream.record_event(wp.Event(device, enable_timing=True))
+            times.append(wp.get_event_elapsed_time(begun, ended))
+        else:
+            begun = time.perf_counter()
+            step()
+            times.append(1e3 * (time.perf_counter() - begun))
+        found.append(np.array(positions(), dtype=np.float64))
+    return np.array(found), np.array(times)
+
+
+_FLEX = """
+<mujoco>
+  <option timestep="{dt}"/>
+  <size memory="400M"/>
+  <worldbody>
+    <flexcomp name="cloth" type="grid" count="{n} {n} 1" spacing="{spacing} {spacing} 1" mass="0.2" dim="2"
+              radius="0.001" pos="0 0 1">
+      <edge equality="true"/>
+      <contact selfcollide="none"/>
+      <pin id="0 {corner}"/>
+    </flexcomp>
+  </worldbody>
+</mujoco>
+"""
+
+
+def flex_times(resolution: int, frames: int, steps: int = 4) -> np.ndarray:
+    """Milliseconds (frames,) of 1/60 s of MuJoCo's flex, a sheet of 1 m whose edges are equality constraints, hung by
+    two corners, at its usual step of about 4 ms, on one CPU core."""
+    import mujoco
+
+    text = _FLEX.format(dt=FRAME_DT / steps, n=resolution, spacing=1.0 / (resolution - 1), corner=resolution - 1)
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+
+    def frame() -> None:
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+
+    frame()
+    return _record(frame, lambda: data.flexvert_xpos, data.flexvert_xpos, frames, wp.get_device("cpu"))[1]
+
+
+PEERS = (
+    Peer("Newton XPBD", "newton", newton("xpbd"), on_gpu=True),
+    Peer("Newton VBD", "newton", newton("vbd"), on_gpu=True),
+    Peer("pyPBD XPBD", "pypbd", pypbd, on_gpu=False),
+)
