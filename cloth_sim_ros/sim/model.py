@@ -27,6 +27,7 @@ class Features:
     shapes: tuple[str, ...]  # collider shapes
     order: int
     method: str
+    worlds: bool = False  # whether there are many, each with a state of its own
 
     def key(self) -> str:
         """A name for kernels with these features, the same in every process, so that caches on disk are found."""
@@ -38,12 +39,20 @@ class Features:
         return self.order == 2 or self.method == "verlet"
 
     @staticmethod
-    def of(topology: Topology, wind: bool, shapes: tuple[str, ...], order: int = 1, method: str = "xpbd") -> Features:
+    def of(
+        topology: Topology,
+        wind: bool,
+        shapes: tuple[str, ...],
+        order: int = 1,
+        method: str = "xpbd",
+        worlds: bool = False,
+    ) -> Features:
         """The features of a body with `topology` in a scene with or without wind and with colliders of `shapes`."""
         kinds = ("spring",) if topology.springs and method == "xpbd" else ()
         panels = "triangles" if len(topology.triangles) else "segments"
         others = tuple(name for name, _, _ in topology.others())
-        return Features(kinds + others, topology.chain is not None, panels if wind else "", shapes, order, method)
+        chain = topology.chain is not None
+        return Features(kinds + others, chain, panels if wind else "", shapes, order, method, worlds)
 
 
 @wp.struct

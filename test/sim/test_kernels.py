@@ -104,6 +104,7 @@ ROPE_AND_ROOM = Features(("bend",), True, "segments", ("plane", "box"), 1, "xpbd
     ("features", "present"),
     [
         (Features(("spring",), False, "", (), 1, "xpbd"), {"springs"}),
+        (Features(("spring",), False, "", (), 1, "xpbd", worlds=True), {"springs"}),
         (SHEET_AND_BALL, {"springs", "hinges", "wind on cloth", "colliders", "sphere"}),
         (ROPE_AND_ROOM, {"bends", "chain", "wind on ropes", "colliders", "plane", "box"}),
     ],

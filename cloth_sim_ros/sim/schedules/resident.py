@@ -1,4 +1,4 @@
-"""One launch a frame: a block (on the CPU, one thread) keeps a body and runs all its substeps.
+"""One launch a frame: a block (on the CPU, one thread) keeps a body of a world and runs all its substeps.
 
 On a GPU positions and displacements stay in the block's shared memory for the whole frame, so a body may have at most
 `capacity(device)` particles; on the CPU there is no limit. Blocks never wait for one another.
@@ -24,7 +24,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
-from cloth_sim_ros.sim.state import Arrays, Material, State, compliance_of
+from cloth_sim_ros.sim.state import Arrays, Material, State, compliance_of, gathered, given_type
 
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 
@@ -38,19 +38,20 @@ def capacity(device: wp.Device, features: Features) -> int:
 
 
 class Resident:
-    """The launch of one batch. `advance()` simulates one frame of every body in it."""
+    """The launch of one batch. `advance()` simulates one frame of every body in every world of it."""
 
-    def __init__(self, features: Features, arrays: Arrays, device: wp.Device, largest: int):
+    def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
         # A thread takes a particle of a rope or of an explicit method, or a spring of a colour: half as many at most.
         work = largest if features.chain or features.method == "verlet" else -(-largest // 2)
         most = THREADS if features.chain else 1024
         block = 1 if device.is_cpu else min(most, -(-work // 32) * 32)
         kernel = make_frame(features, shared, block)
+        bodies = worlds[0].model.bodies.shape[0]
         self._launch = wp.launch(
             kernel,
-            dim=(arrays.model.bodies.shape[0], block),
-            inputs=[arrays],
+            dim=(len(worlds) * bodies, block),
+            inputs=[gathered(worlds, device)],
             device=device,
             block_dim=block,
             record_cmd=True,
@@ -76,16 +77,29 @@ def make_frame(features: Features, shared: int, block: int):
     tile_address = native.make_tile_address(shared) if shared else None
     slots = 2 * SLOTS * block if shared and features.chain else 0
     span_address = native.make_tile_address(slots) if slots else None
+    argument = given_type(features)
 
     @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
-    def simulate_frame(arrays: Arrays):
+    def simulate_frame(given: argument):
         b, t = wp.tid()
-        m = arrays.model
-        s = arrays.state
+        # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
+        if wp.static(features.worlds):
+            bodies = given[0].model.bodies.shape[0]
+            w = b // bodies
+            b -= w * bodies
+            m = given[w].model
+            s = given[w].state
+            frame = given[w].frames[0]
+            material = given[w].materials[b]
+            colliders = given[w].colliders
+        else:
+            m = given.model
+            s = given.state
+            frame = given.frames[0]
+            material = given.materials[b]
+            colliders = given.colliders
         width = wp.block_dim()
         body = m.bodies[b]
-        material = arrays.materials[b]
-        frame = arrays.frames[0]
         x = native.array_address(s.positions, body.particles)
         d = native.array_address(s.displacements, body.particles)
         low = native.array_address(s.low, body.particles)
@@ -121,10 +135,10 @@ def make_frame(features: Features, shared: int, block: int):
             predict(i, moving_of(i, s, body, low), m, s, body, material, frame, step, x, low, d)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
-                for c in range(t, arrays.colliders.shape[0], width):
+                for c in range(t, colliders.shape[0], width):
                     count = float(frame.substeps)
-                    s.sweeps[b * arrays.colliders.shape[0] + c] = sweep_collider(
-                        arrays.colliders[c], float(substep) / count, float(substep + 1) / count
+                    s.sweeps[b * colliders.shape[0] + c] = sweep_collider(
+                        colliders[c], float(substep) / count, float(substep + 1) / count
                     )
             sync()
             for iteration in range(frame.iterations):
@@ -145,7 +159,7 @@ def make_frame(features: Features, shared: int, block: int):
                         sync()
                 if wp.static(bool(features.shapes)):
                     for i in range(t, body.count, width):
-                        contact(i, b, body, material, arrays.colliders, s, step, x, low, d)
+                        contact(i, b, body, material, colliders, s, step, x, low, d)
                     sync()
             rough = int(0)
             if wp.static(features.panels != "" or features.looks_back):
