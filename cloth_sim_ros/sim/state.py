@@ -99,7 +99,7 @@ class Segment:
 
 @wp.struct
 class State:
-    """Arrays of one batch; N particles, S springs, E tuples, C segments, P panels, K colliders, B bodies."""
+    """Arrays of one batch; N particles, S springs, E tuples, D edges, C segments, P panels, K colliders, B bodies."""
 
     positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m] and inverse mass [1/kg], 0 is pinned
     low: wp.array(dtype=wp.vec4)  # (N,) what float32 lost of the positions [m]
@@ -115,6 +115,7 @@ class State:
     segments: wp.array(dtype=Segment)  # (C,)
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
+    edge_contacts: wp.array(dtype=wp.vec4)  # (K D,) the same of edges
     sweeps: wp.array(dtype=Sweep)  # (B K,)
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions and low parts when the body was last good, see watch.py
     good_low: wp.array(dtype=wp.vec4)  # (N,)
@@ -157,6 +158,7 @@ def make_states(
     """
     particles, bodies = arrays.particles, len(arrays.bodies)
     second = particles if features.order == 2 else 0
+    edges = arrays.size["edges"] if "edge" in features.constraints else 0
     sizes = {
         "positions": (particles, wp.vec4),
         "low": (particles, wp.vec4),
@@ -172,6 +174,7 @@ def make_states(
         "segments": (arrays.size["segment_length"], Segment),
         "panel_forces": (arrays.size["panels"] if features.panels else 0, wp.vec4),
         "contacts": (particles * colliders, wp.vec4),
+        "edge_contacts": (edges * colliders, wp.vec4),
         "sweeps": (bodies * colliders, Sweep),
         "good_positions": (particles, wp.vec4),
         "good_low": (particles, wp.vec4),

@@ -11,6 +11,7 @@ import warp as wp
 from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tuple
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
 from cloth_sim_ros.sim.schedules.stages import (
@@ -94,11 +95,14 @@ class Coloured:
     def _launch_iteration(self, b: int, body: dict, first: int, store: int) -> None:
         if self._features.chain:
             self._launch("chain", 1, b, first=first)
-        groups = range(body["groups"], body["groups_end"]) if self._features.constraints else ()
-        for g in groups:
+        for g in range(body["groups"], body["groups_end"]):
             _, _, start, end = self._groups[g]
             stage = "springs" if g < body["tuple_groups"] else "tuples"
-            self._launch(stage, end - start, b, first=first, store=store, g=g)
+            if stage in self._kernels:
+                self._launch(stage, end - start, b, first=first, store=store, g=g)
+        if "edge" in self._features.constraints:
+            for g in range(body["groups_end"], body["edge_groups_end"]):
+                self._launch("edges", self._groups[g][3] - self._groups[g][2], b, first=first, g=g)
         if self._colliders:
             self._launch("contact", body["count"], b, first=first)
 
@@ -120,6 +124,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     predict_particle, finish_particle = make_predict(features), make_finish(features)
     panel_force = make_panel(features) if features.panels else None
     contact_particle = make_contact(features) if features.shapes else None
+    contact_edge = make_edge_contact(features.shapes) if "edge" in features.constraints else None
     project_one_spring = make_project_spring(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features.order, 1, True) if features.chain else None
@@ -230,6 +235,25 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
                 here.body,
                 arrays.materials[b],
                 arrays.colliders,
+                arrays.state,
+                here.step,
+                here.x,
+                here.low,
+                here.d,
+            )
+
+    if contact_edge is not None:
+
+        @stage
+        def edges(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
+            here = look(arrays, b, first, 0)
+            contact_edge(
+                arrays.model.groups[g][2] + i,
+                b,
+                here.body,
+                arrays.materials[b],
+                arrays.colliders,
+                arrays.model,
                 arrays.state,
                 here.step,
                 here.x,

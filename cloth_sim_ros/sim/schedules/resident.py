@@ -12,6 +12,7 @@ from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tupl
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules import native
+from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
 from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
@@ -71,6 +72,7 @@ def make_frame(features: Features, shared: int, block: int):
     predict, finish = make_predict(features), make_finish(features)
     panel = make_panel(features) if features.panels else None
     contact = make_contact(features) if features.shapes else None
+    edge_contact = make_edge_contact(features.shapes) if "edge" in features.constraints else None
     project_springs = make_project_springs(features.order, shared > 0) if "spring" in features.constraints else None
     project_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features.order, block, shared == 0 or shared > THREADS) if features.chain else None
@@ -156,6 +158,11 @@ def make_frame(features: Features, shared: int, block: int):
                         alpha = compliance_of(material, group[1]) * step.inverse_square
                         for k in range(group[2] + t, group[3], width):
                             project_tuple(group[0], k, alpha, m, s, body, material, step, x, d)
+                        sync()
+                if wp.static(edge_contact is not None):
+                    for g in range(body.groups_end, body.edge_groups_end):
+                        for k in range(m.groups[g][2] + t, m.groups[g][3], width):
+                            edge_contact(k, b, body, material, colliders, m, s, step, x, low, d)
                         sync()
                 if wp.static(bool(features.shapes)):
                     for i in range(t, body.count, width):

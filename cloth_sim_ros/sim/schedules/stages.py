@@ -170,9 +170,9 @@ def make_predict(features: Features):
     return predict
 
 
-def make_contact(features: Features):
-    """The stage that keeps particle i outside all colliders, with friction, after each iteration."""
-    signed_distance = make_signed_distance(features.shapes)
+def make_meet(shapes: tuple[str, ...]):
+    """A Warp function: where a point that moved meets a collider of one of `shapes`."""
+    signed_distance = make_signed_distance(shapes)
 
     @wp.func
     def enter(shape: int, size: wp.vec3, start: wp.vec3, path: wp.vec3, thickness: float) -> wp.vec4:
@@ -206,6 +206,13 @@ def make_contact(features: Features):
                 n = xyz(entry)
                 gap = wp.dot(n, slip) * (1.0 - entry[3])
         return pack(n, gap)
+
+    return meet
+
+
+def make_contact(features: Features):
+    """The stage that keeps particle i outside all colliders, with friction, after each iteration."""
+    meet = make_meet(features.shapes)
 
     @wp.func
     def contact(
