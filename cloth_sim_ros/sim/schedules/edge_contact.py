@@ -11,7 +11,7 @@ from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.native import load4, store4, xyz
-from cloth_sim_ros.sim.schedules.stages import make_meet, pack
+from cloth_sim_ros.sim.schedules.stages import SEPARATION, make_meet, pack
 from cloth_sim_ros.sim.state import ColliderMotion, Material, State, Sweep
 
 # Of the larger inverse mass: what a push beside a pinned or heavy end divides by, so that the other end is never thrown
@@ -110,17 +110,20 @@ def make_edge_contact(shapes: tuple[str, ...]):
                     slip = (1.0 - t) * slip_of(xi, di, xyz(load4(low_address, i)), sweep)
                     slip += t * slip_of(xj, dj, xyz(load4(low_address, j)), sweep)
                     p = sweep.to_local * (start + t * e)
-                    touching = meet(collider.shape, collider.size, p, slip, material.thickness)
+                    apart = SEPARATION * step.effective
+                    touching = meet(collider.shape, collider.size, p, slip, material.thickness, apart)
                     gap = touching[3]
                     if gap < 0.0:
                         n = xyz(touching)
                         pressed = before[3] - gap
                         mu_s = wp.sqrt(material.static_friction * collider.static_friction)
                         mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
-                        rubbed = friction_correction(slip - wp.dot(slip, n) * n, xyz(before), pressed, mu_s, mu_k)
+                        tangential = slip - wp.dot(slip, n) * n
+                        rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n
+                        rubbed = friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
                         w = wi * (1.0 - t) * (1.0 - t) + wj * t * t
                         w = wp.max(w, LEAST_SHARE * wp.max(wi, wj))
-                        push = wp.transpose(sweep.to_local) * (-gap * n + rubbed - xyz(before)) / w
+                        push = wp.transpose(sweep.to_local) * (-gap * n + rubbed - rubbed_before) / w
                         di += wi * (1.0 - t) * push
                         dj += wj * t * push
                         after = pack(rubbed, pressed)
