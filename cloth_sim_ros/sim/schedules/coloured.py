@@ -83,7 +83,7 @@ class Coloured:
                 for iteration in range(iterations):
                     first = int(iteration == 0)
                     store = int(iterations > 1 or substep == substeps - 1)
-                    self._launch_iteration(b, body, first, store)
+                    self._launch_iteration(b, body, first, store, backward=iteration % 2 == 1)
                 self._launch("finish", body["count"], b, substep)
             if self._features.looks_back:
                 self._launch("age", len(self._bodies), substep=substep)
@@ -92,14 +92,16 @@ class Coloured:
             self._launch("settle", body["count"], b)
         self._launch("count_faults", len(self._bodies))
 
-    def _launch_iteration(self, b: int, body: dict, first: int, store: int) -> None:
+    def _launch_iteration(self, b: int, body: dict, first: int, store: int, backward: bool) -> None:
         if self._features.chain:
             self._launch("chain", 1, b, first=first)
-        for g in range(body["groups"], body["groups_end"]):
-            _, _, start, end = self._groups[g]
-            stage = "springs" if g < body["tuple_groups"] else "tuples"
+        kinds = {"springs": ("groups", "tuple_groups"), "tuples": ("tuple_groups", "groups_end")}
+        for stage, (begin, end) in kinds.items():
             if stage in self._kernels:
-                self._launch(stage, end - start, b, first=first, store=store, g=g)
+                groups = range(body[begin], body[end])
+                for g in reversed(groups) if backward else groups:
+                    size = self._groups[g][3] - self._groups[g][2]
+                    self._launch(stage, size, b, first=first, store=store, g=g)
         if "edge" in self._features.constraints:
             for g in range(body["groups_end"], body["edge_groups_end"]):
                 self._launch("edges", self._groups[g][3] - self._groups[g][2], b, first=first, g=g)

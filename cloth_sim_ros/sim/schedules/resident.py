@@ -145,6 +145,7 @@ def make_frame(features: Features, shared: int, block: int):
             sync()
             for iteration in range(frame.iterations):
                 step.first = iteration == 0
+                step.backward = iteration % 2 == 1
                 step.repeats = frame.iterations > 1
                 step.store = frame.iterations > 1 or substep == frame.substeps - 1
                 if wp.static(features.chain):
@@ -153,8 +154,8 @@ def make_frame(features: Features, shared: int, block: int):
                 if wp.static(project_springs is not None):
                     project_springs(t, width, m, s, body, material, step, x, d)
                 if wp.static(project_tuple is not None):
-                    for g in range(body.tuple_groups, body.groups_end):
-                        group = m.groups[g]
+                    for q in range(body.tuple_groups, body.groups_end):
+                        group = m.groups[in_turn(q, body.tuple_groups, body.groups_end, step)]
                         alpha = compliance_of(material, group[1]) * step.inverse_square
                         for k in range(group[2] + t, group[3], width):
                             project_tuple(group[0], k, alpha, m, s, body, material, step, x, d)
@@ -215,6 +216,12 @@ def make_frame(features: Features, shared: int, block: int):
     return simulate_frame
 
 
+@wp.func
+def in_turn(q: int, begin: int, end: int, step: Step) -> int:
+    """The colour group from `begin` to `end` that is q-th: every second iteration goes backwards."""
+    return wp.where(step.backward, begin + end - 1 - q, q)
+
+
 def make_project_springs(order: int, fetch_ahead: bool):
     """A Warp function: thread t of `width` projects its share of all colours.
 
@@ -237,14 +244,15 @@ def make_project_springs(order: int, fetch_ahead: bool):
     ):
         last = m.springs.shape[0] - 1
         records = native.array_address(m.springs, 0)
-        group = m.groups[body.groups]
+        group = m.groups[in_turn(body.groups, body.groups, body.tuple_groups, step)]
         spring = wp.vec4()
         following = wp.vec4()
         ahead = wp.vec4()
         if wp.static(fetch_ahead):
             spring = load4(records, wp.min(group[2] + t, last))
         for g in range(body.groups, body.tuple_groups):
-            next = m.groups[wp.min(g + 1, body.tuple_groups - 1)]
+            following_g = wp.min(g + 1, body.tuple_groups - 1)
+            next = m.groups[in_turn(following_g, body.groups, body.tuple_groups, step)]
             if wp.static(fetch_ahead):
                 ahead = load4(records, wp.min(next[2] + t, last))
             alpha = compliance_of(material, group[1]) * step.inverse_square
