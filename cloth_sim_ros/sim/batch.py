@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.model import Features, ModelArrays
+from cloth_sim_ros.sim.model import Features, Model, ModelArrays
 from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.resident import Resident, capacity
-from cloth_sim_ros.sim.state import Arrays, LiveArray, Material, make_state
+from cloth_sim_ros.sim.state import Arrays, LiveArray, Material, make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
 
 class Batch:
-    """Bodies of equal `features`, by name, behind one another in flat arrays.
+    """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
-    Raises ValueError where schedule "resident" is asked for and a body does not fit a block of the device.
+    The model is there once; `states` has a row a world, and `worlds[w]` is what kernels know of world w. Raises
+    ValueError where schedule "resident" is asked for and a body does not fit a block of the device.
     """
 
     def __init__(
@@ -25,6 +26,7 @@ class Batch:
         schedule: str,
         frame: LiveArray,
         colliders: LiveArray,
+        worlds: int,
         device: wp.Device,
     ):
         self.features, self.device = features, device
@@ -39,15 +41,20 @@ class Batch:
         self.spring_order = collected.spring_order
         self.starts = [body[2] for body in collected.bodies]
         self.counts = [body[3] for body in collected.bodies]
-        self.materials = LiveArray(Material, len(topologies), device)
-        self.arrays = Arrays()
-        self.arrays.model = collected.upload(device)
-        self.arrays.state = make_state(collected, features, colliders.array.shape[0], device)
-        self.arrays.frames, self.arrays.colliders = frame.array, colliders.array
-        self.arrays.materials = self.materials.array
+        self.materials = LiveArray(Material, len(topologies), worlds, device)
+        self.states = make_states(collected, features, colliders.array.shape[1], worlds, device)
+        model = collected.upload(device)
+        self.worlds = [self._world(w, model, frame, colliders) for w in range(worlds)]
         self.schedule = self._make_schedule(schedule)
         for name in topologies:
-            self.reset(name)
+            self.reset(name, None)
+
+    def _world(self, w: int, model: Model, frame: LiveArray, colliders: LiveArray) -> Arrays:
+        arrays = Arrays()
+        arrays.model, arrays.state = model, state_of(self.states, w)
+        arrays.frames, arrays.materials = frame.array[w], self.materials.array[w]
+        arrays.colliders = row_of(colliders.array, w)
+        return arrays
 
     def _make_schedule(self, wanted: str) -> Resident | Coloured:
         largest, limit = max(self.counts), capacity(self.device, self.features)
@@ -57,8 +64,8 @@ class Batch:
                 f"{self.device.alias}, or schedule 'auto'"
             )
         if wanted == "coloured" or largest > limit:
-            return Coloured(self.features, self.arrays, self.device)
-        return Resident(self.features, self.arrays, self.device, largest)
+            return Coloured(self.features, self.worlds, self.device)
+        return Resident(self.features, self.worlds, self.device, largest)
 
     def span(self, name: str) -> slice:
         """Where the particles of a body lie."""
@@ -73,38 +80,48 @@ class Batch:
         start = sum(count - 1 for count in self.counts[:b])
         return slice(start, start + self.counts[b] - 1)
 
-    def reset(self, name: str) -> None:
-        """Back to the rest shape, at rest."""
-        self.write_positions(name, self._rest[name])
-        self.write_velocities(name, np.zeros((len(self._rest[name]), 3)))
-        self.arrays.state.recoveries[self.index[name] : self.index[name] + 1].zero_()
+    def reset(self, name: str, world: int | None) -> None:
+        """Back to the rest shape, at rest, in one world or, for None, in all."""
+        self.write_positions(name, self._rest[name], world)
+        self.write_velocities(name, np.zeros((len(self._rest[name]), 3)), world)
+        b = self.index[name]
+        self._part("recoveries", slice(b, b + 1), world).zero_()
 
-    def write_positions(self, name: str, positions: np.ndarray) -> None:
+    def write_positions(self, name: str, positions: np.ndarray, world: int | None) -> None:
         """Positions (N, 3) float64 [m], kept to more digits than float32 has; history and multipliers start anew."""
-        high = positions.astype(np.float32)
-        state, span = self.arrays.state, self.span(name)
-        state.positions[span].assign(np.column_stack([high, self._inverse_mass[name]]).astype(np.float32))
-        state.low[span].assign(_padded(positions - high.astype(np.float64)))
-        wp.copy(state.good_positions[span], state.positions[span])
-        wp.copy(state.good_low[span], state.low[span])
-        self._forget(name)
+        high, span = positions.astype(np.float32), self.span(name)
+        packed = np.column_stack([high, self._inverse_mass[name]]).astype(np.float32)
+        for whole, good, rows in (
+            ("positions", "good_positions", packed),
+            ("low", "good_low", _padded(positions - high.astype(np.float64))),
+        ):
+            self._assign(whole, span, world, rows)
+            self._assign(good, span, world, rows)
+        self._forget(name, world)
 
-    def write_velocities(self, name: str, velocities: np.ndarray) -> None:
+    def write_velocities(self, name: str, velocities: np.ndarray, world: int | None) -> None:
         """Velocities (N, 3) [m/s]; history and multipliers start anew."""
-        self.arrays.state.velocities[self.span(name)].assign(_padded(velocities))
-        self._forget(name)
+        self._assign("velocities", self.span(name), world, _padded(velocities))
+        self._forget(name, world)
 
     def forget_steps(self) -> None:
         """The length of a substep changed: order 2 starts from its first-order substep again."""
-        self.arrays.state.history.zero_()
+        self.states["history"].zero_()
 
-    def _forget(self, name: str) -> None:
-        state, segments = self.arrays.state, self.segments(name)
+    def _part(self, array: str, span: slice, world: int | None) -> wp.array:
+        """(worlds, n) elements `span` of an array of the state, of one world or of all."""
+        return self.states[array][slice(None) if world is None else slice(world, world + 1), span]
+
+    def _assign(self, array: str, span: slice, world: int | None, rows: np.ndarray) -> None:
+        part = self._part(array, span, world)
+        part.assign(np.broadcast_to(rows, (part.shape[0], *rows.shape)))
+
+    def _forget(self, name: str, world: int | None) -> None:
+        segments, b = self.segments(name), self.index[name]
         if segments.stop > segments.start:
-            state.tensions[segments].zero_()
+            self._part("tensions", segments, world).zero_()
         if self.features.looks_back:
-            b = self.index[name]
-            state.history[b : b + 1].zero_()
+            self._part("history", slice(b, b + 1), world).zero_()
 
 
 def _padded(rows: np.ndarray) -> np.ndarray:

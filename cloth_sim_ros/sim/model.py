@@ -14,19 +14,20 @@ import warp as wp
 
 from cloth_sim_ros.sim.topology import KINDS, Elements, Topology
 
-CONSTRAINTS = ("spring", "hinge", "bend")
+CONSTRAINTS = ("spring", "hinge", "bend", "edge")
 
 
 @dataclass(frozen=True)
 class Features:
     """What the kernels of a batch hold; anything absent here is not compiled."""
 
-    constraints: tuple[str, ...]  # of CONSTRAINTS, projected colour by colour
+    constraints: tuple[str, ...]  # of CONSTRAINTS, projected colour by colour; edges are contacts, after all others
     chain: bool  # a direct solve along a rope
     panels: str  # "" without wind, else "triangles" or "segments"
     shapes: tuple[str, ...]  # collider shapes
     order: int
     method: str
+    worlds: bool = False  # whether there are many, each with a state of its own
 
     def key(self) -> str:
         """A name for kernels with these features, the same in every process, so that caches on disk are found."""
@@ -38,17 +39,27 @@ class Features:
         return self.order == 2 or self.method == "verlet"
 
     @staticmethod
-    def of(topology: Topology, wind: bool, shapes: tuple[str, ...], order: int = 1, method: str = "xpbd") -> Features:
+    def of(
+        topology: Topology,
+        wind: bool,
+        shapes: tuple[str, ...],
+        order: int = 1,
+        method: str = "xpbd",
+        worlds: bool = False,
+    ) -> Features:
         """The features of a body with `topology` in a scene with or without wind and with colliders of `shapes`."""
         kinds = ("spring",) if topology.springs and method == "xpbd" else ()
         panels = "triangles" if len(topology.triangles) else "segments"
         others = tuple(name for name, _, _ in topology.others())
-        return Features(kinds + others, topology.chain is not None, panels if wind else "", shapes, order, method)
+        if topology.edges() and set(shapes) - {"plane"}:  # before a plane, an end of every edge comes first
+            others += ("edge",)
+        chain = topology.chain is not None
+        return Features(kinds + others, chain, panels if wind else "", shapes, order, method, worlds)
 
 
 @wp.struct
 class Body:
-    """Where a body's parts begin: particles, colour groups, chain segments, panels."""
+    """Where a body's parts begin: particles, colour groups of springs, tuples and edges, chain segments, panels."""
 
     index: int
     spacing: float  # mean rest length of its springs [m]
@@ -57,6 +68,7 @@ class Body:
     groups: int  # springs
     tuple_groups: int
     groups_end: int
+    edge_groups_end: int
     segments: int
     segments_end: int
     panels: int
@@ -78,6 +90,7 @@ class Model:
     springs: wp.array(dtype=wp.vec4)  # (S, 4) both particles as the bits of their indices, rest length [m], scale
     tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles, the last repeated where there are three
     tuple_rest: wp.array(dtype=wp.vec4)  # (E, 4) rest, scale and two more
+    edges: wp.array(dtype=wp.vec2i)  # (D,) particles of edges that touch colliders
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
     spokes: wp.array(dtype=wp.vec2i)  # springs around each particle, for method verlet: other particle and type, the
     # first spring of all particles of a body, then the second of all, padded with type 0 up to the body's spoke_width
@@ -139,6 +152,11 @@ class ModelArrays:
             )
             self._append("tuple_rest", np.column_stack([elements.rest, elements.scale, extra])[order])
             self._append_groups(constraint, KINDS.index("bending"), start, spans)
+        groups_end = len(self.groups)
+        for elements in topology.edges():
+            order, spans = colour_sorted(elements)
+            start = self._append("edges", elements.particles[order])
+            self._append_groups("edge", 0, start, spans)
         chain = topology.chain.rest if topology.chain is not None else np.zeros(0)
         segments = self._append("segment_length", chain)
         panels = self._add_panels(topology)
@@ -148,6 +166,7 @@ class ModelArrays:
         spans = (
             groups,
             tuple_groups,
+            groups_end,
             len(self.groups),
             segments,
             segments + len(chain),
@@ -216,6 +235,7 @@ _TYPES = {
     "springs": (wp.vec4, np.float32),
     "tuples": (wp.vec4i, np.int32),
     "tuple_rest": (wp.vec4, np.float32),
+    "edges": (wp.vec2i, np.int32),
     "segment_length": (float, np.float32),
     "spokes": (wp.vec2i, np.int32),
     "spoke_types": (wp.vec4, np.float32),

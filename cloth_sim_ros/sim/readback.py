@@ -51,16 +51,22 @@ def write_points(positions: wp.array(dtype=wp.vec4), order: wp.array(dtype=int),
 
 
 class Readback:
-    """One object's particles, and with `mesh` its triangle list or line strip, as messages want them.
+    """One object's particles in a world, and with `mesh` its triangle list or line strip, as messages want them.
 
     `request()` launches the writing and the copies and allocates nothing; `particles()` and `mesh()` wait for them and
     return views that hold until the next request.
     """
 
     def __init__(
-        self, sim: Simulation, name: str, normals: bool = False, velocities: bool = False, mesh: bool = False
+        self,
+        sim: Simulation,
+        name: str,
+        normals: bool = False,
+        velocities: bool = False,
+        mesh: bool = False,
+        world: int = 0,
     ) -> None:
-        arrays, span, device = sim.device_arrays(name)
+        arrays, span, device = sim.device_arrays(name, world)
         count = span.stop - span.start
         self._device = device
         columns = 3 + 3 * normals + 3 * velocities

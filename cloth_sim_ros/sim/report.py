@@ -90,26 +90,26 @@ class Reporter:
         self._device = device
         self._result = wp.zeros(3, dtype=float, device=device)
 
-    def measure(self, batch: Batch, name: str, dt: float) -> dict[str, float]:
+    def measure(self, batch: Batch, name: str, dt: float, world: int) -> dict[str, float]:
         """kinetic_energy [J], max_strain [-], max_penetration [m], residual [m] and recoveries of one body."""
-        b, span = batch.index[name], batch.span(name)
+        b, span, arrays = batch.index[name], batch.span(name), batch.worlds[world]
         self._result.zero_()
         second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
         for kind, (first, order) in batch.spring_order[b].items():
-            inputs = [batch.arrays, b, first, KINDS.index(kind), dt, second, implicit, self._result]
+            inputs = [arrays, b, first, KINDS.index(kind), dt, second, implicit, self._result]
             wp.launch(measure_springs, dim=len(order), inputs=inputs, device=self._device)
         if batch.features.chain:
             segments = span.stop - span.start - 1
-            wp.launch(measure_chain, dim=segments, inputs=[batch.arrays, b, self._result], device=self._device)
+            wp.launch(measure_chain, dim=segments, inputs=[arrays, b, self._result], device=self._device)
         if batch.features.shapes:
             kernel = make_measure_contacts(batch.features.shapes)
-            wp.launch(kernel, dim=span.stop - span.start, inputs=[batch.arrays, b, self._result], device=self._device)
-        velocities = batch.arrays.state.velocities[span].numpy().astype(np.float64)
-        inverse = batch.arrays.state.positions[span].numpy()[:, 3].astype(np.float64)
+            wp.launch(kernel, dim=span.stop - span.start, inputs=[arrays, b, self._result], device=self._device)
+        velocities = arrays.state.velocities[span].numpy().astype(np.float64)
+        inverse = arrays.state.positions[span].numpy()[:, 3].astype(np.float64)
         moving = inverse > 0.0
         energy = 0.5 * float(((velocities[moving] ** 2).sum(1) / inverse[moving]).sum())
         result = self._result.numpy()
-        recoveries = int(batch.arrays.state.recoveries[b : b + 1].numpy()[0])
+        recoveries = int(arrays.state.recoveries[b : b + 1].numpy()[0])
         return {
             "kinetic_energy": energy,
             "max_strain": float(result[STRAIN]),

@@ -92,7 +92,7 @@ class Cloth:
     triangles A1, A2 has the energy B |e|^2 / (2 (A1 + A2)) (theta - rest)^2, which bends a grid or an equilateral mesh
     with rigidity B (Seung and Nelson 1988). shear_compliance None means no shear springs. Compliance 0 is rigid. mass
     [kg] is lumped by area. damping [s]: c = damping x constant. thickness [m]: distance at which the cloth touches a
-    collider.
+    collider: with its particles alone, or with `edge_contact` along structural and shear edges too.
     """
 
     resolution: tuple[int, int] = (32, 32)
@@ -107,6 +107,7 @@ class Cloth:
     bending: str = "springs"
     damping: float = 0.0
     thickness: float = 0.005
+    edge_contact: bool = False
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
     vertices: np.ndarray | None = field(default=None, repr=False, compare=False)
@@ -155,7 +156,8 @@ class Rope:
 
     stretch_compliance [1/N] = 1/EA; bend_compliance [1/(N m^2)] = 1/EI or None for no bending; 0 is rigid.
     mass [kg] is the total, lumped by length; particle_masses (N,) [kg] overrides it (a heavy end). radius [m].
-    pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of each segment.
+    pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of each segment. edge_contact:
+    whether segments touch colliders, not particles alone.
     """
 
     points: Any = field(default=None, repr=False, compare=False)
@@ -168,6 +170,7 @@ class Rope:
     stretch_compliance: float = 1e-4
     bend_compliance: float | None = None
     damping: float = 0.0
+    edge_contact: bool = False
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
     position: Vector = (0.0, 0.0, 0.0)

@@ -13,11 +13,13 @@ from cloth_sim_ros.sim import limits, topology
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.colliders import NAMES, SHAPES, shape_of
 from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings, finite_array, unit_quaternion
 from cloth_sim_ros.sim.schedules.resident import capacity
-from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, LiveArray
+from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
 
+_MOST_WORLDS = 65536
 _FAR = 1e6  # [m] the largest coordinate that positions may be given in
 
 
@@ -25,17 +27,19 @@ class Simulation:
     """Cloths and ropes of `scene`, computed as `settings` say on `device` ("cpu", "cuda:0" or "auto").
 
     Whatever takes a value raises ValueError with one sentence where the value cannot be, and changes nothing then.
-    `step` may return before a GPU is done; whatever reads the state waits.
+    `step` may return before a GPU is done; whatever reads the state waits. `worlds` copies of the scene run side by
+    side in the same launches, each with its own state, materials, collider poses, wind and gravity: what reads takes
+    the number of a world, what writes takes one or, with None, all of them.
     """
 
-    def __init__(self, scene: Scene, settings: Settings | None = None, device: str = "auto") -> None:
-        self.scene, self.settings = scene, settings or Settings()
+    def __init__(self, scene: Scene, settings: Settings | None = None, device: str = "auto", worlds: int = 1) -> None:
+        if isinstance(worlds, bool) or not isinstance(worlds, int) or not 1 <= worlds <= _MOST_WORLDS:
+            raise ValueError(f"worlds is {worlds!r}; allowed is a whole number from 1 to {_MOST_WORLDS}")
+        self.scene, self.settings, self.worlds = scene, settings or Settings(), worlds
         self._device = _find_device(device)
-        self._frame = LiveArray(Frame, 1, self._device)
-        self._colliders = LiveArray(ColliderMotion, len(scene.colliders), self._device)
+        self._frame = LiveArray(Frame, 1, worlds, self._device)
+        self._colliders = Colliders(len(scene.colliders), worlds, self._device)
         self._collider_row = {name: row for row, name in enumerate(scene.colliders)}
-        self._moving: set[int] = set()
-        self._wanted: dict[int, tuple] = {}
         direct = self.settings.rope_solver == "direct" and self.settings.method == "xpbd"
         self._topologies = {name: topology.build(thing, name, direct) for name, thing in scene.objects.items()}
         if self.settings.method == "verlet":
@@ -54,9 +58,10 @@ class Simulation:
         alike: dict[Features, dict[str, topology.Topology]] = {}
         for name, topo in self._topologies.items():
             order = self.settings.order if self.settings.method == "xpbd" else 1
-            alike.setdefault(Features.of(topo, wind, shapes, order, self.settings.method), {})[name] = topo
+            features = Features.of(topo, wind, shapes, order, self.settings.method, self.worlds > 1)
+            alike.setdefault(features, {})[name] = topo
         return [
-            Batch(bodies, features, self.settings.schedule, self._frame, self._colliders, self._device)
+            Batch(bodies, features, self.settings.schedule, self._frame, self._colliders, self.worlds, self._device)
             for features, bodies in alike.items()
         ]
 
@@ -72,7 +77,8 @@ class Simulation:
         """Method, order and schedules in words, for diagnostics."""
         kinds = sorted({type(batch.schedule).__name__.lower() for batch in self._batches})
         method = "verlet" if self.settings.method == "verlet" else f"xpbd order {self.settings.order}"
-        return f"{method}, {' and '.join(kinds) or 'empty scene'}"
+        many = f", {self.worlds} worlds" if self.worlds > 1 else ""
+        return f"{method}, {' and '.join(kinds) or 'empty scene'}{many}"
 
     @property
     def fits_a_block(self) -> bool:
@@ -81,7 +87,7 @@ class Simulation:
 
     @property
     def time(self) -> float:
-        """Simulated time since construction or reset [s]."""
+        """Simulated time since construction or reset of all worlds [s]."""
         return self._frames * self.settings.frame_dt
 
     def masses(self, name: str) -> np.ndarray:
@@ -96,14 +102,14 @@ class Simulation:
         """Rest positions (N, 3) float32 [m] in the world."""
         return self._topology(name).rest.astype(np.float32)
 
-    def springs(self, name: str) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def springs(self, name: str, world: int = 0) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Kind -> (pairs (S, 2) int, rest_length (S,) [m], constant (S,) [N/m], infinite where rigid), as they are
         now."""
         topo, batch = self._topology(name), self._batch[name]
         kinds = dict(topo.springs)
         if topo.chain is not None:
             kinds["structural"] = topo.chain
-        compliance = batch.materials.read(batch.index[name], "compliance")
+        compliance = batch.materials.read(batch.index[name], self._one(world))["compliance"][0]
         found = {}
         for kind, elements in kinds.items():
             with np.errstate(divide="ignore"):
@@ -116,32 +122,25 @@ class Simulation:
     def step(self, frames: int = 1) -> None:
         """Simulate `frames` frames of settings.frame_dt each."""
         for _ in range(frames):
-            self._move_colliders()
+            self._colliders.advance()
             self._upload()
             for batch in self._batches:
                 batch.schedule.advance(self.settings.substeps, self.settings.iterations)
             self._frames += 1
 
-    def reset(self) -> None:
-        """Objects and colliders back to where the scene put them, at rest, time 0; live parameters stay as they are."""
+    def reset(self, world: int | None = None) -> None:
+        """Objects and colliders back to where the scene put them, at rest; live parameters stay as they are.
+
+        Resetting all worlds (None) sets the time to 0; one world alone goes on with the time of the others.
+        """
+        self._some(world)
         for batch in self._batches:
             for name in batch.index:
-                batch.reset(name)
-        self._wanted.clear()
-        self._moving.clear()
-        self._place_colliders()
-        self._frames = 0
-
-    def _move_colliders(self) -> None:
-        for row in self._moving - self._wanted.keys():
-            self._rest_collider(row)
-        self._moving = set(self._wanted)
-        for row, (position, orientation) in self._wanted.items():
-            self._rest_collider(row)
-            if np.dot(orientation, self._colliders.read(row, "start_orientation")) < 0.0:
-                orientation = tuple(-q for q in orientation)
-            self._colliders.write(row, end_position=position, end_orientation=orientation)
-        self._wanted.clear()
+                batch.reset(name, world)
+        for name, collider in self.scene.colliders.items():
+            self._colliders.place(self._collider_row[name], world, collider.position, collider.orientation)
+        if world is None:
+            self._frames = 0
 
     def _upload(self) -> None:
         self._frame.upload()
@@ -149,36 +148,33 @@ class Simulation:
         for batch in self._batches:
             batch.materials.upload()
 
-    def _rest_collider(self, row: int) -> None:
-        position, orientation = self._colliders.read(row, "end_position"), self._colliders.read(row, "end_orientation")
-        self._colliders.write(row, start_position=position, start_orientation=orientation)
-
     # -- state ---------------------------------------------------------------------------------------------------
 
-    def positions(self, name: str) -> np.ndarray:
-        """Positions (N, 3) float32 [m]."""
-        batch = self._of(name)
-        return np.ascontiguousarray(batch.arrays.state.positions[batch.span(name)].numpy()[:, :3])
+    def positions(self, name: str, world: int = 0) -> np.ndarray:
+        """Positions (N, 3) float32 [m] in one world."""
+        arrays, span, _ = self.device_arrays(name, world)
+        return np.ascontiguousarray(arrays.state.positions[span].numpy()[:, :3])
 
-    def velocities(self, name: str) -> np.ndarray:
-        """Velocities (N, 3) float32 [m/s]."""
-        batch = self._of(name)
-        return np.ascontiguousarray(batch.arrays.state.velocities[batch.span(name)].numpy()[:, :3])
+    def velocities(self, name: str, world: int = 0) -> np.ndarray:
+        """Velocities (N, 3) float32 [m/s] in one world."""
+        arrays, span, _ = self.device_arrays(name, world)
+        return np.ascontiguousarray(arrays.state.velocities[span].numpy()[:, :3])
 
-    def set_positions(self, name: str, positions: Any) -> None:
+    def set_positions(self, name: str, positions: Any, world: int | None = None) -> None:
         """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew."""
-        self._of(name).write_positions(name, self._rows(name, positions, "positions", _FAR))
+        rows = self._rows(name, positions, "positions", _FAR)
+        self._batch[name].write_positions(name, rows, self._some(world))
 
-    def set_velocities(self, name: str, velocities: Any) -> None:
+    def set_velocities(self, name: str, velocities: Any, world: int | None = None) -> None:
         """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start
         anew."""
         rows = self._rows(name, velocities, "velocities", 1e6)
         rows[self._topology(name).pinned] = 0.0
-        self._of(name).write_velocities(name, rows)
+        self._batch[name].write_velocities(name, rows, self._some(world))
 
     def _rows(self, name: str, values: Any, what: str, limit: float) -> np.ndarray:
-        rows = finite_array(values, 3, f"{name} {what}")
         count = len(self._topology(name).masses)
+        rows = finite_array(values, 3, f"{name} {what}")
         if len(rows) != count or np.abs(rows).max() > limit:
             raise ValueError(
                 f"{name} {what} have {len(rows)} rows up to {np.abs(rows).max():g}; "
@@ -186,26 +182,33 @@ class Simulation:
             )
         return rows
 
-    def device_arrays(self, name: str) -> tuple[Arrays, slice, wp.Device]:
-        """The arrays of the batch that holds an object, where its particles lie in them, and their device."""
-        batch = self._of(name)
-        return batch.arrays, batch.span(name), self._device
+    def device_arrays(self, name: str, world: int = 0) -> tuple[Arrays, slice, wp.Device]:
+        """The arrays of the batch that holds an object in one world, where its particles lie in them, their device."""
+        self._topology(name)
+        batch = self._batch[name]
+        return batch.worlds[self._one(world)], batch.span(name), self._device
 
-    def report(self) -> dict[str, dict[str, float]]:
+    def report(self, world: int = 0) -> dict[str, dict[str, float]]:
         """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries.
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
         object was put back, at rest, to where it was last good, because a particle was not finite or ran away.
         """
+        self._one(world)
         self._upload()
         dt = self.settings.frame_dt / self.settings.substeps
-        return {name: self._reporter.measure(batch, name, dt) for name, batch in self._batch.items()}
+        return {name: self._reporter.measure(batch, name, dt, world) for name, batch in self._batch.items()}
 
     # -- live numbers --------------------------------------------------------------------------------------------
 
     def set_collider_pose(
-        self, name: str, position: Any, orientation: Any = (0.0, 0.0, 0.0, 1.0), sweep: bool = True
+        self,
+        name: str,
+        position: Any,
+        orientation: Any = (0.0, 0.0, 0.0, 1.0),
+        sweep: bool = True,
+        world: int | None = None,
     ) -> None:
         """Move a collider: it reaches the pose [m], x y z w, at the end of the next frame, swept in between.
 
@@ -216,81 +219,82 @@ class Simulation:
         place = {parameter.name: parameter for parameter in table.COLLIDER}["position"]
         position = table.check(place, position, f"{name}.position")
         row, orientation = self._collider_row[name], unit_quaternion(orientation, f"{name}.orientation")
-        if sweep:
-            self._wanted[row] = (position, orientation)
-            return
-        self._wanted.pop(row, None)
-        self._moving.discard(row)
-        self._colliders.write(row, end_position=position, end_orientation=orientation)
-        self._rest_collider(row)
+        reach = self._colliders.move if sweep else self._colliders.place
+        reach(row, self._some(world), position, orientation)
 
-    def set_wind(self, velocity: Any) -> None:
+    def set_wind(self, velocity: Any, world: int | None = None) -> None:
         """Set the wind velocity [m/s] from the next frame on."""
-        self.set("wind.velocity", velocity)
+        self.set("wind.velocity", velocity, world)
 
-    def set(self, name: str, value: Any) -> None:
-        """Set a live parameter such as "cloth.stretch_compliance", "solver.substeps", "gravity" or "wind.velocity"."""
+    def set(self, name: str, value: Any, world: int | None = None) -> None:
+        """Set a live parameter such as "cloth.stretch_compliance", "solver.substeps", "gravity" or "wind.velocity".
+
+        Those of the solver hold in all worlds.
+        """
         owner, _, field = name.rpartition(".")
+        self._some(world)
         if name == "gravity":
-            self._set_frame(table.GRAVITY, name, value)
+            self._set_frame(table.GRAVITY, name, value, world)
         elif owner == "solver":
+            if world is not None:
+                raise ValueError(f"{name} is set in world {world} alone; allowed is to set it in all of them")
             self._set_solver(_live(table.SOLVER, field, name), name, value)
         elif owner == "wind":
             if self.scene.wind is None:
                 raise ValueError(f"{name} is set but the scene has no wind; allowed is a scene built with one")
-            self._set_frame(_live(table.WIND, field, name), name, value)
+            self._set_frame(_live(table.WIND, field, name), name, value, world)
         elif owner in self.scene.objects:
-            self._set_material(owner, field, name, value)
+            self._set_material(owner, field, name, value, world)
         elif owner in self.scene.colliders:
             row = _live(table.COLLIDER, field, name)
-            self._colliders.write(self._collider_row[owner], **{field: table.check(row, value, name)})
+            self._colliders.write(self._collider_row[owner], world, **{field: table.check(row, value, name)})
         else:
             known = [*self.scene.objects, *self.scene.colliders, "solver", "wind"]
             raise ValueError(f"there is no parameter {name!r}; allowed are 'gravity' and those of {_names(known)}")
 
-    def _set_frame(self, row: table.Parameter, name: str, value: Any) -> None:
+    def _set_frame(self, row: table.Parameter, name: str, value: Any, world: int | None) -> None:
         fields = {"velocity": "wind", "drag_coefficient": "drag", "lift_coefficient": "lift"}
-        self._frame.write(0, **{fields.get(row.name, row.name): table.check(row, value, name)})
+        self._frame.write(0, world, **{fields.get(row.name, row.name): table.check(row, value, name)})
 
     def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
         value = table.check(row, value, name)
         if row.name == "substeps" and self.settings.method == "verlet":
             for owner in self.scene.objects:
-                self._check_explicit(owner, self._compliance(owner), self._damping(owner), value)
+                self._check_materials(owner, self._materials(owner, None), value)
         self.settings = dataclasses.replace(self.settings, **{row.name: value})
         if row.name == "substeps":
             for batch in self._batches:
                 batch.forget_steps()
         self._write_settings()
 
-    def _set_material(self, owner: str, field: str, name: str, value: Any) -> None:
+    def _set_material(self, owner: str, field: str, name: str, value: Any, world: int | None) -> None:
         thing = self.scene.objects[owner]
         row = _live(table.CLOTH if isinstance(thing, Cloth) else table.ROPE, field, name)
         if field in ("shear_compliance", "bend_compliance") and getattr(thing, field) is None:
             raise ValueError(f"{name} is set but {owner} was built without; allowed is an object built with {field}")
         value = table.check(row, value, name)
-        batch = self._batch[owner]
-        b = batch.index[owner]
+        materials = self._materials(owner, world)
         if field.endswith("_compliance"):
-            compliance = self._compliance(owner)
-            compliance[("stretch_compliance", "shear_compliance", "bend_compliance").index(field)] = value
-            if self.settings.method == "verlet":
-                self._check_explicit(owner, compliance, self._damping(owner), self.settings.substeps)
-            batch.materials.write(b, compliance=compliance)
+            kinds = ("stretch_compliance", "shear_compliance", "bend_compliance")
+            materials["compliance"][:, kinds.index(field)] = value
+            field = "compliance"
         else:
-            if field == "damping" and self.settings.method == "verlet":
-                self._check_explicit(owner, self._compliance(owner), value, self.settings.substeps)
-            batch.materials.write(b, **{"thickness" if field == "radius" else field: value})
+            field = "thickness" if field == "radius" else field
+            materials[field] = value
+        if field in ("compliance", "damping") and self.settings.method == "verlet":
+            self._check_materials(owner, materials, self.settings.substeps)
+        batch = self._batch[owner]
+        batch.materials.write(batch.index[owner], world, **{field: materials[field]})
 
-    def _compliance(self, name: str) -> np.ndarray:
-        """The three compliances of an object as they are now."""
+    def _materials(self, name: str, world: int | None) -> np.ndarray:
+        """The rows of Material of an object as they are now, of one world or of all."""
         batch = self._batch[name]
-        return batch.materials.read(batch.index[name], "compliance").copy()
+        return batch.materials.read(batch.index[name], world)
 
-    def _damping(self, name: str) -> float:
-        """The axial damping of an object as it is now [s]."""
-        batch = self._batch[name]
-        return float(batch.materials.read(batch.index[name], "damping"))
+    def _check_materials(self, name: str, materials: np.ndarray, substeps: int) -> None:
+        """`_check_explicit` for each material that differs from the others."""
+        for compliance, damping in {(tuple(row["compliance"]), float(row["damping"])) for row in materials}:
+            self._check_explicit(name, compliance, damping, substeps)
 
     def _check_explicit(self, name: str, compliance: Any, damping: float, substeps: int) -> None:
         """Raise ValueError where method verlet cannot hold an object, saying what it would need."""
@@ -310,6 +314,7 @@ class Simulation:
         s = self.settings
         self._frame.write(
             0,
+            None,
             dt=s.frame_dt / s.substeps,
             substeps=s.substeps,
             iterations=s.iterations,
@@ -317,11 +322,11 @@ class Simulation:
         )
 
     def _write_scene(self) -> None:
-        self._frame.write(0, gravity=self.scene.gravity)
+        self._frame.write(0, None, gravity=self.scene.gravity)
         if self.scene.wind is not None:
             for row in table.WIND:
                 if row.live:
-                    self._set_frame(row, f"wind.{row.name}", getattr(self.scene.wind, row.name))
+                    self._set_frame(row, f"wind.{row.name}", getattr(self.scene.wind, row.name), None)
         for name, thing in self.scene.objects.items():
             self._write_material(name, thing)
         self._place_colliders()
@@ -330,6 +335,7 @@ class Simulation:
         batch = self._batch[name]
         batch.materials.write(
             batch.index[name],
+            None,
             compliance=_compliances(thing),
             damping=thing.damping,
             thickness=thing.radius if isinstance(thing, Rope) else thing.thickness,
@@ -342,6 +348,7 @@ class Simulation:
             shape = shape_of(collider)
             self._colliders.write(
                 self._collider_row[name],
+                None,
                 shape=NAMES.index(shape),
                 size=SHAPES[shape][1].size(collider),
                 reach=SHAPES[shape][1].reach(collider),
@@ -353,9 +360,15 @@ class Simulation:
                 end_orientation=collider.orientation,
             )
 
-    def _of(self, name: str) -> Batch:
-        self._topology(name)
-        return self._batch[name]
+    def _one(self, world: int) -> int:
+        """`world` if there is one of that number, else ValueError."""
+        if isinstance(world, bool) or not isinstance(world, int) or not 0 <= world < self.worlds:
+            raise ValueError(f"world is {world!r}; allowed is a whole number from 0 to {self.worlds - 1}")
+        return world
+
+    def _some(self, world: int | None) -> int | None:
+        """`world` if it is None, for all, or there is one of that number, else ValueError."""
+        return None if world is None else self._one(world)
 
     def _topology(self, name: str) -> topology.Topology:
         if name not in self._topologies:

@@ -6,6 +6,8 @@ the next frame and never compiles or captures anything again.
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import warp as wp
 
@@ -97,7 +99,7 @@ class Segment:
 
 @wp.struct
 class State:
-    """Arrays of one batch; N particles, S springs, E tuples, C segments, P panels, K colliders, B bodies."""
+    """Arrays of one batch; N particles, S springs, E tuples, D edges, C segments, P panels, K colliders, B bodies."""
 
     positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m] and inverse mass [1/kg], 0 is pinned
     low: wp.array(dtype=wp.vec4)  # (N,) what float32 lost of the positions [m]
@@ -113,6 +115,7 @@ class State:
     segments: wp.array(dtype=Segment)  # (C,)
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
+    edge_contacts: wp.array(dtype=wp.vec4)  # (K D,) the same of edges
     sweeps: wp.array(dtype=Sweep)  # (B K,)
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions and low parts when the body was last good, see watch.py
     good_low: wp.array(dtype=wp.vec4)  # (N,)
@@ -124,7 +127,10 @@ class State:
 
 @wp.struct
 class Arrays:
-    """Everything a kernel reads or writes: the one argument that every schedule passes."""
+    """Everything a kernel reads or writes in one world: the one argument that every schedule passes.
+
+    Many worlds are an array of these: they share the model, and each has its own part of everything that varies.
+    """
 
     model: Model
     state: State
@@ -133,11 +139,26 @@ class Arrays:
     colliders: wp.array(dtype=ColliderMotion)  # (K,)
 
 
-def make_state(arrays: ModelArrays, features: Features, colliders: int, device: wp.Device) -> State:
-    """Zeroed state for the bodies in `arrays`; arrays that `features` do not need have no element."""
-    state = State()
+def given_type(features: Features) -> type:
+    """The type of the argument that a kernel gets: the Arrays of its world, or of many an array of them."""
+    return wp.array(dtype=Arrays) if features.worlds else Arrays
+
+
+def gathered(worlds: list[Arrays], device: wp.Device) -> Arrays | wp.array:
+    """The argument for kernels that run `worlds` (see `given_type`)."""
+    return worlds[0] if len(worlds) == 1 else wp.array(worlds, dtype=Arrays, device=device)
+
+
+def make_states(
+    arrays: ModelArrays, features: Features, colliders: int, worlds: int, device: wp.Device
+) -> dict[str, wp.array]:
+    """Name in State -> zeroed (worlds, size) array, for the bodies in `arrays` in every world.
+
+    Arrays that `features` do not need have no element. Raises ValueError where the device has not the memory.
+    """
     particles, bodies = arrays.particles, len(arrays.bodies)
     second = particles if features.order == 2 else 0
+    edges = arrays.size["edges"] if "edge" in features.constraints else 0
     sizes = {
         "positions": (particles, wp.vec4),
         "low": (particles, wp.vec4),
@@ -153,6 +174,7 @@ def make_state(arrays: ModelArrays, features: Features, colliders: int, device: 
         "segments": (arrays.size["segment_length"], Segment),
         "panel_forces": (arrays.size["panels"] if features.panels else 0, wp.vec4),
         "contacts": (particles * colliders, wp.vec4),
+        "edge_contacts": (edges * colliders, wp.vec4),
         "sweeps": (bodies * colliders, Sweep),
         "good_positions": (particles, wp.vec4),
         "good_low": (particles, wp.vec4),
@@ -161,32 +183,63 @@ def make_state(arrays: ModelArrays, features: Features, colliders: int, device: 
         "history": (bodies if features.looks_back else 0, int),
         "events": (bodies if features.looks_back else 0, int),
     }
-    for name, (size, dtype) in sizes.items():
-        setattr(state, name, wp.zeros(size, dtype=dtype, device=device))
+    _check_memory(sum(size * wp.types.type_size_in_bytes(dtype) for size, dtype in sizes.values()), worlds, device)
+    return {name: wp.zeros((worlds, size), dtype=dtype, device=device) for name, (size, dtype) in sizes.items()}
+
+
+def _check_memory(each: int, worlds: int, device: wp.Device) -> None:
+    """Raise ValueError where the state of `worlds` worlds of `each` bytes does not fit the device's free memory."""
+    free = device.free_memory if device.is_cuda else os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if worlds * each > free:
+        raise ValueError(
+            f"worlds is {worlds} of {each / 1e6:.3g} MB each, more than the {free / 1e6:.4g} MB that are free on "
+            f"{device.alias}; allowed are up to {free // each}"
+        )
+
+
+def state_of(states: dict[str, wp.array], world: int) -> State:
+    """The State of one world: its row of every array."""
+    state = State()
+    for name, rows in states.items():
+        setattr(state, name, row_of(rows, world))
     return state
 
 
+def row_of(rows: wp.array, world: int) -> wp.array:
+    """Row `world` of a (worlds, size) array; an empty row is an array of its own, which Warp's indexing lacks."""
+    return rows[world] if rows.shape[1] else wp.zeros(0, dtype=rows.dtype, device=rows.device)
+
+
 class LiveArray:
-    """Rows of a struct on the device with a host mirror; `row(i)` is changed in place, `upload()` copies if it was."""
+    """Rows of a struct in every world, on the device and mirrored on the host; `upload()` copies what was changed."""
 
-    def __init__(self, struct, rows: int, device: wp.Device) -> None:
-        self._mirror = np.zeros(rows, dtype=struct.numpy_dtype())
+    def __init__(self, struct, rows: int, worlds: int, device: wp.Device) -> None:
+        self._mirror = np.zeros((worlds, rows), dtype=struct.numpy_dtype())
         self._host = wp.array(self._mirror, dtype=struct, device="cpu", copy=False)
-        self.array = wp.zeros(rows, dtype=struct, device=device)
+        self.array = wp.zeros((worlds, rows), dtype=struct, device=device)
         self._changed = True
 
-    def read(self, row: int, name: str) -> np.ndarray:
-        """The value of one field."""
-        return self._mirror[row][name]
+    def read(self, row: int, world: int | None) -> np.ndarray:
+        """A copy of a row, (1,) of one world or (worlds,) of all for None."""
+        return self._mirror[_part(world), row].copy()
 
-    def write(self, row: int, **values) -> None:
-        """Change fields of one row; they reach the device with the next upload."""
+    def write(self, row: int, world: int | None, **values) -> None:
+        """Change fields of a row in one world or, for None, in all; they reach the device with the next upload."""
         for name, value in values.items():
-            self._mirror[row][name] = value
+            self._mirror[name][_part(world), row] = value
         self._changed = True
+
+    def edit(self) -> np.ndarray:
+        """The mirror (worlds, rows) itself, to be changed; it reaches the device with the next upload."""
+        self._changed = True
+        return self._mirror
 
     def upload(self) -> None:
         """Copy to the device if anything changed; ordered before the launches that follow on the device's stream."""
         if self._changed:
             wp.copy(self.array, self._host)
             self._changed = False
+
+
+def _part(world: int | None) -> slice:
+    return slice(None) if world is None else slice(world, world + 1)

@@ -45,6 +45,12 @@ class Topology:
     bends: Elements | None = None
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     chain: Elements | None = None
+    edge_contact: bool = False
+
+    def edges(self) -> list[Elements]:
+        """What touches colliders between its particles: structural and shear springs, segments; none if not asked."""
+        kinds = [self.springs.get("structural"), self.springs.get("shear"), self.chain] if self.edge_contact else []
+        return [elements for elements in kinds if elements is not None]
 
     def others(self) -> list[tuple[str, Elements, np.ndarray]]:
         """(constraint, elements, (E, 2) further numbers) of every constraint that is not a spring."""
@@ -187,6 +193,7 @@ def _sheet(cloth, name, local, masses, named, triangles, springs) -> Topology:
         triangles=triangles,
         panels=triangles,
         hinges=hinges,
+        edge_contact=cloth.edge_contact,
     )
 
 
@@ -252,6 +259,7 @@ def _rope(rope: Rope, direct: bool) -> Topology:
         bends=bends,
         bend_weights=weights,
         chain=stretch if direct else None,
+        edge_contact=rope.edge_contact,
     )
 
 

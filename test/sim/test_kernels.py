@@ -93,19 +93,21 @@ ALL_FUNCTIONS = {
     "hinges": "hinge_gradients",
     "bends": "turn_residual",
     "chain": "series_admittance",
+    "edges": "deepest edge_contact",
 }
 
 
 SHEET_AND_BALL = Features(("spring", "hinge"), False, "triangles", ("sphere",), 2, "xpbd")
-ROPE_AND_ROOM = Features(("bend",), True, "segments", ("plane", "box"), 1, "xpbd")
+ROPE_AND_ROOM = Features(("bend", "edge"), True, "segments", ("plane", "box"), 1, "xpbd")
 
 
 @pytest.mark.parametrize(
     ("features", "present"),
     [
         (Features(("spring",), False, "", (), 1, "xpbd"), {"springs"}),
+        (Features(("spring",), False, "", (), 1, "xpbd", worlds=True), {"springs"}),
         (SHEET_AND_BALL, {"springs", "hinges", "wind on cloth", "colliders", "sphere"}),
-        (ROPE_AND_ROOM, {"bends", "chain", "wind on ropes", "colliders", "plane", "box"}),
+        (ROPE_AND_ROOM, {"bends", "chain", "wind on ropes", "colliders", "plane", "box", "edges"}),
     ],
 )
 def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present, tmp_path):

@@ -32,7 +32,7 @@ def hinge_gradients(i: wp.vec3, j: wp.vec3, k: wp.vec3, l: wp.vec3) -> HingeGrad
         u2 = n2 / a2
         result.k = -length * u1
         result.l = -length * u2
-        result.i = wp.dot(k - j, e) / -length * -u1 + wp.dot(l - j, e) / -length * -u2
+        result.i = -wp.dot(k - j, e) / length * u1 - wp.dot(l - j, e) / length * u2
         result.j = wp.dot(k - i, e) / length * u1 + wp.dot(l - i, e) / length * u2
         result.angle = wp.atan2(wp.dot(wp.cross(n1, n2), e) / length, wp.dot(n1, n2))
     return result

@@ -44,6 +44,7 @@ class Step:
     inverse_square: float
     second: bool  # a smooth substep lies behind this one
     first: bool  # first iteration: multipliers start from zero
+    backward: bool  # colours in the opposite order: a sweep that favours one end of the cloth can feed it energy
     repeats: bool  # more iterations than one
     store: bool  # someone reads the multipliers afterwards
 

@@ -11,6 +11,7 @@ import warp as wp
 from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tuple
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
 from cloth_sim_ros.sim.schedules.stages import (
@@ -22,34 +23,54 @@ from cloth_sim_ros.sim.schedules.stages import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
-from cloth_sim_ros.sim.state import Arrays, compliance_of
+from cloth_sim_ros.sim.state import Arrays, compliance_of, gathered, given_type
 
 
 class Coloured:
-    """The launches of one batch. `advance()` simulates one frame of every body in it."""
+    """The launches of one batch. `advance()` simulates one frame of every body in every world of it."""
 
-    def __init__(self, features: Features, arrays: Arrays, device: wp.Device):
+    def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device):
         self._features, self._device = features, device
         self._kernels = make_kernels(features)
-        self._arrays = arrays
+        self._worlds, self._given = len(worlds), gathered(worlds, device)
+        arrays = worlds[0]
         self._colliders = arrays.colliders.shape[0]
         self._bodies = [dict(zip(Body.vars, body, strict=True)) for body in arrays.model.bodies.numpy().tolist()]
         self._groups = arrays.model.groups.numpy().tolist()
-        self._graph, self._captured = None, None
+        self._recorded: dict[tuple, wp.Launch] = {}
+        self._frame: list[wp.Launch] = []
+        self._graph, self._settings = None, None
 
     def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; on a GPU a new number of substeps or iterations captures the graph anew."""
-        if self._captured == (substeps, iterations):
+        """Launch one frame; a new number of substeps or iterations records it anew, on a GPU in a new graph."""
+        if self._settings != (substeps, iterations):
+            self._record(substeps, iterations)
+        if self._graph is not None:
             wp.capture_launch(self._graph)
             return
+        for launch in self._frame:
+            launch.launch()
+
+    def _record(self, substeps: int, iterations: int) -> None:
+        self._frame, self._settings = [], (substeps, iterations)
         self._launch_frame(substeps, iterations)
         if self._device.is_cuda:
             with wp.ScopedCapture(device=self._device) as capture:
-                self._launch_frame(substeps, iterations)
-            self._graph, self._captured = capture.graph, (substeps, iterations)
+                for launch in self._frame:
+                    launch.launch()
+            self._graph = capture.graph
 
-    def _launch(self, stage: str, size: int, *arguments: int) -> None:
-        wp.launch(self._kernels[stage], dim=size, inputs=[self._arrays, *arguments], device=self._device)
+    def _launch(
+        self, stage: str, size: int, b: int = 0, substep: int = 0, first: int = 0, store: int = 0, g: int = 0
+    ) -> None:
+        """Append a launch to the frame; those that are alike are one, packed once."""
+        numbers = (size, b, substep, first, store, g)
+        key = (stage, *numbers)
+        if key not in self._recorded:
+            inputs, dim = [self._given, *numbers], self._worlds * size
+            kernel, device = self._kernels[stage], self._device
+            self._recorded[key] = wp.launch(kernel, dim=dim, inputs=inputs, device=device, record_cmd=True)
+        self._frame.append(self._recorded[key])
 
     def _launch_frame(self, substeps: int, iterations: int) -> None:
         for substep in range(substeps):
@@ -62,25 +83,30 @@ class Coloured:
                 for iteration in range(iterations):
                     first = int(iteration == 0)
                     store = int(iterations > 1 or substep == substeps - 1)
-                    self._launch_iteration(b, body, first, store)
+                    self._launch_iteration(b, body, first, store, backward=iteration % 2 == 1)
                 self._launch("finish", body["count"], b, substep)
             if self._features.looks_back:
-                self._launch("age", len(self._bodies), substep)
+                self._launch("age", len(self._bodies), substep=substep)
         for b, body in enumerate(self._bodies):
             self._launch("find_faults", body["count"], b)
             self._launch("settle", body["count"], b)
         self._launch("count_faults", len(self._bodies))
 
-    def _launch_iteration(self, b: int, body: dict, first: int, store: int) -> None:
+    def _launch_iteration(self, b: int, body: dict, first: int, store: int, backward: bool) -> None:
         if self._features.chain:
-            self._launch("chain", 1, b, first)
-        groups = range(body["groups"], body["groups_end"]) if self._features.constraints else ()
-        for g in groups:
-            _, _, start, end = self._groups[g]
-            stage = "springs" if g < body["tuple_groups"] else "tuples"
-            self._launch(stage, end - start, b, first, store, g)
+            self._launch("chain", 1, b, first=first)
+        kinds = {"springs": ("groups", "tuple_groups"), "tuples": ("tuple_groups", "groups_end")}
+        for stage, (begin, end) in kinds.items():
+            if stage in self._kernels:
+                groups = range(body[begin], body[end])
+                for g in reversed(groups) if backward else groups:
+                    size = self._groups[g][3] - self._groups[g][2]
+                    self._launch(stage, size, b, first=first, store=store, g=g)
+        if "edge" in self._features.constraints:
+            for g in range(body["groups_end"], body["edge_groups_end"]):
+                self._launch("edges", self._groups[g][3] - self._groups[g][2], b, first=first, g=g)
         if self._colliders:
-            self._launch("contact", body["count"], b, first)
+            self._launch("contact", body["count"], b, first=first)
 
 
 @wp.struct
@@ -100,15 +126,29 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     predict_particle, finish_particle = make_predict(features), make_finish(features)
     panel_force = make_panel(features) if features.panels else None
     contact_particle = make_contact(features) if features.shapes else None
+    contact_edge = make_edge_contact(features.shapes) if "edge" in features.constraints else None
     project_one_spring = make_project_spring(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features.order, 1, True) if features.chain else None
     module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}")
     wp.set_module_options(CPU_FLAGS, module)
     kernels: dict[str, wp.Kernel] = {}
+    argument = given_type(features)
 
     def stage(function):
-        kernels[function.__name__] = wp.kernel(function, enable_backward=False, module=module)
+        """Makes the kernel that runs `function` on element i of a launch, in the world of `arrays`."""
+        run = wp.func(function)
+
+        def launched(given: argument, size: int, b: int, substep: int, first: int, store: int, g: int):
+            i = wp.tid()
+            if wp.static(features.worlds):
+                w = i // size
+                run(given[w], i - w * size, b, substep, first, store, g)
+            else:
+                run(given, i, b, substep, first, store, g)
+
+        launched.__qualname__ = f"launch_{function.__name__}"
+        kernels[function.__name__] = wp.kernel(launched, enable_backward=False, module=module)
 
     @wp.func
     def look(arrays: Arrays, b: int, first: int, store: int) -> Here:
@@ -128,12 +168,12 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         return here
 
     @stage
-    def predict(arrays: Arrays, b: int):
+    def predict(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
         here = look(arrays, b, 1, 0)
-        moving = moving_of(wp.tid(), arrays.state, here.body, here.low)
+        moving = moving_of(i, arrays.state, here.body, here.low)
         material, frame = arrays.materials[b], arrays.frames[0]
         predict_particle(
-            wp.tid(),
+            i,
             moving,
             arrays.model,
             arrays.state,
@@ -147,54 +187,52 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         )
 
     @stage
-    def finish(arrays: Arrays, b: int, substep: int):
+    def finish(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
         here = look(arrays, b, 1, 0)
-        moving = finish_particle(wp.tid(), substep, True, arrays.state, here.body, here.step, here.x, here.low, here.d)
+        moving = finish_particle(i, substep, True, arrays.state, here.body, here.step, here.x, here.low, here.d)
         if wp.static(features.looks_back):
             if moving.rough > 0:
                 arrays.state.events[b] = substep + 1
 
     @stage
-    def find_faults(arrays: Arrays, b: int):
-        g = arrays.model.bodies[b].particles + wp.tid()
-        if not is_good(arrays.state.positions[g], arrays.state.velocities[g]):
+    def find_faults(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
+        p = arrays.model.bodies[b].particles + i
+        if not is_good(arrays.state.positions[p], arrays.state.velocities[p]):
             arrays.state.faulty[b] = 1
 
     @stage
-    def settle(arrays: Arrays, b: int):
+    def settle(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
         body = arrays.model.bodies[b]
-        g = body.particles + wp.tid()
+        p = body.particles + i
         if arrays.state.faulty[b] == 1:
-            put_back(g, arrays.state)
-            if body.segments + wp.tid() < body.segments_end:
-                arrays.state.tensions[body.segments + wp.tid()] = 0.0
+            put_back(p, arrays.state)
+            if body.segments + i < body.segments_end:
+                arrays.state.tensions[body.segments + i] = 0.0
         else:
-            keep(g, arrays.state.positions[g], arrays.state.low[g], arrays.state)
+            keep(p, arrays.state.positions[p], arrays.state.low[p], arrays.state)
 
     @stage
-    def count_faults(arrays: Arrays):
-        b = wp.tid()
-        if arrays.state.faulty[b] == 1:
-            arrays.state.recoveries[b] += 1
-            arrays.state.faulty[b] = 0
+    def count_faults(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
+        if arrays.state.faulty[i] == 1:
+            arrays.state.recoveries[i] += 1
+            arrays.state.faulty[i] = 0
             if wp.static(features.looks_back):
-                arrays.state.history[b] = 0
+                arrays.state.history[i] = 0
 
     if features.shapes:
 
         @stage
-        def sweep(arrays: Arrays, b: int, substep: int):
-            c = wp.tid()
+        def sweep(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
             count = float(arrays.frames[0].substeps)
-            arrays.state.sweeps[b * arrays.colliders.shape[0] + c] = sweep_collider(
-                arrays.colliders[c], float(substep) / count, float(substep + 1) / count
+            arrays.state.sweeps[b * arrays.colliders.shape[0] + i] = sweep_collider(
+                arrays.colliders[i], float(substep) / count, float(substep + 1) / count
             )
 
         @stage
-        def contact(arrays: Arrays, b: int, first: int):
+        def contact(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
             here = look(arrays, b, first, 0)
             contact_particle(
-                wp.tid(),
+                i,
                 b,
                 here.body,
                 arrays.materials[b],
@@ -206,13 +244,32 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
                 here.d,
             )
 
+    if contact_edge is not None:
+
+        @stage
+        def edges(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
+            here = look(arrays, b, first, 0)
+            contact_edge(
+                arrays.model.groups[g][2] + i,
+                b,
+                here.body,
+                arrays.materials[b],
+                arrays.colliders,
+                arrays.model,
+                arrays.state,
+                here.step,
+                here.x,
+                here.low,
+                here.d,
+            )
+
     if features.panels:
 
         @stage
-        def panel(arrays: Arrays, b: int):
+        def panel(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
             here = look(arrays, b, 1, 0)
             panel_force(
-                here.body.panels + wp.tid(),
+                here.body.panels + i,
                 arrays.model,
                 arrays.state,
                 here.body,
@@ -224,11 +281,11 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if "spring" in features.constraints:
 
         @stage
-        def springs(arrays: Arrays, b: int, first: int, store: int, g: int):
+        def springs(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
             here = look(arrays, b, first, store)
             group = arrays.model.groups[g]
             alpha = compliance_of(arrays.materials[b], group[1]) * here.step.inverse_square
-            k = group[2] + wp.tid()
+            k = group[2] + i
             project_one_spring(
                 arrays.model.springs[k],
                 k,
@@ -244,11 +301,11 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if project_one_tuple is not None:
 
         @stage
-        def tuples(arrays: Arrays, b: int, first: int, store: int, g: int):
+        def tuples(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
             here = look(arrays, b, first, store)
             group = arrays.model.groups[g]
             alpha = compliance_of(arrays.materials[b], group[1]) * here.step.inverse_square
-            k = group[2] + wp.tid()
+            k = group[2] + i
             project_one_tuple(
                 group[0],
                 k,
@@ -265,7 +322,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if features.chain:
 
         @stage
-        def chain(arrays: Arrays, b: int, first: int):
+        def chain(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
             here = look(arrays, b, first, 0)
             solve_chain(
                 0, arrays.model, arrays.state, here.body, arrays.materials[b], here.step, here.x, here.d, here.x
@@ -274,9 +331,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if features.looks_back:
 
         @stage
-        def age(arrays: Arrays, substep: int):
-            b = wp.tid()
-            arrays.state.history[b] = wp.where(arrays.state.events[b] == substep + 1, 0, 1)
-            arrays.state.events[b] = 0
+        def age(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
+            arrays.state.history[i] = wp.where(arrays.state.events[i] == substep + 1, 0, 1)
+            arrays.state.events[i] = 0
 
     return kernels

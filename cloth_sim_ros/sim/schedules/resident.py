@@ -1,4 +1,4 @@
-"""One launch a frame: a block (on the CPU, one thread) keeps a body and runs all its substeps.
+"""One launch a frame: a block (on the CPU, one thread) keeps a body of a world and runs all its substeps.
 
 On a GPU positions and displacements stay in the block's shared memory for the whole frame, so a body may have at most
 `capacity(device)` particles; on the CPU there is no limit. Blocks never wait for one another.
@@ -12,6 +12,7 @@ from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tupl
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules import native
+from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
 from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
@@ -24,7 +25,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
-from cloth_sim_ros.sim.state import Arrays, Material, State, compliance_of
+from cloth_sim_ros.sim.state import Arrays, Material, State, compliance_of, gathered, given_type
 
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 
@@ -38,19 +39,20 @@ def capacity(device: wp.Device, features: Features) -> int:
 
 
 class Resident:
-    """The launch of one batch. `advance()` simulates one frame of every body in it."""
+    """The launch of one batch. `advance()` simulates one frame of every body in every world of it."""
 
-    def __init__(self, features: Features, arrays: Arrays, device: wp.Device, largest: int):
+    def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
         # A thread takes a segment of a rope, a particle of an explicit method, or a spring of a colour.
         work = largest - 1 if features.chain else largest if features.method == "verlet" else -(-largest // 2)
         most = THREADS if features.chain else 1024
         block = 1 if device.is_cpu else min(most, -(-work // 32) * 32)
         kernel = make_frame(features, shared, block)
+        bodies = worlds[0].model.bodies.shape[0]
         self._launch = wp.launch(
             kernel,
-            dim=(arrays.model.bodies.shape[0], block),
-            inputs=[arrays],
+            dim=(len(worlds) * bodies, block),
+            inputs=[gathered(worlds, device)],
             device=device,
             block_dim=block,
             record_cmd=True,
@@ -70,24 +72,38 @@ def make_frame(features: Features, shared: int, block: int):
     predict, finish = make_predict(features), make_finish(features)
     panel = make_panel(features) if features.panels else None
     contact = make_contact(features) if features.shapes else None
+    edge_contact = make_edge_contact(features.shapes) if "edge" in features.constraints else None
     project_springs = make_project_springs(features.order, shared > 0) if "spring" in features.constraints else None
     project_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features.order, block, shared == 0 or shared > THREADS) if features.chain else None
     tile_address = native.make_tile_address(shared) if shared else None
     slots = 2 * SLOTS * block if shared and features.chain else 0
     span_address = native.make_tile_address(slots) if slots else None
+    argument = given_type(features)
 
     @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
-    def simulate_frame(arrays: Arrays):
+    def simulate_frame(given: argument):
         b, t = wp.tid()
-        m = arrays.model
-        s = arrays.state
+        # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
+        if wp.static(features.worlds):
+            bodies = given[0].model.bodies.shape[0]
+            w = b // bodies
+            b -= w * bodies
+            m = given[w].model
+            s = given[w].state
+            frame = given[w].frames[0]
+            material = given[w].materials[b]
+            colliders = given[w].colliders
+        else:
+            m = given.model
+            s = given.state
+            frame = given.frames[0]
+            material = given.materials[b]
+            colliders = given.colliders
         width = wp.block_dim()
         body = m.bodies[b]
         # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
         last = body.count - 1
-        material = arrays.materials[b]
-        frame = arrays.frames[0]
         x = native.array_address(s.positions, body.particles)
         d = native.array_address(s.displacements, body.particles)
         low = native.array_address(s.low, body.particles)
@@ -123,14 +139,15 @@ def make_frame(features: Features, shared: int, block: int):
             predict(i, moving_of(i, s, body, low), m, s, body, material, frame, step, x, low, d)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
-                for c in range(t, arrays.colliders.shape[0], width):
+                for c in range(t, colliders.shape[0], width):
                     count = float(frame.substeps)
-                    s.sweeps[b * arrays.colliders.shape[0] + c] = sweep_collider(
-                        arrays.colliders[c], float(substep) / count, float(substep + 1) / count
+                    s.sweeps[b * colliders.shape[0] + c] = sweep_collider(
+                        colliders[c], float(substep) / count, float(substep + 1) / count
                     )
             sync()
             for iteration in range(frame.iterations):
                 step.first = iteration == 0
+                step.backward = iteration % 2 == 1
                 step.repeats = frame.iterations > 1
                 step.store = frame.iterations > 1 or substep == frame.substeps - 1
                 if wp.static(features.chain):
@@ -139,15 +156,20 @@ def make_frame(features: Features, shared: int, block: int):
                 if wp.static(project_springs is not None):
                     project_springs(t, width, m, s, body, material, step, x, d)
                 if wp.static(project_tuple is not None):
-                    for g in range(body.tuple_groups, body.groups_end):
-                        group = m.groups[g]
+                    for q in range(body.tuple_groups, body.groups_end):
+                        group = m.groups[in_turn(q, body.tuple_groups, body.groups_end, step)]
                         alpha = compliance_of(material, group[1]) * step.inverse_square
                         for k in range(group[2] + t, group[3], width):
                             project_tuple(group[0], k, alpha, m, s, body, material, step, x, d)
                         sync()
+                if wp.static(edge_contact is not None):
+                    for g in range(body.groups_end, body.edge_groups_end):
+                        for k in range(m.groups[g][2] + t, m.groups[g][3], width):
+                            edge_contact(k, b, body, material, colliders, m, s, step, x, low, d)
+                        sync()
                 if wp.static(bool(features.shapes)):
                     for i in range(last - t, -1, -width):
-                        contact(i, b, body, material, arrays.colliders, s, step, x, low, d)
+                        contact(i, b, body, material, colliders, s, step, x, low, d)
                     sync()
             rough = int(0)
             if wp.static(features.panels != "" or features.looks_back):
@@ -196,6 +218,12 @@ def make_frame(features: Features, shared: int, block: int):
     return simulate_frame
 
 
+@wp.func
+def in_turn(q: int, begin: int, end: int, step: Step) -> int:
+    """The colour group from `begin` to `end` that is q-th: every second iteration goes backwards."""
+    return wp.where(step.backward, begin + end - 1 - q, q)
+
+
 def make_project_springs(order: int, fetch_ahead: bool):
     """A Warp function: thread t of `width` projects its share of all colours.
 
@@ -218,14 +246,15 @@ def make_project_springs(order: int, fetch_ahead: bool):
     ):
         last = m.springs.shape[0] - 1
         records = native.array_address(m.springs, 0)
-        group = m.groups[body.groups]
+        group = m.groups[in_turn(body.groups, body.groups, body.tuple_groups, step)]
         spring = wp.vec4()
         following = wp.vec4()
         ahead = wp.vec4()
         if wp.static(fetch_ahead):
             spring = load4(records, wp.min(group[2] + t, last))
         for g in range(body.groups, body.tuple_groups):
-            next = m.groups[wp.min(g + 1, body.tuple_groups - 1)]
+            following_g = wp.min(g + 1, body.tuple_groups - 1)
+            next = m.groups[in_turn(following_g, body.groups, body.tuple_groups, step)]
             if wp.static(fetch_ahead):
                 ahead = load4(records, wp.min(next[2] + t, last))
             alpha = compliance_of(material, group[1]) * step.inverse_square

@@ -170,9 +170,14 @@ def make_predict(features: Features):
     return predict
 
 
-def make_contact(features: Features):
-    """The stage that keeps particle i outside all colliders, with friction, after each iteration."""
-    signed_distance = make_signed_distance(features.shapes)
+# [m/s] at which what overlaps at the start of a substep comes apart, as after a fall of half a metre: a collider that
+# is placed into a cloth would otherwise fling it out within one substep.
+SEPARATION = wp.constant(3.0)
+
+
+def make_meet(shapes: tuple[str, ...]):
+    """A Warp function: where a point that moved meets a collider of one of `shapes`."""
+    signed_distance = make_signed_distance(shapes)
 
     @wp.func
     def enter(shape: int, size: wp.vec3, start: wp.vec3, path: wp.vec3, thickness: float) -> wp.vec4:
@@ -193,8 +198,11 @@ def make_contact(features: Features):
         return pack(xyz(surface), reached)
 
     @wp.func
-    def meet(shape: int, size: wp.vec3, p: wp.vec3, slip: wp.vec3, thickness: float) -> wp.vec4:
-        """Normal and gap [m] of local point p, which came by `slip`; negative also where it came through."""
+    def meet(shape: int, size: wp.vec3, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float) -> wp.vec4:
+        """Normal and gap [m] of local point p, which came by `slip`; negative also where it came through.
+
+        Of an overlap that was there before it came, no more than `apart` [m] counts.
+        """
         surface = signed_distance(shape, p, size)
         gap = surface[3] - thickness
         n = xyz(surface)
@@ -205,7 +213,16 @@ def make_contact(features: Features):
             if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
                 n = xyz(entry)
                 gap = wp.dot(n, slip) * (1.0 - entry[3])
+        if gap < -apart:
+            gap -= wp.min(signed_distance(shape, p - slip, size)[3] - thickness + apart, 0.0)
         return pack(n, gap)
+
+    return meet
+
+
+def make_contact(features: Features):
+    """The stage that keeps particle i outside all colliders, with friction, after each iteration."""
+    meet = make_meet(features.shapes)
 
     @wp.func
     def contact(
@@ -244,16 +261,19 @@ def make_contact(features: Features):
                 low = xyz(load4(low_address, i))
                 # Relative motion in the collider's axes, without the difference of two large positions.
                 slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
-                touching = meet(collider.shape, collider.size, sweep.to_local * offset, slip, material.thickness)
+                p = sweep.to_local * offset
+                apart = SEPARATION * step.effective
+                touching = meet(collider.shape, collider.size, p, slip, material.thickness, apart)
                 gap = touching[3]
                 if gap < 0.0:
                     n = xyz(touching)
                     pressed = before[3] - gap
                     tangential = slip - wp.dot(slip, n) * n
+                    rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n
                     mu_s = wp.sqrt(material.static_friction * collider.static_friction)
                     mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
-                    rubbed = friction_correction(tangential, xyz(before), pressed, mu_s, mu_k)
-                    displacement += wp.transpose(sweep.to_local) * (-gap * n + rubbed - xyz(before))
+                    rubbed = friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
+                    displacement += wp.transpose(sweep.to_local) * (-gap * n + rubbed - rubbed_before)
                     after = pack(rubbed, pressed)
                     touched = True
             if step.repeats:

@@ -1,0 +1,46 @@
+"""Where colliders are and will be: poses wanted by the end of the next frame become motions through that frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.state import ColliderMotion, LiveArray
+
+
+class Colliders(LiveArray):
+    """The motions of `rows` colliders in each of `worlds` worlds, and the poses that are wanted of them."""
+
+    def __init__(self, rows: int, worlds: int, device: wp.Device) -> None:
+        super().__init__(ColliderMotion, rows, worlds, device)
+        self._moving, self._wanted = (np.zeros((worlds, rows), dtype=bool) for _ in range(2))
+        self._position, self._orientation = np.zeros((worlds, rows, 3)), np.zeros((worlds, rows, 4))
+
+    def move(self, row: int, world: int | None, position: Sequence[float], orientation: Sequence[float]) -> None:
+        """A collider reaches a pose [m], x y z w, at the end of the next frame, in one world or, for None, in all."""
+        worlds = slice(None) if world is None else world
+        self._position[worlds, row], self._orientation[worlds, row] = position, orientation
+        self._wanted[worlds, row] = True
+
+    def place(self, row: int, world: int | None, position: Sequence[float], orientation: Sequence[float]) -> None:
+        """A collider is at a pose at once and was never anywhere else."""
+        worlds = slice(None) if world is None else world
+        self._wanted[worlds, row] = self._moving[worlds, row] = False
+        pose = {"position": position, "orientation": orientation}
+        self.write(row, world, **{f"{end}_{part}": value for end in ("start", "end") for part, value in pose.items()})
+
+    def advance(self) -> None:
+        """Begin a frame: what was wanted since the last one begins to move, what has arrived rests."""
+        moved = self._moving | self._wanted
+        if moved.any():
+            motion, wanted = self.edit(), self._wanted
+            for part in ("position", "orientation"):
+                motion[f"start_{part}"][moved] = motion[f"end_{part}"][moved]
+            goal = self._orientation[wanted]
+            backward = (goal * motion["start_orientation"][wanted]).sum(1, keepdims=True) < 0.0
+            motion["end_orientation"][wanted] = np.where(backward, -goal, goal)
+            motion["end_position"][wanted] = self._position[wanted]
+        self._moving, self._wanted = self._wanted, self._moving
+        self._wanted[:] = False

@@ -1,0 +1,137 @@
+"""Contact between particles: the stage that keeps an edge of two particles outside all colliders, colour by colour.
+
+Colliders are convex, and the signed distance of a convex shape is convex along a line: where its slope is downhill at
+both ends the deepest point lies between them, and nowhere else does a particle's own contact leave anything to do.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.colliders import make_signed_distance
+from cloth_sim_ros.sim.model import Body, Model
+from cloth_sim_ros.sim.physics.friction import friction_correction
+from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.schedules.native import load4, store4, xyz
+from cloth_sim_ros.sim.schedules.stages import SEPARATION, make_meet, pack
+from cloth_sim_ros.sim.state import ColliderMotion, Material, State, Sweep
+
+# Of the larger inverse mass: what a push beside a pinned or heavy end divides by, so that the other end is never thrown
+# farther than four times the gap.
+LEAST_SHARE = wp.constant(0.25)
+
+
+@wp.func
+def slip_of(x: wp.vec3, d: wp.vec3, low: wp.vec3, sweep: Sweep) -> wp.vec3:
+    """Displacement of a particle relative to a collider in this substep, in the collider's axes [m]."""
+    return sweep.to_local * (d - low - sweep.motion) + sweep.turn * (x - sweep.position)
+
+
+def make_deepest(shapes: tuple[str, ...]):
+    """A Warp function: the fraction of a segment at which it is deepest in a collider of one of `shapes`."""
+    signed_distance = make_signed_distance(shapes)
+
+    @wp.func
+    def deepest(shape: int, size: wp.vec3, start: wp.vec3, e: wp.vec3) -> float:
+        """Fraction of the segment from local point `start` along `e`; -1 where it is one of the ends.
+
+        A bracket shrinks to where the tangents at its ends meet (Kelley 1960): at once where two faces do.
+        """
+        low = float(0.0)
+        high = float(1.0)
+        at_low = signed_distance(shape, start, size)
+        at_high = signed_distance(shape, start + e, size)
+        slope_low = wp.dot(xyz(at_low), e)
+        slope_high = wp.dot(xyz(at_high), e)
+        if slope_low >= 0.0 or slope_high <= 0.0:
+            return -1.0
+        value_low = at_low[3]
+        value_high = at_high[3]
+        t = float(0.0)
+        for _ in range(6):
+            t = (value_high - value_low + slope_low * low - slope_high * high) / (slope_low - slope_high)
+            t = wp.clamp(t, low, high)
+            here = signed_distance(shape, start + t * e, size)
+            slope = wp.dot(xyz(here), e)
+            if slope < 0.0:
+                low, value_low, slope_low = t, here[3], slope
+            else:
+                high, value_high, slope_high = t, here[3], slope
+        return t
+
+    return deepest
+
+
+def make_edge_contact(shapes: tuple[str, ...]):
+    """The stage that keeps edge k of the batch outside all colliders of `shapes`, with friction."""
+    deepest, meet = make_deepest(shapes), make_meet(shapes)
+
+    @wp.func
+    def edge_contact(
+        k: int,
+        body_index: int,
+        body: Body,
+        material: Material,
+        colliders: wp.array(dtype=ColliderMotion),
+        m: Model,
+        s: State,
+        step: Step,
+        x: wp.uint64,
+        low_address: wp.uint64,
+        d: wp.uint64,
+    ):
+        i = m.edges[k][0]
+        j = m.edges[k][1]
+        packed_i = load4(d, i)
+        packed_j = load4(d, j)
+        wi = packed_i[3]
+        wj = packed_j[3]
+        if wi + wj == 0.0:
+            return
+        xi = xyz(load4(x, i))
+        xj = xyz(load4(x, j))
+        di = xyz(packed_i)
+        dj = xyz(packed_j)
+        touched = bool(False)
+        for c in range(colliders.shape[0]):
+            collider = colliders[c]
+            sweep = s.sweeps[body_index * colliders.shape[0] + c]
+            slot = c * m.edges.shape[0] + k
+            before = wp.vec4(0.0)
+            if not step.first:
+                before = s.edge_contacts[slot]
+            after = before
+            start = (xi - sweep.position) + di
+            e = (xj - xi) + (dj - di)
+            away = wp.length(start + 0.5 * e)
+            path = wp.max(wp.length(di - sweep.motion), wp.length(dj - sweep.motion)) + 0.5 * wp.length(e)
+            path += sweep.spin * (away + path)
+            if away - path < collider.reach + material.thickness:
+                t = deepest(collider.shape, collider.size, sweep.to_local * start, sweep.to_local * e)
+                if t >= 0.0:
+                    slip = (1.0 - t) * slip_of(xi, di, xyz(load4(low_address, i)), sweep)
+                    slip += t * slip_of(xj, dj, xyz(load4(low_address, j)), sweep)
+                    p = sweep.to_local * (start + t * e)
+                    apart = SEPARATION * step.effective
+                    touching = meet(collider.shape, collider.size, p, slip, material.thickness, apart)
+                    gap = touching[3]
+                    if gap < 0.0:
+                        n = xyz(touching)
+                        pressed = before[3] - gap
+                        mu_s = wp.sqrt(material.static_friction * collider.static_friction)
+                        mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
+                        tangential = slip - wp.dot(slip, n) * n
+                        rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n
+                        rubbed = friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
+                        w = wi * (1.0 - t) * (1.0 - t) + wj * t * t
+                        w = wp.max(w, LEAST_SHARE * wp.max(wi, wj))
+                        push = wp.transpose(sweep.to_local) * (-gap * n + rubbed - rubbed_before) / w
+                        di += wi * (1.0 - t) * push
+                        dj += wj * t * push
+                        after = pack(rubbed, pressed)
+                        touched = True
+            if step.repeats:
+                s.edge_contacts[slot] = after
+        if touched:
+            store4(d, i, pack(di, wi))
+            store4(d, j, pack(dj, wj))
+
+    return edge_contact

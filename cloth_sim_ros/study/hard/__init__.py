@@ -1,0 +1,1 @@
+"""Hard cases: what must stay finite, add no energy, recover, and say what it could not meet, whatever the settings."""

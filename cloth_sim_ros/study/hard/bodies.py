@@ -1,0 +1,166 @@
+"""The bodies of the hard cases, and the energy they hold, written from the equations and not from the solver."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cloth_sim_ros.sim import Cloth, Rope, Simulation
+
+BODY = "body"
+SEGMENTS = 24
+GRAVITY = 9.81
+KINDS = ("sheet", "sheet with bending springs", "sheet with hinges", "rope", "rope with bending")
+
+
+def is_rope(kind: str) -> bool:
+    """Whether a kind of body is a rope."""
+    return kind.startswith("rope")
+
+
+def make_body(kind: str, compliance: float = 1e-4, ratio: float = 0.0, pins: str = "hung", **fields) -> Cloth | Rope:
+    """A sheet of 0.9 m with springs of 0.1 m, or a rope of 1 m, of 0.2 kg, in the plane z = 0 around the origin.
+
+    compliance [m/N] of each of its springs; ratio: a load at the end of a rope over its own mass; pins: "hung" by two
+    corners or one end, "both" sides or ends, or "none".
+    """
+    if is_rope(kind):
+        masses = np.full(SEGMENTS + 1, 0.2 / SEGMENTS)
+        masses[[0, -1]] *= 0.5
+        masses[-1] += 0.2 * ratio
+        return Rope(
+            start=(-0.5, 0.0, 0.0),
+            end=(0.5, 0.0, 0.0),
+            segments=SEGMENTS,
+            particle_masses=masses,
+            stretch_compliance=compliance * SEGMENTS,
+            bend_compliance=1e2 if kind == "rope with bending" else None,
+            pins={"hung": "start", "both": "both", "none": None}[pins],
+            **{{"thickness": "radius"}.get(name, name): value for name, value in fields.items()},
+        )
+    bending = {"sheet with bending springs": ("springs", 1e-1), "sheet with hinges": ("dihedral", 1e3)}
+    how, bend_compliance = bending.get(kind, ("springs", None))
+    sides = tuple(int(i) for i in np.concatenate([np.arange(0, 100, 10), np.arange(9, 100, 10)]))
+    return Cloth(
+        resolution=(10, 10),
+        size=(0.9, 0.9),
+        mass=0.2,
+        stretch_compliance=compliance,
+        shear_compliance=2.0 * compliance,
+        bending=how,
+        bend_compliance=bend_compliance,
+        pins={"hung": "corners", "both": sides, "none": None}[pins],
+        **fields,
+    )
+
+
+def inverse_mass(sim: Simulation) -> np.ndarray:
+    """Of every particle (N,) [1/kg], 0 where it is pinned."""
+    arrays, span, _ = sim.device_arrays(BODY)
+    return arrays.state.positions[span].numpy()[:, 3].astype(np.float64)
+
+
+class Energy:
+    """Kinetic, elastic and gravitational energy [J] of the one body of a simulation, in float64."""
+
+    def __init__(self, sim: Simulation) -> None:
+        self._sim, self._body = sim, sim.scene.objects[BODY]
+        self._masses, self.inverse_mass = sim.masses(BODY), inverse_mass(sim)
+        kinds = sim.springs(BODY)
+        self.pairs, self.rest, constant = (np.concatenate([kind[k] for kind in kinds.values()]) for k in range(3))
+        self._rigid, self._constant = np.isinf(constant), constant
+        self._h = sim.settings.frame_dt / sim.settings.substeps
+        # A substep cannot tell a stiffer spring from a rigid one; what iterations leave of it is no energy until it
+        # moves something.
+        stiffest = 1.0 / (self._h**2 * (1.0 / self._masses)[self.pairs].sum(1))
+        self._felt = np.where(constant < stiffest, constant, 0.0)
+        self._stretch = np.repeat([name != "bending" for name in kinds], [len(kind[1]) for kind in kinds.values()])
+
+    def lengths(self, x: np.ndarray) -> np.ndarray:
+        """Of all springs (S,) [m]."""
+        return np.linalg.norm(x[self.pairs[:, 1]] - x[self.pairs[:, 0]], axis=1)
+
+    def strain(self, x: np.ndarray) -> float:
+        """How far springs are from their rest length: RMS of a rope, median of a sheet's structural and shear springs.
+
+        Nothing keeps a sheet from passing through itself here, so that a tangled start may leave it in folds that are
+        equilibria of its springs; few of them are strained there.
+        """
+        found = np.abs(self.lengths(x) / self.rest - 1.0)[self._stretch]
+        return float(np.sqrt((found**2).mean()) if isinstance(self._body, Rope) else np.median(found))
+
+    def at_start(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float]:
+        """As `of`, with all that springs can set free; a rigid body has to be back in shape one substep later."""
+        kinetic = 0.5 * float(self._masses @ (v * v).sum(1))
+        constant = np.where(self._rigid, 0.0, self._constant)
+        elastic = 0.5 * float(constant @ (self.lengths(x) - self.rest) ** 2) + self._bending(x)
+        if self._rigid.any():
+            elastic += 0.5 * float(self._masses @ ((x - self._sim.rest_positions(BODY)) ** 2).sum(1)) / self._h**2
+        return kinetic + elastic, self.height(x)
+
+    def of(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float]:
+        """Kinetic and elastic energy together, and that of gravity with zero at the origin [J]."""
+        if self._sim.settings.method == "verlet":
+            v = v + 0.5 * self._h * self._acceleration(x)  # leapfrog's velocities are half a substep old
+        kinetic = 0.5 * float(self._masses @ (v * v).sum(1))
+        elastic = 0.5 * float(self._felt @ (self.lengths(x) - self.rest) ** 2) + self._bending(x)
+        return kinetic + elastic, self.height(x)
+
+    def height(self, x: np.ndarray) -> float:
+        """Energy of gravity with zero at the origin [J]."""
+        return float(self._masses @ -(x @ np.asarray(self._sim.scene.gravity)))
+
+    def _acceleration(self, x: np.ndarray) -> np.ndarray:
+        edge = x[self.pairs[:, 1]] - x[self.pairs[:, 0]]
+        length = np.linalg.norm(edge, axis=1)
+        pull = (self._constant * (1.0 - self.rest / np.maximum(length, 1e-12)))[:, None] * edge
+        force = np.zeros_like(x)
+        np.add.at(force, self.pairs[:, 0], pull)
+        np.add.at(force, self.pairs[:, 1], -pull)
+        return (self.inverse_mass > 0.0)[:, None] * (force / self._masses[:, None] + self._sim.scene.gravity)
+
+    def scale(self) -> float:
+        """What gravity can give over a metre [J]."""
+        return float(self._masses.sum() * np.linalg.norm(self._sim.scene.gravity))
+
+    def longest_step(self, damping: float) -> float:
+        """The longest substep [s] at which leapfrog is stable at rest: w^2 (h^2 + 2 h tau) < 4, tau = `damping` [s]."""
+        x = self._sim.rest_positions(BODY).astype(np.float64)
+        n = (x[self.pairs[:, 1]] - x[self.pairs[:, 0]]) / self.lengths(x)[:, None]
+        root = np.sqrt(np.repeat(self.inverse_mass, 3))
+        rows = np.zeros((len(self.pairs), len(x), 3))
+        index = np.arange(len(self.pairs))
+        rows[index, self.pairs[:, 0]], rows[index, self.pairs[:, 1]] = -n, n
+        scaled = np.sqrt(self._constant)[:, None] * rows.reshape(len(index), -1) * root
+        square = float(np.linalg.norm(scaled, 2)) ** 2
+        return 4.0 / square / (damping + math.sqrt(damping**2 + 4.0 / square))
+
+    def _bending(self, x: np.ndarray) -> float:
+        body = self._body
+        if isinstance(body, Rope) and body.bend_compliance:
+            edges = np.diff(x, axis=0) * SEGMENTS
+            return 0.5 * float((np.diff(edges, axis=0) ** 2).sum()) * SEGMENTS / body.bend_compliance
+        if isinstance(body, Cloth) and body.bend_compliance and body.bending == "dihedral":
+            return _hinges(x, self._sim.rest_positions(BODY), self._sim.triangles(BODY)) / body.bend_compliance
+        return 0.0
+
+
+def _hinges(x: np.ndarray, rest: np.ndarray, triangles: np.ndarray) -> float:
+    """Sum over inner edges of |e|^2 / (2 (A1 + A2)) theta^2, lengths and areas at rest, which is flat."""
+    half = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    owner = np.tile(np.arange(len(triangles)), 3)
+    order = np.lexsort((owner, *np.sort(half, axis=1).T[::-1]))
+    edge, owner = np.sort(half, axis=1)[order], owner[order]
+    inner = np.flatnonzero((edge[1:] == edge[:-1]).all(1))
+    first, second = owner[inner], owner[inner + 1]
+    areas = [np.linalg.norm(_doubled(rest, triangles[side]), axis=1) / 2.0 for side in (first, second)]
+    square = ((rest[edge[inner, 1]] - rest[edge[inner, 0]]) ** 2).sum(1)
+    n1, n2 = _doubled(x, triangles[first]), _doubled(x, triangles[second])
+    angle = np.arctan2(np.linalg.norm(np.cross(n1, n2), axis=1), (n1 * n2).sum(1))
+    return float((square / (2.0 * (areas[0] + areas[1])) * angle**2).sum())
+
+
+def _doubled(x: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    a, b, c = (x[triangles[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
