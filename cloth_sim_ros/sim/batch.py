@@ -120,6 +120,8 @@ class Batch:
         segments, b = self.segments(name), self.index[name]
         if segments.stop > segments.start:
             self._part("tensions", segments, world).zero_()
+            if self.features.beam:
+                self._part("moments", segments, world).zero_()
         if self.features.looks_back:
             self._part("history", slice(b, b + 1), world).zero_()
 

@@ -28,6 +28,7 @@ class Features:
     order: int
     method: str
     worlds: bool = False  # whether there are many, each with a state of its own
+    beam: bool = False  # a chain that resists bending
 
     def key(self) -> str:
         """A name for kernels with these features, the same in every process, so that caches on disk are found."""
@@ -54,7 +55,8 @@ class Features:
         if topology.edges() and set(shapes) - {"plane"}:  # before a plane, an end of every edge comes first
             others += ("edge",)
         chain = topology.chain is not None
-        return Features(kinds + others, chain, panels if wind else "", shapes, order, method, worlds)
+        beam = chain and topology.bends is not None
+        return Features(kinds + others, chain, panels if wind else "", shapes, order, method, worlds, beam)
 
 
 @wp.struct
@@ -92,6 +94,8 @@ class Model:
     tuple_rest: wp.array(dtype=wp.vec4)  # (E, 4) rest, scale and two more
     edges: wp.array(dtype=wp.vec2i)  # (D,) particles of edges that touch colliders
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
+    joints: wp.array(dtype=wp.vec4)  # (C,) behind each segment of a chain that bends: rest turn [-], span [m], and the
+    # inverse lengths [1/m] of the segments before and behind it; nothing behind the last
     spokes: wp.array(dtype=wp.vec2i)  # springs around each particle, for method verlet: other particle and type, the
     # first spring of all particles of a body, then the second of all, padded with type 0 up to the body's spoke_width
     spoke_types: wp.array(dtype=wp.vec4)  # (T, 4) rest length [m], 1/scale, kind; type 0 pulls nothing
@@ -159,6 +163,10 @@ class ModelArrays:
             self._append_groups("edge", 0, start, spans)
         chain = topology.chain.rest if topology.chain is not None else np.zeros(0)
         segments = self._append("segment_length", chain)
+        if topology.chain is not None and topology.bends is not None:
+            bends = topology.bends
+            joints = np.column_stack([bends.rest, bends.scale, topology.bend_weights])
+            self._append("joints", np.concatenate([joints, np.zeros((1, 4))]))
         panels = self._add_panels(topology)
         spokes, spoke_width = self._add_spokes(topology) if self._with_spokes else (0, 0)
         rests = [e.rest for e in topology.springs.values()] + ([chain] if len(chain) else [])
@@ -237,6 +245,7 @@ _TYPES = {
     "tuple_rest": (wp.vec4, np.float32),
     "edges": (wp.vec2i, np.int32),
     "segment_length": (float, np.float32),
+    "joints": (wp.vec4, np.float32),
     "spokes": (wp.vec2i, np.int32),
     "spoke_types": (wp.vec4, np.float32),
     "panels": (wp.vec3i, np.int32),

@@ -98,6 +98,17 @@ class Segment:
 
 
 @wp.struct
+class BeamRow:
+    """Scratch of the solve of a rope's bending at one particle (see schedules/beam.py)."""
+
+    pivot: float
+    inverse: float
+    first: float
+    second: float
+    move: wp.vec3
+
+
+@wp.struct
 class State:
     """Arrays of one batch; N particles, S springs, E tuples, D edges, C segments, P panels, K colliders, B bodies."""
 
@@ -113,6 +124,8 @@ class State:
     targets: wp.array(dtype=wp.vec3)  # (N,) where particles of a chain would be without it [m], chains alone
     solved: wp.array(dtype=wp.vec3)  # (N,) where its last solve put them [m], chains alone
     segments: wp.array(dtype=Segment)  # (C,)
+    moments: wp.array(dtype=wp.vec3)  # (C,) bending moment [N m] behind each segment of a chain that bends
+    beam: wp.array(dtype=BeamRow)  # (N,)
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     edge_contacts: wp.array(dtype=wp.vec4)  # (K D,) the same of edges
@@ -172,6 +185,8 @@ def make_states(
         "targets": (particles if features.chain else 0, wp.vec3),
         "solved": (particles if features.chain else 0, wp.vec3),
         "segments": (arrays.size["segment_length"], Segment),
+        "moments": (arrays.size["joints"], wp.vec3),
+        "beam": (particles if features.beam else 0, BeamRow),
         "panel_forces": (arrays.size["panels"] if features.panels else 0, wp.vec4),
         "contacts": (particles * colliders, wp.vec4),
         "edge_contacts": (edges * colliders, wp.vec4),

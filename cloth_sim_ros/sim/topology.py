@@ -53,11 +53,11 @@ class Topology:
         return [elements for elements in kinds if elements is not None]
 
     def others(self) -> list[tuple[str, Elements, np.ndarray]]:
-        """(constraint, elements, (E, 2) further numbers) of every constraint that is not a spring."""
+        """(constraint, elements, (E, 2) further numbers) of every constraint that is projected and not a spring."""
         found = []
         if self.hinges is not None:
             found.append(("hinge", self.hinges, np.zeros((len(self.hinges.rest), 2))))
-        if self.bends is not None:
+        if self.bends is not None and self.chain is None:
             found.append(("bend", self.bends, self.bend_weights))
         return found
 
@@ -248,11 +248,12 @@ def _rope(rope: Rope, direct: bool) -> Topology:
     index = np.arange(count)
     pairs = np.stack([index[:-1], index[1:]], axis=1)
     stretch = Elements(pairs, length, length, index[:-1] % 2)
-    bends, weights = _bends(rope, points, length)
+    pinned = _pinned(rope.pins, named, count)
+    bends, weights = _bends(rope, points, length, pinned)
     return Topology(
         rest=rotate(rope.orientation, points) + np.asarray(rope.position),
         masses=masses,
-        pinned=_pinned(rope.pins, named, count),
+        pinned=pinned,
         springs={} if direct else {"structural": stretch},
         triangles=np.zeros((0, 3), dtype=np.int32),
         panels=np.concatenate([pairs, np.full((count - 1, 1), -1)], axis=1),
@@ -263,12 +264,17 @@ def _rope(rope: Rope, direct: bool) -> Topology:
     )
 
 
-def _bends(rope: Rope, points: np.ndarray, length: np.ndarray) -> tuple[Elements | None, np.ndarray]:
+def _bends(
+    rope: Rope, points: np.ndarray, length: np.ndarray, pinned: np.ndarray
+) -> tuple[Elements | None, np.ndarray]:
+    """Joints between segments. Half of each segment bends at a joint; a segment held at both ends does not bend, so a
+    clamp of two pinned particles is twice as stiff as a joint (Hencky 1920)."""
     if rope.bend_compliance is None or len(points) < 3:
         return None, np.zeros((0, 2))
     index = np.arange(1, len(points) - 1)
     tangents = np.diff(points, axis=0) / length[:, None]
     turn = np.linalg.norm(np.diff(tangents, axis=0), axis=1)
-    span = 0.5 * (length[:-1] + length[1:])
+    bending = np.where(pinned[:-1] & pinned[1:], 0.0, length)
+    span = 0.5 * np.where(bending[:-1] + bending[1:] > 0.0, bending[:-1] + bending[1:], length[:-1] + length[1:])
     particles = np.stack([index - 1, index, index + 1], axis=1)
     return Elements(particles, turn, span, (index - 1) % 3), np.stack([1.0 / length[:-1], 1.0 / length[1:]], axis=1)

@@ -129,7 +129,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     contact_edge = make_edge_contact(features.shapes) if "edge" in features.constraints else None
     project_one_spring = make_project_spring(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
-    solve_chain = make_solve_chain(features.order, 1, True) if features.chain else None
+    solve_chain = make_solve_chain(features.order, 1, True, features.beam) if features.chain else None
     module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}")
     wp.set_module_options(CPU_FLAGS, module)
     kernels: dict[str, wp.Kernel] = {}
@@ -208,6 +208,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             put_back(p, arrays.state)
             if body.segments + i < body.segments_end:
                 arrays.state.tensions[body.segments + i] = 0.0
+                if wp.static(features.beam):
+                    arrays.state.moments[body.segments + i] = wp.vec3(0.0)
         else:
             keep(p, arrays.state.positions[p], arrays.state.low[p], arrays.state)
 

@@ -22,7 +22,8 @@ from cloth_sim_ros.sim.physics.chain import (
 )
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quotient, store4, sync_any, xyz
+from cloth_sim_ros.sim.schedules.beam import bend_by_moments, solve_beam
+from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quotient, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.scan import Reach, Share, scan_backward, scan_forward, share_of
 from cloth_sim_ros.sim.state import Material, Segment, State
 
@@ -148,11 +149,12 @@ def backward(segment: Segment, u: wp.vec3):
     return segment, wp.transpose(segment.frame) * before
 
 
-def make_solve_chain(order: int, threads: int, stored: bool):
+def make_solve_chain(order: int, threads: int, stored: bool, beam: bool):
     """A Warp function by which thread t of `threads` solves its part of a body's chain.
 
     `stored`: a thread may have several segments, kept in State.segments; otherwise its one stays in registers. The
-    address is that of SLOTS x threads vec4 that the threads share, unused by one thread.
+    address is that of 2 x SLOTS x threads vec4 that the threads share, unused by one thread. `beam`: the chain also
+    resists bending, solved after its stretch.
     """
     prepare = make_prepare(order)
     gather = make_gather(stored)
@@ -171,6 +173,11 @@ def make_solve_chain(order: int, threads: int, stored: bool):
         shared: wp.uint64,
     ):
         share = share_of(t, threads, body)
+        if wp.static(beam):
+            if step.first:
+                for i in range(t, body.count, threads):
+                    bend_by_moments(i, m, s, body, step, d)
+                sync()
         segment = Segment()
         first = wp.mat33(0.0)
         for k in range(share.begin, share.end):
@@ -229,6 +236,10 @@ def make_solve_chain(order: int, threads: int, stored: bool):
             _move(k + 1, segment.moved, s, body, step, d)
         if t == 0:
             _move(0, near, s, body, step, d)
+        if wp.static(beam):
+            sync()
+            if t == 0:
+                solve_beam(m, s, body, material, step, x, d)
 
     return solve_chain
 

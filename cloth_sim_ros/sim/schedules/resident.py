@@ -75,7 +75,11 @@ def make_frame(features: Features, shared: int, block: int):
     edge_contact = make_edge_contact(features.shapes) if "edge" in features.constraints else None
     project_springs = make_project_springs(features.order, shared > 0) if "spring" in features.constraints else None
     project_tuple = make_project_tuple(features.constraints, features.order)
-    solve_chain = make_solve_chain(features.order, block, shared == 0 or shared > THREADS) if features.chain else None
+    solve_chain = (
+        make_solve_chain(features.order, block, shared == 0 or shared > THREADS, features.beam)
+        if features.chain
+        else None
+    )
     tile_address = native.make_tile_address(shared) if shared else None
     slots = 2 * SLOTS * block if shared and features.chain else 0
     span_address = native.make_tile_address(slots) if slots else None
@@ -209,6 +213,8 @@ def make_frame(features: Features, shared: int, block: int):
             history = 0
             for k in range(body.segments + t, body.segments_end, width):
                 s.tensions[k] = 0.0
+                if wp.static(features.beam):
+                    s.moments[k] = wp.vec3(0.0)
         if t == 0:
             if faulty:
                 s.recoveries[b] += 1
