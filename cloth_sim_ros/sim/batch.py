@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.model import Features, Model, ModelArrays
 from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.resident import Resident, capacity
+from cloth_sim_ros.sim.schedules.tiled import Tiled
+from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, LiveArray, Material, make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
+
+KEPT = ("positions", "low", "good_positions", "good_low", "velocities")
+
+
+@dataclass(frozen=True)
+class BodyState:
+    """One body in all worlds: arrays of KEPT (worlds, N, 4), recoveries (worlds, 1), rows of Material (worlds,)."""
+
+    particles: dict[str, np.ndarray]
+    recoveries: np.ndarray
+    materials: np.ndarray
 
 
 class Batch:
@@ -45,7 +60,7 @@ class Batch:
         self.states = make_states(collected, features, colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, frame, colliders) for w in range(worlds)]
-        self.schedule = self._make_schedule(schedule)
+        self.schedule = self._make_schedule(schedule, [topology.layout for topology in topologies.values()])
         for name in topologies:
             self.reset(name, None)
 
@@ -56,8 +71,15 @@ class Batch:
         arrays.colliders = row_of(colliders.array, w)
         return arrays
 
-    def _make_schedule(self, wanted: str) -> Resident | Coloured:
+    def _make_schedule(self, wanted: str, layouts: list[np.ndarray]) -> Resident | Coloured | Tiled:
         largest, limit = max(self.counts), capacity(self.device, self.features)
+        if wanted == "tiled":
+            return Tiled(self.features, self.worlds, layouts, self.device)
+        if wanted == "auto" and self.features.method == "verlet" and self.device.is_cuda:
+            try:
+                return Tiled(self.features, self.worlds, layouts, self.device)
+            except Unfit:
+                pass  # the other schedules take everything
         if wanted == "resident" and largest > limit:
             raise ValueError(
                 f"solver.schedule is 'resident' with a body of {largest} particles; allowed are up to {limit} on "
@@ -103,6 +125,21 @@ class Batch:
         """Velocities (N, 3) [m/s]; history and multipliers start anew."""
         self._assign("velocities", self.span(name), world, _padded(velocities))
         self._forget(name, world)
+
+    def take(self, name: str) -> BodyState:
+        """Everything of a body that outlives its arrays."""
+        span, b = self.span(name), self.index[name]
+        particles = {array: self._part(array, span, None).numpy() for array in KEPT}
+        recoveries = self._part("recoveries", slice(b, b + 1), None).numpy()
+        return BodyState(particles, recoveries, self.materials.read(b, None))
+
+    def give(self, name: str, kept: BodyState) -> None:
+        """What another batch took of a body; history and multipliers start anew."""
+        span, b = self.span(name), self.index[name]
+        for array, rows in kept.particles.items():
+            self._part(array, span, None).assign(rows)
+        self._part("recoveries", slice(b, b + 1), None).assign(kept.recoveries)
+        self.materials.edit()[:, b] = kept.materials
 
     def forget_steps(self) -> None:
         """The length of a substep changed: order 2 starts from its first-order substep again."""

@@ -104,7 +104,7 @@ class Reporter:
         if batch.features.shapes:
             kernel = make_measure_contacts(batch.features.shapes)
             wp.launch(kernel, dim=span.stop - span.start, inputs=[arrays, b, self._result], device=self._device)
-        velocities = arrays.state.velocities[span].numpy().astype(np.float64)
+        velocities = arrays.state.velocities[span].numpy()[:, :3].astype(np.float64)
         inverse = arrays.state.positions[span].numpy()[:, 3].astype(np.float64)
         moving = inverse > 0.0
         energy = 0.5 * float(((velocities[moving] ** 2).sum(1) / inverse[moving]).sum())

@@ -32,7 +32,8 @@ class Topology:
 
     springs: kind -> Elements of pairs, rest [m]; hinges: (H, 4) edge i, j and opposite k, l, rest [rad];
     bends: (B, 3) of a rope, rest is the turn [-], `weights` (B, 2) the inverse lengths [1/m] of its two segments.
-    panels: (P, 3) particles that the wind acts on, -1 as the third of a rope's segment.
+    panels: (P, 3) particles that the wind acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions
+    [m] in local axes, along which grids are cut into tiles.
     """
 
     rest: np.ndarray
@@ -41,6 +42,7 @@ class Topology:
     springs: dict[str, Elements]
     triangles: np.ndarray
     panels: np.ndarray
+    layout: np.ndarray
     hinges: Elements | None = None
     bends: Elements | None = None
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -187,11 +189,12 @@ def _sheet(cloth, name, local, masses, named, triangles, springs) -> Topology:
         hinges = _hinges(local, triangles, name)
     return Topology(
         rest=rotate(cloth.orientation, local) + np.asarray(cloth.position),
-        masses=masses,
+        masses=masses if cloth.particle_masses is None else cloth.particle_masses,
         pinned=_pinned(cloth.pins, named, len(local)),
         springs=springs,
         triangles=triangles,
         panels=triangles,
+        layout=local,
         hinges=hinges,
         edge_contact=cloth.edge_contact,
     )
@@ -257,6 +260,7 @@ def _rope(rope: Rope, direct: bool) -> Topology:
         springs={} if direct else {"structural": stretch},
         triangles=np.zeros((0, 3), dtype=np.int32),
         panels=np.concatenate([pairs, np.full((count - 1, 1), -1)], axis=1),
+        layout=points,
         bends=bends,
         bend_weights=weights,
         chain=stretch if direct else None,

@@ -235,11 +235,14 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             here = look(arrays, b, first, 0)
             contact_particle(
                 i,
-                b,
-                here.body,
+                b * arrays.colliders.shape[0],
+                here.body.particles + i,
                 arrays.materials[b],
                 arrays.colliders,
-                arrays.state,
+                arrays.state.sweeps,
+                arrays.state.contacts,
+                arrays.state.velocities,
+                arrays.state.last_displacements,
                 here.step,
                 here.x,
                 here.low,

@@ -56,7 +56,8 @@ return 1.0f / sqrtf(value);
 """
 _INVERSE_ROOT = """
 #if defined(__CUDA_ARCH__)
-float y = rsqrtf(value);
+float y;
+asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(value));  // rsqrtf would first look for subnormal numbers
 return fmaf(0.5f * y, fmaf(-value * y, y, 1.0f), y);
 #else
 return 1.0f / sqrtf(value);

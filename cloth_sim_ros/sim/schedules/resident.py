@@ -173,7 +173,22 @@ def make_frame(features: Features, shared: int, block: int):
                         sync()
                 if wp.static(bool(features.shapes)):
                     for i in range(last - t, -1, -width):
-                        contact(i, b, body, material, colliders, s, step, x, low, d)
+                        sweep, slot = b * colliders.shape[0], body.particles + i
+                        contact(
+                            i,
+                            sweep,
+                            slot,
+                            material,
+                            colliders,
+                            s.sweeps,
+                            s.contacts,
+                            s.velocities,
+                            s.last_displacements,
+                            step,
+                            x,
+                            low,
+                            d,
+                        )
                     sync()
             rough = int(0)
             if wp.static(features.panels != "" or features.looks_back):

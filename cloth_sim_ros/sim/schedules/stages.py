@@ -50,25 +50,74 @@ def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
     return sweep
 
 
+@wp.struct
+class Corners:
+    """Positions [m] and velocities [m/s] of a panel's particles; a rope's segment has no third."""
+
+    a: wp.vec3
+    b: wp.vec3
+    c: wp.vec3
+    va: wp.vec3
+    vb: wp.vec3
+    vc: wp.vec3
+
+
+def make_air(features: Features):
+    """The force of the air [N] on one particle of a panel, and its drag rate [N s/m]."""
+
+    @wp.func
+    def air(p: Corners, frame: Frame, material: Material) -> wp.vec4:
+        if wp.static(features.panels == "triangles"):
+            relative = frame.wind - (p.va + p.vb + p.vc) / 3.0
+            return triangle_force(p.a, p.b, p.c, relative, frame.air_density, frame.drag, frame.lift) / 3.0
+        else:
+            relative = frame.wind - (p.va + p.vb) / 2.0
+            return segment_force(p.a, p.b, material.thickness, relative, frame.air_density, frame.drag) / 2.0
+
+    return air
+
+
 def make_panel(features: Features):
     """The stage that computes the air's force on panel k of the batch."""
+    air = make_air(features)
 
     @wp.func
     def panel_force(k: int, m: Model, s: State, body: Body, material: Material, frame: Frame, x: wp.uint64):
         p = m.panels[k]
-        a = xyz(load4(x, p[0]))
-        b = xyz(load4(x, p[1]))
-        va = xyz(s.velocities[body.particles + p[0]])
-        vb = xyz(s.velocities[body.particles + p[1]])
+        corners = Corners()
+        corners.a = xyz(load4(x, p[0]))
+        corners.b = xyz(load4(x, p[1]))
+        corners.va = xyz(s.velocities[body.particles + p[0]])
+        corners.vb = xyz(s.velocities[body.particles + p[1]])
         if wp.static(features.panels == "triangles"):
-            relative = frame.wind - (va + vb + xyz(s.velocities[body.particles + p[2]])) / 3.0
-            c = xyz(load4(x, p[2]))
-            s.panel_forces[k] = triangle_force(a, b, c, relative, frame.air_density, frame.drag, frame.lift) / 3.0
-        else:
-            relative = frame.wind - (va + vb) / 2.0
-            s.panel_forces[k] = segment_force(a, b, material.thickness, relative, frame.air_density, frame.drag) / 2.0
+            corners.c = xyz(load4(x, p[2]))
+            corners.vc = xyz(s.velocities[body.particles + p[2]])
+        s.panel_forces[k] = air(corners, frame, material)
 
     return panel_force
+
+
+@wp.func
+def spring_constants(material: Material) -> wp.vec3:
+    """Constants [N/m] of structural, shear and bending springs of scale 1."""
+    c = material.compliance
+    return wp.vec3(1.0 / wp.max(c[0], 1.0e-30), 1.0 / wp.max(c[1], 1.0e-30), 1.0 / wp.max(c[2], 1.0e-30))
+
+
+@wp.func
+def spoke_constant(kind: wp.vec4, constants: wp.vec3) -> float:
+    """The constant [N/m] of a spring of type `kind` (Model.spoke_types)."""
+    return wp.where(kind[2] == 0.0, constants[0], wp.where(kind[2] == 1.0, constants[1], constants[2])) * kind[1]
+
+
+@wp.func
+def spoke_force(e: wp.vec3, rest: float, constant: float, damping: float, apart: wp.vec3) -> wp.vec3:
+    """The force [N] of the spring and dashpot along e [m] on the particle where e begins; `apart` is de/dt [m/s]."""
+    inverse = inverse_root(wp.max(wp.dot(e, e), SHORTEST * SHORTEST))
+    pull = 1.0 - rest * inverse
+    if damping > 0.0:
+        pull += damping * wp.dot(e, apart) * inverse * inverse
+    return (constant * pull) * e
 
 
 @wp.func
@@ -78,9 +127,7 @@ def spring_force(
     """The force of all springs and dashpots around particle i [N], gathered, for explicit methods."""
     xi = load4(x, i)
     li = load4(low, i)
-    stretch = 1.0 / wp.max(material.compliance[0], 1.0e-30)
-    shear = 1.0 / wp.max(material.compliance[1], 1.0e-30)
-    bending = 1.0 / wp.max(material.compliance[2], 1.0e-30)
+    constants = spring_constants(material)
     force = wp.vec3(0.0)
     # One spoke ahead: the fetch from a GPU's memory takes longer than the arithmetic of a spoke.
     ahead = load_pair(m.spokes, body.spokes + i)
@@ -90,13 +137,10 @@ def spring_force(
         j = spoke[0]
         kind = load4(array_address(m.spoke_types, 0), spoke[1])
         e = xyz((load4(x, j) - xi) + (load4(low, j) - li))
-        inverse = inverse_root(wp.max(wp.dot(e, e), SHORTEST * SHORTEST))
-        pull = 1.0 - kind[0] * inverse
+        apart = wp.vec3(0.0)
         if material.damping > 0.0:
-            rate = wp.dot(e, xyz(s.velocities[body.particles + j]) - v)
-            pull += material.damping * rate * inverse * inverse
-        constant = wp.where(kind[2] == 0.0, stretch, wp.where(kind[2] == 1.0, shear, bending)) * kind[1]
-        force += (constant * pull) * e
+            apart = xyz(s.velocities[body.particles + j]) - v
+        force += spoke_force(e, kind[0], spoke_constant(kind, constants), material.damping, apart)
     return force
 
 
@@ -119,6 +163,26 @@ def moving_of(i: int, s: State, body: Body, low_address: wp.uint64) -> Moving:
     moving.velocity = xyz(load4(array_address(s.velocities, 0), body.particles + i))
     moving.low = xyz(load4(low_address, i))
     return moving
+
+
+@wp.func
+def first_share(step: Step) -> float:
+    """Leapfrog: velocities live half a step before the positions, so the first kick is half a kick."""
+    return wp.where(step.second, 1.0, 0.5)
+
+
+@wp.func
+def eased_by(rate: float, step: Step) -> float:
+    """What a substep of implicit drag of `rate` [1/s] leaves of a velocity."""
+    return quotient(1.0, 1.0 + step.effective * rate)
+
+
+@wp.func
+def kick(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, low: wp.vec3, step: Step) -> wp.vec4:
+    """The predicted displacement plus the low part [m], and the effective inverse mass [1/kg], under drag."""
+    displacement = predict_displacement(base, v, a, step.effective, eased)
+    # The implicit drag weighs like added mass; with it the static balance of drag, weight and springs is exact.
+    return pack(displacement + low, w * eased)
 
 
 def make_predict(features: Features):
@@ -159,13 +223,8 @@ def make_predict(features: Features):
                 rate += w * force[3]
         if wp.static(features.method == "verlet"):
             a += w * spring_force(i, m, s, body, material, v, x, low_address)
-            if not step.second:
-                # Leapfrog: velocities live half a step before the positions, so the first kick is half a kick.
-                a *= 0.5
-        eased = quotient(1.0, 1.0 + step.effective * rate)
-        displacement = predict_displacement(base, v, a, step.effective, eased)
-        # The implicit drag weighs like added mass; with it the static balance of drag, weight and springs is exact.
-        store4(d, i, pack(displacement + low, w * eased))
+            a *= first_share(step)
+        store4(d, i, kick(base, v, a, eased_by(rate, step), w, low, step))
 
     return predict
 
@@ -173,6 +232,25 @@ def make_predict(features: Features):
 # [m/s] at which what overlaps at the start of a substep comes apart, as after a fall of half a metre: a collider that
 # is placed into a cloth would otherwise fling it out within one substep.
 SEPARATION = wp.constant(3.0)
+NOISE = wp.constant(1.0e-6)  # [m] a motion of this size may be rounding alone
+
+
+@wp.func
+def forgotten(past: wp.vec3, now: wp.vec3, normal: wp.vec3, hit: bool) -> wp.vec3:
+    """What BDF2 may remember of a motion `past` that a contact turned into `now`, both displacements or velocities.
+
+    Across the surface only what is now, or the particle would bounce off with half the velocity that it came with; in
+    a `hit`, where it came by as much as it was pressed back, that holds for friction's jump as well.
+    """
+    if hit:
+        return now
+    return past + wp.dot(now - past, normal) * normal
+
+
+@wp.func
+def length_of(step: Step) -> float:
+    """The length of a substep [s], which in order 2 is more than its effective step."""
+    return wp.where(step.second, 1.5, 1.0) * step.effective
 
 
 def make_meet(shapes: tuple[str, ...]):
@@ -221,17 +299,23 @@ def make_meet(shapes: tuple[str, ...]):
 
 
 def make_contact(features: Features):
-    """The stage that keeps particle i outside all colliders, with friction, after each iteration."""
+    """The stage that keeps particle i outside all colliders, with friction, after each iteration.
+
+    The colliders' motion lies in `sweeps` from `first_sweep` on, what earlier iterations did in `contacts` at `slot`.
+    """
     meet = make_meet(features.shapes)
 
     @wp.func
     def contact(
         i: int,
-        body_index: int,
-        body: Body,
+        first_sweep: int,
+        slot: int,
         material: Material,
         colliders: wp.array(dtype=ColliderMotion),
-        s: State,
+        sweeps: wp.array(dtype=Sweep),
+        contacts: wp.array(dtype=wp.vec4),
+        velocities: wp.array(dtype=wp.vec4),
+        last_displacements: wp.array(dtype=wp.vec3),
         step: Step,
         x: wp.uint64,
         low_address: wp.uint64,
@@ -245,19 +329,18 @@ def make_contact(features: Features):
         displacement = xyz(packed)
         touched = bool(False)
         for c in range(colliders.shape[0]):
-            k = body_index * colliders.shape[0] + c
-            slot = c * s.low.shape[0] + body.particles + i
+            k = first_sweep + c
             before = wp.vec4(0.0)
             if not step.first:
-                before = s.contacts[slot]
+                before = contacts[slot * colliders.shape[0] + c]
             after = before
             # Most particles are farther from the collider than both can move in a substep: a few numbers tell.
-            offset = (position - s.sweeps[k].position) + displacement
-            path = wp.length(displacement - s.sweeps[k].motion)
-            path += s.sweeps[k].spin * (wp.length(offset) + path)
+            offset = (position - sweeps[k].position) + displacement
+            path = wp.length(displacement - sweeps[k].motion)
+            path += sweeps[k].spin * (wp.length(offset) + path)
             if wp.length(offset) - path < colliders[c].reach + material.thickness:
                 collider = colliders[c]
-                sweep = s.sweeps[k]
+                sweep = sweeps[k]
                 low = xyz(load4(low_address, i))
                 # Relative motion in the collider's axes, without the difference of two large positions.
                 slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
@@ -276,8 +359,18 @@ def make_contact(features: Features):
                     displacement += wp.transpose(sweep.to_local) * (-gap * n + rubbed - rubbed_before)
                     after = pack(rubbed, pressed)
                     touched = True
+                    if wp.static(features.order == 2):
+                        normal = wp.transpose(sweep.to_local) * n
+                        moved = displacement - low
+                        past = last_displacements[slot]
+                        if wp.dot(moved - past, normal) > NOISE:
+                            hit = -wp.dot(past - sweep.motion, normal) > 0.5 * pressed
+                            v = velocities[slot]
+                            speed = moved / length_of(step)
+                            last_displacements[slot] = forgotten(past, moved, normal, hit)
+                            velocities[slot] = pack(forgotten(xyz(v), speed, normal, hit), 0.0)
             if step.repeats:
-                s.contacts[slot] = after
+                contacts[slot * colliders.shape[0] + c] = after
         if touched:
             store4(d, i, pack(displacement, w))
 

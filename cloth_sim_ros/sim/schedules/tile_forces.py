@@ -1,0 +1,120 @@
+"""The forces on a member of a tile, gathered from what lies around it in the tile's shared memory (see tiled.py)."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.model import Features, Model
+from cloth_sim_ros.sim.schedules.native import array_address, load4, xyz
+from cloth_sim_ros.sim.schedules.stages import Corners, make_air, pack, spoke_constant, spoke_force
+from cloth_sim_ros.sim.schedules.tiles import PLACES, Tiles
+from cloth_sim_ros.sim.state import Frame, Material
+
+
+@wp.struct
+class Carried:
+    """What a particle carries from substep to substep: position [m] and inverse mass [1/kg], what float32 lost of the
+    position [m], velocity [m/s]."""
+
+    x: wp.vec4
+    low: wp.vec3
+    v: wp.vec3
+
+
+def make_springs(width: int, capacity: int):
+    """A struct and three Warp functions: what fetches the `width` springs of a member of a tile, and what computes
+    their force [N], without and with dashpots.
+
+    The springs of one member do not wait for one another: no branch lies between them.
+    """
+    places = wp.types.vector(length=width, dtype=wp.int32)
+    numbers = wp.types.vector(length=width, dtype=wp.float32)
+
+    @wp.struct
+    class Springs:
+        others: places
+        rests: numbers
+        constants: numbers
+
+    @wp.func
+    def gather(n: int, i: int, m: Model, tiles: Tiles, constants: wp.vec3) -> Springs:
+        springs = Springs()
+        for q in range(width):
+            packed = tiles.spokes[(n * width + q) * capacity + i]
+            kind = load4(array_address(m.spoke_types, 0), packed / wp.static(PLACES))
+            springs.others[q] = packed & wp.static(PLACES - 1)
+            springs.rests[q] = kind[0]
+            springs.constants[q] = spoke_constant(kind, constants)
+        return springs
+
+    @wp.func
+    def edge(here: int, now: Carried, other: int, shared: wp.uint64) -> wp.vec3:
+        j = here + other
+        return xyz((load4(shared, j) - now.x) + (load4(shared, capacity + j) - pack(now.low, 0.0)))
+
+    @wp.func
+    def force(here: int, now: Carried, springs: Springs, shared: wp.uint64) -> wp.vec3:
+        total = wp.vec3(0.0)
+        for q in range(width):
+            e = edge(here, now, springs.others[q], shared)
+            total += spoke_force(e, springs.rests[q], springs.constants[q], 0.0, wp.vec3(0.0))
+        return total
+
+    @wp.func
+    def damped_force(here: int, now: Carried, springs: Springs, damping: float, shared: wp.uint64) -> wp.vec3:
+        total = wp.vec3(0.0)
+        for q in range(width):
+            e = edge(here, now, springs.others[q], shared)
+            apart = xyz(load4(shared, 2 * capacity + here + springs.others[q])) - now.v
+            total += spoke_force(e, springs.rests[q], springs.constants[q], damping, apart)
+        return total
+
+    return Springs, gather, force, damped_force
+
+
+def make_drag(features: Features, panels: int, capacity: int):
+    """A Warp function: the force of the air [N] on a member of a tile by the `panels` around it, and its drag rate."""
+    air = make_air(features)
+
+    @wp.func
+    def drag(
+        n: int,
+        i: int,
+        here: int,
+        now: Carried,
+        tiles: Tiles,
+        frame: Frame,
+        material: Material,
+        shared: wp.uint64,
+    ) -> wp.vec4:
+        total = wp.vec4(0.0)
+        for q in range(panels):
+            packed = tiles.panels[(n * panels + q) * capacity + i]
+            corner = packed / wp.static(PLACES * PLACES)
+            if corner < 3:
+                j = here + (packed & wp.static(PLACES - 1))
+                k = here + ((packed / wp.static(PLACES)) & wp.static(PLACES - 1))
+                p = xyz(load4(shared, j))
+                vp = xyz(load4(shared, 2 * capacity + j))
+                r = xyz(load4(shared, k))
+                vr = xyz(load4(shared, 2 * capacity + k))
+                corners = Corners()
+                corners.a = p
+                corners.va = vp
+                corners.b = p
+                corners.vb = vp
+                corners.c = r
+                corners.vc = vr
+                if corner == 0:
+                    corners.a = xyz(now.x)
+                    corners.va = now.v
+                elif corner == 1:
+                    corners.b = xyz(now.x)
+                    corners.vb = now.v
+                else:
+                    corners.b = r
+                    corners.vb = vr
+                    corners.c = xyz(now.x)
+                    corners.vc = now.v
+                total += air(corners, frame, material)
+        return total
+
+    return drag

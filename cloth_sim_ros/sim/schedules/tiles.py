@@ -1,0 +1,227 @@
+"""The tiles of a batch on the device, and how large and how deep they are best (see tiled.py)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.state import Arrays, Sweep
+from cloth_sim_ros.sim.tiling import Tiling, cut, surround
+
+PLACES = 4096  # a packed spoke is a place in the tile, below this, and this times a type
+WIDEST = 16  # springs around a particle: their places and numbers stay in registers
+THREADS = 1024  # of a block; each has one member of a tile
+DEEPEST = 8  # substeps a launch of tiles with halos
+SWEPT = 8  # substeps whose colliders' motion is computed at a time
+_TYPES = (1 << 31) // PLACES
+# Microseconds on an H200: a launch with its loads and stores, a substep of few particles, a warp's reads of a spring.
+_LAUNCH, _LEAST, _A_SPRING = 3.5, 0.25, 8.0 / 1.75e3
+OUTSIDE = 1 << 30  # ring of a place without a member
+_WHOLE_FRAME = 1 << 30  # substeps a launch of bodies of one tile, which have no halo
+_BYTES_A_MEMBER = 96  # positions, low parts and velocities of two substeps
+_RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
+_ARENA = 1 << 18  # bytes of a CPU's stand-in for shared memory
+
+
+@wp.struct
+class Tiles:
+    """All T tiles of a batch, each of `capacity` C places, and the second buffer of what they exchange."""
+
+    body: wp.array(dtype=int)  # (T,)
+    members: wp.array(dtype=int)  # (T C,) particles, counted in the batch
+    rings: wp.array(dtype=int)  # (T C,) distance of a member from the tile's own particles, OUTSIDE where there is none
+    spokes: wp.array(dtype=int)  # (T W C,) place of the other particle + PLACES x type
+    panels: wp.array(dtype=int)  # (T P C,) places of the other corners, and which corner the member is, 3 for no panel
+    positions: wp.array(dtype=wp.vec4)  # (worlds N,)
+    low: wp.array(dtype=wp.vec4)  # (worlds N,)
+    velocities: wp.array(dtype=wp.vec4)  # (worlds N,)
+    sweeps: wp.array(dtype=Sweep)  # (worlds T SWEPT K,)
+    contacts: wp.array(dtype=wp.vec4)  # (worlds T C K,)
+
+
+class Unfit(ValueError):
+    """Tiles cannot serve a batch; the message says why."""
+
+    def __init__(self, reason: str, allowed: str):
+        super().__init__(f"solver.schedule is 'tiled' with {reason}; allowed is {allowed}, or schedule 'auto'")
+
+
+@dataclass(frozen=True)
+class Around:
+    """What lies around the N particles of a body: W springs, padded with type 0, and P panels, padded with corner 3.
+
+    others (N, W + 2 P): the particles at the other ends of the springs, then the other two corners of every panel;
+    types (N, W) of the springs; corners (N, P): which corner of the panel the particle is.
+    """
+
+    others: np.ndarray
+    types: np.ndarray
+    corners: np.ndarray
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Tilings of all bodies and what lies around their particles, substeps a launch, estimated microseconds a
+    substep."""
+
+    tilings: list[Tiling]
+    around: list[Around]
+    depth: int
+    cost: float
+
+    @property
+    def capacity(self) -> int:
+        """Places of a tile: its members, rounded up to whole warps."""
+        return -(-max(int(tiling.ends[:, -1].max()) for tiling in self.tilings) // 32) * 32
+
+
+def plan(
+    features: Features,
+    model: Model,
+    layouts: list[np.ndarray],
+    worlds: int,
+    device: wp.Device,
+    size: int | None = None,
+    depth: int | None = None,
+) -> Plan:
+    """The tiles of `size` particles and `depth` rings for bodies of `layouts`, or those estimated to be fastest.
+
+    Raises Unfit where there are none.
+    """
+    if features.method != "verlet":
+        raise Unfit("method xpbd", "method verlet")
+    if "edge" in features.constraints:
+        raise Unfit("edge_contact", "contact of particles alone")
+    around = _around(model, bool(features.panels))
+    if around[0].types.shape[1] > WIDEST:
+        raise Unfit(f"more than {WIDEST} springs at a particle", "fewer")
+    if model.spoke_types.shape[0] > _TYPES:
+        raise Unfit(f"more than {_TYPES} kinds of springs", "fewer")
+    plans = [_whole(around, worlds, device)] if size is None and max(map(len, layouts)) <= THREADS else []
+    tiles = [cut(layout, size or _usual_size(model, worlds, device)) for layout in layouts]
+    plans += _deep(tiles, around, depth, worlds, device) if not plans or max(tile.max() for tile in tiles) > 0 else []
+    return min(plans, key=lambda one: one.cost)
+
+
+def _whole(around: list[Around], worlds: int, device: wp.Device) -> Plan:
+    """One tile a body."""
+    tilings = [surround(np.zeros(len(each.others), dtype=np.int64), each.others, 1) for each in around]
+    return Plan(tilings, around, _WHOLE_FRAME, _substeps_cost(tilings, 1, worlds, device))
+
+
+def _deep(
+    tiles: list[np.ndarray], around: list[Around], depth: int | None, worlds: int, device: wp.Device
+) -> list[Plan]:
+    """Tiles with halos of `depth` rings or of any number that fits a block. Raises Unfit where none does."""
+
+    def halos(rings: int) -> list[Tiling]:
+        return [surround(tile, each.others, rings) for tile, each in zip(tiles, around, strict=True)]
+
+    deepest = halos(depth or DEEPEST)
+    largest = np.max([tiling.ends.max(axis=0) for tiling in deepest], axis=0)
+    room = (_ARENA if device.is_cpu else device.max_shared_memory_per_block - _RESERVED) // _BYTES_A_MEMBER
+    depths = [d for d in range(1, len(largest)) if largest[d] <= min(room, THREADS)]
+    if not depths or depth not in (None, *depths):
+        raise Unfit(
+            f"tiles of {largest[0]} particles that have {largest[depth or 1]} with their halos",
+            f"at most {min(room, THREADS)} on {device.alias}",
+        )
+    costs = {d: (_LAUNCH + _substeps_cost(deepest, d, worlds, device)) / d for d in depths}
+    chosen = depth or min(costs, key=costs.get)
+    return [Plan(deepest if chosen == len(largest) - 1 else halos(chosen), around, chosen, costs[chosen])]
+
+
+def _substeps_cost(tilings: list[Tiling], depth: int, worlds: int, device: wp.Device) -> float:
+    """Rough microseconds on an H200 that a launch of `depth` substeps computes, bound by shared memory or latency."""
+    width = max(tiling.spokes.shape[1] for tiling in tilings)
+    warps = np.ceil(np.max([tiling.ends.max(axis=0) for tiling in tilings], axis=0)[:depth] / 32.0)
+    load = max(1.0, worlds * sum(len(tiling.ends) for tiling in tilings) / _multiprocessors(device))
+    return float(np.maximum(_LEAST, load * warps * width * _A_SPRING).sum())
+
+
+def _usual_size(model: Model, worlds: int, device: wp.Device) -> int:
+    """Particles of a tile, such that every multiprocessor has at most one: a power of two of them halve evenly."""
+    particles = worlds * sum(body[3] for body in model.bodies.numpy().tolist())
+    tiles = 1 << (_multiprocessors(device).bit_length() - 1)
+    return int(np.clip(-(-particles // tiles), 32, 256))
+
+
+def _multiprocessors(device: wp.Device) -> int:
+    return device.sm_count if device.is_cuda else 1
+
+
+def _around(model: Model, panels: bool) -> list[Around]:
+    """What lies around the particles of every body, padded alike."""
+    found = []
+    bodies = [dict(zip(Body.vars, body, strict=True)) for body in model.bodies.numpy().tolist()]
+    spokes, starts = model.spokes.numpy(), model.panel_start.numpy()
+    most = int(np.diff(starts).max(initial=0)) if panels else 0
+    width = max(body["spoke_width"] for body in bodies)
+    for body in bodies:
+        count, first = body["count"], body["spokes"]
+        mine = spokes[first : first + count * body["spoke_width"]].reshape(-1, count, 2).swapaxes(0, 1)
+        lacking = width - body["spoke_width"]
+        others, types = (np.pad(mine[:, :, k], ((0, 0), (0, lacking))) for k in range(2))
+        others[:, width - lacking :] = np.arange(count)[:, None]
+        corners, ends = _panels_around(model, starts[body["particles"] : body["particles"] + count + 1], most)
+        found.append(Around(np.concatenate([others, ends], axis=1), types, corners))
+    return found
+
+
+def _panels_around(model: Model, starts: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Which corner (N, most) a particle is of every panel around it, and the other two corners (N, 2 most)."""
+    count = len(starts) - 1
+    corners = np.full((count, most), 3)
+    ends = np.repeat(np.arange(count)[:, None], 2 * most, axis=1)
+    if most:
+        degree = np.diff(starts)
+        hub = np.repeat(np.arange(count), degree)
+        slot = np.arange(len(hub)) - np.repeat(starts[:-1] - starts[0], degree)
+        panel = model.panels.numpy()[model.particle_panels.numpy()[starts[0] : starts[-1]]]
+        panel = np.where(panel < 0, hub[:, None], panel)  # a rope's segment has no third corner
+        corner = np.argmax(panel == hub[:, None], axis=1)
+        corners[hub, slot] = corner
+        ends[hub, 2 * slot] = panel[np.arange(len(hub)), np.where(corner == 0, 1, 0)]
+        ends[hub, 2 * slot + 1] = panel[np.arange(len(hub)), np.where(corner == 2, 1, 2)]
+    return corners, ends
+
+
+def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.Device) -> Tiles:
+    """The tiles of all bodies on the device, with the second buffer of all worlds behind one another."""
+    arrays = worlds[0]
+    capacity = chosen.capacity
+    body, parts = [], {"members": [], "rings": [], "spokes": [], "panels": []}
+    starts = [body[2] for body in arrays.model.bodies.numpy().tolist()]
+    for b, (tiling, around) in enumerate(zip(chosen.tilings, chosen.around, strict=True)):
+        sizes, width = tiling.ends[:, -1], around.types.shape[1]
+        tiles = len(sizes)
+        body += [b] * tiles
+        place = np.arange(len(tiling.members)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+        tile = np.repeat(np.arange(tiles), sizes)
+        members = np.repeat(tiling.members[np.cumsum(sizes) - sizes][:, None], capacity, axis=1)
+        members[tile, place] = tiling.members
+        rings = np.full((tiles, capacity), OUTSIDE)
+        rings[tile, place] = (place[:, None] >= tiling.ends[tile]).sum(axis=1)
+        inner, at = tiling.members[tiling.inner], (tile[tiling.inner], slice(None), place[tiling.inner])
+        spokes = np.zeros((tiles, width, capacity), dtype=np.int64)
+        spokes[at] = tiling.spokes[:, :width] + PLACES * around.types[inner]
+        panels = np.full((tiles, around.corners.shape[1], capacity), 3 * PLACES**2)
+        panels[at] = tiling.spokes[:, width::2] + PLACES * (
+            tiling.spokes[:, width + 1 :: 2] + PLACES * around.corners[inner]
+        )
+        for name, rows in (("members", members + starts[b]), ("rings", rings), ("spokes", spokes), ("panels", panels)):
+            parts[name].append(rows.ravel())
+    found = Tiles()
+    found.body = wp.array(np.array(body, dtype=np.int32), dtype=int, device=device)
+    for name, rows in parts.items():
+        setattr(found, name, wp.array(np.concatenate(rows).astype(np.int32), dtype=int, device=device))
+    for name in ("positions", "low", "velocities"):
+        size = len(worlds) * getattr(arrays.state, name).shape[0]
+        setattr(found, name, wp.zeros(size, dtype=wp.vec4, device=device))
+    colliders = arrays.colliders.shape[0] if features.shapes else 0
+    found.sweeps = wp.zeros(len(worlds) * len(body) * SWEPT * colliders, dtype=Sweep, device=device)
+    found.contacts = wp.zeros(len(worlds) * len(body) * capacity * colliders, dtype=wp.vec4, device=device)
+    return found

@@ -1,0 +1,76 @@
+"""A body cut into tiles, each with a halo of the particles around it: NumPy on the topology, nothing of the device.
+
+The distance between particles is the number of springs on the shortest way. A tile that holds every particle within
+distance r of its own can advance its own by r substeps without a word from its neighbours (Demmel et al. 2008).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Tiling:
+    """Tiles of one body, and the places of a particle's springs within its tile.
+
+    members (M,): particles of all tiles behind one another, in each tile its own first, then ring after ring;
+    ends (T, depth + 1): how many members of a tile lie within distance r of its own; inner (M,): whether a member lies
+    within distance depth - 1; spokes (inner members, W): where the W neighbours of a member lie in its tile.
+    """
+
+    members: np.ndarray
+    ends: np.ndarray
+    inner: np.ndarray
+    spokes: np.ndarray
+
+
+def cut(layout: np.ndarray, size: int) -> np.ndarray:
+    """The tile (N,) of every particle: at most `size` in each, halved along the longest side again and again.
+
+    layout: (N, 3) [m]. Recursive coordinate bisection (Berger and Bokhari 1987); ties go by the other coordinates, so
+    that a grid falls into rectangles.
+    """
+    tile = np.zeros(len(layout), dtype=np.int64)
+    pending = [(np.arange(len(layout)), -(-len(layout) // size))]
+    done = 0
+    while pending:
+        particles, parts = pending.pop()
+        if parts == 1:
+            tile[particles] = done
+            done += 1
+            continue
+        points = layout[particles]
+        axis = int(np.argmax(np.round(np.ptp(points, axis=0), 9)))
+        order = np.lexsort((points[:, (axis + 2) % 3], points[:, (axis + 1) % 3], points[:, axis]))
+        half = parts // 2
+        middle = len(particles) * half // parts
+        pending += [(particles[order[middle:]], parts - half), (particles[order[:middle]], half)]
+    return tile
+
+
+def surround(tile: np.ndarray, neighbours: np.ndarray, depth: int) -> Tiling:
+    """Every tile (N,) of `cut` with its halo of `depth` rings; neighbours (N, W) by springs, itself where it has
+    fewer."""
+    count, tiles = len(tile), int(tile.max()) + 1
+    rings = [np.sort(tile * count + np.arange(count))]
+    seen = rings[0]
+    for _ in range(depth):
+        home, particle = np.divmod(rings[-1], count)
+        reached = np.unique(home[:, None] * count + neighbours[particle])
+        rings.append(np.setdiff1d(reached, seen, assume_unique=True))
+        seen = np.sort(np.concatenate([seen, rings[-1]]))
+    key = np.concatenate(rings)
+    ring = np.repeat(np.arange(depth + 1), [len(r) for r in rings])
+    order = np.lexsort((key, ring, key // count))
+    key, ring = key[order], ring[order]
+    home, members = np.divmod(key, count)
+    sizes = np.stack([np.bincount(home[ring == r], minlength=tiles) for r in range(depth + 1)], axis=1)
+    ends = np.cumsum(sizes, axis=1)
+    place = np.arange(len(key)) - (np.cumsum(ends[:, -1]) - ends[:, -1])[home]
+    inner = ring < depth
+    by_key = np.argsort(key)
+    wanted = home[inner, None] * count + neighbours[members[inner]]
+    spokes = place[by_key[np.searchsorted(key[by_key], wanted)]]
+    return Tiling(members, ends, inner, spokes)
