@@ -76,15 +76,21 @@ SOLVER = (
     _choice(
         "method",
         "xpbd",
-        "xpbd: implicit, stable when stiff; verlet: explicit leapfrog, exact for soft scenes, needs many substeps.",
-        ("xpbd", "verlet"),
+        "xpbd: implicit, holds when stiff; verlet: explicit, exact where substeps suffice; auto: by object, says why.",
+        ("xpbd", "verlet", "auto"),
     ),
-    _integer("order", 1, "Of xpbd: 1 is implicit Euler, 2 is BDF2, more accurate in smooth motion.", 1, 2),
+    _integer(
+        "order",
+        1,
+        "Of xpbd: 1 is implicit Euler, 2 is BDF2, more accurate in smooth motion; method auto takes 2.",
+        1,
+        2,
+    ),
     _choice(
         "schedule",
         "auto",
-        "resident: one launch per body and frame; coloured: one launch per colour; auto: resident where it fits.",
-        ("auto", "resident", "coloured"),
+        "resident: one launch per body and frame; coloured: one per colour; tiled: verlet over a GPU; auto chooses.",
+        ("auto", "resident", "coloured", "tiled"),
     ),
     _choice(
         "rope_solver",

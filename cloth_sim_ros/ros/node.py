@@ -65,7 +65,7 @@ class ClothSimNode(Node):
         if name.startswith("publish."):
             self._loop.submit(lambda: self._attach(self._loop.world))
         elif row.live:
-            self._loop.submit(lambda: self._loop.world.set_live(name, value, values))
+            self._loop.submit(lambda: self._set_live(name, value, values))
         else:
             self._loop.rebuild()
 
@@ -106,6 +106,12 @@ class ClothSimNode(Node):
         elif world.sim is not None and self.executor is not None:
             built = world.values
             self.executor.create_task(lambda: self._bridge.restore(built))
+
+    def _set_live(self, name: str, value: Any, values: dict[str, Any]) -> None:
+        world = self._loop.world
+        if not world.set_live(name, value, values) and self.executor is not None:
+            held = world.in_effect[name]
+            self.executor.create_task(lambda: self._bridge.put_back(name, value, held))
 
     def _attach(self, world: World) -> None:
         publish = group(self._bridge.values, "publish")

@@ -153,10 +153,19 @@ class ParameterBridge:
     def restore(self, built: Mapping[str, Any]) -> None:
         """Puts the parameters that rebuild back to the values `built` that the simulation still runs on."""
         stale = [name for name, row in self.rows.items() if not row.live and self.values[name] != built[name]]
+        self._hold({name: built[name] for name in stale})
+
+    def put_back(self, name: str, refused: Any, held: Any) -> None:
+        """Puts a live parameter back to the value `held` in effect, unless it was set again since it was refused."""
+        if self.values[name] == refused:
+            self._hold({name: held})
+
+    def _hold(self, values: Mapping[str, Any]) -> None:
+        """Sets parameters without telling the simulation, which has these values already."""
         self._restoring = True
         try:
             self._node.set_parameters(
-                [RosParameter(name, value=ros_value(self.rows[name], built[name])) for name in stale]
+                [RosParameter(name, value=ros_value(self.rows[name], value)) for name, value in values.items()]
             )
         finally:
             self._restoring = False

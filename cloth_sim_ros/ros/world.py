@@ -11,6 +11,7 @@ from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
 from cloth_sim_ros.ros.scene_plan import group, make_plan
 from cloth_sim_ros.sim import Simulation
+from cloth_sim_ros.sim.limits import Unstable
 
 
 class World:
@@ -26,7 +27,9 @@ class World:
         self.simulated = 0.0  # [s] in all, through resets and rebuilds
         self.tracks = {name: PoseTrack(_pose(values, name), values["pose_timeout"]) for name in values["colliders"]}
         self.values: Mapping[str, Any] = values  # as they were when the simulation was built
+        self.in_effect: Mapping[str, Any] = values  # with the live changes since then that the simulation took
         self._recoveries: dict[str, float] = {}
+        self._told: dict[str, str] = {}
         self._wind: Vector | None = None  # set by topic since the parameter was last set
         self._log = log
 
@@ -49,11 +52,13 @@ class World:
                 self.trouble = str(error)
             return False
         self._keep_states(sim, values)
-        self.sim, self.values, self.trouble = sim, values, ""
+        self.sim, self.values, self.in_effect, self.trouble = sim, values, values, ""
         if self._wind is not None and sim.scene.wind is not None:
             sim.set_wind(self._wind)
         sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
         self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
+        self._told.clear()
+        self._tell_reasons()
         return True
 
     def _keep_states(self, sim: Simulation, values: Mapping[str, Any]) -> None:
@@ -65,8 +70,11 @@ class World:
                 sim.set_positions(name, self.sim.positions(name))
                 sim.set_velocities(name, self.sim.velocities(name))
 
-    def set_live(self, name: str, value: Any, values: Mapping[str, Any]) -> None:
-        """Applies the changed live parameter `name`; `values` are all of them with the change."""
+    def set_live(self, name: str, value: Any, values: Mapping[str, Any]) -> bool:
+        """Applies the changed live parameter `name`; `values` are all of them with the change.
+
+        False where explicit steps would fly apart with it: nothing has changed then.
+        """
         owner, _, field = name.rpartition(".")
         if name == "pose_timeout":
             for track in self.tracks.values():
@@ -78,8 +86,23 @@ class World:
                 self._wind = None
             try:
                 self.sim.set(name, value)
+                self._tell_reasons()
+            except Unstable as error:
+                self._log.error(f"{name} is put back: {error}")
+                return False
             except ValueError as error:
                 self._log.info(f"{name} is noted for the next rebuild, it has no effect now: {error}")
+        self.in_effect = {**self.in_effect, name: value}
+        return True
+
+    def _tell_reasons(self) -> None:
+        """Says in the log how method auto computes each object, when that is new."""
+        if self.sim.settings.method != "auto":
+            return
+        for name, choice in self.sim.choices.items():
+            if self._told.get(name) != choice.words:
+                self._log.info(f"{name} {choice.reason}")
+            self._told[name] = choice.words
 
     def set_wind(self, velocity: Vector) -> None:
         """Sets the wind [m/s] from a message."""
@@ -111,6 +134,7 @@ class World:
     def report(self) -> dict[str, dict[str, float]]:
         """The simulation's report; says in the log which objects had to be put back since the last one."""
         report = self.sim.report()
+        self._tell_reasons()
         for name, each in report.items():
             more = each["recoveries"] - self._recoveries.get(name, 0)
             if more > 0:

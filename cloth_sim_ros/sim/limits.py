@@ -9,6 +9,11 @@ import numpy as np
 
 from cloth_sim_ros.sim.topology import KINDS, Topology
 
+
+class Unstable(ValueError):
+    """A value with which explicit steps would fly apart; the message says what would be needed."""
+
+
 _SHARE = 0.9  # of the limit of the rest shape: stretched and turned springs are a little stiffer together
 
 

@@ -43,9 +43,11 @@ def write_particles(arrays: Arrays, first: int, normals: bool, velocities: bool,
 
 
 @wp.kernel(enable_backward=False)
-def write_points(positions: wp.array(dtype=wp.vec4), order: wp.array(dtype=int), out: wp.array2d(dtype=wp.float64)):
+def write_points(
+    positions: wp.array(dtype=wp.vec4), first: int, order: wp.array(dtype=int), out: wp.array2d(dtype=wp.float64)
+):
     i = wp.tid()
-    position = positions[order[i]]
+    position = positions[first + order[i]]
     for c in range(3):
         out[i, c] = wp.float64(position[c])
 
@@ -66,27 +68,36 @@ class Readback:
         mesh: bool = False,
         world: int = 0,
     ) -> None:
-        arrays, span, device = sim.device_arrays(name, world)
+        _, span, device = sim.device_arrays(name, world)
         count = span.stop - span.start
-        self._device = device
-        columns = 3 + 3 * normals + 3 * velocities
-        self._particles = _Buffer((count, columns), wp.float32, device)
-        inputs = [arrays, span.start, normals, velocities, self._particles.device_array]
-        self._commands = [wp.launch(write_particles, dim=count, inputs=inputs, device=device, record_cmd=True)]
+        self._sim, self._object, self._columns = sim, (name, world), (normals, velocities)
+        self._particles = _Buffer((count, 3 + 3 * normals + 3 * velocities), wp.float32, device)
         self._mesh = None
         if mesh:
             triangles = sim.triangles(name)
             order = triangles.ravel() if len(triangles) else np.arange(count)
-            self._order = wp.array(order + span.start, dtype=int, device=device)
+            self._order = wp.array(order, dtype=int, device=device)
             self._mesh = _Buffer((len(order), 3), wp.float64, device)
-            inputs = [arrays.state.positions, self._order, self._mesh.device_array]
-            self._commands.append(
-                wp.launch(write_points, dim=len(order), inputs=inputs, device=device, record_cmd=True)
-            )
+        self._record()
         self._done = wp.Event(device) if device.is_cuda else None
+
+    def _record(self) -> None:
+        """The launches, for the arrays that hold the object now."""
+        arrays, span, device = self._sim.device_arrays(*self._object)
+        count = span.stop - span.start
+        inputs = [arrays, span.start, *self._columns, self._particles.device_array]
+        self._commands = [wp.launch(write_particles, dim=count, inputs=inputs, device=device, record_cmd=True)]
+        if self._mesh is not None:
+            inputs = [arrays.state.positions, span.start, self._order, self._mesh.device_array]
+            self._commands.append(
+                wp.launch(write_points, dim=len(self._order), inputs=inputs, device=device, record_cmd=True)
+            )
+        self._build = self._sim.builds
 
     def request(self) -> None:
         """Start writing and copying the state as it will be when all launched frames are done."""
+        if self._build != self._sim.builds:
+            self._record()
         for command in self._commands:
             command.launch()
         self._particles.copy()

@@ -80,6 +80,17 @@ def _check_pins(thing: Any, names: tuple[str, ...], count: int) -> None:
         raise ValueError(f"{name} names particle {bad[0]}; allowed are 0 to {count - 1}")
 
 
+def _take_masses(thing: Any, count: int) -> None:
+    """Check `particle_masses` where they are given, and let them make up the total. Raises ValueError."""
+    if thing.particle_masses is None:
+        return
+    masses, name = np.array(thing.particle_masses, dtype=np.float64), f"{type(thing).__name__}.particle_masses"
+    if masses.shape != (count,) or not np.isfinite(masses).all() or masses.min() <= 0.0:
+        raise ValueError(f"{name} has shape {masses.shape}; allowed are {count} finite masses > 0 [kg]")
+    object.__setattr__(thing, "particle_masses", masses)
+    object.__setattr__(thing, "mass", float(masses.sum()))
+
+
 @dataclass(frozen=True)
 class Cloth:
     """A rectangular sheet (or, from `Cloth.from_mesh`, any manifold triangle mesh) of springs.
@@ -90,9 +101,10 @@ class Cloth:
     on a grid (Van Gelder 1998). bend_compliance: None for no bending; with bending="springs" [m/N], 1/constant of the
     distance springs over two edges; with "dihedral" [1/(N m)], 1/flexural rigidity B: each inner edge e between
     triangles A1, A2 has the energy B |e|^2 / (2 (A1 + A2)) (theta - rest)^2, which bends a grid or an equilateral mesh
-    with rigidity B (Seung and Nelson 1988). shear_compliance None means no shear springs. Compliance 0 is rigid. mass
-    [kg] is lumped by area. damping [s]: c = damping x constant. thickness [m]: distance at which the cloth touches a
-    collider: with its particles alone, or with `edge_contact` along structural and shear edges too.
+    with rigidity B (Seung and Nelson 1988). shear_compliance None means no shear springs. Compliance 0 is rigid.
+    mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem). damping [s]: c = damping x
+    constant. thickness [m]: distance at which the cloth touches a collider: with its particles alone, or with
+    `edge_contact` along structural and shear edges too.
     """
 
     resolution: tuple[int, int] = (32, 32)
@@ -110,6 +122,7 @@ class Cloth:
     edge_contact: bool = False
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
+    particle_masses: Any = field(default=None, repr=False, compare=False)
     vertices: np.ndarray | None = field(default=None, repr=False, compare=False)
     triangles: np.ndarray | None = field(default=None, repr=False, compare=False)
 
@@ -123,9 +136,11 @@ class Cloth:
         if min(self.size) <= 0.0:
             raise ValueError(f"Cloth.size is {self.size}; allowed are two numbers above 0 [m]")
         if self.vertices is None:
-            _check_pins(self, ("corners", "top", "edges"), self.resolution[0] * self.resolution[1])
+            count, names = self.resolution[0] * self.resolution[1], ("corners", "top", "edges")
         else:
-            _check_pins(self, (), len(self.vertices))
+            count, names = len(self.vertices), ()
+        _check_pins(self, names, count)
+        _take_masses(self, count)
 
     @classmethod
     def from_mesh(cls, vertices: Any, triangles: Any, **material: Any) -> Cloth:
@@ -192,14 +207,7 @@ class Rope:
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "segments", len(points) - 1)
         _check_pins(self, ("start", "end", "both"), len(points))
-        if self.particle_masses is not None:
-            masses = np.array(self.particle_masses, dtype=np.float64)
-            if masses.shape != (len(points),) or not np.isfinite(masses).all() or masses.min() <= 0.0:
-                raise ValueError(
-                    f"Rope.particle_masses has shape {masses.shape}; allowed are {len(points)} finite masses > 0 [kg]"
-                )
-            object.__setattr__(self, "particle_masses", masses)
-            object.__setattr__(self, "mass", float(masses.sum()))
+        _take_masses(self, len(points))
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import warp as wp
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim import limits, topology
 from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.choice import STRAINED, Choice, choose, is_strained
 from cloth_sim_ros.sim.colliders import NAMES, SHAPES, shape_of
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.poses import Colliders
@@ -19,6 +21,7 @@ from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings, finite_array, 
 from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
 
+_LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
 _FAR = 1e6  # [m] the largest coordinate that positions may be given in
 
@@ -40,25 +43,59 @@ class Simulation:
         self._frame = LiveArray(Frame, 1, worlds, self._device)
         self._colliders = Colliders(len(scene.colliders), worlds, self._device)
         self._collider_row = {name: row for row, name in enumerate(scene.colliders)}
-        direct = self.settings.rope_solver == "direct" and self.settings.method == "xpbd"
-        self._topologies = {name: topology.build(thing, name, direct) for name, thing in scene.objects.items()}
+        self._elastic = {name: topology.build(thing, name, False) for name, thing in scene.objects.items()}
+        self._strained: set[str] = set()
         if self.settings.method == "verlet":
             for name, thing in scene.objects.items():
                 self._check_explicit(name, _compliances(thing), thing.damping, self.settings.substeps)
-        self._batches = self._make_batches()
-        self._batch = {name: batch for batch in self._batches for name in batch.index}
+        self.builds = 0
+        alike = {name: {(tuple(_compliances(thing)), thing.damping)} for name, thing in scene.objects.items()}
+        self._build({name: self._choose(name, materials) for name, materials in alike.items()})
         self._reporter = Reporter(self._device)
         self._frames = 0
         self._write_settings()
         self._write_scene()
+
+    def _choose(self, name: str, materials: set[tuple]) -> Choice:
+        return choose(self.settings, self._elastic[name], materials, name in self._strained)
+
+    def _build(self, choices: dict[str, Choice]) -> None:
+        """Everything on the device, for these methods."""
+        self._choices = choices
+        self._topologies = {
+            name: topology.build(thing, name, True)
+            if self.settings.rope_solver == "direct" and choices[name].method == "xpbd" and isinstance(thing, Rope)
+            else self._elastic[name]
+            for name, thing in self.scene.objects.items()
+        }
+        self._batches = self._make_batches()
+        self._batch = {name: batch for batch in self._batches for name in batch.index}
+        self.builds += 1
+
+    def _choose_again(self) -> None:
+        """Where method auto now takes another method for an object, the device's side is built anew around the
+        state."""
+        if self.settings.method != "auto":
+            return
+        chosen = {name: self._choose(name, _distinct(self._materials(name, None))) for name in self._batch}
+        changed = [name for name, choice in chosen.items() if choice.words != self._choices[name].words]
+        if not changed:
+            self._choices = chosen
+            return
+        kept = {name: self._batch[name].take(name) for name in self._batch}
+        self._build(chosen)
+        for name, state in kept.items():
+            self._batch[name].give(name, state)
+        for name in changed:
+            _LOG.info("%s now %s", name, chosen[name].reason)
 
     def _make_batches(self) -> list[Batch]:
         shapes = tuple(sorted({shape_of(collider) for collider in self.scene.colliders.values()}))
         wind = self.scene.wind is not None
         alike: dict[Features, dict[str, topology.Topology]] = {}
         for name, topo in self._topologies.items():
-            order = self.settings.order if self.settings.method == "xpbd" else 1
-            features = Features.of(topo, wind, shapes, order, self.settings.method, self.worlds > 1)
+            choice = self._choices[name]
+            features = Features.of(topo, wind, shapes, choice.order, choice.method, self.worlds > 1)
             alike.setdefault(features, {})[name] = topo
         return [
             Batch(bodies, features, self.settings.schedule, self._frame, self._colliders, self.worlds, self._device)
@@ -74,11 +111,19 @@ class Simulation:
 
     @property
     def method(self) -> str:
-        """Method, order and schedules in words, for diagnostics."""
-        kinds = sorted({type(batch.schedule).__name__.lower() for batch in self._batches})
-        method = "verlet" if self.settings.method == "verlet" else f"xpbd order {self.settings.order}"
-        many = f", {self.worlds} worlds" if self.worlds > 1 else ""
-        return f"{method}, {' and '.join(kinds) or 'empty scene'}{many}"
+        """Methods, orders and schedules in words, for diagnostics."""
+        kinds = {
+            f"{self._choices[name].words}, {type(batch.schedule).__name__.lower()}"
+            for batch in self._batches
+            for name in batch.index
+        }
+        words = ("auto: " if self.settings.method == "auto" else "") + (" and ".join(sorted(kinds)) or "empty scene")
+        return words + (f", {self.worlds} worlds" if self.worlds > 1 else "")
+
+    @property
+    def choices(self) -> dict[str, Choice]:
+        """Name -> how the object is computed now, in all worlds, and why."""
+        return dict(self._choices)
 
     @property
     def fits_a_block(self) -> bool:
@@ -141,6 +186,8 @@ class Simulation:
             self._colliders.place(self._collider_row[name], world, collider.position, collider.orientation)
         if world is None:
             self._frames = 0
+            self._strained.clear()
+            self._choose_again()
 
     def _upload(self) -> None:
         self._frame.upload()
@@ -163,6 +210,8 @@ class Simulation:
     def set_positions(self, name: str, positions: Any, world: int | None = None) -> None:
         """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew."""
         rows = self._rows(name, positions, "positions", _FAR)
+        if self.settings.method == "auto" and is_strained(self._elastic[name], rows):
+            self._leave_to_implicit(name)
         self._batch[name].write_positions(name, rows, self._some(world))
 
     def set_velocities(self, name: str, velocities: Any, world: int | None = None) -> None:
@@ -182,8 +231,16 @@ class Simulation:
             )
         return rows
 
+    def _leave_to_implicit(self, name: str) -> None:
+        """Explicit steps are not for this object until the next reset of all worlds."""
+        self._strained.add(name)
+        self._choose_again()
+
     def device_arrays(self, name: str, world: int = 0) -> tuple[Arrays, slice, wp.Device]:
-        """The arrays of the batch that holds an object in one world, where its particles lie in them, their device."""
+        """The arrays of the batch that holds an object in one world, where its particles lie in them, their device.
+
+        They hold until `builds` changes: method auto may build anew when live parameters or positions are set.
+        """
         self._topology(name)
         batch = self._batch[name]
         return batch.worlds[self._one(world)], batch.span(name), self._device
@@ -193,12 +250,19 @@ class Simulation:
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
-        object was put back, at rest, to where it was last good, because a particle was not finite or ran away.
+        object was put back, at rest, to where it was last good, because a particle was not finite or ran away. Method
+        auto leaves what was put back or is strained by more than half to the implicit method, until the next reset.
         """
         self._one(world)
         self._upload()
         dt = self.settings.frame_dt / self.settings.substeps
-        return {name: self._reporter.measure(batch, name, dt, world) for name, batch in self._batch.items()}
+        found = {name: self._reporter.measure(batch, name, dt, world) for name, batch in self._batch.items()}
+        if self.settings.method == "auto":
+            for name, numbers in found.items():
+                hot = numbers["recoveries"] or numbers["max_strain"] > STRAINED
+                if hot and self._choices[name].method == "verlet":
+                    self._leave_to_implicit(name)
+        return found
 
     # -- live numbers --------------------------------------------------------------------------------------------
 
@@ -266,6 +330,7 @@ class Simulation:
             for batch in self._batches:
                 batch.forget_steps()
         self._write_settings()
+        self._choose_again()
 
     def _set_material(self, owner: str, field: str, name: str, value: Any, world: int | None) -> None:
         thing = self.scene.objects[owner]
@@ -285,6 +350,8 @@ class Simulation:
             self._check_materials(owner, materials, self.settings.substeps)
         batch = self._batch[owner]
         batch.materials.write(batch.index[owner], world, **{field: materials[field]})
+        if field in ("compliance", "damping"):
+            self._choose_again()
 
     def _materials(self, name: str, world: int | None) -> np.ndarray:
         """The rows of Material of an object as they are now, of one world or of all."""
@@ -293,17 +360,17 @@ class Simulation:
 
     def _check_materials(self, name: str, materials: np.ndarray, substeps: int) -> None:
         """`_check_explicit` for each material that differs from the others."""
-        for compliance, damping in {(tuple(row["compliance"]), float(row["damping"])) for row in materials}:
+        for compliance, damping in _distinct(materials):
             self._check_explicit(name, compliance, damping, substeps)
 
     def _check_explicit(self, name: str, compliance: Any, damping: float, substeps: int) -> None:
         """Raise ValueError where method verlet cannot hold an object, saying what it would need."""
-        topo = self._topologies[name]
+        topo = self._elastic[name]
         if topo.others():
             raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
         needed = limits.explicit_substeps(topo, compliance, damping, self.settings.frame_dt)
         if substeps < needed:
-            raise ValueError(
+            raise limits.Unstable(
                 f"solver.substeps is {substeps} with method 'verlet'; allowed is at least {needed:g} for the stiffness "
                 f"and damping of {name}, or method 'xpbd'"
             )
@@ -380,6 +447,11 @@ def _compliances(thing: Cloth | Rope) -> list[float]:
     """Structural, shear and bending compliance, 0 for a kind that does not exist."""
     kinds = (thing.stretch_compliance, getattr(thing, "shear_compliance", None), thing.bend_compliance)
     return [kind or 0.0 for kind in kinds]
+
+
+def _distinct(materials: np.ndarray) -> set[tuple]:
+    """The pairs of compliances and damping that occur in rows of Material."""
+    return {(tuple(row["compliance"].tolist()), float(row["damping"])) for row in materials}
 
 
 def _names(names: Any) -> str:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from client import fields, finite
+from diagnostic_msgs.msg import DiagnosticArray
 from node_process import SMALL
 from sensor_msgs.msg import PointCloud2
 
@@ -47,6 +48,28 @@ def test_a_simulation_that_cannot_be_built_leaves_the_one_before(node, client):
     node.clouds.clear()
     client.until(lambda: len(node.clouds) > 3)
     assert finite(node.clouds[-1])
+
+
+def test_a_live_value_that_explicit_steps_cannot_hold_is_put_back(start, client):
+    node = start(SMALL + "    solver: {method: verlet, substeps: 120}\n").ready()
+    assert client.set("cloth.stretch_compliance", 2e-3).successful
+    assert client.set("cloth.stretch_compliance", 1e-9).successful
+    node.wait_for("cloth.stretch_compliance is put back: solver.substeps is 120 with method 'verlet'; allowed is")
+    client.until(lambda: client.get("cloth.stretch_compliance") == 2e-3)
+
+
+def test_auto_tells_in_log_and_diagnostics_how_each_object_is_computed(start, client):
+    node = start(SMALL + "    solver: {method: auto, substeps: 120}\n").ready()
+    node.wait_for("cloth is computed by verlet, since 120 substeps are at least the")
+    assert client.set("cloth.stretch_compliance", 1e-9).successful
+    node.wait_for("cloth is computed by xpbd order 2, since explicit steps would need")
+    told = client.listen(DiagnosticArray, "/diagnostics", 1)
+    client.until(lambda: told)
+    values = {value.key: value.value for value in told[-1].status[0].values}
+    assert "explicit steps would need" in values["cloth.method"] and values["method"].startswith("auto: ")
+    clouds = client.listen(PointCloud2, "/cloth_sim/cloth/particles", 1)
+    client.until(lambda: len(clouds) > 2)
+    assert finite(clouds[-1])
 
 
 def test_live_changes_act_on_the_motion(node, client):

@@ -39,6 +39,21 @@ def test_load_sags_by_compliance_times_load(device, rope_solver, substeps, itera
     assert sag == pytest.approx(compliance * length * load * G, rel=1e-3)
 
 
+def test_a_heavy_hem_stretches_the_sheet_above_it(device):
+    masses = np.full(9, 0.01)
+    masses[:3] = 0.5, 1.0, 0.5  # border springs are half as stiff and carry half as much
+    hem = Cloth(
+        resolution=(3, 3), orientation=(np.sqrt(0.5), 0, 0, np.sqrt(0.5)), pins="top", particle_masses=masses,
+        stretch_compliance=1e-3, shear_compliance=None,
+    )  # fmt: skip
+    sim = settled(hem, device, iterations=4)
+    assert sim.masses("it") == pytest.approx(masses)
+    row = sim.positions("it")[:, 2].reshape(3, 3)
+    below = np.array([1.0, 1.0 + 0.01, 1.0])  # what hangs on the middle column: hem, hem and middle row
+    assert row[1, 1] - row[0, 1] - 0.5 == pytest.approx(1e-3 * below[0] * G, rel=5e-3)
+    assert row[2, 1] - row[1, 1] - 0.5 == pytest.approx(1e-3 * below[1] * G, rel=5e-3)
+
+
 def test_compliance_set_live_changes_the_sag(device):
     rope = Rope(start=(0, 0, 0), end=(0, 0, -1), segments=1, stretch_compliance=1e-3, particle_masses=[0.1, 2.0])
     sim = settled(rope, device)

@@ -19,6 +19,7 @@ BAD = {
     "mesh beyond its vertices": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 3]]), "vertex 3"),
     "mesh of NaN": (lambda: Cloth.from_mesh(np.full((3, 3), np.nan), [[0, 1, 2]]), "finite"),
     "rope without length": (lambda: Rope(points=[[0, 0, 0], [0, 0, 0]]), "no length"),
+    "cloth masses": (lambda: Cloth(resolution=(3, 3), particle_masses=[1.0] * 8), "9 finite masses"),
     "rope masses": (lambda: Rope(segments=2, particle_masses=[1.0, 1.0]), "3 finite masses"),
     "rope pins": (lambda: Rope(pins="middle"), "Rope.pins"),
     "cloth pins": (lambda: Cloth(resolution=(3, 3), pins=[9]), "particle 9"),
