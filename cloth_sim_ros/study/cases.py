@@ -5,54 +5,15 @@ To add a case, add its row in CASES, and a function that builds its body if none
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
-from cloth_sim_ros.study.springs import SpringSystem
-
-BODY = "body"
-FRAME_DT = 1 / 60
-
-
-@dataclass(frozen=True)
-class Case:
-    """`body`(resolution, constant [N/m]) -> a cloth or rope with pins as indices; `frames` of 1/60 s; target error [m].
-
-    resolution: usual particles along each side of a sheet, segments of a chain; constant [N/m]: usual, of a spring.
-    """
-
-    name: str
-    text: str
-    body: Callable[[int, float], Cloth | Rope]
-    frames: int
-    tolerance: float
-    resolution: int
-    constant: float
-
-    @property
-    def is_rope(self) -> bool:
-        """Whether the body is a rope."""
-        return isinstance(self.body(2, self.constant), Rope)
-
-    def title(self, resolution: int, constant: float) -> str:
-        """One line for tables and figures."""
-        count = f"{resolution} segments" if self.is_rope else f"{resolution} x {resolution}"
-        return f"{self.text}, {count}, {constant:g} N/m"
-
-    def simulation(self, resolution: int, constant: float, settings: Settings, device: str) -> Simulation:
-        """The product's simulation of the case at its start."""
-        scene = Scene(objects={BODY: self.body(resolution, constant)})
-        return Simulation(scene, settings, device=device)
-
-    def system(self, resolution: int, constant: float) -> tuple[SpringSystem, np.ndarray]:
-        """The same masses and springs in float64, and the positions (N, 3) [m] that they start from, at rest."""
-        body = self.body(resolution, constant)
-        sim = Simulation(Scene(objects={BODY: body}), Settings(), device="cpu")
-        system = SpringSystem.from_springs(sim.masses(BODY), body.pins, sim.springs(BODY), damping=body.damping)
-        return system, sim.rest_positions(BODY).astype(np.float64)
+from cloth_sim_ros.sim import Cloth, Rope
+from cloth_sim_ros.sim.topology import build
+from cloth_sim_ros.study import contact_cases
+from cloth_sim_ros.study.case import BODY, FRAME_DT, Case
 
 
 def clamped_sheet(resolution: int, constant: float) -> Cloth:
@@ -66,6 +27,19 @@ def swinging_sheet(resolution: int, constant: float) -> Cloth:
     """A square sheet of 1 m and 0.2 kg that hangs by its upper edge and is let go at 45 degrees."""
     upper = np.arange(resolution * (resolution - 1), resolution**2)
     return _sheet(resolution, constant, upper, (np.sin(np.pi / 8), 0.0, 0.0, np.cos(np.pi / 8)))
+
+
+def heavy_hem(resolution: int, constant: float) -> Cloth:
+    """The swinging sheet with a lowest row of particles that are 100 times as heavy as the others."""
+    sheet = swinging_sheet(resolution, constant)
+    masses = build(sheet, BODY, False).masses
+    masses[:resolution] *= 100.0
+    return dataclasses.replace(sheet, particle_masses=masses)
+
+
+def two_corner_curtain(resolution: int, constant: float) -> Cloth:
+    """A square sheet of 1 m and 0.2 kg that is held level and let go but for the two upper corners."""
+    return _sheet(resolution, constant, np.array([resolution * (resolution - 1), resolution**2 - 1]))
 
 
 def _sheet(resolution: int, constant: float, pins: np.ndarray, orientation: tuple = (0.0, 0.0, 0.0, 1.0)) -> Cloth:
@@ -99,11 +73,61 @@ def loaded_chain(load: float) -> Callable[[int, float], Rope]:
     return body
 
 
+def cantilever(resolution: int, constant: float) -> Rope:
+    """A rod of 1 m, 0.2 kg and EI = 2 N m^2 that is clamped level and let go: its first two particles are fixed."""
+    return Rope(
+        start=(0.0, 0.0, 0.0),
+        end=(1.0, 0.0, 0.0),
+        segments=resolution,
+        mass=0.2,
+        pins=(0, 1),
+        stretch_compliance=resolution / constant,
+        bend_compliance=0.5,
+    )
+
+
 CASES = {
     case.name: case
     for case in (
         Case("clamped_sheet", "sheet of 1 m, 0.2 kg, four edges fixed, 0.5 s", clamped_sheet, 30, 1e-3, 32, 1e3),
         Case("swinging_sheet", "sheet of 1 m, 0.2 kg, let go at 45 degrees, 0.5 s", swinging_sheet, 30, 1e-3, 16, 1e3),
+        Case("heavy_hem", "swinging sheet with a hem 100x as heavy, 0.5 s", heavy_hem, 30, 1e-3, 16, 1e3),
+        Case("curtain", "sheet of 1 m, 0.2 kg, held by two corners, 0.5 s", two_corner_curtain, 30, 1e-3, 16, 1e3),
+        Case("cantilever", "rod of 1 m, 0.2 kg, EI 2 N m2, clamped level, 0.5 s", cantilever, 30, 1e-3, 16, 1e5),
+        Case(
+            "ball",
+            "sheet of 1 m, 0.2 kg, onto a ball, 0.5 s",
+            contact_cases.sheet_over_ball,
+            30,
+            1e-3,
+            16,
+            1e3,
+            contact_cases.BALL,
+        ),
+        Case(
+            "incline",
+            "sheet of 0.2 m on a slope of 35 degrees, mu 0.5 and 0.3, 0.5 s",
+            contact_cases.sliding_sheet,
+            30,
+            1e-3,
+            8,
+            1e3,
+            contact_cases.SLOPE,
+            lambda resolution, constant: contact_cases.sliding_frames(
+                build(contact_cases.sliding_sheet(resolution, constant), BODY, False).rest, FRAME_DT * np.arange(31.0)
+            ),
+        ),
+        Case(
+            "capstan",
+            "rope over a drum, 0.1 kg and 0.3 kg at its ends, mu 0.2, 0.5 s",
+            contact_cases.rope_over_drum,
+            30,
+            1e-3,
+            40,
+            1e6,
+            contact_cases.DRUM,
+            lambda resolution, _: contact_cases.rope_frames(resolution, FRAME_DT * np.arange(31.0)),
+        ),
         # The load stretches every chain by half to one percent at rest.
         Case("chain_1", "chain of 1 m, 0.2 kg, load of 0.2 kg, 0.5 s", loaded_chain(1.0), 30, 1e-3, 64, 2.5e4),
         Case("chain_100", "chain of 1 m, 0.2 kg, load of 20 kg, 0.5 s", loaded_chain(1e2), 30, 1e-3, 64, 1.25e6),

@@ -13,7 +13,7 @@ import numpy as np
 
 from cloth_sim_ros.sim import Settings
 from cloth_sim_ros.study import motion, rivals
-from cloth_sim_ros.study.cases import BODY, FRAME_DT, Case
+from cloth_sim_ros.study.case import BODY, FRAME_DT, Case
 from cloth_sim_ros.study.springs import SpringSystem
 from cloth_sim_ros.study.timing import frame_times
 
@@ -64,13 +64,13 @@ def product(**settings: object) -> Simulate:
 
 
 def where_stable(simulate: Simulate) -> Simulate:
-    """`simulate`, or frames that are not finite where the product refuses an explicit step as unstable."""
+    """`simulate`, or frames that are not finite where the product refuses explicit steps as unstable or lacking."""
 
     def attempt(run: Run) -> tuple[np.ndarray, np.ndarray]:
         try:
             return simulate(run)
         except ValueError as problem:
-            if "solver.substeps" not in str(problem):
+            if "method 'verlet'" not in str(problem):
                 raise
         return np.full((run.case.frames + 1, 1, 3), np.nan), np.full(run.case.frames, np.nan)
 
@@ -106,6 +106,7 @@ CONTENDERS = (
     Contender("XPBD by segments, first order", product(order=1, rope_solver="gauss_seidel"), ropes_only=True),
     Contender("XPBD by segments, second order", product(order=2, rope_solver="gauss_seidel"), ropes_only=True),
     Contender("Verlet", where_stable(product(method="verlet")), iterations=(1,)),
+    Contender("auto", product(method="auto")),
     Contender("forward Euler (NumPy)", classic(lambda *_: motion.forward_euler), iterations=(1,), numpy=True),
     Contender("leapfrog Verlet (NumPy)", classic(lambda *_: motion.leapfrog), iterations=(1,), numpy=True),
     Contender(

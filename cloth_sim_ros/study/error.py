@@ -13,7 +13,8 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.study import norms
-from cloth_sim_ros.study.cases import CASES, Case
+from cloth_sim_ros.study.case import Case
+from cloth_sim_ros.study.cases import CASES
 from cloth_sim_ros.study.contenders import CONTENDERS, Contender, Run
 from cloth_sim_ros.study.exact import Reference, reference
 from cloth_sim_ros.study.figures import draw_error, usable
@@ -85,7 +86,7 @@ def sweep(case: Case, exact: Reference, resolution: int, constant: float, argume
     """One row for every contender, number of substeps and of iterations."""
     rows = []
     for contender in arguments.contenders:
-        if contender.ropes_only and not case.is_rope:
+        if (contender.ropes_only and not case.is_rope) or (contender.numpy and not case.springs_alone):
             continue
         for iterations in contender.iterations or arguments.iterations:
             for substeps in arguments.substeps:

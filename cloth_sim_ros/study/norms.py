@@ -51,9 +51,13 @@ def trusted_frames(reference: np.ndarray, perturbed: np.ndarray, tolerance: floa
 
     `perturbed` is the reference started 1e-6 m beside; beyond these frames no run can be judged at that tolerance.
     """
-    apart = np.sqrt(((reference - perturbed) ** 2).sum(axis=-1).mean(axis=-1))
-    beyond = np.flatnonzero(apart > 0.1 * tolerance)
-    return int(beyond[0]) if len(beyond) else len(reference)
+    return leading_frames(reference, perturbed, 0.1 * tolerance)
+
+
+def leading_frames(run: np.ndarray, other: np.ndarray, limit: float) -> int:
+    """Number of leading frames in which two runs are no more than `limit` [m] apart, RMS over the particles."""
+    beyond = np.flatnonzero(np.sqrt(((run - other) ** 2).sum(axis=-1).mean(axis=-1)) > limit)
+    return int(beyond[0]) if len(beyond) else len(run)
 
 
 def perturbation(shape: tuple[int, ...], size: float = 1e-6) -> np.ndarray:

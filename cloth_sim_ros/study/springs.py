@@ -18,7 +18,8 @@ class SpringSystem:
     """Constants of motion. `fixed` particles stay where they start, whatever pulls them.
 
     masses (N,) [kg], fixed (N,) bool, pairs (S, 2), rest_length (S,) [m], constant (S,) [N/m], damping tau [s],
-    global_damping [1/s]: a drag relative to each particle's momentum, gravity (3,) [m/s^2].
+    global_damping [1/s]: a drag relative to each particle's momentum, gravity (3,) [m/s^2]; bending (N, N) [N/m]: a
+    stiffness that acts on every coordinate alike, None for none.
     """
 
     masses: np.ndarray
@@ -29,6 +30,7 @@ class SpringSystem:
     damping: float = 0.0
     global_damping: float = 0.0
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    bending: sparse.csr_array | None = field(default=None, repr=False)
     incidence: sparse.csr_array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -79,6 +81,8 @@ class SpringSystem:
             rate = np.einsum("ij,ij->i", n, v[self.pairs[:, 1]] - v[self.pairs[:, 0]])
             tension = tension + self.damping * self.constant * rate
         weight = self.masses[:, None] * np.asarray(self.gravity)
+        if self.bending is not None:
+            weight = weight - self.bending @ x
         return self.pull(n, tension) + weight - self.global_damping * self.masses[:, None] * v
 
     def accelerations(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -90,13 +94,17 @@ class SpringSystem:
         free = np.where(self.fixed, 0.0, self.masses)
         kinetic = 0.5 * float((free * (v * v).sum(axis=1)).sum())
         spring = 0.5 * float((self.constant * (self.lengths(x)[0] - self.rest_length) ** 2).sum())
+        if self.bending is not None:
+            spring += 0.5 * float((x * (self.bending @ x)).sum())
         return kinetic, spring, -float((free * (x @ np.asarray(self.gravity))).sum())
 
     def fastest(self) -> float:
         """An upper bound of the highest angular frequency [rad/s]: twice the stiffest row sum of M^-1 K
         (Gershgorin)."""
-        stiffness = abs(self.incidence) @ self.constant
-        return float(np.sqrt(2.0 * (stiffness / self.masses)[~self.fixed].max(initial=0.0)))
+        stiffness = 2.0 * (abs(self.incidence) @ self.constant)
+        if self.bending is not None:
+            stiffness = stiffness + abs(self.bending).sum(axis=1)
+        return float(np.sqrt((stiffness / self.masses)[~self.fixed].max(initial=0.0)))
 
     def stiffness(self, x: np.ndarray, tension: np.ndarray, slope: np.ndarray, clamped: bool) -> sparse.csc_array:
         """-d pull / dx, (3N, 3N) [N/m], of springs under `tension` (S,) [N] that grows by `slope` (S,) [N/m] with
@@ -112,4 +120,7 @@ class SpringSystem:
         count = len(self.pairs)
         middle = sparse.bsr_array((blocks, np.arange(count), np.arange(count + 1)), shape=(3 * count, 3 * count))
         spread = sparse.kron(self.incidence, sparse.eye_array(3), format="csr")
-        return (spread @ middle @ spread.T).tocsc()
+        found = spread @ middle @ spread.T
+        if self.bending is not None:
+            found = found + sparse.kron(self.bending, sparse.eye_array(3))
+        return found.tocsc()

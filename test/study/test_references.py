@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cloth_sim_ros.study import implicit, motion, norms
-from cloth_sim_ros.study.closed_forms import oscillator, ropes
+from cloth_sim_ros.sim import Cloth, Plane, Settings, Sphere
+from cloth_sim_ros.study import exact, implicit, motion, norms
+from cloth_sim_ros.study.case import BODY, FRAME_DT
+from cloth_sim_ros.study.cases import CASES
+from cloth_sim_ros.study.closed_forms import bending, contact, oscillator, ropes
+from cloth_sim_ros.study.contact import obstacle, projected_leapfrog
 from cloth_sim_ros.study.springs import SpringSystem
 
 
@@ -166,3 +170,58 @@ def test_chaos_guard_trusts_a_sheet_and_stops_a_double_pendulum():
     ]
     trusted = norms.trusted_frames(runs[0][0], runs[1][0], tolerance=1e-3)
     assert 3 < trusted < 60
+
+
+@pytest.mark.parametrize("slope", [0.3, 0.6])
+def test_contact_follows_coulomb_down_a_slope(slope):
+    down, normal = np.array([np.cos(slope), 0.0, -np.sin(slope)]), np.array([np.sin(slope), 0.0, np.cos(slope)])
+    floor = Plane(normal=tuple(normal), static_friction=0.4, kinetic_friction=0.3)
+    body = Cloth(static_friction=0.4, kinetic_friction=0.3, thickness=0.01)
+    springs = {"all": (np.array([[0, 1]]), np.array([0.5]), np.array([10.0]))}
+    system = SpringSystem.from_springs(np.ones(2), (), springs)
+    x = np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]]) + 0.01 * normal
+    step = projected_leapfrog([obstacle(floor, body)])
+    frames = motion.frames_by(step, system, x, np.zeros_like(x), 0.05, 10, 200)[0]
+    a = contact.incline_acceleration(slope, 0.4, 0.3, 9.81)
+    assert (a > 0.0) == (slope == 0.6)
+    assert frames[-1] == pytest.approx(x + 0.5 * a * 0.5**2 * down, abs=1e-3)
+
+
+def test_contact_stops_what_falls_on_a_ball():
+    ball = Sphere(radius=0.2, position=(0.0, 0.0, -0.3))
+    springs = {"all": (np.array([[0, 1]]), np.array([1.0]), np.array([1e-6]))}
+    system = SpringSystem.from_springs(np.ones(2), (), springs)
+    x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    step = projected_leapfrog([obstacle(ball, Cloth(thickness=0.01))])
+    frames, speeds = motion.frames_by(step, system, x, np.zeros_like(x), 0.05, 6, 100)
+    assert frames[-1, 0] == pytest.approx([0.0, 0.0, -0.09], abs=1e-6) and np.abs(speeds[-1, 0]).max() < 1e-3
+    assert frames[-1, 1, 2] == pytest.approx(-0.5 * 9.81 * 0.3**2, rel=1e-2)
+
+
+def test_bending_of_the_reference_is_the_beams():
+    system, x = CASES["cantilever"].system(64, 1e5)
+    free = np.flatnonzero(~system.fixed)
+    down = np.zeros(len(x))
+    down[free] = np.linalg.solve(system.bending.toarray()[np.ix_(free, free)], -9.81 * system.masses[free])
+    assert -down[-1] == pytest.approx(bending.cantilever_tip(1.0 - 0.5 / 64, 2.0, weight=0.2 * 9.81), rel=2e-3)
+
+
+@pytest.mark.parametrize("case, settings, error", [
+    ("incline", {"order": 2, "substeps": 40}, 2e-6),
+    ("cantilever", {"order": 2, "substeps": 40, "iterations": 4}, 3e-5),
+    ("ball", {"order": 2, "substeps": 40, "iterations": 4}, 2e-5),
+    ("capstan", {"order": 2, "substeps": 160}, 6e-3),
+])  # fmt: skip
+def test_the_solver_moves_as_the_references_of_contact_and_bending(case, settings, error, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(exact, "CONTACT_SUBSTEPS", 300)
+    case = CASES[case]
+    resolution = min(case.resolution, 40)
+    known = exact.reference(case, resolution, case.constant)
+    assert known.trusted > 5
+    sim = case.simulation(resolution, case.constant, Settings(frame_dt=FRAME_DT, **settings), "cpu")
+    found = [sim.positions(BODY)]
+    for _ in range(known.trusted - 1):
+        sim.step()
+        found.append(sim.positions(BODY))
+    assert norms.error(known.system, np.array(found), known.frames[: known.trusted]).position < error

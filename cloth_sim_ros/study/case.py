@@ -1,0 +1,73 @@
+"""What a case of the study is: a body, how long, how near, and its exact springs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import sparse
+
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim.scene import Collider
+from cloth_sim_ros.study.springs import SpringSystem
+
+BODY = "body"
+FRAME_DT = 1 / 60
+
+
+@dataclass(frozen=True)
+class Case:
+    """`body`(resolution, constant [N/m]) -> a cloth or rope with pins as indices; `frames` of 1/60 s; target error [m].
+
+    resolution: usual particles along each side of a sheet, segments of a chain; constant [N/m]: usual, of a spring.
+    """
+
+    name: str
+    text: str
+    body: Callable[[int, float], Cloth | Rope]
+    frames: int
+    tolerance: float
+    resolution: int
+    constant: float
+    colliders: Mapping[str, Collider] = field(default_factory=dict)
+    closed: Callable[[int, float], np.ndarray] | None = None  # the exact frames (F + 1, N, 3) [m], where they are known
+
+    @property
+    def springs_alone(self) -> bool:
+        """Whether nothing but springs and weight acts: what the classic methods in NumPy can do."""
+        return not self.colliders and getattr(self.body(2, self.constant), "bend_compliance", None) is None
+
+    @property
+    def is_rope(self) -> bool:
+        """Whether the body is a rope."""
+        return isinstance(self.body(2, self.constant), Rope)
+
+    def title(self, resolution: int, constant: float) -> str:
+        """One line for tables and figures."""
+        count = f"{resolution} segments" if self.is_rope else f"{resolution} x {resolution}"
+        return f"{self.text}, {count}, {constant:g} N/m"
+
+    def simulation(self, resolution: int, constant: float, settings: Settings, device: str) -> Simulation:
+        """The product's simulation of the case at its start."""
+        scene = Scene(objects={BODY: self.body(resolution, constant)}, colliders=self.colliders)
+        return Simulation(scene, settings, device=device)
+
+    def system(self, resolution: int, constant: float) -> tuple[SpringSystem, np.ndarray]:
+        """The same masses and springs in float64, and the positions (N, 3) [m] that they start from, at rest."""
+        body = self.body(resolution, constant)
+        sim = Simulation(Scene(objects={BODY: body}), Settings(), device="cpu")
+        more = {"damping": body.damping, "bending": _bending(body) if isinstance(body, Rope) else None}
+        system = SpringSystem.from_springs(sim.masses(BODY), body.pins, sim.springs(BODY), **more)
+        return system, sim.rest_positions(BODY).astype(np.float64)
+
+
+def _bending(rope: Rope) -> sparse.csr_array | None:
+    """The stiffness (N, N) [N/m] of E = sum EI / (2 a_i) |t_i+1 - t_i|^2, t the segments over their rest lengths and
+    a_i [m] half of both segments at particle i; Hencky's chain (1920)."""
+    if rope.bend_compliance is None:
+        return None
+    length = np.linalg.norm(np.diff(rope.points, axis=0), axis=1)
+    tangents = sparse.diags_array([-1.0 / length, 1.0 / length], offsets=[0, 1], shape=(len(length), len(length) + 1))
+    turns = sparse.diags_array([-1.0, 1.0], offsets=[0, 1], shape=(len(length) - 1, len(length))) @ tangents
+    return (turns.T @ sparse.diags_array(2.0 / (rope.bend_compliance * (length[:-1] + length[1:]))) @ turns).tocsr()
