@@ -25,6 +25,8 @@ CHOSEN = [
     ("degenerate", "sheet with hinges", "xpbd 1", {}),
     *(("compliance", "sheet", "xpbd 1", {"compliance": value}) for value in (0.0, 1e-9, 1e3)),
     ("compliance", "sheet with hinges", "xpbd 1", {"compliance": 1e3}),
+    ("compliance", "sheet", "xpbd 2", {"compliance": 0.0, "substeps": 40}),
+    ("compliance", "sheet", "xpbd 2", {"compliance": 0.0, "substeps": 80, "iterations": 2}),
     ("compliance", "sheet", "verlet", {"compliance": 1e-9}),
     ("long step", "sheet", "xpbd 1", {"substeps": 1}),
     ("long step", "rope", "xpbd 1", {"substeps": 1}),
