@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cloth_sim_ros.study import pass_map
 from cloth_sim_ros.study.hard import long_rest
 from cloth_sim_ros.study.hard.cases import CASES
 from cloth_sim_ros.study.hard.judge import METHODS, combinations, judge
@@ -25,14 +26,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, help="of all that is drawn; another one every time if not given")
     parser.add_argument("--case", choices=CASES, nargs="+", help="these alone")
     parser.add_argument("--method", choices=METHODS, nargs="+", help="these alone")
+    parser.add_argument(
+        "--map", action="store_true", help="the map over stiffness and mass ratio in place of the cases"
+    )
+    parser.add_argument("--peers", action="store_true", help="in the map also Newton and pyPBD, if installed")
     parser.add_argument("--long", action="store_true", help="ten minutes of rest in place of the cases")
-    parser.add_argument("--output", type=Path, default=Path("study"), help="folder of the JSON")
+    parser.add_argument("--output", type=Path, default=Path("study"), help="folder of what is written")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run and print; the exit status is 1 if anything failed."""
     if arguments.long:
         return long_rest.run(arguments.device)
+    if arguments.map:
+        return pass_map.run(arguments.device, arguments.peers, arguments.output)
     seed = arguments.seed if arguments.seed is not None else int(np.random.SeedSequence().entropy % 2**31)
     every = list(combinations(seed, arguments.case, arguments.method))
     print(f"{len(every)} combinations, seed {seed}", flush=True)
