@@ -158,7 +158,8 @@ def long_step(kind: str, options: Options, random: np.random.Generator) -> Trial
 def fast_collider(kind: str, options: Options, random: np.random.Generator) -> Trial:
     """Straight up through a free body within a few frames, then it stands still.
 
-    All that it gives is its speed times the momentum of the body. Springs feel a stroke a substep late: a half more.
+    It gives its speed times the momentum of the body. Of few iterations, stiff dashpots feel a stroke late and let
+    springs store up to twice as much more, which they keep: nothing is launched.
     """
     shape, speed, radius = options["shape"], options["speed"], 0.005
     middle = 0.0 if is_rope(kind) else 0.05  # where a particle is
@@ -182,8 +183,8 @@ def fast_collider(kind: str, options: Options, random: np.random.Generator) -> T
     def ahead(sim: Simulation) -> str:
         return "the particle in its way was left behind" if left[0] else ""
 
-    promises = {"conserves": True, "slack": 0.5, "velocity": velocity, "outside": True, "finally_": ahead}
-    return Trial(scene, frames=8, drive=drive, **promises)
+    promises = {"conserves": True, "slack": 2.0, "velocity": velocity, "outside": True, "finally_": ahead}
+    return Trial(scene, frames=8, drive=drive, fastest=WHIP * speed, **promises)
 
 
 def teleport(kind: str, options: Options, random: np.random.Generator) -> Trial:
