@@ -77,6 +77,7 @@ class Body:
     panels_end: int
     spokes: int
     spoke_width: int
+    lightness: wp.vec3  # the most inverse mass at a spring of each kind, over its share of the compliance [1/kg]
 
 
 @wp.struct
@@ -183,7 +184,7 @@ class ModelArrays:
             spokes,
             spoke_width,
         )
-        self.bodies.append((len(self.bodies), spacing, first, len(topology.masses), *spans))
+        self.bodies.append((len(self.bodies), spacing, first, len(topology.masses), *spans, _lightness(topology)))
 
     def _add_panels(self, topology: Topology) -> int:
         start = self._append("panels", topology.panels)
@@ -232,6 +233,15 @@ class ModelArrays:
         model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 4), dtype=wp.vec4i, device=device)
         model.bodies = wp.array(np.array(self.bodies, dtype=Body.numpy_dtype()), dtype=Body, device=device)
         return model
+
+
+def _lightness(topology: Topology) -> tuple[float, ...]:
+    """Of structural, shear and bending springs: the largest w_i + w_j over scale [1/kg], 0 where there are none."""
+    w, found = np.where(topology.pinned, 0.0, 1.0 / topology.masses), []
+    for kind in KINDS:
+        e = topology.springs.get(kind)
+        found.append(0.0 if e is None else float((w[e.particles].sum(1) / e.scale).max()))
+    return tuple(found)
 
 
 def bits(indices: np.ndarray) -> np.ndarray:

@@ -7,13 +7,14 @@ import sys
 
 import warp as wp
 
-from cloth_sim_ros.study import error, report, speed, tune
+from cloth_sim_ros.study import error, report, speed, stability, tune
 from cloth_sim_ros.study.pictures import command as pictures
 
 COMMANDS = {
     "speed": (speed, "one launch a frame against one launch a colour"),
     "error": (error, "error against time for a case over orders, substeps and iterations"),
     "tune": (tune, "the cheapest settings of a scene file that keep a wanted error"),
+    "stability": (stability, "every hard case by every method: what stays finite, bounded, and comes back"),
     "report": (report, "one HTML page with every figure and table that the other commands have written"),
     "pictures": (pictures, "the pictures of the documentation, drawn from what the product computes"),
 }

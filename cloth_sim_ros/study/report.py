@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator
 from html import escape
 from pathlib import Path
 
-from cloth_sim_ros.study import error, speed
+from cloth_sim_ros.study import error, pass_map, speed, stability
+from cloth_sim_ros.study.hard.judge import Combination
 
 CAPTIONS = {  # file name of a picture -> what it shows
     "curtain": "A gathered curtain, a ball pushed through it, and a breeze.",
@@ -91,6 +92,22 @@ def _speed_body(stored: dict) -> str:
     return _machine(stored) + _pre(speed.table(stored["rows"]))
 
 
+def _stability_body(stored: dict) -> str:
+    failed = [row for row in stored["rows"] if row["outcome"] == "failed"]
+    lines = "".join(f"<li>{escape(_what(row))}: {escape(row['why'])}</li>" for row in failed)
+    return (
+        _machine(stored) + _pre(stability.table(stored["rows"])) + (f"<p>Failed:</p><ul>{lines}</ul>" if lines else "")
+    )
+
+
+def _what(row: dict) -> str:
+    return str(Combination(*(row[name] for name in ("case", "kind", "method", "options", "seed"))))
+
+
+def _map_body(stored: dict) -> str:
+    return _machine(stored) + _pre(pass_map.table(stored["cells"]))
+
+
 def _machine(stored: dict) -> str:
     where = stored["machine"]
     return f"<p>{escape(where['name'])} ({where['device']}), Warp {where['warp']}, Python {where['python']}</p>"
@@ -119,5 +136,7 @@ Section = tuple[Callable[[dict], str], Callable[[dict], str]]
 SECTIONS: dict[str, Section] = {  # files of a command -> (heading, body)
     "error_*.json": (lambda stored: f"{stored['title']}, {stored['machine']['device']}", _error_body),
     "tuned_*.json": (lambda stored: f"Tuned: {stored['title']}", _tune_body),
+    "stability_*.json": (lambda stored: f"Hard cases, seed {stored['seed']}", _stability_body),
+    "map_*.json": (lambda stored: f"What holds, {stored['machine']['device']}", _map_body),
     "speed*.json": (lambda stored: f"One launch a frame or a colour, {stored['machine']['device']}", _speed_body),
 }

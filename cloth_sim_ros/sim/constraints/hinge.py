@@ -35,7 +35,7 @@ def make_project(order: int):
         result = wp.vec3(q[0], q[1], q[2])
         if wp.static(order == 2):
             if step.second:
-                result -= s.last_displacements[body.particles + i] / 3.0
+                result -= step.share * s.last_displacements[body.particles + i]
         return result
 
     @wp.func

@@ -48,7 +48,8 @@ def make_project(order: int):
             slip = elongation(e, wp.vec3(moved[0], moved[1], moved[2]))
             if wp.static(order == 2):
                 if step.second:
-                    slip -= wp.dot(e, s.last_displacements[g + j] - s.last_displacements[g + i]) / (3.0 * length)
+                    carried = s.last_displacements[g + j] - s.last_displacements[g + i]
+                    slip -= step.share * wp.dot(e, carried) / length
         multiplier = float(0.0)
         if not step.first:
             multiplier = s.spring_multipliers[k]

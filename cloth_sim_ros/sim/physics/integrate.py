@@ -13,9 +13,9 @@ import warp as wp
 
 
 @wp.func
-def effective_step(h: float, second: bool) -> float:
+def effective_step(h: float, second: bool, share: float) -> float:
     """h_e [s] of a substep h [s]; `second` once two substeps of smooth history exist."""
-    return wp.where(second, 2.0 * h / 3.0, h)
+    return wp.where(second, h * (1.0 - share), h)
 
 
 @wp.func
@@ -43,6 +43,7 @@ class Step:
     inverse: float
     inverse_square: float
     second: bool  # a smooth substep lies behind this one
+    share: float  # of the last displacement that order 2 carries on
     first: bool  # first iteration: multipliers start from zero
     backward: bool  # colours in the opposite order: a sweep that favours one end of the cloth can feed it energy
     repeats: bool  # more iterations than one
@@ -50,10 +51,11 @@ class Step:
 
 
 @wp.func
-def make_step(h: float, second: bool, order: int) -> Step:
+def make_step(h: float, second: bool, order: int, share: float) -> Step:
     """The part of a Step that lasts for the substep; `second`: a smooth substep lies behind it."""
     step = Step()
-    step.effective = effective_step(h, second and order == 2)
+    step.share = share
+    step.effective = effective_step(h, second and order == 2, share)
     step.inverse = 1.0 / step.effective
     step.inverse_square = step.inverse * step.inverse
     step.second = second

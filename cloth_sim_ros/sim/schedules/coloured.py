@@ -15,6 +15,7 @@ from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
 from cloth_sim_ros.sim.schedules.stages import (
+    carried_share,
     make_contact,
     make_finish,
     make_panel,
@@ -161,7 +162,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         smooth = bool(False)
         if wp.static(features.looks_back):
             smooth = arrays.state.history[b] > 0
-        here.step = make_step(arrays.frames[0].dt, smooth, wp.static(features.order))
+        share = carried_share(here.body, arrays.materials[b], arrays.frames[0])
+        here.step = make_step(arrays.frames[0].dt, smooth, wp.static(features.order), share)
         here.step.first = first != 0
         here.step.store = store != 0
         here.step.repeats = arrays.frames[0].iterations > 1

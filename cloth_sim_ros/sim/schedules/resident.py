@@ -17,6 +17,7 @@ from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
 from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
 from cloth_sim_ros.sim.schedules.stages import (
+    carried_share,
     make_contact,
     make_finish,
     make_panel,
@@ -134,7 +135,8 @@ def make_frame(features: Features, shared: int, block: int):
         if t == 0:
             s.faulty[b] = 0
         sync()
-        step = make_step(frame.dt, history > 0, wp.static(features.order))
+        share = carried_share(body, material, frame)
+        step = make_step(frame.dt, history > 0, wp.static(features.order), share)
         if wp.static(features.panels != ""):
             for k in range(body.panels + t, body.panels_end, width):
                 panel(k, m, s, body, material, frame, x)
@@ -203,7 +205,7 @@ def make_frame(features: Features, shared: int, block: int):
             if wp.static(features.looks_back):
                 history = wp.where(rough == 0, 1, 0)
                 if step.second != (history > 0):
-                    step = make_step(frame.dt, history > 0, wp.static(features.order))
+                    step = make_step(frame.dt, history > 0, wp.static(features.order), share)
             # A thread owns its particles from the end of one substep to the next prediction; only methods that look
             # back or around need a barrier in between.
             for i in range(last - t, -1, -width):

@@ -120,6 +120,10 @@ class Energy:
         np.add.at(force, self.pairs[:, 1], -pull)
         return (self.inverse_mass > 0.0)[:, None] * (force / self._masses[:, None] + self._sim.scene.gravity)
 
+    def momentum(self, v: np.ndarray) -> float:
+        """Along z [kg m/s]."""
+        return float(self._masses @ v[:, 2])
+
     def scale(self) -> float:
         """What gravity can give over a metre [J]."""
         return float(self._masses.sum() * np.linalg.norm(self._sim.scene.gravity))

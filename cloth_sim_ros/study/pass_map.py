@@ -1,0 +1,141 @@
+"""The map of what holds: a loaded chain over stiffness, mass ratio, substeps and iterations, method by method.
+
+Every method gets the same springs (cases.loaded_chain) and is judged by its positions alone, as peers give no more. To
+add a method, add its contender; see `rows`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from cloth_sim_ros.study.cases import FRAME_DT, Case, loaded_chain
+from cloth_sim_ros.study.contenders import CONTENDERS, Contender, Run
+from cloth_sim_ros.study.error import peers_on
+from cloth_sim_ros.study.figures import save_png
+from cloth_sim_ros.study.springs import SpringSystem
+from cloth_sim_ros.study.timing import machine
+
+STIFFNESS = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, np.inf)  # [N/m] of every spring
+NEARLY_RIGID = 1e9  # [N/m] for methods that know no rigid springs
+RATIOS = (1.0, 1e1, 1e2, 1e3, 1e4, 1e5)
+SUBSTEPS, ITERATIONS = (1, 5, 20, 80), (1, 10)
+SEGMENTS, FRAMES = 24, 60
+CLASSIC = ("forward Euler (NumPy)", "PBD (NumPy)")
+OUTCOMES = {  # outcome -> its colour
+    "holds": "#3a9d5d",
+    "stretched": "#f0b13c",
+    "refused": "#c9ced6",
+    "flies apart": "#c8372d",
+}
+SLACK = 0.05  # of the energy: between frames nobody knows it
+
+
+def rows(peers: bool, device: str) -> list[tuple[Contender, int]]:
+    """(method, iterations) in the order of the figure: the product's, the classic ones, the peers."""
+    own = [each for each in CONTENDERS if not each.numpy and not each.ropes_only]
+    classic = [each for each in CONTENDERS if each.label in CLASSIC]
+    every = own + classic + (list(peers_on(device)) if peers else [])
+    return [(each, iterations) for each in every for iterations in each.iterations or ITERATIONS]
+
+
+def chain(ratio: float) -> Case:
+    """A chain of 1 m and 0.2 kg, let go at 45 degrees with `ratio` times its mass at its end."""
+    return Case(f"chain_{ratio:g}", "loaded chain", loaded_chain(ratio), FRAMES, 1e-3, SEGMENTS, 1e3)
+
+
+def outcome(frames: np.ndarray, system: SpringSystem, seen: float) -> str:
+    """What became of a run: frames (F + 1, N, 3) [m]; `seen` [N/m]: springs stiffer than this hold no energy of note.
+
+    It flies apart if it is not finite or its energy is above that of the start: that of its place at every frame, or
+    that of its mean motion between two frames above the lowest place. It is stretched if a spring ever is, by more than
+    0.05 and four times what the load stretches it at rest; three is what a swing and a wave in it can do.
+    """
+    if not np.isfinite(frames).any():
+        return "refused"
+    if not np.isfinite(frames).all():
+        return "flies apart"
+    soft = dataclasses.replace(system, constant=np.where(system.constant < seen, system.constant, 0.0))
+    still = np.zeros_like(frames[0])
+    place = np.array([sum(soft.energy(x, still)[1:]) for x in frames])
+    motion = np.array([soft.energy(still, v)[0] for v in np.diff(frames, axis=0) / FRAME_DT])
+    limit = SLACK * (np.ptp(place) + 1e-3)
+    if place.max() > place[0] + limit or motion.max() > place[0] - place.min() + limit:
+        return "flies apart"
+    weight = system.masses[1:].sum() * np.linalg.norm(system.gravity)
+    allowed = 0.05 + 4.0 * weight / (system.constant * system.rest_length)
+    return "stretched" if (system.strains(frames) > allowed).any() else "holds"
+
+
+def judge(contender: Contender, iterations: int, ratio: float, constant: float, substeps: int, device: str) -> str:
+    """The outcome of one cell."""
+    own = not contender.numpy and contender in CONTENDERS
+    run = Run(chain(ratio), SEGMENTS, constant if own else min(constant, NEARLY_RIGID), device, substeps, iterations)
+    frames, _ = contender.simulate(run)
+    system, _ = run.case.system(SEGMENTS, min(constant, NEARLY_RIGID))
+    seen = 0.0 if contender.label.startswith("PBD") else (0.1 / SEGMENTS) * (substeps / FRAME_DT) ** 2
+    return outcome(np.asarray(frames, dtype=np.float64), system, seen)
+
+
+def run(device: str, peers: bool, folder: Path) -> int:
+    """Compute all cells, print how many hold, write JSON, PNG and SVG."""
+    found: dict[str, list] = {}
+    for contender, iterations in rows(peers, device):
+        label = contender.label if contender.iterations == (1,) else f"{contender.label}, {iterations} iterations"
+        cells = found.setdefault(label, [])
+        for substeps in SUBSTEPS:
+            print(f"\33[2K{label}, {substeps} substeps", end="\r", file=sys.stderr, flush=True)
+            cells.append(
+                [[judge(contender, iterations, ratio, k, substeps, device) for k in STIFFNESS] for ratio in RATIOS]
+            )
+    where = machine(device if device != "auto" else None)
+    print(f"{where['name']} ({where['device']}); chain of {SEGMENTS} segments, {FRAMES * FRAME_DT:g} s")
+    print(table(found))
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"map_{where['device'].replace(':', '')}"
+    path.with_suffix(".json").write_text(json.dumps({"machine": where, "cells": found}))
+    draw(found, path)
+    print(f"written: {path}.json, .png, .svg")
+    return 0
+
+
+def table(found: dict[str, list]) -> str:
+    """Numbers of cells by method and outcome."""
+    lines = [f"{'':<36}" + "".join(f"{name:>13}" for name in OUTCOMES)]
+    for label, cells in found.items():
+        flat = np.array(cells).ravel()
+        lines.append(f"{label:<36}" + "".join(f"{int((flat == name).sum()):>13}" for name in OUTCOMES))
+    return "\n".join(lines)
+
+
+def draw(found: dict[str, list], path: Path) -> None:
+    """A panel for each method and number of substeps: stiffness across, mass ratio up."""
+    figure = Figure(figsize=(11, 1.5 * len(found) + 1.2), layout="constrained")
+    panels = figure.subplots(len(found), len(SUBSTEPS), squeeze=False, sharex=True, sharey=True)
+    names, colours = list(OUTCOMES), ListedColormap(list(OUTCOMES.values()))
+    for row, (label, cells) in zip(panels, found.items(), strict=True):
+        for axes, substeps, block in zip(row, SUBSTEPS, cells, strict=True):
+            numbers = [[names.index(cell) for cell in line] for line in block]
+            axes.pcolormesh(np.array(numbers), cmap=colours, vmin=-0.5, vmax=len(names) - 0.5, edgecolors="w", lw=0.5)
+            axes.set_xticks(np.arange(len(STIFFNESS)) + 0.5, [_power(k) for k in STIFFNESS], fontsize=7)
+            axes.set_yticks(np.arange(len(RATIOS)) + 0.5, [_power(ratio) for ratio in RATIOS], fontsize=7)
+            if axes in panels[0]:
+                axes.set_title(f"{substeps} substeps", fontsize=9)
+        row[0].set_ylabel(label.replace(", ", ",\n"), fontsize=8)
+    figure.supxlabel("spring constant [N/m]", fontsize=9)
+    figure.supylabel("load at the end / mass of the chain", fontsize=9)
+    entries = [Patch(color=colour, label=name) for name, colour in OUTCOMES.items()]
+    figure.legend(handles=entries, ncols=len(entries), fontsize=8, loc="outside upper right")
+    save_png(figure, path.with_suffix(".png"))
+    figure.savefig(path.with_suffix(".svg"))
+
+
+def _power(value: float) -> str:
+    return "rigid" if np.isinf(value) else f"1e{round(np.log10(value))}"

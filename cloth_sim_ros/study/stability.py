@@ -1,0 +1,81 @@
+"""`stability`: every hard case on every body by every method, and what each run kept of what its case promises."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from cloth_sim_ros.study import pass_map
+from cloth_sim_ros.study.hard import long_rest
+from cloth_sim_ros.study.hard.cases import CASES
+from cloth_sim_ros.study.hard.judge import METHODS, combinations, judge
+from cloth_sim_ros.study.timing import machine
+
+OUTCOMES = ("pass", "refused", "failed")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command line of `python -m cloth_sim_ros.study stability`."""
+    parser.add_argument("--device", default="auto", help="cpu, cuda:0 or auto")
+    parser.add_argument("--seed", type=int, help="of all that is drawn; another one every time if not given")
+    parser.add_argument("--case", choices=CASES, nargs="+", help="these alone")
+    parser.add_argument("--method", choices=METHODS, nargs="+", help="these alone")
+    parser.add_argument(
+        "--map", action="store_true", help="the map over stiffness and mass ratio in place of the cases"
+    )
+    parser.add_argument("--peers", action="store_true", help="in the map also Newton and pyPBD, if installed")
+    parser.add_argument("--long", action="store_true", help="ten minutes of rest in place of the cases")
+    parser.add_argument("--output", type=Path, default=Path("study"), help="folder of what is written")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run and print; the exit status is 1 if anything failed."""
+    if arguments.long:
+        return long_rest.run(arguments.device)
+    if arguments.map:
+        return pass_map.run(arguments.device, arguments.peers, arguments.output)
+    seed = arguments.seed if arguments.seed is not None else int(np.random.SeedSequence().entropy % 2**31)
+    every = list(combinations(seed, arguments.case, arguments.method))
+    print(f"{len(every)} combinations, seed {seed}", flush=True)
+    found, start = [], time.perf_counter()
+    for k, combination in enumerate(every):
+        print(f"\33[2K{k} of {len(every)}: {combination}"[:150], end="\r", file=sys.stderr, flush=True)
+        verdict = judge(combination, arguments.device)
+        found.append((combination, verdict))
+        if verdict.outcome == "failed":
+            print(f"FAILED {combination}: {verdict.why}", flush=True)
+    where = machine(arguments.device if arguments.device != "auto" else None)
+    rows = [{**dataclasses.asdict(combination), **dataclasses.asdict(verdict)} for combination, verdict in found]
+    print(f"{where['name']} ({where['device']}), {time.perf_counter() - start:.0f} s")
+    print(table(rows))
+    path = arguments.output / f"stability_{where['device'].replace(':', '')}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for row in rows:
+        row["residual"] = row["residual"] if np.isfinite(row["residual"]) else None
+    path.write_text(json.dumps({"machine": where, "seed": seed, "rows": rows}, indent=1))
+    print(f"written: {path}")
+    return int(any(verdict.outcome == "failed" for _, verdict in found))
+
+
+def table(rows: list[dict]) -> str:
+    """Numbers of runs that passed, were refused and failed, by case and method; refusals were checked to be right."""
+    methods = [method for method in METHODS if any(row["method"] == method for row in rows)]
+    lines = [f"{'':<20}" + "".join(f"{method:>24}" for method in methods)]
+    lines.append(f"{'pass / refused / failed':<20}")
+    for name in [*CASES, "all"]:
+        of_case = [row for row in rows if name in (row["case"], "all")]
+        if not of_case:
+            continue
+        cells = [_cell([row for row in of_case if row["method"] == method]) for method in methods]
+        lines.append(f"{name:<20}" + "".join(f"{cell:>24}" for cell in cells))
+    return "\n".join(lines)
+
+
+def _cell(rows: list[dict]) -> str:
+    return " / ".join(str(sum(row["outcome"] == outcome for row in rows)) for outcome in OUTCOMES)

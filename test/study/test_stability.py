@@ -1,0 +1,110 @@
+"""A few of the hard cases every time, all their kinds; `study stability` runs them all with ever new seeds."""
+
+import dataclasses
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Rope, Settings, Simulation
+from cloth_sim_ros.study import __main__
+from cloth_sim_ros.study.hard import judge, long_rest
+from cloth_sim_ros.study.hard.bodies import BODY, Energy, make_body
+from cloth_sim_ros.study.hard.cases import CASES, Scene
+
+# One of every case, by settings that share few kernels; the loaded starts are the most violent.
+CHOSEN = [
+    ("end load", "rope", "xpbd 1", {"ratio": 1e5}),
+    ("end load", "rope", "xpbd 2", {"ratio": 1e3}),
+    *(("bad start", "sheet", "xpbd 1", {"start": start}) for start in ("random", "stretched", "point", "mirrored")),
+    ("bad start", "sheet with hinges", "xpbd 1", {"start": "collapsed"}),
+    ("bad start", "sheet", "verlet, its substeps", {"start": "stretched"}),
+    ("bad start, loaded", "rope", "xpbd 1", {"start": "random", "ratio": 1e5}),
+    ("bad start, loaded", "rope", "xpbd 2", {"start": "stretched", "ratio": 100.0}),
+    ("degenerate", "sheet with hinges", "xpbd 1", {}),
+    *(("compliance", "sheet", "xpbd 1", {"compliance": value}) for value in (0.0, 1e-9, 1e3)),
+    ("compliance", "sheet with hinges", "xpbd 1", {"compliance": 1e3}),
+    ("compliance", "sheet", "xpbd 2", {"compliance": 0.0, "substeps": 40}),
+    ("compliance", "sheet", "xpbd 2", {"compliance": 0.0, "substeps": 80, "iterations": 2}),
+    ("compliance", "sheet", "verlet", {"compliance": 1e-9}),
+    ("long step", "sheet", "xpbd 1", {"substeps": 1}),
+    ("long step", "rope", "xpbd 1", {"substeps": 1}),
+    *(("fast collider", "sheet", "xpbd 1", {"shape": shape, "speed": 20.0}) for shape in ("box", "sphere")),
+    *(("teleport", "sheet", "xpbd 1", {"shape": "sphere", "where": where}) for where in ("into", "away")),
+    ("squeeze", "sheet", "xpbd 1", {"shape": "plane"}),
+    ("pulled pins", "rope", "xpbd 1", {}),
+    ("pins in conflict", "sheet", "xpbd 1", {"compliance": 0.0}),
+    ("sharp edge", "sheet", "xpbd 1", {"substeps": 20}),
+    ("gusts", "sheet", "xpbd 1", {"pins": "none"}),
+    *(("centre", "sheet", "xpbd 1", {"shape": shape}) for shape in ("sphere", "capsule", "box")),
+]
+
+
+@pytest.mark.parametrize(("case", "kind", "method", "options"), CHOSEN)
+def test_a_hard_case_keeps_its_promise(case, kind, method, options):
+    options = {"substeps": 20, "iterations": 1, **options}
+    verdict = judge.judge(judge.Combination(case, kind, method, options, seed=7), "cpu")
+    refused = method == "verlet"
+    assert verdict.outcome == ("refused" if refused else "pass"), verdict.why
+
+
+def test_every_case_is_there_and_there_are_more_than_500():
+    every = list(judge.combinations(seed=3))
+    assert {each.case for each in every} == set(CASES) == {case for case, *_ in CHOSEN}
+    assert len(every) >= 500 and len({str(each) for each in every}) == len(every)
+    assert [str(each) for each in judge.combinations(seed=3)] == [str(each) for each in every]
+    assert [str(each) for each in judge.combinations(seed=4)] != [str(each) for each in every]
+
+
+def run_with(body, trial, method="verlet"):
+    sim = Simulation(Scene({BODY: body}), Settings(method=method, substeps=40), device="cpu")
+    return judge.watch(sim, dataclasses.replace(trial, scene=sim.scene))
+
+
+def test_a_run_that_breaks_a_promise_fails(monkeypatch):
+    """An unstable step, speed, rest and what is put back are all seen."""
+    calm = CASES["compliance"].trial("sheet", {"compliance": 1e-3}, np.random.default_rng(0))
+    soft, stiff = make_body("sheet", 1e-3), make_body("sheet", 1e-5)
+    assert run_with(soft, calm).outcome == "pass"
+    assert "energy" in run_with(soft, dataclasses.replace(calm, slack=-0.5)).why
+    assert "m/s" in run_with(soft, dataclasses.replace(calm, fastest=1.0)).why
+    assert "strain" in run_with(soft, dataclasses.replace(calm, rest=-1.0)).why
+    monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_: 1)
+    assert "put back" in run_with(stiff, calm).why
+
+
+def test_refusals_are_held_against_an_eigenvalue_of_their_own(monkeypatch):
+    options = {"substeps": 1, "iterations": 1, "compliance": 1e-3}
+    combination = judge.Combination("compliance", "sheet", "verlet", options, seed=1)
+    assert judge.judge(combination, "cpu").outcome == "refused"
+    monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_: 400)
+    assert "needs" in judge.judge(combination, "cpu").why
+
+
+def test_energy_is_what_the_equations_say():
+    """A swinging mass on a spring, by the exact method: what it holds stays."""
+    rope = Rope(start=(0, 0, 0), end=(0.1, 0, 0), segments=1, particle_masses=[1, 1], stretch_compliance=1e-2)
+    sim = Simulation(Scene({BODY: rope}), Settings(method="verlet", substeps=100), device="cpu")
+    energy, found = Energy(sim), []
+    for _ in range(60):
+        sim.step()
+        found.append(energy.of(sim.positions(BODY).astype(float), sim.velocities(BODY).astype(float)))
+    found = np.array(found)
+    assert np.ptp(found[:, 1]) > 1.0 and np.abs(found.sum(1)).max() < 2e-3
+
+
+def test_the_command_counts_and_writes(monkeypatch, tmp_path, capsys):
+    options = ("--device", "cpu", "--seed", "5", "--case", "degenerate", "--output", str(tmp_path))
+    monkeypatch.setattr(sys, "argv", ["study", "stability", *options, "--method", "verlet", "verlet, its substeps"])
+    assert __main__.main() == 0
+    assert "10 combinations, seed 5" in (text := capsys.readouterr().out) and "0 / 5 / 0" in text
+    assert len(json.loads((tmp_path / "stability_cpu.json").read_text())["rows"]) == 10
+
+
+@pytest.mark.parametrize("scene", long_rest.SCENES)
+def test_what_lies_lies_still(scene):
+    """Two minutes here; ten by `stability --long`."""
+    settings = long_rest.SETTINGS["xpbd 2, 20 x 1"]
+    energy, drift, recoveries = long_rest.rest(Simulation(long_rest.SCENES[scene](), settings, "cpu"), minutes=2)
+    assert energy < long_rest.MOST_ENERGY and drift < long_rest.MOST_DRIFT and recoveries == 0
