@@ -405,7 +405,7 @@ def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
 
 # A substep that puts a torn rope together may move its particles by many segments: of the velocity that would leave, a
 # particle gains at most this many segments a substep, or the next substep would tear it again.
-MOST_SPACINGS = wp.constant(0.25)
+MOST_SPACINGS = wp.constant(0.1)
 
 
 def make_finish(features: Features):
