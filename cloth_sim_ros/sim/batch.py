@@ -60,6 +60,7 @@ class Batch:
         self.states = make_states(collected, features, colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, frame, colliders) for w in range(worlds)]
+        self._saved: dict[str, wp.array] | None = None
         self.schedule = self._make_schedule(schedule, [topology.layout for topology in topologies.values()])
         for name in topologies:
             self.reset(name, None)
@@ -140,6 +141,20 @@ class Batch:
             self._part(array, span, None).assign(rows)
         self._part("recoveries", slice(b, b + 1), None).assign(kept.recoveries)
         self.materials.edit()[:, b] = kept.materials
+
+    def save(self) -> None:
+        """Keep the whole state aside, on the device; the room for it is taken once."""
+        if self._saved is None:
+            self._saved = {name: wp.empty_like(rows) for name, rows in self.states.items()}
+        for name, rows in self.states.items():
+            if rows.size:
+                wp.copy(self._saved[name], rows)
+
+    def restore(self) -> None:
+        """The state as it was saved."""
+        for name, rows in self.states.items():
+            if rows.size:
+                wp.copy(rows, self._saved[name])
 
     def forget_steps(self) -> None:
         """The length of a substep changed: order 2 starts from its first-order substep again."""

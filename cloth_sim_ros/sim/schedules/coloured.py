@@ -26,6 +26,8 @@ from cloth_sim_ros.sim.schedules.stages import (
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, compliance_of, gathered, given_type
 
+GRAPHS = 4  # frames kept at a time, for as many pairs of substeps and iterations
+
 
 class Coloured:
     """The launches of one batch. `advance()` simulates one frame of every body in every world of it."""
@@ -40,26 +42,31 @@ class Coloured:
         self._groups = arrays.model.groups.numpy().tolist()
         self._recorded: dict[tuple, wp.Launch] = {}
         self._frame: list[wp.Launch] = []
-        self._graph, self._settings = None, None
+        self._frames: dict[tuple[int, int], list[wp.Launch] | wp.Graph] = {}
 
     def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; a new number of substeps or iterations records it anew, on a GPU in a new graph."""
-        if self._settings != (substeps, iterations):
-            self._record(substeps, iterations)
-        if self._graph is not None:
-            wp.capture_launch(self._graph)
+        """Launch one frame; a new number of substeps or iterations is recorded, on a GPU in a graph; a few are kept."""
+        settings = (substeps, iterations)
+        if settings not in self._frames:
+            if len(self._frames) == GRAPHS:
+                self._frames.pop(next(iter(self._frames)))
+            self._frames[settings] = self._record(*settings)
+        frame = self._frames[settings]
+        if isinstance(frame, wp.Graph):
+            wp.capture_launch(frame)
             return
-        for launch in self._frame:
+        for launch in frame:
             launch.launch()
 
-    def _record(self, substeps: int, iterations: int) -> None:
-        self._frame, self._settings = [], (substeps, iterations)
+    def _record(self, substeps: int, iterations: int) -> list[wp.Launch] | wp.Graph:
+        self._frame = []
         self._launch_frame(substeps, iterations)
-        if self._device.is_cuda:
-            with wp.ScopedCapture(device=self._device) as capture:
-                for launch in self._frame:
-                    launch.launch()
-            self._graph = capture.graph
+        if not self._device.is_cuda:
+            return self._frame
+        with wp.ScopedCapture(device=self._device) as capture:
+            for launch in self._frame:
+                launch.launch()
+        return capture.graph
 
     def _launch(
         self, stage: str, size: int, b: int = 0, substep: int = 0, first: int = 0, store: int = 0, g: int = 0

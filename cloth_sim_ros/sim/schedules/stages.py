@@ -262,7 +262,7 @@ def forgotten(past: wp.vec3, now: wp.vec3, normal: wp.vec3, hit: bool) -> wp.vec
 @wp.func
 def length_of(step: Step) -> float:
     """The length of a substep [s], which in order 2 is more than its effective step."""
-    return wp.where(step.second, 1.5, 1.0) * step.effective
+    return step.effective / wp.where(step.second, 1.0 - step.share, 1.0)
 
 
 def make_meet(shapes: tuple[str, ...]):

@@ -15,6 +15,7 @@ import warp as wp
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step, make_step, split_sum
 from cloth_sim_ros.sim.schedules import native
+from cloth_sim_ros.sim.schedules.coloured import GRAPHS
 from cloth_sim_ros.sim.schedules.native import array_address, load4, store4, sync, xyz
 from cloth_sim_ros.sim.schedules.stages import (
     eased_by,
@@ -67,18 +68,20 @@ class Tiled:
         self._block = 1 if device.is_cpu else chosen.capacity
         widths = chosen.around[0].types.shape[1], chosen.around[0].corners.shape[1]
         self._kernels = make_kernels(features, chosen.capacity, self._block, *widths)
-        self._graph, self._captured = None, None
+        self._graphs: dict[int, wp.Graph] = {}
 
     def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; on a GPU a new number of substeps captures the graph anew."""
-        if self._captured == substeps:
-            wp.capture_launch(self._graph)
+        """Launch one frame; on a GPU a new number of substeps captures a graph, of which a few are kept."""
+        if substeps in self._graphs:
+            wp.capture_launch(self._graphs[substeps])
             return
         self._launch_frame(substeps)
         if self._device.is_cuda:
             with wp.ScopedCapture(device=self._device) as capture:
                 self._launch_frame(substeps)
-            self._graph, self._captured = capture.graph, substeps
+            if len(self._graphs) == GRAPHS:
+                self._graphs.pop(next(iter(self._graphs)))
+            self._graphs[substeps] = capture.graph
 
     def _launch_frame(self, substeps: int) -> None:
         turns = range(0, substeps, min(self.depth, substeps))
@@ -294,7 +297,7 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
             frame = given.frames[0]
             material = given.materials[body]
             colliders = given.colliders
-        step = make_step(frame.dt, first > 0 or s.history[body] > 0, 1)
+        step = make_step(frame.dt, first > 0 or s.history[body] > 0, 1, 0.0)
         constants = spring_constants(material)
         shared = tile_address(wp.tile_empty(shape=(wp.static(6 * capacity),), dtype=wp.vec4, storage="shared"))
         before = surface(s, tiles, side, w)
