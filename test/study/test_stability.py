@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Rope, Settings, Simulation
-from cloth_sim_ros.study import __main__
+from cloth_sim_ros.study import __main__, pass_map
 from cloth_sim_ros.study.hard import judge, long_rest
 from cloth_sim_ros.study.hard.bodies import BODY, Energy, make_body
 from cloth_sim_ros.study.hard.cases import CASES, Scene
@@ -108,3 +108,36 @@ def test_what_lies_lies_still(scene):
     settings = long_rest.SETTINGS["xpbd 2, 20 x 1"]
     energy, drift, recoveries = long_rest.rest(Simulation(long_rest.SCENES[scene](), settings, "cpu"), minutes=2)
     assert energy < long_rest.MOST_ENERGY and drift < long_rest.MOST_DRIFT and recoveries == 0
+
+
+def test_the_map_tells_what_holds_from_what_does_not():
+    """Frames of a chain that falls as it may, stretches too far, gains height, is not finite, never ran."""
+    system, start = pass_map.chain(1.0).system(pass_map.SEGMENTS, 1e4)
+    fall = np.array([start * (1.0, 1.0, 1.0 + 1e-3 * k) for k in range(5)])
+    seen = 1e9
+    assert pass_map.outcome(fall, system, seen) == "holds"
+    assert pass_map.outcome(start * np.linspace(1.0, 1.5, 200)[:, None, None], system, 0.0) == "stretched"
+    assert pass_map.outcome(np.concatenate([fall, -fall]), system, seen) == "flies apart"
+    assert pass_map.outcome(np.where(fall > fall.max() - 1e-9, np.nan, fall), system, seen) == "flies apart"
+    assert pass_map.outcome(np.full_like(fall, np.nan), system, seen) == "refused"
+
+
+def test_the_map_is_drawn(monkeypatch, tmp_path, capsys):
+    for name, few in {
+        "STIFFNESS": (1e2, 1e6, np.inf),
+        "RATIOS": (1.0, 1e3),
+        "SUBSTEPS": (20,),
+        "ITERATIONS": (1,),
+    }.items():
+        monkeypatch.setattr(pass_map, name, few)
+    monkeypatch.setattr(pass_map, "FRAMES", 20)
+    monkeypatch.setattr(sys, "argv", ["study", "stability", "--map", "--device", "cpu", "--output", str(tmp_path)])
+    assert __main__.main() == 0
+    cells = json.loads((tmp_path / "map_cpu.json").read_text())["cells"]
+    assert np.array(cells["XPBD, first order, 1 iterations"]).shape == (1, 2, 3)
+    assert set(np.ravel(cells["XPBD, first order, 1 iterations"])) == {"holds"}
+    assert np.ravel(cells["forward Euler (NumPy)"]).tolist() == ["holds", *["flies apart"] * 2] * 2
+    assert np.ravel(cells["Verlet"]).tolist() == ["holds", "refused", "refused"] * 2
+    assert (tmp_path / "map_cpu.png").stat().st_size > 5_000 and (tmp_path / "map_cpu.svg").exists()
+    monkeypatch.setattr(sys, "argv", ["study", "report", "--folder", str(tmp_path), "--images", str(tmp_path)])
+    assert __main__.main() == 0 and "flies apart" in (tmp_path / "report.html").read_text()
