@@ -12,7 +12,7 @@ from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.model import KINDS
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.schedules.native import as_index, xyz
-from cloth_sim_ros.sim.schedules.stages import carried_share
+from cloth_sim_ros.sim.schedules.stages import parts_of_motion
 from cloth_sim_ros.sim.state import Arrays
 
 # Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.
@@ -35,7 +35,7 @@ def measure_springs(
     spring = arrays.model.springs[k]
     i = body.particles + as_index(spring[0])
     j = body.particles + as_index(spring[1])
-    h = effective_step(dt, second, carried_share(body, arrays.materials[b], arrays.frames[0]))
+    h = effective_step(dt, second, parts_of_motion(body, arrays.materials[b], arrays.frames[0]))
     force = arrays.state.spring_multipliers[k] / (h * h)
     _measure(arrays, b, i, j, spring[2], spring[3] * arrays.materials[b].compliance[kind] * force, implicit, result)
 

@@ -22,12 +22,11 @@ def walk(segments: wp.array(dtype=Segment), w0: float, found: wp.array(dtype=wp.
     q = wp.vec3(0.0)
     old = segments[0].frame
     for k in range(segments.shape[0]):
-        turn = segments[k].frame * wp.transpose(old)
         y = turn_frame(y, old, segments[k].frame)
-        segment, y, q = forward(segments[k], y, turn * q)
+        segment, y, q = forward(segments[k], y, q)
         old = segments[k].frame
     found[0] = y
-    moved[0] = q
+    moved[0] = old * q
 
 
 @wp.kernel(enable_backward=False)

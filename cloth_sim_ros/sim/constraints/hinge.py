@@ -5,7 +5,7 @@ import warp as wp
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.bending import hinge_gradients, wrap_angle
 from cloth_sim_ros.sim.physics.distance import multiplier_change
-from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.schedules.native import load4, store4
 from cloth_sim_ros.sim.state import Material, State
 
@@ -35,7 +35,7 @@ def make_project(order: int):
         result = wp.vec3(q[0], q[1], q[2])
         if wp.static(order == 2):
             if step.second:
-                result -= step.share * s.last_displacements[body.particles + i]
+                result -= carried(s.last_displacements[body.particles + i], step)
         return result
 
     @wp.func

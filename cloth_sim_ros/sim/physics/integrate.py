@@ -13,9 +13,9 @@ import warp as wp
 
 
 @wp.func
-def effective_step(h: float, second: bool, share: float) -> float:
+def effective_step(h: float, second: bool, parts: float) -> float:
     """h_e [s] of a substep h [s]; `second` once two substeps of smooth history exist."""
-    return wp.where(second, h * (1.0 - share), h)
+    return wp.where(second, h - h / parts, h)
 
 
 @wp.func
@@ -43,19 +43,30 @@ class Step:
     inverse: float
     inverse_square: float
     second: bool  # a smooth substep lies behind this one
-    share: float  # of the last displacement that order 2 carries on
+    parts: float  # of which order 2 carries on one of the last displacement
     first: bool  # first iteration: multipliers start from zero
     backward: bool  # colours in the opposite order: a sweep that favours one end of the cloth can feed it energy
     repeats: bool  # more iterations than one
     store: bool  # someone reads the multipliers afterwards
+    torn: bool  # a chain was put together from afar: its particles did not move so, they were placed
 
 
 @wp.func
-def make_step(h: float, second: bool, order: int, share: float) -> Step:
+def carried(change: wp.vec3, step: Step) -> wp.vec3:
+    """The part of the last displacement or change of velocity that order 2 carries on.
+
+    Divided, because a product would be fused with a sum in one place and not in the other, and their difference would
+    push at every substep.
+    """
+    return change / step.parts
+
+
+@wp.func
+def make_step(h: float, second: bool, order: int, parts: float) -> Step:
     """The part of a Step that lasts for the substep; `second`: a smooth substep lies behind it."""
     step = Step()
-    step.share = share
-    step.effective = effective_step(h, second and order == 2, share)
+    step.parts = parts
+    step.effective = effective_step(h, second and order == 2, parts)
     step.inverse = 1.0 / step.effective
     step.inverse_square = step.inverse * step.inverse
     step.second = second

@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
 from cloth_sim_ros.sim.schedules.stages import (
-    carried_share,
+    parts_of_motion,
     make_contact,
     make_finish,
     make_panel,
@@ -107,7 +107,7 @@ class Coloured:
         for stage, (begin, end) in kinds.items():
             if stage in self._kernels:
                 groups = range(body[begin], body[end])
-                for g in reversed(groups) if backward else groups:
+                for g in reversed(groups) if backward and len(groups) > 2 else groups:
                     size = self._groups[g][3] - self._groups[g][2]
                     self._launch(stage, size, b, first=first, store=store, g=g)
         if "edge" in self._features.constraints:
@@ -169,16 +169,21 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         smooth = bool(False)
         if wp.static(features.looks_back):
             smooth = arrays.state.history[b] > 0
-        share = carried_share(here.body, arrays.materials[b], arrays.frames[0])
-        here.step = make_step(arrays.frames[0].dt, smooth, wp.static(features.order), share)
+        parts = parts_of_motion(here.body, arrays.materials[b], arrays.frames[0])
+        here.step = make_step(arrays.frames[0].dt, smooth, wp.static(features.order), parts)
         here.step.first = first != 0
         here.step.store = store != 0
         here.step.repeats = arrays.frames[0].iterations > 1
+        if wp.static(features.chain):
+            here.step.torn = arrays.state.torn[b] > 0
         return here
 
     @stage
     def predict(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
         here = look(arrays, b, 1, 0)
+        if wp.static(features.chain):
+            if i == 0:
+                arrays.state.torn[b] = 0
         moving = moving_of(i, arrays.state, here.body, here.low)
         material, frame = arrays.materials[b], arrays.frames[0]
         predict_particle(
@@ -338,9 +343,9 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         @stage
         def chain(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
             here = look(arrays, b, first, 0)
-            solve_chain(
-                0, arrays.model, arrays.state, here.body, arrays.materials[b], here.step, here.x, here.d, here.x
-            )
+            m, s, material = arrays.model, arrays.state, arrays.materials[b]
+            if solve_chain(0, m, s, here.body, material, here.step, here.x, here.d, here.x):
+                arrays.state.torn[b] = 1
 
     if features.looks_back:
 

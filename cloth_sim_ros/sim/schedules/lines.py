@@ -21,9 +21,9 @@ from cloth_sim_ros.sim.physics.chain import (
     turned_end,
 )
 from cloth_sim_ros.sim.physics.distance import elongation, opened
-from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.schedules.beam import bend_by_moments, solve_beam
-from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quotient, store4, sync, sync_any, xyz
+from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quotient, root, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.scan import Reach, Share, scan_backward, scan_forward, share_of
 from cloth_sim_ros.sim.state import Material, Segment, State
 
@@ -31,6 +31,9 @@ from cloth_sim_ros.sim.state import Material, Segment, State
 # solved again, stiffer across, as far as the turn stretches it (a bound of the energy from above), this often at most.
 LARGEST_TURN = wp.constant(0.09)
 ATTEMPTS = wp.constant(5)
+
+# A chain was torn where a segment needs several attempts or changes its length by this share of it in a substep.
+TORN = wp.constant(0.02)
 
 
 @wp.func
@@ -74,9 +77,8 @@ def make_prepare(order: int):
         de = xyz(q) - xyz(p)
         e = opened((xyz(load4(x, k + 1)) - xyz(load4(x, k))) + de, k)
         square = wp.dot(e, e)
-        inverse = inverse_root(square)
-        length = square * inverse
-        n = inverse * e
+        length = root(square)  # as exact as can be: it is what the stretch is told from
+        n = inverse_root(square) * e
         rest = m.segment_length[index]
         alpha = material.compliance[0] * rest * step.inverse_square
         gamma = material.damping * step.inverse
@@ -88,7 +90,7 @@ def make_prepare(order: int):
             slip = elongation(e, de - xyz(s.low[g + 1] - s.low[g]))
             if wp.static(order == 2):
                 if step.second:
-                    slip -= wp.dot(n, s.last_displacements[g + 1] - s.last_displacements[g]) / 3.0
+                    slip -= wp.dot(n, carried(s.last_displacements[g + 1] - s.last_displacements[g], step))
             gap += gamma * slip
         segment.frame = edge_frame(n)
         eased = quotient(1.0, 1.0 + gamma)
@@ -114,23 +116,24 @@ def _across(segment: Segment) -> float:
 
 @wp.func
 def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
-    """Past a segment, from the particle before it with compliance y and free displacement q, in the segment's frame.
+    """Past a segment, from the particle before it with compliance y, in the segment's frame, and free displacement q.
 
     Returns the segment with what the way back needs, and compliance and free displacement of its far particle.
+    Displacements are in the world: differences of turned ones would lose digits.
     """
     # The edge's present tension pulls its first particle; the rest of the pull is solved for.
-    q += y * wp.vec3(segment.tension, 0.0, 0.0)
+    q += wp.transpose(segment.frame) * (y * wp.vec3(segment.tension, 0.0, 0.0))
     admittance = wp.mat33(0.0)
     if segment.near + segment.far > 0.0:
         admittance = series_admittance(y, segment.along, _across(segment))
     segment.admittance = admittance
     segment.compliance = y
     segment.free = q
-    pull = admittance * (q - wp.vec3(segment.gap, 0.0, 0.0)) - wp.vec3(segment.tension, 0.0, 0.0)
+    pull = admittance * (segment.frame * q - wp.vec3(segment.gap, 0.0, 0.0)) - wp.vec3(segment.tension, 0.0, 0.0)
     if segment.far > 0.0:
         pull += segment.missing * quotient(1.0, segment.far)
     y = particle_compliance(segment.far, admittance)
-    return segment, y, y * pull
+    return segment, y, wp.transpose(segment.frame) * (y * pull)
 
 
 @wp.func
@@ -138,19 +141,19 @@ def backward(segment: Segment, u: wp.vec3):
     """How the particle before a segment moves when the one behind it moves by u, and the segment with its new pull
     and turn, negative where it turns too far."""
     segment.moved = u
-    u = segment.frame * u
-    force = segment.admittance * (u - segment.free + wp.vec3(segment.gap, 0.0, 0.0))
-    before = segment.free + segment.compliance * force
-    turned = u - before
+    force = segment.admittance * (segment.frame * (u - segment.free) + wp.vec3(segment.gap, 0.0, 0.0))
+    before = segment.free + wp.transpose(segment.frame) * (segment.compliance * force)
+    turned = segment.frame * (u - before)
     turn = quotient(turned[1] * turned[1] + turned[2] * turned[2], segment.reach * segment.reach)
     segment.too_far = wp.where(turn > LARGEST_TURN and turn > 2.0 * segment.turn, 1, 0)
     segment.turn = wp.max(turn, segment.turn)
+    segment.torn = wp.where(wp.abs(turned[0]) > TORN * segment.reach, 1, 0)
     segment.pull = force[0]
-    return segment, wp.transpose(segment.frame) * before
+    return segment, before
 
 
 def make_solve_chain(order: int, threads: int, stored: bool, beam: bool):
-    """A Warp function by which thread t of `threads` solves its part of a body's chain.
+    """A Warp function by which thread t of `threads` solves its part of a body's chain; whether that was torn.
 
     `stored`: a thread may have several segments, kept in State.segments; otherwise its one stays in registers. The
     address is that of 2 x SLOTS x threads vec4 that the threads share, unused by one thread. `beam`: the chain also
@@ -171,7 +174,7 @@ def make_solve_chain(order: int, threads: int, stored: bool, beam: bool):
         x: wp.uint64,
         d: wp.uint64,
         shared: wp.uint64,
-    ):
+    ) -> bool:
         share = share_of(t, threads, body)
         if wp.static(beam):
             if step.first:
@@ -190,44 +193,47 @@ def make_solve_chain(order: int, threads: int, stored: bool, beam: bool):
         if t == 0:
             missing = missing_of(0, s, body, step, d)
         near = wp.vec3(0.0)
+        placed = bool(True)
         attempt = int(0)
         while attempt < ATTEMPTS:
             attempt += 1
             # What lies before the thread's first segment, in that one's frame.
             y = wp.identity(n=3, dtype=float) * load4(d, 0)[3]
-            q = first * missing
+            q = missing
             if wp.static(threads > 1):
                 start = Span()
                 start.compliance = y
-                start.free = q
+                start.free = first * q
                 before = scan_forward(share, start, gather(share, segment, s, body), first, segment.frame, shared)
                 y = before.compliance
-                q = before.free
+                q = wp.transpose(first) * before.free
             frame = first
             for k in range(share.begin, share.end):
                 if wp.static(stored):
                     segment = s.segments[body.segments + k]
                     if k > share.begin:
                         y = turn_frame(y, frame, segment.frame)
-                        q = segment.frame * (wp.transpose(frame) * q)
                     frame = segment.frame
                 segment, y, q = forward(segment, y, q)
                 if wp.static(stored):
                     s.segments[body.segments + k] = segment
-            u = wp.transpose(segment.frame) * q
+            u = q
             if wp.static(threads > 1):
                 u = scan_backward(share, reach_back(share, segment, u, s, body), shared, u)
             too_far = int(0)
+            torn = int(0)
             for r in range(share.end - share.begin):
                 k = share.end - 1 - r
                 if wp.static(stored):
                     segment = s.segments[body.segments + k]
                 segment, u = backward(segment, u)
                 too_far += segment.too_far
+                torn += segment.torn
                 if wp.static(stored):
                     s.segments[body.segments + k] = segment
             near = u
             if sync_any(too_far) == 0:
+                placed = sync_any(torn) > 0 or attempt > 1
                 attempt = ATTEMPTS
         for k in range(share.begin, share.end):
             if wp.static(stored):
@@ -240,6 +246,7 @@ def make_solve_chain(order: int, threads: int, stored: bool, beam: bool):
             sync()
             if t == 0:
                 solve_beam(m, s, body, material, step, x, d)
+        return placed
 
     return solve_chain
 
@@ -281,8 +288,8 @@ def make_reach_back(stored: bool):
                 segment = s.segments[body.segments + share.end - 1 - r]
             held = wp.transpose(segment.frame) * segment.compliance * segment.admittance
             reach.passed = held * segment.frame * reach.passed
-            moved = segment.frame * reach.moved - segment.free + wp.vec3(segment.gap, 0.0, 0.0)
-            reach.moved = wp.transpose(segment.frame) * segment.free + held * moved
+            moved = segment.frame * (reach.moved - segment.free) + wp.vec3(segment.gap, 0.0, 0.0)
+            reach.moved = segment.free + held * moved
         return reach
 
     return reach_back

@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
 from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
 from cloth_sim_ros.sim.schedules.stages import (
-    carried_share,
+    parts_of_motion,
     make_contact,
     make_finish,
     make_panel,
@@ -135,8 +135,8 @@ def make_frame(features: Features, shared: int, block: int):
         if t == 0:
             s.faulty[b] = 0
         sync()
-        share = carried_share(body, material, frame)
-        step = make_step(frame.dt, history > 0, wp.static(features.order), share)
+        parts = parts_of_motion(body, material, frame)
+        step = make_step(frame.dt, history > 0, wp.static(features.order), parts)
         if wp.static(features.panels != ""):
             for k in range(body.panels + t, body.panels_end, width):
                 panel(k, m, s, body, material, frame, x)
@@ -151,13 +151,16 @@ def make_frame(features: Features, shared: int, block: int):
                         colliders[c], float(substep) / count, float(substep + 1) / count
                     )
             sync()
+            if wp.static(features.chain):
+                step.torn = False
             for iteration in range(frame.iterations):
                 step.first = iteration == 0
                 step.backward = iteration % 2 == 1
                 step.repeats = frame.iterations > 1
                 step.store = frame.iterations > 1 or substep == frame.substeps - 1
                 if wp.static(features.chain):
-                    solve_chain(t, m, s, body, material, step, x, d, spans)
+                    if solve_chain(t, m, s, body, material, step, x, d, spans):
+                        step.torn = True
                     sync()
                 if wp.static(project_springs is not None):
                     project_springs(t, width, m, s, body, material, step, x, d)
@@ -205,7 +208,7 @@ def make_frame(features: Features, shared: int, block: int):
             if wp.static(features.looks_back):
                 history = wp.where(rough == 0, 1, 0)
                 if step.second != (history > 0):
-                    step = make_step(frame.dt, history > 0, wp.static(features.order), share)
+                    step = make_step(frame.dt, history > 0, wp.static(features.order), parts)
             # A thread owns its particles from the end of one substep to the next prediction; only methods that look
             # back or around need a barrier in between.
             for i in range(last - t, -1, -width):
@@ -243,8 +246,11 @@ def make_frame(features: Features, shared: int, block: int):
 
 @wp.func
 def in_turn(q: int, begin: int, end: int, step: Step) -> int:
-    """The colour group from `begin` to `end` that is q-th: every second iteration goes backwards."""
-    return wp.where(step.backward, begin + end - 1 - q, q)
+    """The colour group from `begin` to `end` that is q-th: every second iteration goes backwards.
+
+    Not where there are two: the second would come twice in a row and the second time do nothing.
+    """
+    return wp.where(step.backward and end - begin > 2, begin + end - 1 - q, q)
 
 
 def make_project_springs(order: int, fetch_ahead: bool):

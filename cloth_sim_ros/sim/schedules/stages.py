@@ -12,7 +12,7 @@ from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.friction import friction_correction
-from cloth_sim_ros.sim.physics.integrate import Step, predict_displacement, split_sum
+from cloth_sim_ros.sim.physics.integrate import Step, carried, predict_displacement, split_sum
 from cloth_sim_ros.sim.schedules.native import (
     array_address,
     divide,
@@ -32,15 +32,15 @@ def pack(v: wp.vec3, w: float) -> wp.vec4:
 
 
 @wp.func
-def carried_share(body: Body, material: Material, frame: Frame) -> float:
-    """The share s of the last displacement that order 2 carries on, b = s d_prev: 1/3 is BDF2, 0 implicit Euler.
+def parts_of_motion(body: Body, material: Material, frame: Frame) -> float:
+    """The parts p of the last displacement, of which order 2 carries on one, b = d_prev / p: 3 is BDF2.
 
     A single sweep over several colours is not symmetric: where it leaves most of a stiff spring's error it acts as one
     with negative damping, which BDF2 does not outweigh, and energy grows. With 1/4 it never does; the quarter of
     implicit Euler's error that stays is below what such a sweep leaves.
     """
     stiff = wp.max(body.lightness - material.compliance / (2.0 * frame.dt * frame.dt)) > 0.0
-    return wp.where(stiff and frame.iterations == 1 and body.groups_end - body.groups > 1, 0.25, 1.0 / 3.0)
+    return wp.where(stiff and frame.iterations == 1 and body.groups_end - body.groups > 1, 4.0, 3.0)
 
 
 @wp.func
@@ -224,8 +224,8 @@ def make_predict(features: Features):
         base = wp.vec3(0.0)
         if wp.static(features.order == 2):
             if step.second:
-                base = step.share * s.last_displacements[g]
-                v += step.share * (v - s.last_velocities[g])
+                base = carried(s.last_displacements[g], step)
+                v += carried(v - s.last_velocities[g], step)
         a = frame.gravity - frame.global_damping * v
         rate = frame.global_damping
         if wp.static(features.panels != ""):
@@ -262,7 +262,7 @@ def forgotten(past: wp.vec3, now: wp.vec3, normal: wp.vec3, hit: bool) -> wp.vec
 @wp.func
 def length_of(step: Step) -> float:
     """The length of a substep [s], which in order 2 is more than its effective step."""
-    return step.effective / wp.where(step.second, 1.0 - step.share, 1.0)
+    return step.effective / wp.where(step.second, 1.0 - 1.0 / step.parts, 1.0)
 
 
 def make_meet(shapes: tuple[str, ...]):
@@ -405,7 +405,7 @@ def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
 
 # A substep that puts a torn rope together may move its particles by many segments: of the velocity that would leave, a
 # particle gains at most this many segments a substep, or the next substep would tear it again.
-MOST_SPACINGS = wp.constant(0.1)
+MOST_SPACINGS = wp.constant(0.25)
 
 
 def make_finish(features: Features):
@@ -441,18 +441,17 @@ def make_finish(features: Features):
         if wp.static(features.order == 2):
             base = wp.vec3(0.0)
             if step.second:
-                base = step.share * s.last_displacements[g]
+                base = carried(s.last_displacements[g], step)
             velocity = rate_of(displacement - base, step)
             if wp.length(displacement - s.last_displacements[g]) > SMOOTH * body.spacing:
                 moving.rough = 1
             s.last_velocities[g] = xyz(s.velocities[g])
             s.last_displacements[g] = displacement
         if wp.static(features.chain):
-            kick = velocity - xyz(s.velocities[g])
-            most = MOST_SPACINGS * body.spacing * step.inverse
-            speed = wp.length(kick)
-            if speed > most:
-                velocity -= kick * (1.0 - most / speed)
+            if step.torn:
+                kick = velocity - xyz(s.velocities[g])
+                most = MOST_SPACINGS * body.spacing * step.inverse
+                velocity -= kick * (1.0 - wp.min(1.0, most / wp.max(wp.length(kick), 1.0e-20)))
         if last or wp.static(shares_velocities):
             store4(array_address(s.velocities, 0), g, pack(velocity, 0.0))
         position = xyz(old)
