@@ -17,12 +17,12 @@ from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
 from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
 from cloth_sim_ros.sim.schedules.stages import (
-    parts_of_motion,
     make_contact,
     make_finish,
     make_panel,
     make_predict,
     moving_of,
+    parts_of_motion,
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
