@@ -134,7 +134,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     predict_particle, finish_particle = make_predict(features), make_finish(features)
     panel_force = make_panel(features) if features.panels else None
     contact_particle = make_contact(features) if features.shapes else None
-    contact_edge = make_edge_contact(features.shapes) if "edge" in features.constraints else None
+    contact_edge = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     project_one_spring = make_project_spring(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features.order, 1, True, features.beam) if features.chain else None

@@ -73,7 +73,7 @@ def make_frame(features: Features, shared: int, block: int):
     predict, finish = make_predict(features), make_finish(features)
     panel = make_panel(features) if features.panels else None
     contact = make_contact(features) if features.shapes else None
-    edge_contact = make_edge_contact(features.shapes) if "edge" in features.constraints else None
+    edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     project_springs = make_project_springs(features.order, shared > 0) if "spring" in features.constraints else None
     project_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = (
