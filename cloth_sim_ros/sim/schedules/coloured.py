@@ -11,12 +11,12 @@ import warp as wp
 from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tuple
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
 from cloth_sim_ros.sim.schedules.stages import (
     carried_share,
-    make_contact,
     make_finish,
     make_panel,
     make_predict,

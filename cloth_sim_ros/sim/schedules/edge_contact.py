@@ -10,8 +10,9 @@ from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.schedules.contact import NOISE, SEPARATION, forgotten, length_of, make_meet
 from cloth_sim_ros.sim.schedules.native import load4, store4, xyz
-from cloth_sim_ros.sim.schedules.stages import NOISE, SEPARATION, forgotten, length_of, make_meet, pack
+from cloth_sim_ros.sim.schedules.stages import pack
 from cloth_sim_ros.sim.state import ColliderMotion, Material, State, Sweep
 
 # Of the larger inverse mass: what a push beside a pinned or heavy end divides by, so that the other end is never thrown
