@@ -205,6 +205,9 @@ NODE = (
         0.01,
         60,
     ),
+    _double(
+        "estimate_period", 1.0, "A frame in so many seconds also has its error estimated; 0 is never.", "s", 0, 3600
+    ),
     Parameter("publish_clock", "bool", False, "Whether to send /clock and to stamp with simulated time.", fixed=True),
     GRAVITY,
 )

@@ -28,6 +28,8 @@ class World:
         self.tracks = {name: PoseTrack(_pose(values, name), values["pose_timeout"]) for name in values["colliders"]}
         self.values: Mapping[str, Any] = values  # as they were when the simulation was built
         self.in_effect: Mapping[str, Any] = values  # with the live changes since then that the simulation took
+        self.estimates: dict[str, float] = {}  # name -> error [m] of the last frame that was judged
+        self._unjudged = 0.0  # [s] since then
         self._recoveries: dict[str, float] = {}
         self._told: dict[str, str] = {}
         self._wind: Vector | None = None  # set by topic since the parameter was last set
@@ -57,6 +59,7 @@ class World:
             sim.set_wind(self._wind)
         sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
         self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
+        self.estimates, self._unjudged = {}, 0.0
         self._told.clear()
         self._tell_reasons()
         return True
@@ -76,7 +79,9 @@ class World:
         False where explicit steps would fly apart with it: nothing has changed then.
         """
         owner, _, field = name.rpartition(".")
-        if name == "pose_timeout":
+        if name == "estimate_period":
+            pass  # read every frame
+        elif name == "pose_timeout":
             for track in self.tracks.values():
                 track.timeout = value
         elif owner in self.tracks and field in ("position", "orientation"):
@@ -127,7 +132,11 @@ class World:
             pose = self.tracks[name].advance(frame_dt)
             if pose is not None:
                 self.sim.set_collider_pose(name, pose.position, pose.orientation)
-        self.sim.step()
+        if 0.0 < self.in_effect["estimate_period"] <= self._unjudged + 0.5 * frame_dt:
+            self.estimates, self._unjudged = self.sim.step_and_estimate(), 0.0
+        else:
+            self.sim.step()
+        self._unjudged += frame_dt
         self.simulated += frame_dt
         return frame_dt
 

@@ -64,12 +64,12 @@ class Case:
 
 def _bending(rope: Rope) -> sparse.csr_array | None:
     """The stiffness (N, N) [N/m] of E = sum EI / (2 a_i) |t_i+1 - t_i|^2, t the segments over their rest lengths and
-    a_i [m] half of both segments at particle i, of those that can bend: not of one held at both ends (Hencky 1920)."""
+    a_i [m] half of both segments at particle i, where a segment fixed at both ends is none; Hencky's chain (1920)."""
     if rope.bend_compliance is None:
         return None
     length = np.linalg.norm(np.diff(rope.points, axis=0), axis=1)
     tangents = sparse.diags_array([-1.0 / length, 1.0 / length], offsets=[0, 1], shape=(len(length), len(length) + 1))
     turns = sparse.diags_array([-1.0, 1.0], offsets=[0, 1], shape=(len(length) - 1, len(length))) @ tangents
-    held = np.isin(np.arange(len(rope.points)), rope.pins)
-    bends = np.where(held[:-1] & held[1:], 0.0, length)
-    return (turns.T @ sparse.diags_array(2.0 / (rope.bend_compliance * (bends[:-1] + bends[1:]))) @ turns).tocsr()
+    held = np.isin(np.arange(len(length)), rope.pins) & np.isin(np.arange(1, len(length) + 1), rope.pins)
+    bending = np.where(held, 0.0, length)
+    return (turns.T @ sparse.diags_array(2.0 / (rope.bend_compliance * (bending[:-1] + bending[1:]))) @ turns).tocsr()

@@ -35,23 +35,23 @@ def test_it_changes_no_bit(device, method):
     assert plain.time == watched.time and watched.report()["it"] == plain.report()["it"]
 
 
-@pytest.mark.parametrize(("method", "order"), [("order 1", 1.0), ("verlet", 2.0)])
-def test_it_falls_with_the_order_of_the_method(device, method, order):
+@pytest.mark.parametrize(("method", "stretch", "order"), [("order 1", 1.0, 1.0), ("verlet", 1.05, 2.0)])
+def test_it_falls_with_the_order_of_the_method(device, method, stretch, order):
+    """Of verlet in a motion whose errors are above what float32 forces scatter."""
     found = []
-    for substeps in (40, 80):
+    for substeps in (16, 32, 64, 128):
         sim = simulation(device, substeps, **METHODS[method])
-        sim.step(5)
+        sim.set_positions("it", stretch * sim.rest_positions("it"))
+        sim.step(2)
         found.append(sim.step_and_estimate()["it"])
-    assert np.log2(found[0] / found[1]) == pytest.approx(order, abs=0.35)
+    assert np.log2(found[0] / found[3]) / 3.0 == pytest.approx(order, abs=0.35)
 
 
 @pytest.mark.parametrize("method", ["order 1", "order 2", "verlet"])
 def test_it_is_of_the_size_of_the_error(device, method):
     """The error of ten frames, against a run of 16 times the substeps, is within a factor of 4 of their estimates."""
     frames = 10
-    sims = [simulation(device, n, **METHODS[method]) for n in (20, 320)]
-    for sim in sims:
-        sim.set_positions("it", 1.1 * sim.rest_positions("it"))
+    sims = [simulation(device, n, **METHODS[method]) for n in (40, 640)]
     estimates = [sims[0].step_and_estimate()["it"] for _ in range(frames)]
     sims[1].step(frames)
     true = np.sqrt(((sims[0].positions("it") - sims[1].positions("it")) ** 2).sum(1).mean())

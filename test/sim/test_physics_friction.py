@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.sim import Box, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere
 from cloth_sim_ros.study.closed_forms import contact
 
 G = 9.81
@@ -93,6 +93,19 @@ def test_sheet_on_a_sphere_does_not_creep_off(draped):
     top = np.argmin(np.linalg.norm(first - centre - [0.0, 0.0, 0.255], axis=1))
     assert np.linalg.norm(last.mean(axis=0) - first.mean(axis=0)) < 2e-3
     assert np.linalg.norm(last[top] - first[top]) < 2e-3
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_an_edge_that_falls_on_a_bar_stays_there(device, order):
+    rod = Rope(start=(-0.1, 0, 0.1), end=(0.1, 0, 0.1), segments=1, pins=None, mass=0.1, edge_contact=True)
+    scene = Scene({"it": rod}, {"bar": Box(half_extents=(0.01, 0.2, 0.05), position=(0, 0, -0.05))})
+    sim = Simulation(scene, Settings(order=order, substeps=100), device=device)
+    sim.step(9)
+    highest = 0.0
+    for _ in range(15):
+        sim.step()
+        highest = max(highest, float(sim.positions("it")[:, 2].mean()))
+    assert 0.005 - 1e-5 < highest < 0.0065  # it may rock a little
 
 
 @pytest.mark.parametrize("order", [1, 2])

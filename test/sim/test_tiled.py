@@ -10,6 +10,7 @@ import warp as wp
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules import tiled
+from cloth_sim_ros.sim.schedules.tile_kernels import make_kernels
 from cloth_sim_ros.sim.tiling import cut, surround
 
 SPRINGS = {"stretch_compliance": 1e-3, "shear_compliance": 1e-3}
@@ -184,7 +185,7 @@ def test_a_rope_is_a_row_of_tiles(device):
 @pytest.mark.parametrize("shapes", [(), ("sphere", "box")])
 def test_it_compiles_for_cuda_with_its_springs_in_registers(shapes, tmp_path):
     features = Features((), False, "", shapes, 1, "verlet")
-    for name, kernel in tiled.make_kernels.__wrapped__(features, 576, 256, 8, 0).items():
+    for name, kernel in make_kernels.__wrapped__(features, 576, 256, 8, 0).items():
         wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / name, use_ptx=True)
     code = next((tmp_path / "advance").glob("*.ptx")).read_text()
     assert len(re.findall(r"ld\.shared\.v4", code)) >= 16  # both parts of eight neighbours, 16 bytes at a time

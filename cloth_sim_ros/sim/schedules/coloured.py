@@ -11,11 +11,11 @@ import warp as wp
 from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tuple
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
 from cloth_sim_ros.sim.schedules.stages import (
-    make_contact,
     make_finish,
     make_panel,
     make_predict,
@@ -134,7 +134,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     predict_particle, finish_particle = make_predict(features), make_finish(features)
     panel_force = make_panel(features) if features.panels else None
     contact_particle = make_contact(features) if features.shapes else None
-    contact_edge = make_edge_contact(features.shapes) if "edge" in features.constraints else None
+    contact_edge = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     project_one_spring = make_project_spring(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features.order, 1, True, features.beam) if features.chain else None

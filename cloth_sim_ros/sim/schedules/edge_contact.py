@@ -10,8 +10,9 @@ from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.schedules.contact import NOISE, SEPARATION, forgotten, length_of, make_meet
 from cloth_sim_ros.sim.schedules.native import load4, store4, xyz
-from cloth_sim_ros.sim.schedules.stages import SEPARATION, make_meet, pack
+from cloth_sim_ros.sim.schedules.stages import pack
 from cloth_sim_ros.sim.state import ColliderMotion, Material, State, Sweep
 
 # Of the larger inverse mass: what a push beside a pinned or heavy end divides by, so that the other end is never thrown
@@ -60,7 +61,17 @@ def make_deepest(shapes: tuple[str, ...]):
     return deepest
 
 
-def make_edge_contact(shapes: tuple[str, ...]):
+@wp.func
+def forget(g: int, moved: wp.vec3, normal: wp.vec3, hit: bool, s: State, step: Step):
+    """Of the past of particle g, which an edge contact moved by `moved` [m], only what still holds (see stages.py)."""
+    past = s.last_displacements[g]
+    if wp.dot(moved - past, normal) > NOISE:
+        v = xyz(s.velocities[g])
+        s.last_displacements[g] = forgotten(past, moved, normal, hit)
+        s.velocities[g] = pack(forgotten(v, moved / length_of(step), normal, hit), 0.0)
+
+
+def make_edge_contact(shapes: tuple[str, ...], order: int):
     """The stage that keeps edge k of the batch outside all colliders of `shapes`, with friction."""
     deepest, meet = make_deepest(shapes), make_meet(shapes)
 
@@ -128,6 +139,15 @@ def make_edge_contact(shapes: tuple[str, ...]):
                         dj += wj * t * push
                         after = pack(rubbed, pressed)
                         touched = True
+                        if wp.static(order == 2):
+                            normal = wp.transpose(sweep.to_local) * n
+                            past = (1.0 - t) * s.last_displacements[body.particles + i]
+                            past += t * s.last_displacements[body.particles + j]
+                            hit = -wp.dot(past - sweep.motion, normal) > 0.5 * pressed
+                            if wi > 0.0:
+                                forget(body.particles + i, di - xyz(load4(low_address, i)), normal, hit, s, step)
+                            if wj > 0.0:
+                                forget(body.particles + j, dj - xyz(load4(low_address, j)), normal, hit, s, step)
             if step.repeats:
                 s.edge_contacts[slot] = after
         if touched:

@@ -12,12 +12,12 @@ from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tupl
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules import native
+from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
 from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
 from cloth_sim_ros.sim.schedules.stages import (
-    make_contact,
     make_finish,
     make_panel,
     make_predict,
@@ -73,7 +73,7 @@ def make_frame(features: Features, shared: int, block: int):
     predict, finish = make_predict(features), make_finish(features)
     panel = make_panel(features) if features.panels else None
     contact = make_contact(features) if features.shapes else None
-    edge_contact = make_edge_contact(features.shapes) if "edge" in features.constraints else None
+    edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     project_springs = make_project_springs(features.order, shared > 0) if "spring" in features.constraints else None
     project_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = (

@@ -18,7 +18,7 @@ DEEPEST = 8  # substeps a launch of tiles with halos
 SWEPT = 8  # substeps whose colliders' motion is computed at a time
 _TYPES = (1 << 31) // PLACES
 # Microseconds on an H200: a launch with its loads and stores, a substep of few particles, a warp's reads of a spring.
-_LAUNCH, _LEAST, _A_SPRING = 3.5, 0.25, 8.0 / 1.75e3
+_LAUNCH, _LEAST, _A_SPRING = 3.5, 0.5, 0.011
 OUTSIDE = 1 << 30  # ring of a place without a member
 _WHOLE_FRAME = 1 << 30  # substeps a launch of bodies of one tile, which have no halo
 _BYTES_A_MEMBER = 96  # positions, low parts and velocities of two substeps
@@ -146,7 +146,7 @@ def _usual_size(model: Model, worlds: int, device: wp.Device) -> int:
     """Particles of a tile, such that every multiprocessor has at most one: a power of two of them halve evenly."""
     particles = worlds * sum(body[3] for body in model.bodies.numpy().tolist())
     tiles = 1 << (_multiprocessors(device).bit_length() - 1)
-    return int(np.clip(-(-particles // tiles), 32, 256))
+    return int(np.clip(-(-particles // tiles), 32, 512))
 
 
 def _multiprocessors(device: wp.Device) -> int:

@@ -1,0 +1,344 @@
+"""The kernels of the tiled schedule: several substeps a launch, and the watch at the end of a frame (see tiled.py)."""
+
+from functools import lru_cache
+
+import warp as wp
+
+from cloth_sim_ros.sim.model import Features, Model
+from cloth_sim_ros.sim.physics.integrate import Step, make_step, split_sum
+from cloth_sim_ros.sim.schedules import native
+from cloth_sim_ros.sim.schedules.contact import make_contact
+from cloth_sim_ros.sim.schedules.native import array_address, load4, store4, sync, xyz
+from cloth_sim_ros.sim.schedules.stages import (
+    eased_by,
+    first_share,
+    kick,
+    pack,
+    rate_of,
+    spring_constants,
+    sweep_collider,
+)
+from cloth_sim_ros.sim.schedules.tile_forces import Carried, make_drag, make_springs
+from cloth_sim_ros.sim.schedules.tiles import SWEPT, Tiles
+from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
+from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, given_type
+
+
+@wp.struct
+class Surface:
+    """One of the two buffers of what tiles exchange."""
+
+    positions: wp.uint64
+    low: wp.uint64
+    velocities: wp.uint64
+
+
+@lru_cache
+def make_kernels(features: Features, capacity: int, block: int, width: int, panels: int) -> dict[str, wp.Kernel]:
+    """The kernels for tiles of `capacity` places, `width` springs and `panels` at a particle.
+
+    With a thread for every member (block = capacity) it and its springs are read once a launch and stay in registers;
+    on a CPU, where one thread has them all (block = 1), they are read every substep.
+    """
+    contact = make_contact(features) if features.shapes else None
+    tile_address = native.make_tile_address(6 * capacity)
+    Springs, gather, force, damped_force = make_springs(width, capacity)
+    drag = make_drag(features, panels, capacity) if features.panels else None
+    keeps = block > 1
+    argument = given_type(features)
+    options = {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
+
+    @wp.func
+    def surface(s: State, tiles: Tiles, second: int, w: int) -> Surface:
+        """One of the two buffers of world w."""
+        side = Surface()
+        if second == 0:
+            side.positions = array_address(s.positions, 0)
+            side.low = array_address(s.low, 0)
+            side.velocities = array_address(s.velocities, 0)
+        else:
+            first = w * s.positions.shape[0]
+            side.positions = array_address(tiles.positions, first)
+            side.low = array_address(tiles.low, first)
+            side.velocities = array_address(tiles.velocities, first)
+        return side
+
+    @wp.func
+    def load(shared: wp.uint64, at: int) -> Carried:
+        now = Carried()
+        now.x = load4(shared, at)
+        now.low = xyz(load4(shared, at + capacity))
+        now.v = xyz(load4(shared, at + 2 * capacity))
+        return now
+
+    @wp.func
+    def store(now: Carried, shared: wp.uint64, at: int):
+        store4(shared, at, now.x)
+        store4(shared, at + capacity, pack(now.low, 0.0))
+        store4(shared, at + 2 * capacity, pack(now.v, 0.0))
+
+    @wp.func
+    def move(
+        n: int,
+        i: int,
+        now: Carried,
+        here: int,
+        springs: Springs,
+        sweep: int,
+        slot: int,
+        colliders: wp.array(dtype=ColliderMotion),
+        s: State,
+        tiles: Tiles,
+        material: Material,
+        frame: Frame,
+        step: Step,
+        still: float,
+        shared: wp.uint64,
+    ) -> Carried:
+        """Member i of tile n one substep later."""
+        w = now.x[3]
+        if w == 0.0:
+            return now
+        there = wp.static(3 * capacity) - here
+        a = frame.gravity - frame.global_damping * now.v
+        eased = still
+        if wp.static(features.panels != ""):
+            push = drag(n, i, here, now, tiles, frame, material, shared)
+            a += w * xyz(push)
+            eased = eased_by(frame.global_damping + w * push[3], step)
+        if material.damping > 0.0:
+            a += w * damped_force(here, now, springs, material.damping, shared)
+        else:
+            a += w * force(here, now, springs, shared)
+        total = kick(wp.vec3(0.0), now.v, a * first_share(step), eased, w, now.low, step)
+        if wp.static(bool(features.shapes)):
+            store4(shared, there + i, total)
+            for iteration in range(frame.iterations):
+                step.first = iteration == 0
+                step.repeats = frame.iterations > 1
+                contact(
+                    i,
+                    sweep,
+                    slot,
+                    material,
+                    colliders,
+                    tiles.sweeps,
+                    tiles.contacts,
+                    s.velocities,
+                    s.last_displacements,
+                    step,
+                    shared + wp.uint64(16 * here),
+                    shared + wp.uint64(16 * (here + capacity)),
+                    shared + wp.uint64(16 * there),
+                )
+            total = load4(shared, there + i)
+        d = xyz(total)
+        then = Carried()
+        then.v = rate_of(d - now.low, step)
+        then.low = split_sum(xyz(now.x), d)
+        then.x = pack(xyz(now.x) + d, w)
+        return then
+
+    @wp.func
+    def sweep_colliders(
+        q: int, t: int, begin: int, colliders: wp.array(dtype=ColliderMotion), tiles: Tiles, frame: Frame
+    ):
+        """The motion of all colliders in the SWEPT substeps from `begin` on, for block q of the launch."""
+        count = colliders.shape[0]
+        for c in range(t, wp.static(SWEPT) * count, wp.block_dim()):
+            substep = float(begin + c / count)
+            tiles.sweeps[q * wp.static(SWEPT) * count + c] = sweep_collider(
+                colliders[c % count], substep / float(frame.substeps), (substep + 1.0) / float(frame.substeps)
+            )
+        sync()
+
+    @wp.func
+    def substep(
+        q: int,
+        n: int,
+        t: int,
+        k: int,
+        turns: int,
+        now: Carried,
+        here: int,
+        springs: Springs,
+        constants: wp.vec3,
+        colliders: wp.array(dtype=ColliderMotion),
+        m: Model,
+        s: State,
+        tiles: Tiles,
+        material: Material,
+        frame: Frame,
+        step: Step,
+        still: float,
+        shared: wp.uint64,
+    ) -> Carried:
+        """Substep k of the launch for all members that are still valid; from half `here` of the memory to the other."""
+        there = wp.static(3 * capacity) - here
+        sweep = (q * wp.static(SWEPT) + k % wp.static(SWEPT)) * colliders.shape[0]
+        slot = q * wp.static(capacity)
+        then = now
+        if wp.static(keeps):
+            if k < turns:
+                then = move(
+                    n, t, now, here, springs, sweep, slot + t, colliders, s, tiles, material, frame, step, still, shared
+                )
+                store(then, shared, there + t)
+        else:
+            for i in range(wp.static(capacity)):
+                if k < turns - tiles.rings[n * wp.static(capacity) + i]:
+                    own = gather(n, i, m, tiles, constants)
+                    then = load(shared, here + i)
+                    then = move(
+                        n,
+                        i,
+                        then,
+                        here,
+                        own,
+                        sweep,
+                        slot + i,
+                        colliders,
+                        s,
+                        tiles,
+                        material,
+                        frame,
+                        step,
+                        still,
+                        shared,
+                    )
+                    store(then, shared, there + i)
+        sync()
+        return then
+
+    @wp.kernel(launch_bounds=block, **options)
+    def advance(given: argument, tiles: Tiles, side: int, first: int, count: int):
+        q, t = wp.tid()
+        w = q / tiles.body.shape[0]
+        n = q - w * tiles.body.shape[0]
+        body = tiles.body[n]
+        # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
+        if wp.static(features.worlds):
+            m = given[w].model
+            s = given[w].state
+            frame = given[w].frames[0]
+            material = given[w].materials[body]
+            colliders = given[w].colliders
+        else:
+            m = given.model
+            s = given.state
+            frame = given.frames[0]
+            material = given.materials[body]
+            colliders = given.colliders
+        step = make_step(frame.dt, first > 0 or s.history[body] > 0, 1, 0.0)
+        constants = spring_constants(material)
+        shared = tile_address(wp.tile_empty(shape=(wp.static(6 * capacity),), dtype=wp.vec4, storage="shared"))
+        before = surface(s, tiles, side, w)
+        now = Carried()
+        for i in range(t, wp.static(capacity), wp.static(block)):
+            g = tiles.members[n * wp.static(capacity) + i]
+            now.x = load4(before.positions, g)
+            now.low = xyz(load4(before.low, g))
+            now.v = xyz(load4(before.velocities, g))
+            store(now, shared, i)
+        springs = gather(n, t, m, tiles, constants)
+        turns = count
+        if wp.static(keeps):
+            turns -= tiles.rings[n * wp.static(capacity) + t]
+        sync()
+        still = eased_by(frame.global_damping, step)
+        for k in range(0, count, wp.static(2 if keeps else 1)):
+            if wp.static(bool(features.shapes)):
+                if k % wp.static(SWEPT) == 0:
+                    sweep_colliders(q, t, first + k, colliders, tiles, frame)
+            # Two substeps a round, so that the halves of the memory are constants. A CPU's compiler would round their
+            # two copies differently.
+            now = substep(
+                q,
+                n,
+                t,
+                k,
+                turns,
+                now,
+                wp.static(0 if keeps else 3 * capacity) * (k % 2),
+                springs,
+                constants,
+                colliders,
+                m,
+                s,
+                tiles,
+                material,
+                frame,
+                step,
+                still,
+                shared,
+            )
+            step.second = True
+            if wp.static(keeps):
+                if k + 1 < count:
+                    now = substep(
+                        q,
+                        n,
+                        t,
+                        k + 1,
+                        turns,
+                        now,
+                        wp.static(3 * capacity),
+                        springs,
+                        constants,
+                        colliders,
+                        m,
+                        s,
+                        tiles,
+                        material,
+                        frame,
+                        step,
+                        still,
+                        shared,
+                    )
+        after = surface(s, tiles, 1 - side, w)
+        for i in range(t, wp.static(capacity), wp.static(block)):
+            if tiles.rings[n * wp.static(capacity) + i] == 0:
+                g = tiles.members[n * wp.static(capacity) + i]
+                if wp.static(not keeps):
+                    now = load(shared, wp.static(3 * capacity) * (count % 2) + i)
+                v = pack(now.v, 0.0)
+                store4(after.positions, g, now.x)
+                store4(after.low, g, pack(now.low, 0.0))
+                store4(after.velocities, g, v)
+                if first + count == frame.substeps and not is_good(now.x, v):
+                    s.faulty[body] = 1
+
+    @wp.kernel(**options)
+    def settle(given: argument, tiles: Tiles, side: int):
+        q, t = wp.tid()
+        w = q / tiles.body.shape[0]
+        n = q - w * tiles.body.shape[0]
+        if wp.static(features.worlds):
+            s = given[w].state
+        else:
+            s = given.state
+        last = surface(s, tiles, side, w)
+        for i in range(t, wp.static(capacity), wp.static(block)):
+            if tiles.rings[n * wp.static(capacity) + i] == 0:
+                g = tiles.members[n * wp.static(capacity) + i]
+                if s.faulty[tiles.body[n]] == 1:
+                    put_back(g, s)
+                else:
+                    keep(g, load4(last.positions, g), load4(last.low, g), s)
+                    s.velocities[g] = load4(last.velocities, g)
+
+    @wp.kernel(**options)
+    def count_faults(given: argument):
+        b = wp.tid()
+        if wp.static(features.worlds):
+            bodies = given[0].model.bodies.shape[0]
+            w = b / bodies
+            b -= w * bodies
+            s = given[w].state
+        else:
+            s = given.state
+        s.history[b] = 1 - s.faulty[b]
+        s.recoveries[b] += s.faulty[b]
+        s.faulty[b] = 0
+
+    return {"advance": advance, "settle": settle, "count_faults": count_faults}
