@@ -18,6 +18,7 @@ from cloth_sim_ros.study.hard.cases import CASES, WHIP, Case, Trial
 METHODS: dict[str, dict[str, Any]] = {
     "xpbd 1": {"method": "xpbd", "order": 1},
     "xpbd 2": {"method": "xpbd", "order": 2},
+    "auto": {"method": "auto"},
     "verlet": {"method": "verlet"},
     "verlet, its substeps": {"method": "verlet"},  # as many as it asks for
 }
