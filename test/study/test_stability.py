@@ -7,11 +7,11 @@ import sys
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Rope, Settings, Simulation
+from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
 from cloth_sim_ros.study import __main__, pass_map
 from cloth_sim_ros.study.hard import judge, long_rest
 from cloth_sim_ros.study.hard.bodies import BODY, Energy, make_body
-from cloth_sim_ros.study.hard.cases import CASES, Scene
+from cloth_sim_ros.study.hard.cases import CASES
 
 # One of every case, by settings that share few kernels; the loaded starts are the most violent.
 CHOSEN = [
