@@ -73,7 +73,8 @@ def table(rows: list[dict]) -> str:
         if not of_case:
             continue
         cells = [_cell([row for row in of_case if row["method"] == method]) for method in methods]
-        lines.append(f"{name:<20}" + "".join(f"{cell:>24}" for cell in cells))
+        words = CASES[name].text if name in CASES else ""
+        lines.append((f"{name:<20}" + "".join(f"{cell:>24}" for cell in cells) + f"   {words}").rstrip())
     return "\n".join(lines)
 
 

@@ -7,11 +7,11 @@ import sys
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Rope, Settings, Simulation
+from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
 from cloth_sim_ros.study import __main__, pass_map
 from cloth_sim_ros.study.hard import judge, long_rest
 from cloth_sim_ros.study.hard.bodies import BODY, Energy, make_body
-from cloth_sim_ros.study.hard.cases import CASES, Scene
+from cloth_sim_ros.study.hard.cases import CASES
 
 # One of every case, by settings that share few kernels; the loaded starts are the most violent.
 CHOSEN = [
@@ -28,6 +28,7 @@ CHOSEN = [
     ("compliance", "sheet", "xpbd 2", {"compliance": 0.0, "substeps": 40}),
     ("compliance", "sheet", "xpbd 2", {"compliance": 0.0, "substeps": 80, "iterations": 2}),
     ("compliance", "sheet", "verlet", {"compliance": 1e-9}),
+    *(("compliance", "sheet", "auto", {"compliance": value, "iterations": 2}) for value in (0.0, 1e-2)),
     ("long step", "sheet", "xpbd 1", {"substeps": 1}),
     ("long step", "rope", "xpbd 1", {"substeps": 1}),
     *(("fast collider", "sheet", "xpbd 1", {"shape": shape, "speed": 20.0}) for shape in ("box", "sphere")),

@@ -101,7 +101,7 @@ class Energy:
 
     def of(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float]:
         """Kinetic and elastic energy together, and that of gravity with zero at the origin [J]."""
-        if self._sim.settings.method == "verlet":
+        if self._sim.choices[BODY].method == "verlet":
             v = v + 0.5 * self._h * self._acceleration(x)  # leapfrog's velocities are half a substep old
         kinetic = 0.5 * float(self._masses @ (v * v).sum(1))
         elastic = 0.5 * float(self._felt @ (self.lengths(x) - self.rest) ** 2) + self._bending(x)

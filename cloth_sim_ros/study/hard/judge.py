@@ -13,11 +13,13 @@ import numpy as np
 
 from cloth_sim_ros.sim import Settings, Simulation
 from cloth_sim_ros.study.hard.bodies import BODY, Energy
-from cloth_sim_ros.study.hard.cases import CASES, WHIP, Case, Trial
+from cloth_sim_ros.study.hard.cases import CASES, Case
+from cloth_sim_ros.study.hard.trials import WHIP, Trial
 
 METHODS: dict[str, dict[str, Any]] = {
     "xpbd 1": {"method": "xpbd", "order": 1},
     "xpbd 2": {"method": "xpbd", "order": 2},
+    "auto": {"method": "auto"},
     "verlet": {"method": "verlet"},
     "verlet, its substeps": {"method": "verlet"},  # as many as it asks for
 }
