@@ -16,6 +16,8 @@ from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
 from cloth_sim_ros.sim.schedules.stages import (
+    goes_back,
+    in_turn,
     make_finish,
     make_panel,
     make_predict,
@@ -69,10 +71,10 @@ class Coloured:
         return capture.graph
 
     def _launch(
-        self, stage: str, size: int, b: int = 0, substep: int = 0, first: int = 0, store: int = 0, g: int = 0
+        self, stage: str, size: int, b: int = 0, substep: int = 0, iteration: int = 0, store: int = 0, g: int = 0
     ) -> None:
         """Append a launch to the frame; those that are alike are one, packed once."""
-        numbers = (size, b, substep, first, store, g)
+        numbers = (size, b, substep, iteration, store, g)
         key = (stage, *numbers)
         if key not in self._recorded:
             inputs, dim = [self._given, *numbers], self._worlds * size
@@ -89,9 +91,8 @@ class Coloured:
                     self._launch("panel", body["panels_end"] - body["panels"], b)
                 self._launch("predict", body["count"], b)
                 for iteration in range(iterations):
-                    first = int(iteration == 0)
                     store = int(iterations > 1 or substep == substeps - 1)
-                    self._launch_iteration(b, body, first, store, backward=iteration % 2 == 1)
+                    self._launch_iteration(b, body, iteration, store)
                 self._launch("finish", body["count"], b, substep)
             if self._features.looks_back:
                 self._launch("age", len(self._bodies), substep=substep)
@@ -100,21 +101,21 @@ class Coloured:
             self._launch("settle", body["count"], b)
         self._launch("count_faults", len(self._bodies))
 
-    def _launch_iteration(self, b: int, body: dict, first: int, store: int, backward: bool) -> None:
+    def _launch_iteration(self, b: int, body: dict, iteration: int, store: int) -> None:
+        turn = iteration if iteration < 2 else 2 + iteration % 2  # of those after the first the parity alone matters
         if self._features.chain:
-            self._launch("chain", 1, b, first=first)
+            self._launch("chain", 1, b, iteration=turn)
         kinds = {"springs": ("groups", "tuple_groups"), "tuples": ("tuple_groups", "groups_end")}
         for stage, (begin, end) in kinds.items():
             if stage in self._kernels:
-                groups = range(body[begin], body[end])
-                for g in reversed(groups) if backward and len(groups) > 2 else groups:
-                    size = self._groups[g][3] - self._groups[g][2]
-                    self._launch(stage, size, b, first=first, store=store, g=g)
+                sizes = [self._groups[g][3] - self._groups[g][2] for g in range(body[begin], body[end])]
+                for g, size in enumerate(map(max, sizes, reversed(sizes)), body[begin]):
+                    self._launch(stage, size, b, iteration=turn, store=store, g=g)
         if "edge" in self._features.constraints:
             for g in range(body["groups_end"], body["edge_groups_end"]):
-                self._launch("edges", self._groups[g][3] - self._groups[g][2], b, first=first, g=g)
+                self._launch("edges", self._groups[g][3] - self._groups[g][2], b, iteration=turn, g=g)
         if self._colliders:
-            self._launch("contact", body["count"], b, first=first)
+            self._launch("contact", body["count"], b, iteration=turn)
 
 
 @wp.struct
@@ -147,19 +148,19 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         """Makes the kernel that runs `function` on element i of a launch, in the world of `arrays`."""
         run = wp.func(function)
 
-        def launched(given: argument, size: int, b: int, substep: int, first: int, store: int, g: int):
+        def launched(given: argument, size: int, b: int, substep: int, iteration: int, store: int, g: int):
             i = wp.tid()
             if wp.static(features.worlds):
                 w = i // size
-                run(given[w], i - w * size, b, substep, first, store, g)
+                run(given[w], i - w * size, b, substep, iteration, store, g)
             else:
-                run(given, i, b, substep, first, store, g)
+                run(given, i, b, substep, iteration, store, g)
 
         launched.__qualname__ = f"launch_{function.__name__}"
         kernels[function.__name__] = wp.kernel(launched, enable_backward=False, module=module)
 
     @wp.func
-    def look(arrays: Arrays, b: int, first: int, store: int) -> Here:
+    def look(arrays: Arrays, b: int, iteration: int, store: int) -> Here:
         """Where body b is in this substep and iteration."""
         here = Here()
         here.body = arrays.model.bodies[b]
@@ -171,7 +172,9 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             smooth = arrays.state.history[b] > 0
         parts = parts_of_motion(here.body, arrays.materials[b], arrays.frames[0])
         here.step = make_step(arrays.frames[0].dt, smooth, wp.static(features.order), parts)
-        here.step.first = first != 0
+        here.step.first = iteration == 0
+        if wp.static(features.order == 2):
+            here.step.backward = goes_back(iteration, here.body, arrays.materials[b], arrays.frames[0])
         here.step.store = store != 0
         here.step.repeats = arrays.frames[0].iterations > 1
         if wp.static(features.chain):
@@ -179,8 +182,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         return here
 
     @stage
-    def predict(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
-        here = look(arrays, b, 1, 0)
+    def predict(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        here = look(arrays, b, 0, 0)
         if wp.static(features.chain):
             if i == 0:
                 arrays.state.torn[b] = 0
@@ -201,21 +204,21 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         )
 
     @stage
-    def finish(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
-        here = look(arrays, b, 1, 0)
+    def finish(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        here = look(arrays, b, 0, 0)
         moving = finish_particle(i, substep, True, arrays.state, here.body, here.step, here.x, here.low, here.d)
         if wp.static(features.looks_back):
             if moving.rough > 0:
                 arrays.state.events[b] = substep + 1
 
     @stage
-    def find_faults(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
+    def find_faults(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
         p = arrays.model.bodies[b].particles + i
         if not is_good(arrays.state.positions[p], arrays.state.velocities[p]):
             arrays.state.faulty[b] = 1
 
     @stage
-    def settle(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
+    def settle(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
         body = arrays.model.bodies[b]
         p = body.particles + i
         if arrays.state.faulty[b] == 1:
@@ -228,7 +231,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             keep(p, arrays.state.positions[p], arrays.state.low[p], arrays.state)
 
     @stage
-    def count_faults(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
+    def count_faults(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
         if arrays.state.faulty[i] == 1:
             arrays.state.recoveries[i] += 1
             arrays.state.faulty[i] = 0
@@ -238,15 +241,15 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if features.shapes:
 
         @stage
-        def sweep(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
+        def sweep(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             count = float(arrays.frames[0].substeps)
             arrays.state.sweeps[b * arrays.colliders.shape[0] + i] = sweep_collider(
                 arrays.colliders[i], float(substep) / count, float(substep + 1) / count
             )
 
         @stage
-        def contact(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
-            here = look(arrays, b, first, 0)
+        def contact(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+            here = look(arrays, b, iteration, 0)
             contact_particle(
                 i,
                 b * arrays.colliders.shape[0],
@@ -266,8 +269,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if contact_edge is not None:
 
         @stage
-        def edges(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
-            here = look(arrays, b, first, 0)
+        def edges(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+            here = look(arrays, b, iteration, 0)
             contact_edge(
                 arrays.model.groups[g][2] + i,
                 b,
@@ -285,8 +288,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if features.panels:
 
         @stage
-        def panel(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
-            here = look(arrays, b, 1, 0)
+        def panel(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+            here = look(arrays, b, 0, 0)
             panel_force(
                 here.body.panels + i,
                 arrays.model,
@@ -300,11 +303,13 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if "spring" in features.constraints:
 
         @stage
-        def springs(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
-            here = look(arrays, b, first, store)
-            group = arrays.model.groups[g]
+        def springs(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+            here = look(arrays, b, iteration, store)
+            group = arrays.model.groups[in_turn(g, here.body.groups, here.body.tuple_groups, here.step)]
             alpha = compliance_of(arrays.materials[b], group[1]) * here.step.inverse_square
             k = group[2] + i
+            if k >= group[3]:
+                return
             project_one_spring(
                 arrays.model.springs[k],
                 k,
@@ -320,11 +325,13 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if project_one_tuple is not None:
 
         @stage
-        def tuples(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
-            here = look(arrays, b, first, store)
-            group = arrays.model.groups[g]
+        def tuples(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+            here = look(arrays, b, iteration, store)
+            group = arrays.model.groups[in_turn(g, here.body.tuple_groups, here.body.groups_end, here.step)]
             alpha = compliance_of(arrays.materials[b], group[1]) * here.step.inverse_square
             k = group[2] + i
+            if k >= group[3]:
+                return
             project_one_tuple(
                 group[0],
                 k,
@@ -341,8 +348,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if features.chain:
 
         @stage
-        def chain(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
-            here = look(arrays, b, first, 0)
+        def chain(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+            here = look(arrays, b, iteration, 0)
             m, s, material = arrays.model, arrays.state, arrays.materials[b]
             if solve_chain(0, m, s, here.body, material, here.step, here.x, here.d, here.x):
                 arrays.state.torn[b] = 1
@@ -350,7 +357,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     if features.looks_back:
 
         @stage
-        def age(arrays: Arrays, i: int, b: int, substep: int, first: int, store: int, g: int):
+        def age(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             arrays.state.history[i] = wp.where(arrays.state.events[i] == substep + 1, 0, 1)
             arrays.state.events[i] = 0
 

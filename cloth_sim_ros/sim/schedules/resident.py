@@ -18,6 +18,8 @@ from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
 from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
 from cloth_sim_ros.sim.schedules.stages import (
+    goes_back,
+    in_turn,
     make_finish,
     make_panel,
     make_predict,
@@ -155,7 +157,8 @@ def make_frame(features: Features, shared: int, block: int):
                 step.torn = False
             for iteration in range(frame.iterations):
                 step.first = iteration == 0
-                step.backward = iteration % 2 == 1
+                if wp.static(features.order == 2):
+                    step.backward = goes_back(iteration, body, material, frame)
                 step.repeats = frame.iterations > 1
                 step.store = frame.iterations > 1 or substep == frame.substeps - 1
                 if wp.static(features.chain):
@@ -242,15 +245,6 @@ def make_frame(features: Features, shared: int, block: int):
                 s.history[b] = history
 
     return simulate_frame
-
-
-@wp.func
-def in_turn(q: int, begin: int, end: int, step: Step) -> int:
-    """The colour group from `begin` to `end` that is q-th: every second iteration goes backwards.
-
-    Not where there are two: the second would come twice in a row and the second time do nothing.
-    """
-    return wp.where(step.backward and end - begin > 2, begin + end - 1 - q, q)
 
 
 def make_project_springs(order: int, fetch_ahead: bool):

@@ -42,6 +42,25 @@ def parts_of_motion(body: Body, material: Material, frame: Frame) -> float:
 
 
 @wp.func
+def goes_back(iteration: int, body: Body, material: Material, frame: Frame) -> bool:
+    """Whether an iteration of order 2 takes the colours in the opposite order, as every second one does where springs
+    are stiffer by far than a sweep can meet: sweeps that always favour the same end feed such a cloth energy. On softer
+    ones they converge better in one direction, to errors up to eight times smaller.
+    """
+    stiff = wp.max(body.lightness - 50.0 * material.compliance / (frame.dt * frame.dt)) > 0.0
+    return stiff and iteration % 2 == 1
+
+
+@wp.func
+def in_turn(q: int, begin: int, end: int, step: Step) -> int:
+    """The colour group from `begin` to `end` that is q-th.
+
+    Of two none goes back: the second would come twice in a row and the second time do nothing.
+    """
+    return wp.where(step.backward and end - begin > 2, begin + end - 1 - q, q)
+
+
+@wp.func
 def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
     """The motion of a collider between two fractions of the frame; a resting one does not turn by rounding."""
     sweep = Sweep()
