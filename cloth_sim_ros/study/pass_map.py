@@ -36,7 +36,7 @@ OUTCOMES = {  # outcome -> its colour
     "flies apart": "#c8372d",
     "not run": "#ffffff",
 }
-PEER_SWEEPS = 80  # substeps x iterations a frame that a cell of a peer is worth: Newton would take an hour
+PEER_SWEEPS = 20  # substeps x iterations a frame that a cell of a peer is worth: Newton would take an hour
 SLACK = 0.05  # of the energy: between frames nobody knows it
 
 
