@@ -95,6 +95,7 @@ class Segment:
     turn: float
     too_far: int
     torn: int
+    unsettled: int
     pull: float
 
 

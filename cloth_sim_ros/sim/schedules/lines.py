@@ -13,24 +13,28 @@ from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.chain import (
     Span,
     edge_frame,
-    join,
     particle_compliance,
     series_admittance,
-    span_of,
     turn_frame,
-    turned_end,
 )
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.schedules.beam import bend_by_moments, solve_beam
 from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quotient, root, store4, sync, sync_any, xyz
-from cloth_sim_ros.sim.schedules.scan import Reach, Share, scan_backward, scan_forward, share_of
+from cloth_sim_ros.sim.schedules.scan import scan_backward, scan_forward, share_of
+from cloth_sim_ros.sim.schedules.shares import make_gather, make_reach_back, stiffness_across
 from cloth_sim_ros.sim.state import Material, Segment, State
 
 # A segment whose correction turns it by more than the root of this [rad^2] left what a linear solve can tell: it is
 # solved again, stiffer across, as far as the turn stretches it (a bound of the energy from above), this often at most.
 LARGEST_TURN = wp.constant(0.09)
 ATTEMPTS = wp.constant(5)
+
+# Across, a linear solve leaves a segment too long by half the square of its turn. Left to the next substep, that would
+# jerk a load that outweighs the chain by far. Where the square is more than this [rad^2], another Newton step follows
+# at once, so that there are this many at most.
+SETTLED_TURN = wp.constant(2.0e-4)
+NEWTON_STEPS = wp.constant(8)
 
 # A chain was torn where a segment needs several attempts or changes its length by this share of it in a substep.
 TORN = wp.constant(0.02)
@@ -68,7 +72,15 @@ def make_prepare(order: int):
 
     @wp.func
     def prepare(
-        k: int, m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64
+        k: int,
+        missing: wp.vec3,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        d: wp.uint64,
     ) -> Segment:
         index = body.segments + k
         g = body.particles + k
@@ -102,16 +114,10 @@ def make_prepare(order: int):
         segment.reach = wp.max(length, rest)
         segment.near = p[3]
         segment.far = q[3]
-        segment.missing = segment.frame * missing_of(k + 1, s, body, step, d)
+        segment.missing = segment.frame * missing
         return segment
 
     return prepare
-
-
-@wp.func
-def _across(segment: Segment) -> float:
-    """The stiffness across a segment, the turn of earlier attempts in it."""
-    return segment.across + quotient(wp.min(0.25 * segment.turn, 1.0), segment.along)
 
 
 @wp.func
@@ -125,7 +131,7 @@ def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
     q += wp.transpose(segment.frame) * (y * wp.vec3(segment.tension, 0.0, 0.0))
     admittance = wp.mat33(0.0)
     if segment.near + segment.far > 0.0:
-        admittance = series_admittance(y, segment.along, _across(segment))
+        admittance = series_admittance(y, segment.along, stiffness_across(segment))
     segment.admittance = admittance
     segment.compliance = y
     segment.free = q
@@ -146,6 +152,7 @@ def backward(segment: Segment, u: wp.vec3):
     turned = segment.frame * (u - before)
     turn = quotient(turned[1] * turned[1] + turned[2] * turned[2], segment.reach * segment.reach)
     segment.too_far = wp.where(turn > LARGEST_TURN and turn > 2.0 * segment.turn, 1, 0)
+    segment.unsettled = wp.where(turn > SETTLED_TURN, 1, 0)
     segment.turn = wp.max(turn, segment.turn)
     segment.torn = wp.where(wp.abs(turned[0]) > TORN * segment.reach, 1, 0)
     segment.pull = force[0]
@@ -182,66 +189,87 @@ def make_solve_chain(order: int, threads: int, stored: bool, beam: bool):
                     bend_by_moments(i, m, s, body, step, d)
                 sync()
         segment = Segment()
-        first = wp.mat33(0.0)
-        for k in range(share.begin, share.end):
-            segment = prepare(k, m, s, body, material, step, x, d)
-            if k == share.begin:
-                first = segment.frame
-            if wp.static(stored):
-                s.segments[body.segments + k] = segment
         missing = wp.vec3(0.0)
-        if t == 0:
-            missing = missing_of(0, s, body, step, d)
         near = wp.vec3(0.0)
-        placed = bool(True)
-        attempt = int(0)
-        while attempt < ATTEMPTS:
-            attempt += 1
-            # What lies before the thread's first segment, in that one's frame.
-            y = wp.identity(n=3, dtype=float) * load4(d, 0)[3]
-            q = missing
-            if wp.static(threads > 1):
-                start = Span()
-                start.compliance = y
-                start.free = first * q
-                before = scan_forward(share, start, gather(share, segment, s, body), first, segment.frame, shared)
-                y = before.compliance
-                q = wp.transpose(first) * before.free
-            frame = first
+        placed = bool(False)
+        again = int(1)
+        steps = int(0)
+        while again > 0:
+            first = wp.mat33(0.0)
+            for k in range(share.begin, share.end):
+                lag = wp.vec3(0.0)
+                if steps > 0:
+                    if wp.static(stored):
+                        segment = s.segments[body.segments + k]
+                    lag = wp.transpose(segment.frame) * segment.missing - segment.moved
+                else:
+                    lag = missing_of(k + 1, s, body, step, d)
+                segment = prepare(k, lag, m, s, body, material, step, x, d)
+                if k == share.begin:
+                    first = segment.frame
+                if wp.static(stored):
+                    s.segments[body.segments + k] = segment
+            if t == 0:
+                if steps > 0:
+                    missing -= near
+                else:
+                    missing = missing_of(0, s, body, step, d)
+            unsettled = int(0)
+            attempt = int(0)
+            while attempt < ATTEMPTS:
+                attempt += 1
+                # What lies before the thread's first segment, in that one's frame.
+                y = wp.identity(n=3, dtype=float) * load4(d, 0)[3]
+                q = missing
+                if wp.static(threads > 1):
+                    start = Span()
+                    start.compliance = y
+                    start.free = first * q
+                    before = scan_forward(share, start, gather(share, segment, s, body), first, segment.frame, shared)
+                    y = before.compliance
+                    q = wp.transpose(first) * before.free
+                frame = first
+                for k in range(share.begin, share.end):
+                    if wp.static(stored):
+                        segment = s.segments[body.segments + k]
+                        if k > share.begin:
+                            y = turn_frame(y, frame, segment.frame)
+                        frame = segment.frame
+                    segment, y, q = forward(segment, y, q)
+                    if wp.static(stored):
+                        s.segments[body.segments + k] = segment
+                u = q
+                if wp.static(threads > 1):
+                    u = scan_backward(share, reach_back(share, segment, u, s, body), shared, u)
+                too_far = int(0)
+                torn = int(0)
+                unsettled = int(0)
+                for r in range(share.end - share.begin):
+                    k = share.end - 1 - r
+                    if wp.static(stored):
+                        segment = s.segments[body.segments + k]
+                    segment, u = backward(segment, u)
+                    too_far += segment.too_far
+                    torn += segment.torn
+                    unsettled += segment.unsettled
+                    if wp.static(stored):
+                        s.segments[body.segments + k] = segment
+                near = u
+                if sync_any(too_far) > 0:
+                    placed = True
+                else:
+                    if sync_any(torn) > 0:
+                        placed = True
+                    attempt = ATTEMPTS
             for k in range(share.begin, share.end):
                 if wp.static(stored):
                     segment = s.segments[body.segments + k]
-                    if k > share.begin:
-                        y = turn_frame(y, frame, segment.frame)
-                    frame = segment.frame
-                segment, y, q = forward(segment, y, q)
-                if wp.static(stored):
-                    s.segments[body.segments + k] = segment
-            u = q
-            if wp.static(threads > 1):
-                u = scan_backward(share, reach_back(share, segment, u, s, body), shared, u)
-            too_far = int(0)
-            torn = int(0)
-            for r in range(share.end - share.begin):
-                k = share.end - 1 - r
-                if wp.static(stored):
-                    segment = s.segments[body.segments + k]
-                segment, u = backward(segment, u)
-                too_far += segment.too_far
-                torn += segment.torn
-                if wp.static(stored):
-                    s.segments[body.segments + k] = segment
-            near = u
-            if sync_any(too_far) == 0:
-                placed = sync_any(torn) > 0 or attempt > 1
-                attempt = ATTEMPTS
-        for k in range(share.begin, share.end):
-            if wp.static(stored):
-                segment = s.segments[body.segments + k]
-            s.tensions[body.segments + k] = segment.held + segment.pull * step.inverse_square
-            _move(k + 1, segment.moved, s, body, step, d)
-        if t == 0:
-            _move(0, near, s, body, step, d)
+                s.tensions[body.segments + k] = segment.held + segment.pull * step.inverse_square
+                _move(k + 1, segment.moved, s, body, step, d)
+            if t == 0:
+                _move(0, near, s, body, step, d)
+            steps += 1
+            again = wp.where(steps < NEWTON_STEPS, sync_any(unsettled), 0)
         if wp.static(beam):
             sync()
             if t == 0:
@@ -249,47 +277,3 @@ def make_solve_chain(order: int, threads: int, stored: bool, beam: bool):
         return placed
 
     return solve_chain
-
-
-def make_gather(stored: bool):
-    """A Warp function: the segments of a thread as one span."""
-
-    @wp.func
-    def gather(share: Share, segment: Segment, s: State, body: Body) -> Span:
-        span = Span()
-        frame = wp.mat33(0.0)
-        for k in range(share.begin, share.end):
-            if wp.static(stored):
-                segment = s.segments[body.segments + k]
-            one = span_of(segment.far, segment.along, _across(segment), segment.tension, segment.gap, segment.missing)
-            if wp.static(stored):
-                if k > share.begin:
-                    one = join(turned_end(span, segment.frame * wp.transpose(frame)), one)
-                frame = segment.frame
-            span = one
-        return span
-
-    return gather
-
-
-def make_reach_back(stored: bool):
-    """A Warp function: how the particle before a thread's segments follows the last one of them, or for the last
-    thread, how it moves when that one moves by `last`."""
-
-    @wp.func
-    def reach_back(share: Share, segment: Segment, last: wp.vec3, s: State, body: Body) -> Reach:
-        reach = Reach()
-        if share.end == share.count:
-            reach.moved = last
-        else:
-            reach.passed = wp.identity(n=3, dtype=float)
-        for r in range(share.end - share.begin):
-            if wp.static(stored):
-                segment = s.segments[body.segments + share.end - 1 - r]
-            held = wp.transpose(segment.frame) * segment.compliance * segment.admittance
-            reach.passed = held * segment.frame * reach.passed
-            moved = segment.frame * (reach.moved - segment.free) + wp.vec3(segment.gap, 0.0, 0.0)
-            reach.moved = segment.free + held * moved
-        return reach
-
-    return reach_back
