@@ -88,10 +88,20 @@ def _newton_model(system: SpringSystem, start: np.ndarray, device: str):
         builder.add_particle(wp.vec3(*position), wp.vec3(0.0, 0.0, 0.0), 0.0 if fixed else float(mass), radius=1e-4)
     for (i, j), constant in zip(system.pairs, system.constant, strict=True):
         builder.add_spring(int(i), int(j), float(constant), system.damping * float(constant), 0.0)
-    builder.color()
+    builder.set_coloring(colours(system))  # builder.color() knows no springs: VBD would turn into Jacobi
     model = builder.finalize(device=None if device == "auto" else device)
     model.spring_rest_length.assign(system.rest_length.astype(np.float32))
     return model
+
+
+def colours(system: SpringSystem) -> list[np.ndarray]:
+    """Particles by colour, of which no two of one share a spring: each takes the least that its neighbours leave."""
+    neighbours = abs(system.incidence) @ abs(system.incidence).T
+    colour = np.full(len(system.masses), -1)
+    for i in range(len(colour)):
+        taken = colour[neighbours.indices[neighbours.indptr[i] : neighbours.indptr[i + 1]]]
+        colour[i] = np.setdiff1d(np.arange(len(taken) + 1), taken)[0]
+    return [np.flatnonzero(colour == k) for k in range(colour.max() + 1)]
 
 
 def pypbd(run: Run) -> Frames:

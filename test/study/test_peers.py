@@ -8,7 +8,7 @@ from cloth_sim_ros.study import norms
 from cloth_sim_ros.study.cases import BODY, CASES
 from cloth_sim_ros.study.contenders import Run
 from cloth_sim_ros.study.exact import reference
-from cloth_sim_ros.study.peers import PEERS, Peer
+from cloth_sim_ros.study.peers import PEERS, Peer, colours
 
 CASE, RESOLUTION, SUBSTEPS = CASES["clamped_sheet"], 8, 40
 
@@ -36,3 +36,14 @@ def test_a_peer_that_cannot_stand_in_the_figure_is_named():
     there = Peer("CPU only", "numpy", PEERS[0].simulate, on_gpu=False)
     assert there.why_not("cpu") == ""
     assert "CPU alone" in there.why_not("cuda:0")
+
+
+def test_no_spring_joins_particles_of_one_colour():
+    system, _ = CASES["clamped_sheet"].system(9, 1e3)
+    groups = colours(system)
+    colour = np.empty(len(system.masses), dtype=int)
+    for k, group in enumerate(groups):
+        colour[group] = k
+    assert sorted(np.concatenate(groups)) == list(range(len(colour)))
+    assert (colour[system.pairs[:, 0]] != colour[system.pairs[:, 1]]).all()
+    assert len(groups) <= 1 + np.bincount(system.pairs.ravel()).max()
