@@ -12,6 +12,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,18 +64,14 @@ def newton(method: str) -> Callable[[Run], Frames]:
                 solver.step(states[0], states[1], control, None, FRAME_DT / substeps)
                 states.reverse()
 
-        device = wp.get_device(model.device)
+        device, step = wp.get_device(model.device), advance
         advance()  # compiles
-        states[0].particle_q.assign(start.astype(np.float32))
-        states[0].particle_qd.zero_()
         if device.is_cuda:
             with wp.ScopedCapture(device=device) as capture:
                 advance()
-            states[0].particle_q.assign(start.astype(np.float32))
-            states[0].particle_qd.zero_()
-            step = lambda: wp.capture_launch(capture.graph)  # noqa: E731
-        else:
-            step = advance
+            step = partial(wp.capture_launch, capture.graph)
+        states[0].particle_q.assign(start.astype(np.float32))
+        states[0].particle_qd.zero_()
         return _record(step, lambda: states[0].particle_q.numpy(), start, run.case.frames, device)
 
     return simulate
