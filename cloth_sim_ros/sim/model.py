@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.sim import cells
 from cloth_sim_ros.sim.topology import KINDS, Elements, Topology
 
-CONSTRAINTS = ("spring", "hinge", "bend", "edge")
+CONSTRAINTS = ("spring", "cell", "hinge", "bend", "edge")
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,9 @@ class Features:
         worlds: bool = False,
     ) -> Features:
         """The features of a body with `topology` in a scene with or without wind and with colliders of `shapes`."""
-        kinds = ("spring",) if topology.springs and method == "xpbd" else ()
+        kinds = ()
+        if topology.springs and method == "xpbd":
+            kinds = ("spring",) if topology.grid is None else ("cell",)
         panels = "triangles" if len(topology.triangles) else "segments"
         others = tuple(name for name, _, _ in topology.others())
         if topology.edges() and set(shapes) - {"plane"}:  # before a plane, an end of every edge comes first
@@ -67,7 +70,7 @@ class Body:
     spacing: float  # mean rest length of its springs [m]
     particles: int
     count: int
-    groups: int  # springs
+    groups: int  # springs or cells
     tuple_groups: int
     groups_end: int
     edge_groups_end: int
@@ -77,12 +80,14 @@ class Body:
     panels_end: int
     spokes: int
     spoke_width: int
+    cell: wp.vec3  # rest lengths [m] along x, along y and of diagonals of a grid
     lightness: wp.vec3  # the most inverse mass at a spring of each kind, over its share of the compliance [1/kg]
 
 
 @wp.struct
 class Model:
-    """Constant arrays. groups: (constraint, material kind, first, end) of one colour.
+    """Constant arrays. groups: (constraint, material kind, first, end) of one colour; of cells (what they hold, material
+    kind of their sides, first, end) of one pass.
 
     scale: element compliance / material compliance. A spring is one packed record of 16 bytes, because every substep
     streams all of them; all other constraints share `tuples`, whose four numbers each constraint defines.
@@ -91,6 +96,7 @@ class Model:
     bodies: wp.array(dtype=Body)
     groups: wp.array(dtype=wp.vec4i)
     springs: wp.array(dtype=wp.vec4)  # (S, 4) both particles as the bits of their indices, rest length [m], scale
+    cells: wp.array(dtype=wp.vec4i)  # (Q,) particles and flags of the cells of grids (sim/cells.py)
     tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles, the last repeated where there are three
     tuple_rest: wp.array(dtype=wp.vec4)  # (E, 4) rest, scale and two more
     edges: wp.array(dtype=wp.vec2i)  # (D,) particles of edges that touch colliders
@@ -115,7 +121,7 @@ def colour_sorted(elements: Elements) -> tuple[np.ndarray, list[tuple[int, int]]
 class ModelArrays:
     """Collects the NumPy parts of a batch, body by body, and uploads them once.
 
-    spring_order[b][kind] is (first, order): element `order[i]` of that kind lies at first + i of the springs.
+    spring_groups[b]: "spring" or "cell", and the groups of these in body b.
     """
 
     def __init__(self, spokes: bool) -> None:
@@ -125,7 +131,7 @@ class ModelArrays:
         self.particles = 0
         self.groups: list[tuple[int, int, int, int]] = []
         self.size = dict.fromkeys(_TYPES, 0)
-        self.spring_order: list[dict[str, tuple[int, np.ndarray]]] = []
+        self.spring_groups: list[tuple[str, list[tuple[int, int, int, int]]]] = []
 
     def _append(self, name: str, rows: np.ndarray) -> int:
         start = self.size[name]
@@ -141,15 +147,12 @@ class ModelArrays:
         first = self.particles
         self.particles += len(topology.masses)
         groups = len(self.groups)
-        self.spring_order.append({})
-        for kind, elements in topology.springs.items():
-            order, spans = colour_sorted(elements)
-            indices = bits(elements.particles[order])
-            numbers = np.stack([elements.rest, elements.scale], 1)[order].astype(np.float32)
-            start = self._append("springs", np.concatenate([indices, numbers], 1))
-            self.spring_order[-1][kind] = (start, order)
-            self._append_groups("spring", KINDS.index(kind), start, spans)
+        if topology.grid is None:
+            self._add_springs(topology)
+        else:
+            self._add_cells(topology)
         tuple_groups = len(self.groups)
+        self.spring_groups.append(("spring" if topology.grid is None else "cell", self.groups[groups:]))
         for constraint, elements, extra in topology.others():
             order, spans = colour_sorted(elements)
             start = self._append(
@@ -184,7 +187,21 @@ class ModelArrays:
             spokes,
             spoke_width,
         )
-        self.bodies.append((len(self.bodies), spacing, first, len(topology.masses), *spans, _lightness(topology)))
+        cell = (0.0, 0.0, 0.0) if topology.grid is None else cells.lengths(topology)
+        self.bodies.append((len(self.bodies), spacing, first, len(topology.masses), *spans, cell, _lightness(topology)))
+
+    def _add_springs(self, topology: Topology) -> None:
+        for kind, elements in topology.springs.items():
+            order, spans = colour_sorted(elements)
+            indices = bits(elements.particles[order])
+            numbers = np.stack([elements.rest, elements.scale], 1)[order].astype(np.float32)
+            start = self._append("springs", np.concatenate([indices, numbers], 1))
+            self._append_groups("spring", KINDS.index(kind), start, spans)
+
+    def _add_cells(self, topology: Topology) -> None:
+        for one in cells.passes(topology):
+            start = self._append("cells", one.records())
+            self.groups.append((one.holds, KINDS.index(one.kind), start, start + len(one.particles)))
 
     def _add_panels(self, topology: Topology) -> int:
         start = self._append("panels", topology.panels)
@@ -251,6 +268,7 @@ def bits(indices: np.ndarray) -> np.ndarray:
 
 _TYPES = {
     "springs": (wp.vec4, np.float32),
+    "cells": (wp.vec4i, np.int32),
     "tuples": (wp.vec4i, np.int32),
     "tuple_rest": (wp.vec4, np.float32),
     "edges": (wp.vec2i, np.int32),

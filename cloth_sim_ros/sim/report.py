@@ -8,12 +8,14 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.cells import PAIRS
+from cloth_sim_ros.sim.constraints.cell import has, index_of
 from cloth_sim_ros.sim.colliders import make_signed_distance
-from cloth_sim_ros.sim.model import KINDS
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.schedules.native import as_index, xyz
 from cloth_sim_ros.sim.schedules.stages import parts_of_motion
 from cloth_sim_ros.sim.state import Arrays
+from cloth_sim_ros.sim.topology import KINDS
 
 # Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.
 STRAIN, RESIDUAL, PENETRATION = 0, 1, 2
@@ -38,6 +40,38 @@ def measure_springs(
     h = effective_step(dt, second, parts_of_motion(body, arrays.materials[b], arrays.frames[0]))
     force = arrays.state.spring_multipliers[k] / (h * h)
     _measure(arrays, b, i, j, spring[2], spring[3] * arrays.materials[b].compliance[kind] * force, implicit, result)
+
+
+@wp.kernel(enable_backward=False)
+def measure_cells(
+    arrays: Arrays,
+    b: int,
+    first: int,
+    kind: int,
+    dt: float,
+    second: bool,
+    implicit: bool,
+    result: wp.array(dtype=float),
+):
+    q, k = wp.tid()
+    k += first
+    body = arrays.model.bodies[b]
+    cell = arrays.model.cells[k]
+    if not has(cell[0], q):
+        return
+    pair = wp.static(wp.types.matrix((6, 2), int)(*PAIRS.ravel().tolist()))
+    i = body.particles + index_of(cell[pair[q, 0]])
+    j = body.particles + index_of(cell[pair[q, 1]])
+    along_y = q // 2 == 1 or has(cell[0], 6)
+    rest = wp.where(q < 4, wp.where(along_y, body.cell[1], body.cell[0]), body.cell[2])
+    if kind == wp.static(KINDS.index("bending")):
+        rest *= 2.0
+    compliance = arrays.materials[b].compliance[wp.where(q < 4, kind, wp.static(KINDS.index("shear")))]
+    if has(cell[1], q):
+        compliance *= 2.0
+    h = effective_step(dt, second, parts_of_motion(body, arrays.materials[b], arrays.frames[0]))
+    held = compliance * arrays.state.cell_multipliers[q * arrays.model.cells.shape[0] + k] / (h * h)
+    _measure(arrays, b, i, j, rest, held, implicit, result)
 
 
 @wp.kernel(enable_backward=False)
@@ -96,9 +130,11 @@ class Reporter:
         b, span, arrays = batch.index[name], batch.span(name), batch.worlds[world]
         self._result.zero_()
         second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
-        for kind, (first, order) in batch.spring_order[b].items():
-            inputs = [arrays, b, first, KINDS.index(kind), dt, second, implicit, self._result]
-            wp.launch(measure_springs, dim=len(order), inputs=inputs, device=self._device)
+        constraint, groups = batch.spring_groups[b]
+        for _, kind, first, end in groups:
+            inputs = [arrays, b, first, kind, dt, second, implicit, self._result]
+            kernel, dim = (measure_cells, (6, end - first)) if constraint == "cell" else (measure_springs, end - first)
+            wp.launch(kernel, dim=dim, inputs=inputs, device=self._device)
         if batch.features.chain:
             segments = span.stop - span.start - 1
             wp.launch(measure_chain, dim=segments, inputs=[arrays, b, self._result], device=self._device)

@@ -112,7 +112,7 @@ class BeamRow:
 
 @wp.struct
 class State:
-    """Arrays of one batch; N particles, S springs, E tuples, D edges, C segments, P panels, K colliders, B bodies."""
+    """Arrays of one batch; N particles, S springs, Q cells, E tuples, D edges, C segments, P panels, K colliders, B bodies."""
 
     positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m] and inverse mass [1/kg], 0 is pinned
     low: wp.array(dtype=wp.vec4)  # (N,) what float32 lost of the positions [m]
@@ -121,6 +121,7 @@ class State:
     last_velocities: wp.array(dtype=wp.vec3)  # (N,) one substep ago, order 2 alone
     last_displacements: wp.array(dtype=wp.vec3)  # (N,) of the last substep [m], order 2 alone
     spring_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m]
+    cell_multipliers: wp.array(dtype=float)  # (6 Q,) the same of the first springs of all cells, then of the second ...
     tuple_multipliers: wp.array(dtype=wp.vec3)  # (E, 3)
     tensions: wp.array(dtype=float)  # (C,) [N]
     targets: wp.array(dtype=wp.vec3)  # (N,) where particles of a chain would be without it [m], chains alone
@@ -183,6 +184,7 @@ def make_states(
         "last_velocities": (second, wp.vec3),
         "last_displacements": (second, wp.vec3),
         "spring_multipliers": (arrays.size["springs"], float),
+        "cell_multipliers": (6 * arrays.size["cells"], float),
         "tuple_multipliers": (arrays.size["tuples"], wp.vec3),
         "tensions": (arrays.size["segment_length"], float),
         "targets": (particles if features.chain else 0, wp.vec3),

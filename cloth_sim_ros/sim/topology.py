@@ -33,7 +33,7 @@ class Topology:
     springs: kind -> Elements of pairs, rest [m]; hinges: (H, 4) edge i, j and opposite k, l, rest [rad];
     bends: (B, 3) of a rope, rest is the turn [-], `weights` (B, 2) the inverse lengths [1/m] of its two segments.
     panels: (P, 3) particles that the wind acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions
-    [m] in local axes, along which grids are cut into tiles.
+    [m] in local axes, along which grids are cut into tiles. grid: particles along x and y, None for what is no grid.
     """
 
     rest: np.ndarray
@@ -48,6 +48,7 @@ class Topology:
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     chain: Elements | None = None
     edge_contact: bool = False
+    grid: tuple[int, int] | None = None
 
     def edges(self) -> list[Elements]:
         """What touches colliders between its particles: structural and shear springs, segments; none if not asked."""
@@ -127,7 +128,7 @@ def _grid(cloth: Cloth, name: str) -> Topology:
             np.stack([index[:-1, :-1], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 3),
         ]
     ).astype(np.int32)
-    return _sheet(cloth, name, local, masses, named, triangles, _grid_springs(cloth, index, local))
+    return _sheet(cloth, name, local, masses, named, triangles, _grid_springs(cloth, index, local), (nx, ny))
 
 
 def _grid_springs(cloth: Cloth, index: np.ndarray, local: np.ndarray) -> dict[str, Elements]:
@@ -182,7 +183,7 @@ def _mesh(cloth: Cloth, name: str) -> Topology:
     return _sheet(cloth, name, points, masses, {}, triangles, springs)
 
 
-def _sheet(cloth, name, local, masses, named, triangles, springs) -> Topology:
+def _sheet(cloth, name, local, masses, named, triangles, springs, grid=None) -> Topology:
     """What grids and meshes share: pins, place in the world and hinges."""
     hinges = None
     if cloth.bend_compliance is not None and cloth.bending == "dihedral":
@@ -197,6 +198,7 @@ def _sheet(cloth, name, local, masses, named, triangles, springs) -> Topology:
         layout=local,
         hinges=hinges,
         edge_contact=cloth.edge_contact,
+        grid=grid,
     )
 
 

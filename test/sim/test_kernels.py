@@ -90,6 +90,7 @@ ALL_FUNCTIONS = {
     "plane": "signed_distance_plane",
     "sphere": "signed_distance_sphere",
     "springs": "multiplier_change elongation",
+    "cells": "project_cell",
     "hinges": "hinge_gradients",
     "bends": "turn_residual",
     "chain": "series_admittance",
@@ -106,6 +107,7 @@ ROPE_AND_ROOM = Features(("bend", "edge"), True, "segments", ("plane", "box"), 1
     [
         (Features(("spring",), False, "", (), 1, "xpbd"), {"springs"}),
         (Features(("spring",), False, "", (), 1, "xpbd", worlds=True), {"springs"}),
+        (Features(("cell",), False, "", (), 1, "xpbd"), {"springs", "cells"}),
         (SHEET_AND_BALL, {"springs", "hinges", "wind on cloth", "colliders", "sphere"}),
         (ROPE_AND_ROOM, {"bends", "chain", "wind on ropes", "colliders", "plane", "box", "edges"}),
     ],

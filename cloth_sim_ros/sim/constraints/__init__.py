@@ -5,13 +5,14 @@ A new constraint: a file with `project`, its elements in topology.py, its name i
 
 import warp as wp
 
-from cloth_sim_ros.sim.constraints import bend, hinge, spring
+from cloth_sim_ros.sim.constraints import bend, cell, hinge, spring
 from cloth_sim_ros.sim.model import CONSTRAINTS, Body, Model
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.state import Material, State
 
 PROJECTIONS = {"hinge": hinge.make_project, "bend": bend.make_project}
 make_project_spring = spring.make_project
+make_project_cell = cell.make_project
 
 
 def make_project_tuple(present: tuple[str, ...], order: int):

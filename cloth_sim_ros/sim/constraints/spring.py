@@ -1,22 +1,23 @@
-"""Distance springs: structural, shear, bending over two edges. The hottest loop of a cloth: count its operations."""
+"""Distance springs: structural, shear, bending over two edges. The hottest loop of a mesh: count its operations."""
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Body
+from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.distance import SHORTEST, elongation, multiplier_change, opening
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.native import as_index, load4, quotient, root, store_xyz
-from cloth_sim_ros.sim.state import Material, State
+from cloth_sim_ros.sim.state import Material, State, compliance_of
 
 
 def make_project(order: int):
-    """The projection of spring k, whose packed record the schedule has fetched, for an integration order."""
+    """The projection of spring k, whose packed record the schedule has fetched, of colour `group`."""
 
     @wp.func
     def project_spring(
         spring: wp.vec4,
         k: int,
-        alpha: float,
+        group: wp.vec4i,
+        m: Model,
         s: State,
         body: Body,
         material: Material,
@@ -54,7 +55,8 @@ def make_project(order: int):
         if not step.first:
             multiplier = s.spring_multipliers[k]
         gamma = material.damping * step.inverse
-        change = multiplier_change(length - spring[2], slip, wi + wj, alpha * spring[3], gamma, multiplier)
+        alpha = compliance_of(material, group[1]) * step.inverse_square * spring[3]
+        change = multiplier_change(length - spring[2], slip, wi + wj, alpha, gamma, multiplier)
         pull = quotient(change[0], change[1] * length)  # one division for the change and the direction together
         if step.store:
             s.spring_multipliers[k] = multiplier + pull * length

@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from cloth_sim_ros.sim.schedules.native import quotient
+
 SHORTEST = wp.constant(1.0e-12)  # [m] below this an edge has no direction of its own
 
 
@@ -40,4 +42,13 @@ def multiplier_change(c: float, slip: float, w: float, alpha: float, gamma: floa
     alpha: compliance / h^2; gamma: dashpot time / h; multiplier: its value so far in this substep. The divisor is never
     0: where all particles are pinned and the constraint is rigid, the quotient is finite and meets inverse masses of 0.
     """
-    return wp.vec2(-(c + alpha * multiplier + gamma * slip), wp.max((1.0 + gamma) * w + alpha, 1.0e-30))
+    return wp.vec2(-(c + alpha * multiplier + gamma * slip), wp.max((1.0 + gamma) * w + alpha, 1.0e-20))
+
+
+@wp.func
+def pull_along(length: float, rest: float, held: float, divisor: float) -> float:
+    """The same quotient of a distance, its sign turned and divided by the length, with one division for both.
+
+    held: alpha x multiplier + gamma x slip [m]; divisor: (1 + gamma) w + alpha [1/kg], not 0.
+    """
+    return quotient((length - rest) + held, divisor * length)

@@ -8,7 +8,8 @@ from functools import lru_cache
 
 import warp as wp
 
-from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tuple
+from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring, make_project_tuple
+from cloth_sim_ros.sim.constraints.cell import record_of
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules.contact import make_contact
@@ -105,7 +106,7 @@ class Coloured:
         turn = iteration if iteration < 2 else 2 + iteration % 2  # of those after the first the parity alone matters
         if self._features.chain:
             self._launch("chain", 1, b, iteration=turn)
-        kinds = {"springs": ("groups", "tuple_groups"), "tuples": ("tuple_groups", "groups_end")}
+        kinds = {"springs": ("groups", "tuple_groups"), "cells": ("groups", "tuple_groups"), "tuples": ("tuple_groups", "groups_end")}
         for stage, (begin, end) in kinds.items():
             if stage in self._kernels:
                 sizes = [self._groups[g][3] - self._groups[g][2] for g in range(body[begin], body[end])]
@@ -136,7 +137,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     panel_force = make_panel(features) if features.panels else None
     contact_particle = make_contact(features) if features.shapes else None
     contact_edge = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
-    project_one_spring = make_project_spring(features.order)
+    project_one_spring, project_one_cell = make_project_spring(features.order), make_project_cell(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features.order, 1, True, features.beam) if features.chain else None
     module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}")
@@ -306,14 +307,36 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         def springs(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             here = look(arrays, b, iteration, store)
             group = arrays.model.groups[in_turn(g, here.body.groups, here.body.tuple_groups, here.step)]
-            alpha = compliance_of(arrays.materials[b], group[1]) * here.step.inverse_square
             k = group[2] + i
             if k >= group[3]:
                 return
             project_one_spring(
                 arrays.model.springs[k],
                 k,
-                alpha,
+                group,
+                arrays.model,
+                arrays.state,
+                here.body,
+                arrays.materials[b],
+                here.step,
+                here.x,
+                here.d,
+            )
+
+    if "cell" in features.constraints:
+
+        @stage
+        def cells(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+            here = look(arrays, b, iteration, store)
+            group = arrays.model.groups[in_turn(g, here.body.groups, here.body.tuple_groups, here.step)]
+            k = group[2] + i
+            if k >= group[3]:
+                return
+            project_one_cell(
+                record_of(arrays.model, k),
+                k,
+                group,
+                arrays.model,
                 arrays.state,
                 here.body,
                 arrays.materials[b],

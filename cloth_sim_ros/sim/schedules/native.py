@@ -65,15 +65,19 @@ return 1.0f / sqrtf(value);
 """
 _ROOT = """
 #if defined(__CUDA_ARCH__)
-float y = rsqrtf(value);
-return value * fmaf(0.5f * y, fmaf(-value * y, y, 1.0f), y);
+float y;
+asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(value));
+float r = value * y;
+return fmaf(0.5f * y, fmaf(-r, r, value), r);
 #else
 return sqrtf(value);
 #endif
 """
 _QUOTIENT = """
 #if defined(__CUDA_ARCH__)
-return __fdividef(a, b);
+float y;
+asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(b));  // __fdividef would first look for subnormal numbers
+return a * y;
 #else
 return a / b;
 #endif
@@ -103,6 +107,17 @@ __syncthreads();
 
 @wp.func_native(_LOAD)
 def load4(address: wp.uint64, i: int) -> wp.vec4: ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+int4 f = ((const int4*)values.data)[i];
+return wp::vec_t<4, wp::int32>(f.x, f.y, f.z, f.w);
+#else
+return values.data[i];
+#endif
+""")
+def load4i(values: wp.array(dtype=wp.vec4i), i: int) -> wp.vec4i: ...
 
 
 @wp.func_native(_STORE)

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import warp as wp
 
-from cloth_sim_ros.sim.constraints import make_project_spring, make_project_tuple
+from cloth_sim_ros.sim.constraints import make_project_tuple
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules import native
@@ -27,6 +27,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     parts_of_motion,
     sweep_collider,
 )
+from cloth_sim_ros.sim.schedules.sweeps import make_sweep
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, Material, State, compliance_of, gathered, given_type
 
@@ -46,9 +47,10 @@ class Resident:
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
-        # A thread takes a segment of a rope, a particle of an explicit method, or a spring of a colour.
+        # A thread takes a segment of a rope, a particle of an explicit method, or a spring of a colour; of cells, which
+        # need the registers that half as many threads have, one or two of a pass.
         work = largest - 1 if features.chain else largest if features.method == "verlet" else -(-largest // 2)
-        most = THREADS if features.chain else 1024
+        most = THREADS if features.chain else 512 if "cell" in features.constraints else 1024
         block = 1 if device.is_cpu else min(most, -(-work // 32) * 32)
         kernel = make_frame(features, shared, block)
         bodies = worlds[0].model.bodies.shape[0]
@@ -76,7 +78,7 @@ def make_frame(features: Features, shared: int, block: int):
     panel = make_panel(features) if features.panels else None
     contact = make_contact(features) if features.shapes else None
     edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
-    project_springs = make_project_springs(features.order, shared > 0) if "spring" in features.constraints else None
+    project_springs = make_sweep(features, shared > 0)
     project_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = (
         make_solve_chain(features.order, block, shared == 0 or shared > THREADS, features.beam)
@@ -245,54 +247,3 @@ def make_frame(features: Features, shared: int, block: int):
                 s.history[b] = history
 
     return simulate_frame
-
-
-def make_project_springs(order: int, fetch_ahead: bool):
-    """A Warp function: thread t of `width` projects its share of all colours.
-
-    With `fetch_ahead` the record of the next spring is on its way while the present one is projected and while the
-    block waits at a barrier, because a fetch from a GPU's memory takes as long as a whole colour.
-    """
-    project_spring = make_project_spring(order)
-
-    @wp.func
-    def project_springs(
-        t: int,
-        width: int,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        d: wp.uint64,
-    ):
-        last = m.springs.shape[0] - 1
-        records = native.array_address(m.springs, 0)
-        group = m.groups[in_turn(body.groups, body.groups, body.tuple_groups, step)]
-        spring = wp.vec4()
-        following = wp.vec4()
-        ahead = wp.vec4()
-        if wp.static(fetch_ahead):
-            spring = load4(records, wp.min(group[2] + t, last))
-        for g in range(body.groups, body.tuple_groups):
-            following_g = wp.min(g + 1, body.tuple_groups - 1)
-            next = m.groups[in_turn(following_g, body.groups, body.tuple_groups, step)]
-            if wp.static(fetch_ahead):
-                ahead = load4(records, wp.min(next[2] + t, last))
-            alpha = compliance_of(material, group[1]) * step.inverse_square
-            k = group[2] + t
-            while k < group[3]:
-                if wp.static(fetch_ahead):
-                    if k + width < group[3]:
-                        following = load4(records, k + width)
-                else:
-                    spring = load4(records, k)
-                project_spring(spring, k, alpha, s, body, material, step, x, d)
-                spring = following
-                k += width
-            spring = ahead
-            group = next
-            sync()
-
-    return project_springs

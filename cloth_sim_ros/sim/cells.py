@@ -1,0 +1,135 @@
+"""The springs of a grid in cells: four particles and up to six springs among them, which one thread projects in turn.
+
+A spring by itself moves four rows of memory in and two out; the six of a cell share theirs, and the springs of a grid
+need six passes instead of twelve colours. NumPy on the grid; nothing here knows of a device.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cloth_sim_ros.sim.topology import Elements, Topology
+
+# The springs of a cell, as places among its four particles: sides along x, sides along y, diagonals.
+PAIRS = np.array([(0, 1), (2, 3), (0, 2), (1, 3), (0, 3), (1, 2)])
+SIDES, DIAGONALS = 1, 2  # what the cells of a pass hold, as flags
+FLAGS = 24  # the bits of an index in a record; no grid has more particles
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Cells that share no particle: particles (C, 4); of each spring in the order of PAIRS whether the cell has it and
+    whether it is twice as compliant, present and doubled (C, 6); turned (C,): sides along x are sides along y.
+
+    kind: of the sides, in KINDS; diagonals are shear springs. holds: SIDES, DIAGONALS or both.
+    """
+
+    kind: str
+    holds: int
+    particles: np.ndarray
+    present: np.ndarray
+    doubled: np.ndarray
+    turned: np.ndarray
+
+    def records(self) -> np.ndarray:
+        """(C, 4) int32 for the device: indices, and from bit FLAGS on `present` and `turned`, and `doubled`."""
+        bits = 1 << np.arange(6)
+        flags = np.zeros_like(self.particles)
+        flags[:, 0] = self.present @ bits + (self.turned << 6)
+        flags[:, 1] = self.doubled @ bits
+        return (self.particles + (flags << FLAGS)).astype(np.int32)
+
+
+def lengths(topology: Topology) -> tuple[float, float, float]:
+    """Rest lengths [m] along x, along y and of diagonals of a grid; all its springs have these or their doubles."""
+    along_x, along_y = (float(np.linalg.norm(topology.layout[k] - topology.layout[0])) for k in (1, topology.grid[0]))
+    return along_x, along_y, float(np.hypot(along_x, along_y))
+
+
+def passes(topology: Topology) -> list[Pass]:
+    """All springs of a grid, each in one cell of one pass."""
+    found = []
+    for kind, stride in (("structural", 1), ("bending", 2)):
+        if kind in topology.springs:
+            found += _lattice(topology, kind, stride)
+    return found
+
+
+def _lattice(topology: Topology, kind: str, stride: int) -> list[Pass]:
+    """The passes of the springs over `stride` steps of the grid, and of its diagonals where stride is 1.
+
+    Cells whose corner has even numbers in both directions meet every side but those that cells with odd numbers meet;
+    where the numbers differ in parity only diagonals are left. Sides at the grid's border that no cell of their parity
+    reaches touch none of these cells either, and join their pass two by two.
+    """
+    nx, ny = topology.grid
+    index = np.arange(nx * ny).reshape(ny, nx)
+    corner = index[: max(ny - stride, 0), : max(nx - stride, 0)].ravel()
+    cells = corner[:, None] + stride * np.array([0, 1, nx, nx + 1])
+    u, v = corner % nx // stride % 2, corner // nx // stride % 2
+    sides = _Lookup(topology.springs[kind], nx * ny)
+    diagonals = _Lookup(topology.springs["shear"], nx * ny) if stride == 1 and "shear" in topology.springs else None
+    found = []
+    for parity in (0, 1):
+        chosen = _spread(cells[(u == parity) & (v == parity)])
+        first = sides.elements.particles[:, 0]
+        along = np.where(sides.spans == stride, first % nx, first // nx) // stride % 2
+        lone = (along == parity) & ~np.isin(sides.keys, sides.key(chosen[:, PAIRS[:4]]))
+        pairs = [_in_pairs(sides.elements.particles[lone & (sides.spans == span)]) for span in (stride, stride * nx)]
+        whole = len(chosen)
+        one = _pass(kind, np.concatenate([chosen, *pairs]), whole, sides, diagonals)
+        one.turned[whole + len(pairs[0]) :] = True
+        found.append(one)
+    if diagonals is not None:
+        for parity in (0, 1):
+            chosen = _spread(cells[(u == parity) & (v != parity)])
+            found.append(_pass(kind, chosen, len(chosen), None, diagonals))
+    return [one for one in found if len(one.particles)]
+
+
+def _in_pairs(springs: np.ndarray) -> np.ndarray:
+    """Springs (S, 2) two by two as cells (C, 4); a last one alone is there twice."""
+    return np.concatenate([springs, springs[-1:]] if len(springs) % 2 else [springs]).reshape(-1, 4)
+
+
+def _spread(cells: np.ndarray) -> np.ndarray:
+    """Cells of a pass, four and four in turn mirrored along x.
+
+    Neighbouring cells of a pass lie two particles apart, so that the first corners of eight would meet in four of the
+    eight places that a GPU's shared memory serves at a time; those of four and the second ones of four meet in none.
+    """
+    mirrored = np.arange(len(cells)) // 4 % 2 == 1
+    return np.where(mirrored[:, None], cells[:, [1, 0, 3, 2]], cells)
+
+
+class _Lookup:
+    """Finds springs by their particles."""
+
+    def __init__(self, elements: Elements, count: int) -> None:
+        self.elements, self._count = elements, count
+        self.keys = self.key(elements.particles)
+        self.spans = np.diff(np.sort(elements.particles, axis=1), axis=1)[:, 0]
+        self._order = np.argsort(self.keys)
+
+    def key(self, pairs: np.ndarray) -> np.ndarray:
+        """(...,) one number a pair (..., 2) of particles, in whatever order."""
+        return pairs.min(-1) * self._count + pairs.max(-1)
+
+    def scale(self, pairs: np.ndarray) -> np.ndarray:
+        """Scale of the springs between `pairs` (..., 2)."""
+        return self.elements.scale[self._order[np.searchsorted(self.keys, self.key(pairs), sorter=self._order)]]
+
+
+def _pass(kind: str, particles: np.ndarray, whole: int, sides: _Lookup | None, diagonals: _Lookup | None) -> Pass:
+    """The pass of these cells, of which the first `whole` have all their springs and the others two, or one twice."""
+    present, scale = np.zeros((len(particles), 6), bool), np.ones((len(particles), 6))
+    if sides is not None:
+        present[:whole, :4], scale[:whole, :4] = True, sides.scale(particles[:whole, PAIRS[:4]])
+        present[whole:, :2], scale[whole:, :2] = True, sides.scale(particles[whole:, PAIRS[:2]])
+        present[particles[:, 0] == particles[:, 2], 1] = False
+    if diagonals is not None:
+        present[:whole, 4:] = True
+    holds = (SIDES if sides is not None else 0) | (DIAGONALS if diagonals is not None else 0)
+    return Pass(kind, holds, particles, present, scale == 2.0, np.zeros(len(particles), bool))

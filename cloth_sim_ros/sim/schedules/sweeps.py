@@ -1,0 +1,119 @@
+"""How the threads of a block share the springs and cells of a body: one sweep over all colours or passes.
+
+The record of the next element is on its way while the present one is projected and while the block waits at a barrier,
+because a fetch from a GPU's memory takes as long as a whole colour.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring
+from cloth_sim_ros.sim.constraints.cell import corners_of, make_project_corners, put_corners, record_of
+from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.schedules.native import array_address, load4, sync
+from cloth_sim_ros.sim.schedules.stages import in_turn
+from cloth_sim_ros.sim.state import Material, State
+
+
+def make_sweep(features: Features, shared: bool):
+    """A Warp function: thread t of `width` projects its share of all colours or passes; None without springs."""
+    if "cell" in features.constraints:
+        return make_sweep_cells(features.order, shared)
+    return make_sweep_springs(features.order, shared) if "spring" in features.constraints else None
+
+
+def make_sweep_springs(order: int, shared: bool):
+    """The sweep over single springs."""
+    project_spring = make_project_spring(order)
+
+    @wp.func
+    def sweep_springs(
+        t: int,
+        width: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        d: wp.uint64,
+    ):
+        last = m.springs.shape[0] - 1
+        records = array_address(m.springs, 0)
+        group = m.groups[in_turn(body.groups, body.groups, body.tuple_groups, step)]
+        spring = wp.vec4()
+        following = wp.vec4()
+        ahead = wp.vec4()
+        if wp.static(shared):
+            spring = load4(records, wp.min(group[2] + t, last))
+        for g in range(body.groups, body.tuple_groups):
+            following_g = wp.min(g + 1, body.tuple_groups - 1)
+            next = m.groups[in_turn(following_g, body.groups, body.tuple_groups, step)]
+            if wp.static(shared):
+                ahead = load4(records, wp.min(next[2] + t, last))
+            k = group[2] + t
+            while k < group[3]:
+                if wp.static(shared):
+                    if k + width < group[3]:
+                        following = load4(records, k + width)
+                else:
+                    spring = load4(records, k)
+                project_spring(spring, k, group, m, s, body, material, step, x, d)
+                spring = following
+                k += width
+            spring = ahead
+            group = next
+            sync()
+
+    return sweep_springs
+
+
+def make_sweep_cells(order: int, shared: bool):
+    """The sweep over cells of springs. Where nothing is remembered, a thread has two cells under way at a time."""
+    project_cell = make_project_cell(order)
+    project_quickly = make_project_corners(order, False, False)
+
+    @wp.func
+    def sweep_cells(
+        t: int,
+        width: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        d: wp.uint64,
+    ):
+        quick = step.first and not step.store and material.damping == 0.0
+        group = m.groups[in_turn(body.groups, body.groups, body.tuple_groups, step)]
+        record = record_of(m, group[2] + t)
+        for g in range(body.groups, body.tuple_groups):
+            following_g = wp.min(g + 1, body.tuple_groups - 1)
+            next = m.groups[in_turn(following_g, body.groups, body.tuple_groups, step)]
+            ahead = record_of(m, next[2] + t)
+            k = group[2] + t
+            while k < group[3]:
+                if quick:
+                    q = corners_of(record, x, d)
+                    if wp.static(shared):
+                        if k + width < group[3]:
+                            other = record_of(m, k + width)
+                            r = corners_of(other, x, d)
+                            put_corners(project_quickly(q, record, k, group, m, s, body, material, step), d)
+                            put_corners(project_quickly(r, other, k + width, group, m, s, body, material, step), d)
+                        else:
+                            put_corners(project_quickly(q, record, k, group, m, s, body, material, step), d)
+                        k += width
+                    else:
+                        put_corners(project_quickly(q, record, k, group, m, s, body, material, step), d)
+                else:
+                    project_cell(record, k, group, m, s, body, material, step, x, d)
+                k += width
+                if k < group[3]:
+                    record = record_of(m, k)
+            record = ahead
+            group = next
+            sync()
+
+    return sweep_cells
