@@ -15,31 +15,33 @@ from cloth_sim_ros.sim.topology import Elements, Topology
 # The springs of a cell, as places among its four particles: sides along x, sides along y, diagonals.
 PAIRS = np.array([(0, 1), (2, 3), (0, 2), (1, 3), (0, 3), (1, 2)])
 SIDES, DIAGONALS = 1, 2  # what the cells of a pass hold, as flags
-FLAGS = 24  # the bits of an index in a record; no grid has more particles
+# Bits of the first index of a record; a grid has at most 2^22 particles (parameters.py).
+DOUBLED, ALONE, TURNED = 24, 28, 29
 
 
 @dataclass(frozen=True)
 class Pass:
-    """Cells that share no particle: particles (C, 4); of each spring in the order of PAIRS whether the cell has it and
-    whether it is twice as compliant, present and doubled (C, 6); turned (C,): sides along x are sides along y.
+    """Cells that share no particle: particles (C, 4), the first `whole` with all their springs, the others with the two
+    of PAIRS[:2] alone, or with one that is there twice.
 
-    kind: of the sides, in KINDS; diagonals are shear springs. holds: SIDES, DIAGONALS or both.
+    kind: of the sides, in KINDS; diagonals are shear springs. holds: SIDES, DIAGONALS or both. doubled (C, 4): which
+    sides are twice as compliant. turned (C,): where the two springs alone lie along y.
     """
 
     kind: str
     holds: int
     particles: np.ndarray
-    present: np.ndarray
+    whole: int
     doubled: np.ndarray
     turned: np.ndarray
 
     def records(self) -> np.ndarray:
-        """(C, 4) int32 for the device: indices, and from bit FLAGS on `present` and `turned`, and `doubled`."""
-        bits = 1 << np.arange(6)
-        flags = np.zeros_like(self.particles)
-        flags[:, 0] = self.present @ bits + (self.turned << 6)
-        flags[:, 1] = self.doubled @ bits
-        return (self.particles + (flags << FLAGS)).astype(np.int32)
+        """(C, 4) int32 for the device: indices, the first with flags: DOUBLED and the next three, ALONE and TURNED."""
+        flags = self.doubled @ (1 << np.arange(4)) + ((np.arange(len(self.particles)) >= self.whole) << ALONE - DOUBLED)
+        flags += self.turned << TURNED - DOUBLED
+        records = self.particles.copy()
+        records[:, 0] += flags << DOUBLED
+        return records.astype(np.int32)
 
 
 def lengths(topology: Topology) -> tuple[float, float, float]:
@@ -123,13 +125,10 @@ class _Lookup:
 
 
 def _pass(kind: str, particles: np.ndarray, whole: int, sides: _Lookup | None, diagonals: _Lookup | None) -> Pass:
-    """The pass of these cells, of which the first `whole` have all their springs and the others two, or one twice."""
-    present, scale = np.zeros((len(particles), 6), bool), np.ones((len(particles), 6))
+    """The pass of these cells, of which the first `whole` have all their springs."""
+    scale = np.ones((len(particles), 4))
     if sides is not None:
-        present[:whole, :4], scale[:whole, :4] = True, sides.scale(particles[:whole, PAIRS[:4]])
-        present[whole:, :2], scale[whole:, :2] = True, sides.scale(particles[whole:, PAIRS[:2]])
-        present[particles[:, 0] == particles[:, 2], 1] = False
-    if diagonals is not None:
-        present[:whole, 4:] = True
+        scale[:whole] = sides.scale(particles[:whole, PAIRS[:4]])
+        scale[whole:, :2] = sides.scale(particles[whole:, PAIRS[:2]])
     holds = (SIDES if sides is not None else 0) | (DIAGONALS if diagonals is not None else 0)
-    return Pass(kind, holds, particles, present, scale == 2.0, np.zeros(len(particles), bool))
+    return Pass(kind, holds, particles, whole, scale == 2.0, np.zeros(len(particles), bool))

@@ -8,8 +8,8 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
-from cloth_sim_ros.sim.cells import PAIRS
-from cloth_sim_ros.sim.constraints.cell import has, index_of
+from cloth_sim_ros.sim.cells import ALONE, DIAGONALS, DOUBLED, PAIRS, SIDES, TURNED
+from cloth_sim_ros.sim.constraints.cell import first_of, has
 from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.schedules.native import as_index, xyz
@@ -48,6 +48,7 @@ def measure_cells(
     b: int,
     first: int,
     kind: int,
+    holds: int,
     dt: float,
     second: bool,
     implicit: bool,
@@ -55,19 +56,24 @@ def measure_cells(
 ):
     q, k = wp.tid()
     k += first
+    if holds & wp.where(q < 4, wp.static(SIDES), wp.static(DIAGONALS)) == 0:
+        return
     body = arrays.model.bodies[b]
     cell = arrays.model.cells[k]
-    if not has(cell[0], q):
+    if (q > 1 and has(cell, wp.static(ALONE))) or (q == 1 and cell[2] == first_of(cell)):
         return
+    cell[0] = first_of(cell)
     pair = wp.static(wp.types.matrix((6, 2), int)(*PAIRS.ravel().tolist()))
-    i = body.particles + index_of(cell[pair[q, 0]])
-    j = body.particles + index_of(cell[pair[q, 1]])
-    along_y = q // 2 == 1 or has(cell[0], 6)
-    rest = wp.where(q < 4, wp.where(along_y, body.cell[1], body.cell[0]), body.cell[2])
+    i = body.particles + cell[pair[q, 0]]
+    j = body.particles + cell[pair[q, 1]]
+    flags = arrays.model.cells[k]
+    rest = body.cell[q // 2]
+    if q < 2 and has(flags, wp.static(TURNED)):
+        rest = body.cell[1]
     if kind == wp.static(KINDS.index("bending")):
         rest *= 2.0
     compliance = arrays.materials[b].compliance[wp.where(q < 4, kind, wp.static(KINDS.index("shear")))]
-    if has(cell[1], q):
+    if q < 4 and has(flags, wp.static(DOUBLED) + q):
         compliance *= 2.0
     h = effective_step(dt, second, parts_of_motion(body, arrays.materials[b], arrays.frames[0]))
     held = compliance * arrays.state.cell_multipliers[q * arrays.model.cells.shape[0] + k] / (h * h)
@@ -131,10 +137,13 @@ class Reporter:
         self._result.zero_()
         second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
         constraint, groups = batch.spring_groups[b]
-        for _, kind, first, end in groups:
-            inputs = [arrays, b, first, kind, dt, second, implicit, self._result]
-            kernel, dim = (measure_cells, (6, end - first)) if constraint == "cell" else (measure_springs, end - first)
-            wp.launch(kernel, dim=dim, inputs=inputs, device=self._device)
+        for holds, kind, first, end in groups:
+            if constraint == "cell":
+                inputs = [arrays, b, first, kind, holds, dt, second, implicit, self._result]
+                wp.launch(measure_cells, dim=(6, end - first), inputs=inputs, device=self._device)
+            else:
+                inputs = [arrays, b, first, kind, dt, second, implicit, self._result]
+                wp.launch(measure_springs, dim=end - first, inputs=inputs, device=self._device)
         if batch.features.chain:
             segments = span.stop - span.start - 1
             wp.launch(measure_chain, dim=segments, inputs=[arrays, b, self._result], device=self._device)

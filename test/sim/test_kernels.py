@@ -89,8 +89,8 @@ ALL_FUNCTIONS = {
     "capsule": "signed_distance_capsule",
     "plane": "signed_distance_plane",
     "sphere": "signed_distance_sphere",
-    "springs": "multiplier_change elongation",
-    "cells": "project_cell",
+    "springs": "project_spring",
+    "cells": "project_cell pull_along",
     "hinges": "hinge_gradients",
     "bends": "turn_residual",
     "chain": "series_admittance",
@@ -98,7 +98,7 @@ ALL_FUNCTIONS = {
 }
 
 
-SHEET_AND_BALL = Features(("spring", "hinge"), False, "triangles", ("sphere",), 2, "xpbd")
+SHEET_AND_BALL = Features(("cell", "hinge"), False, "triangles", ("sphere",), 2, "xpbd")
 ROPE_AND_ROOM = Features(("bend", "edge"), True, "segments", ("plane", "box"), 1, "xpbd")
 
 
@@ -107,8 +107,8 @@ ROPE_AND_ROOM = Features(("bend", "edge"), True, "segments", ("plane", "box"), 1
     [
         (Features(("spring",), False, "", (), 1, "xpbd"), {"springs"}),
         (Features(("spring",), False, "", (), 1, "xpbd", worlds=True), {"springs"}),
-        (Features(("cell",), False, "", (), 1, "xpbd"), {"springs", "cells"}),
-        (SHEET_AND_BALL, {"springs", "hinges", "wind on cloth", "colliders", "sphere"}),
+        (Features(("cell",), False, "", (), 1, "xpbd"), {"cells"}),
+        (SHEET_AND_BALL, {"cells", "hinges", "wind on cloth", "colliders", "sphere"}),
         (ROPE_AND_ROOM, {"bends", "chain", "wind on ropes", "colliders", "plane", "box", "edges"}),
     ],
 )
@@ -118,7 +118,7 @@ def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present,
         for name in names.split():
             if feature in present:
                 assert any(name in function for function in found), name
-            elif not (name == "elongation" and "chain" in present):
+            else:
                 assert not any(name in function for function in found), name
 
 

@@ -18,7 +18,7 @@ make_project_cell = cell.make_project
 def make_project_tuple(present: tuple[str, ...], order: int):
     """A Warp function that projects tuple k of a constraint type, holding those in `present` and no others, or None.
 
-    alpha is the material compliance of the colour divided by h_e^2; x and d are addresses (see schedules/native.py).
+    alpha is the material compliance of the colour divided by h_e^2; x, low and d are addresses (see schedules/native.py).
     """
     chosen = None
     for name in present:
@@ -41,11 +41,12 @@ def _or(others, project_this, name: str):
         material: Material,
         step: Step,
         x: wp.uint64,
+        low: wp.uint64,
         d: wp.uint64,
     ):
         if type == wp.static(index):
-            project_this(type, k, alpha, m, s, body, material, step, x, d)
+            project_this(type, k, alpha, m, s, body, material, step, x, low, d)
         else:
-            others(type, k, alpha, m, s, body, material, step, x, d)
+            others(type, k, alpha, m, s, body, material, step, x, low, d)
 
     return wp.func(project, name=f"project_or_{name}")

@@ -20,6 +20,7 @@ def project_bend(
     material: Material,
     step: Step,
     x: wp.uint64,
+    low: wp.uint64,
     d: wp.uint64,
 ):
     t = m.tuples[k]

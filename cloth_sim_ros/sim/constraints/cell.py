@@ -1,13 +1,13 @@
-"""The springs of a cell of a grid (sim/cells.py), two at a time in registers. The hottest loop of a cloth: count its
-operations, and keep branches out of it, so that two roots and two divisions are under way at once."""
+"""The springs of a cell of a grid (sim/cells.py), in registers. The hottest loop of a cloth: count its operations, and
+keep branches out of it, so that the roots and divisions of two springs are under way at once."""
 
 import warp as wp
 
-from cloth_sim_ros.sim.cells import DIAGONALS, FLAGS, SIDES
+from cloth_sim_ros.sim.cells import ALONE, DIAGONALS, DOUBLED, SIDES, TURNED
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.distance import SHORTEST, elongation, opened, pull_along
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import load4, load4i, root, store_xyz
+from cloth_sim_ros.sim.schedules.native import load4, load4i, root, store_xyz, xyz
 from cloth_sim_ros.sim.state import Material, State, compliance_of
 from cloth_sim_ros.sim.topology import KINDS
 
@@ -23,8 +23,8 @@ def record_of(m: Model, k: int) -> wp.vec4i:
 
 
 @wp.func
-def has(flags: int, q: int) -> bool:
-    return (flags >> (wp.static(FLAGS) + q)) & 1 == 1
+def has(record: wp.vec4i, flag: int) -> bool:
+    return (record[0] >> flag) & 1 == 1
 
 
 @wp.struct
@@ -56,17 +56,17 @@ def corner(i: int, x: wp.uint64, d: wp.uint64) -> Corner:
 
 
 @wp.func
-def index_of(word: int) -> int:
-    return word & wp.static((1 << FLAGS) - 1)
+def first_of(record: wp.vec4i) -> int:
+    return record[0] & wp.static((1 << DOUBLED) - 1)
 
 
 @wp.func
 def corners_of(record: wp.vec4i, x: wp.uint64, d: wp.uint64) -> Corners:
     q = Corners()
-    q.a = corner(index_of(record[0]), x, d)
-    q.b = corner(index_of(record[1]), x, d)
-    q.c = corner(index_of(record[2]), x, d)
-    q.e = corner(index_of(record[3]), x, d)
+    q.a = corner(first_of(record), x, d)
+    q.b = corner(record[1], x, d)
+    q.c = corner(record[2], x, d)
+    q.e = corner(record[3], x, d)
     return q
 
 
@@ -85,75 +85,66 @@ def moved(d: wp.vec4, share: float, e: wp.vec3) -> wp.vec4:
     return wp.vec4(d[0] + share * e[0], d[1] + share * e[1], d[2] + share * e[2], d[3])
 
 
-@wp.struct
-class Two:
-    """Of two springs: the edges [m], their squares, and what both ask for along them, times the mass [kg]."""
+@wp.func
+def edge_between(i: Corner, j: Corner) -> wp.vec3:
+    e = (j.x - i.x) + (j.d - i.d)
+    return wp.vec3(e[0], e[1], e[2])
 
-    first: wp.vec3
-    second: wp.vec3
-    first_square: float
-    second_square: float
-    first_pull: float
-    second_pull: float
+
+@wp.struct
+class Pull:
+    """What a spring asks for: along e [m], its particles move by their inverse masses times `share` [kg]."""
+
+    e: wp.vec3
+    share: float
 
 
 @wp.func
-def both_opened(e: wp.vec3, f: wp.vec3, slot: int, next: int) -> Two:
-    """Two edges; one without a length opens (physics/distance.py)."""
-    edges = Two()
-    edges.first = e
-    edges.second = f
-    edges.first_square = wp.dot(e, e)
-    edges.second_square = wp.dot(f, f)
-    if wp.min(edges.first_square, edges.second_square) >= SHORTEST * SHORTEST:
-        return edges
-    edges.first = opened(e, slot)
-    edges.second = opened(f, next)
-    edges.first_square = wp.dot(edges.first, edges.first)
-    edges.second_square = wp.dot(edges.second, edges.second)
-    return edges
+def is_collapsed(record: wp.vec4i, x: wp.uint64) -> bool:
+    """Whether a spring of the cell has no length, as it may after a start from a point."""
+    a = xyz(load4(x, first_of(record)))
+    b = xyz(load4(x, record[1])) - a
+    c = xyz(load4(x, record[2])) - a
+    e = xyz(load4(x, record[3])) - a
+    sides = wp.min(wp.dot(b, b), wp.dot(e - c, e - c))
+    if not has(record, wp.static(ALONE)):
+        sides = wp.min(sides, wp.min(wp.dot(c, c), wp.dot(e - b, e - b)))
+        sides = wp.min(sides, wp.min(wp.dot(e, e), wp.dot(c - b, c - b)))
+    return sides < SHORTEST * SHORTEST
 
 
-def make_slip(order: int):
-    """By how much a spring became longer in this substep [m], as its dashpot sees it."""
+def make_pull(order: int, path: str):
+    """What spring i-j, the q-th of its cell, asks for.
+
+    Paths without a branch are "quick", where multipliers start from 0 and nobody reads them afterwards, and
+    "repeated", where they are carried on; both have no dashpot and no collapsed spring. "careful" takes everything.
+    """
 
     @wp.func
-    def slip_of(e: wp.vec3, length: float, i: Corner, j: Corner, s: State, body: Body, step: Step) -> float:
+    def before(slot: int, s: State, step: Step) -> float:
+        """The spring's multiplier so far in this substep."""
+        return wp.where(step.first, 0.0, s.cell_multipliers[slot])
+
+    @wp.func
+    def slip_of(
+        e: wp.vec3, length: float, i: Corner, j: Corner, s: State, body: Body, step: Step, low: wp.uint64
+    ) -> float:
+        """By how much the spring became longer in this substep [m], as its dashpot sees it."""
         # A dashpot must not see the rounding that displacements carry: divided by a small step it is a speed.
         g = body.particles
-        de = (j.d - i.d) - (s.low[g + j.i] - s.low[g + i.i])
+        de = (j.d - i.d) - (load4(low, j.i) - load4(low, i.i))
         slip = elongation(e, wp.vec3(de[0], de[1], de[2]))
         if wp.static(order == 2):
             if step.second:
                 slip -= wp.dot(e, s.last_displacements[g + j.i] - s.last_displacements[g + i.i]) / (step.parts * length)
         return slip
 
-    return slip_of
-
-
-def make_pulls(order: int, damped: bool, remembers: bool):
-    """What springs i-j and k-l ask for, which are the q-th and the next of their cell.
-
-    Without `remembers` multipliers start from 0 and nobody reads them afterwards.
-    """
-    slip_of = make_slip(order)
-
     @wp.func
-    def before(slot: int, s: State, step: Step) -> float:
-        """The spring's multiplier so far in this substep."""
-        if step.first:
-            return 0.0
-        return s.cell_multipliers[slot]
-
-    @wp.func
-    def pulls_of(
+    def pull_of(
         q: int,
-        record: wp.vec4i,
         cell: int,
         i: Corner,
         j: Corner,
-        k: Corner,
-        l: Corner,
         rest: float,
         alpha: float,
         m: Model,
@@ -161,47 +152,79 @@ def make_pulls(order: int, damped: bool, remembers: bool):
         body: Body,
         material: Material,
         step: Step,
-    ) -> Two:
+        low: wp.uint64,
+    ) -> Pull:
+        pull = Pull()
+        pull.e = edge_between(i, j)
+        w = i.d[3] + j.d[3]
         slot = q * m.cells.shape[0] + cell
-        next = slot + m.cells.shape[0]
-        e_alpha = wp.where(has(record[1], q), 2.0 * alpha, alpha)
-        f_alpha = wp.where(has(record[1], q + 1), 2.0 * alpha, alpha)
-        e = (j.x - i.x) + (j.d - i.d)
-        f = (l.x - k.x) + (l.d - k.d)
-        both = both_opened(wp.vec3(e[0], e[1], e[2]), wp.vec3(f[0], f[1], f[2]), slot, next)
-        e_length = root(both.first_square)
-        f_length = root(both.second_square)
-        e_held = float(0.0)
-        f_held = float(0.0)
-        e_w = i.d[3] + j.d[3]
-        f_w = k.d[3] + l.d[3]
-        if wp.static(remembers):
-            e_before = before(slot, s, step)
-            f_before = before(next, s, step)
-            e_held = e_alpha * e_before
-            f_held = f_alpha * f_before
-        if wp.static(damped):
-            gamma = material.damping * step.inverse
-            e_held += gamma * slip_of(both.first, e_length, i, j, s, body, step)
-            f_held += gamma * slip_of(both.second, f_length, k, l, s, body, step)
-            e_w *= 1.0 + gamma
-            f_w *= 1.0 + gamma
-        e_pull = pull_along(e_length, rest, e_held, e_w + e_alpha)
-        f_pull = pull_along(f_length, rest, f_held, f_w + f_alpha)
-        both.first_pull = wp.where(has(record[0], q), e_pull, 0.0)
-        both.second_pull = wp.where(has(record[0], q + 1), f_pull, 0.0)
-        if wp.static(remembers):
-            if step.store:
-                s.cell_multipliers[slot] = e_before - both.first_pull * e_length
-                s.cell_multipliers[next] = f_before - both.second_pull * f_length
-        return both
+        if wp.static(path == "careful"):
+            pull.e = opened(pull.e, slot)
+        length = root(wp.dot(pull.e, pull.e) + SHORTEST * SHORTEST)
+        if wp.static(path == "quick"):
+            pull.share = pull_along(length, rest, 0.0, w + alpha)
+        else:
+            multiplier = before(slot, s, step)
+            held = alpha * multiplier
+            if wp.static(path == "careful"):
+                gamma = material.damping * step.inverse
+                held += gamma * slip_of(pull.e, length, i, j, s, body, step, low)
+                w *= 1.0 + gamma
+            pull.share = pull_along(length, rest, held, w + alpha)
+            s.cell_multipliers[slot] = multiplier - pull.share * length
+        return pull
 
-    return pulls_of
+    return pull_of
 
 
-def make_project_corners(order: int, damped: bool, remembers: bool):
-    """The projection of the springs that cells of pass `group` hold; gives the moved corners."""
-    pulls_of = make_pulls(order, damped, remembers)
+@wp.func
+def pulled(i: Corner, p: Pull) -> wp.vec4:
+    """The displacement of a spring's first particle after its pull; the inverse mass, its fourth number, stays."""
+    share = i.d[3] * p.share
+    return wp.vec4(i.d[0] + share * p.e[0], i.d[1] + share * p.e[1], i.d[2] + share * p.e[2], i.d[3])
+
+
+@wp.func
+def pushed(i: Corner, p: Pull) -> wp.vec4:
+    """The same of its second particle."""
+    share = i.d[3] * p.share
+    return wp.vec4(i.d[0] - share * p.e[0], i.d[1] - share * p.e[1], i.d[2] - share * p.e[2], i.d[3])
+
+
+@wp.func
+def side_compliance(alpha: float, q: int, record: wp.vec4i) -> float:
+    """Of side q: springs on the border of a grid are twice as compliant."""
+    return wp.where(has(record, wp.static(DOUBLED) + q), 2.0 * alpha, alpha)
+
+
+def make_project_corners(order: int, path: str):
+    """The projection of the springs that cells of pass `group` hold (see make_pull); gives the moved corners."""
+    pull_of = make_pull(order, path)
+
+    @wp.func
+    def project_across(
+        q: Corners,
+        record: wp.vec4i,
+        k: int,
+        alpha: float,
+        rest: float,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        low: wp.uint64,
+    ) -> Corners:
+        """The sides along y."""
+        if has(record, wp.static(ALONE)):
+            return q
+        ac = pull_of(2, k, q.a, q.c, rest, side_compliance(alpha, 2, record), m, s, body, material, step, low)
+        be = pull_of(3, k, q.b, q.e, rest, side_compliance(alpha, 3, record), m, s, body, material, step, low)
+        q.a.d = pulled(q.a, ac)
+        q.c.d = pushed(q.c, ac)
+        q.b.d = pulled(q.b, be)
+        q.e.d = pushed(q.e, be)
+        return q
 
     @wp.func
     def project_sides(
@@ -214,25 +237,21 @@ def make_project_corners(order: int, damped: bool, remembers: bool):
         body: Body,
         material: Material,
         step: Step,
+        low: wp.uint64,
     ) -> Corners:
         if (group[0] & wp.static(SIDES)) == 0:
             return q
         alpha = compliance_of(material, group[1]) * step.inverse_square + _SOFT
         stride = wp.where(group[1] == wp.static(_BENDING), 2.0, 1.0)
-        turned = has(record[0], 6)
-        rest = stride * wp.where(turned, body.cell[1], body.cell[0])
-        p = pulls_of(0, record, k, q.a, q.b, q.c, q.e, rest, alpha, m, s, body, material, step)
-        q.a.d = moved(q.a.d, q.a.d[3] * p.first_pull, p.first)
-        q.b.d = moved(q.b.d, -q.b.d[3] * p.first_pull, p.first)
-        q.c.d = moved(q.c.d, q.c.d[3] * p.second_pull, p.second)
-        q.e.d = moved(q.e.d, -q.e.d[3] * p.second_pull, p.second)
-        rest = stride * body.cell[1]
-        p = pulls_of(2, record, k, q.a, q.c, q.b, q.e, rest, alpha, m, s, body, material, step)
-        q.a.d = moved(q.a.d, q.a.d[3] * p.first_pull, p.first)
-        q.c.d = moved(q.c.d, -q.c.d[3] * p.first_pull, p.first)
-        q.b.d = moved(q.b.d, q.b.d[3] * p.second_pull, p.second)
-        q.e.d = moved(q.e.d, -q.e.d[3] * p.second_pull, p.second)
-        return q
+        across = stride * body.cell[1]
+        rest = wp.where(has(record, wp.static(TURNED)), across, stride * body.cell[0])
+        ab = pull_of(0, k, q.a, q.b, rest, side_compliance(alpha, 0, record), m, s, body, material, step, low)
+        ce = pull_of(1, k, q.c, q.e, rest, side_compliance(alpha, 1, record), m, s, body, material, step, low)
+        q.a.d = pulled(q.a, ab)
+        q.b.d = pushed(q.b, ab)
+        q.c.d = pulled(q.c, ce)
+        q.e.d = pushed(q.e, ce)
+        return project_across(q, record, k, alpha, across, m, s, body, material, step, low)
 
     @wp.func
     def project_diagonals(
@@ -245,15 +264,17 @@ def make_project_corners(order: int, damped: bool, remembers: bool):
         body: Body,
         material: Material,
         step: Step,
+        low: wp.uint64,
     ) -> Corners:
-        if (group[0] & wp.static(DIAGONALS)) == 0:
+        if (group[0] & wp.static(DIAGONALS)) == 0 or has(record, wp.static(ALONE)):
             return q
         alpha = compliance_of(material, wp.static(_SHEAR)) * step.inverse_square + _SOFT
-        p = pulls_of(4, record, k, q.a, q.e, q.b, q.c, body.cell[2], alpha, m, s, body, material, step)
-        q.a.d = moved(q.a.d, q.a.d[3] * p.first_pull, p.first)
-        q.e.d = moved(q.e.d, -q.e.d[3] * p.first_pull, p.first)
-        q.b.d = moved(q.b.d, q.b.d[3] * p.second_pull, p.second)
-        q.c.d = moved(q.c.d, -q.c.d[3] * p.second_pull, p.second)
+        ae = pull_of(4, k, q.a, q.e, body.cell[2], alpha, m, s, body, material, step, low)
+        bc = pull_of(5, k, q.b, q.c, body.cell[2], alpha, m, s, body, material, step, low)
+        q.a.d = pulled(q.a, ae)
+        q.e.d = pushed(q.e, ae)
+        q.b.d = pulled(q.b, bc)
+        q.c.d = pushed(q.c, bc)
         return q
 
     @wp.func
@@ -267,17 +288,19 @@ def make_project_corners(order: int, damped: bool, remembers: bool):
         body: Body,
         material: Material,
         step: Step,
+        low: wp.uint64,
     ) -> Corners:
-        q = project_sides(q, record, k, group, m, s, body, material, step)
-        return project_diagonals(q, record, k, group, m, s, body, material, step)
+        q = project_sides(q, record, k, group, m, s, body, material, step, low)
+        return project_diagonals(q, record, k, group, m, s, body, material, step, low)
 
     return project_corners
 
 
 def make_project(order: int):
     """The projection of cell k, whose record the schedule has fetched, of pass `group`."""
-    plain = make_project_corners(order, False, True)
-    damped = make_project_corners(order, True, True)
+    quickly = make_project_corners(order, "quick")
+    repeatedly = make_project_corners(order, "repeated")
+    carefully = make_project_corners(order, "careful")
 
     @wp.func
     def project_cell(
@@ -290,12 +313,15 @@ def make_project(order: int):
         material: Material,
         step: Step,
         x: wp.uint64,
+        low: wp.uint64,
         d: wp.uint64,
     ):
         q = corners_of(record, x, d)
-        if material.damping > 0.0:
-            put_corners(damped(q, record, k, group, m, s, body, material, step), d)
+        if step.collapsed or material.damping > 0.0:
+            put_corners(carefully(q, record, k, group, m, s, body, material, step, low), d)
+        elif step.store:
+            put_corners(repeatedly(q, record, k, group, m, s, body, material, step, low), d)
         else:
-            put_corners(plain(q, record, k, group, m, s, body, material, step), d)
+            put_corners(quickly(q, record, k, group, m, s, body, material, step, low), d)
 
     return project_cell

@@ -28,10 +28,10 @@ def make_project(order: int):
     """The projection of hinge k for an integration order."""
 
     @wp.func
-    def moved(i: int, s: State, body: Body, step: Step, d: wp.uint64) -> wp.vec3:
+    def moved(i: int, s: State, body: Body, step: Step, low: wp.uint64, d: wp.uint64) -> wp.vec3:
         """What a dashpot takes as the motion of a particle in this substep [m]: not the carried rounding, not the
         base."""
-        q = load4(d, i) - s.low[body.particles + i]
+        q = load4(d, i) - load4(low, i)
         result = wp.vec3(q[0], q[1], q[2])
         if wp.static(order == 2):
             if step.second:
@@ -49,6 +49,7 @@ def make_project(order: int):
         material: Material,
         step: Step,
         x: wp.uint64,
+        low: wp.uint64,
         d: wp.uint64,
     ):
         t = m.tuples[k]
@@ -63,8 +64,8 @@ def make_project(order: int):
             return
         slip = float(0.0)
         if material.damping > 0.0:
-            slip = wp.dot(moved(t[0], s, body, step, d), g.i) + wp.dot(moved(t[1], s, body, step, d), g.j)
-            slip += wp.dot(moved(t[2], s, body, step, d), g.k) + wp.dot(moved(t[3], s, body, step, d), g.l)
+            slip = wp.dot(moved(t[0], s, body, step, low, d), g.i) + wp.dot(moved(t[1], s, body, step, low, d), g.j)
+            slip += wp.dot(moved(t[2], s, body, step, low, d), g.k) + wp.dot(moved(t[3], s, body, step, low, d), g.l)
         multiplier = float(0.0)
         if not step.first:
             multiplier = s.tuple_multipliers[k][0]

@@ -23,6 +23,7 @@ def make_project(order: int):
         material: Material,
         step: Step,
         x: wp.uint64,
+        low: wp.uint64,
         d: wp.uint64,
     ):
         i = as_index(spring[0])
@@ -45,7 +46,7 @@ def make_project(order: int):
         if material.damping > 0.0:
             # A dashpot must not see the rounding that displacements carry: divided by a small step it is a speed.
             g = body.particles
-            moved = de4 - (s.low[g + j] - s.low[g + i])
+            moved = de4 - (load4(low, j) - load4(low, i))
             slip = elongation(e, wp.vec3(moved[0], moved[1], moved[2]))
             if wp.static(order == 2):
                 if step.second:

@@ -48,6 +48,7 @@ class Step:
     backward: bool  # colours in the opposite order: a sweep that favours one end of the cloth can feed it energy
     repeats: bool  # more iterations than one
     store: bool  # someone reads the multipliers afterwards
+    collapsed: bool  # a spring had no length at the start of the frame
     torn: bool  # a chain was put together from afar: its particles did not move so, they were placed
 
 

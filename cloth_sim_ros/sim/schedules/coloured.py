@@ -9,7 +9,7 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring, make_project_tuple
-from cloth_sim_ros.sim.constraints.cell import record_of
+from cloth_sim_ros.sim.constraints.cell import is_collapsed, record_of
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules.contact import make_contact
@@ -84,6 +84,10 @@ class Coloured:
         self._frame.append(self._recorded[key])
 
     def _launch_frame(self, substeps: int, iterations: int) -> None:
+        if "cell" in self._features.constraints:
+            for b, body in enumerate(self._bodies):
+                first, end = self._groups[body["groups"]][2], self._groups[body["tuple_groups"] - 1][3]
+                self._launch("find_collapsed", end - first, b)
         for substep in range(substeps):
             for b, body in enumerate(self._bodies):
                 if self._colliders:
@@ -178,6 +182,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             here.step.backward = goes_back(iteration, here.body, arrays.materials[b], arrays.frames[0])
         here.step.store = store != 0
         here.step.repeats = arrays.frames[0].iterations > 1
+        if wp.static("cell" in features.constraints):
+            here.step.collapsed = arrays.state.collapsed[b] > 0
         if wp.static(features.chain):
             here.step.torn = arrays.state.torn[b] > 0
         return here
@@ -236,6 +242,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         if arrays.state.faulty[i] == 1:
             arrays.state.recoveries[i] += 1
             arrays.state.faulty[i] = 0
+        if wp.static("cell" in features.constraints):
+            arrays.state.collapsed[i] = 0
             if wp.static(features.looks_back):
                 arrays.state.history[i] = 0
 
@@ -320,10 +328,18 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
                 arrays.materials[b],
                 here.step,
                 here.x,
+                here.low,
                 here.d,
             )
 
     if "cell" in features.constraints:
+
+        @stage
+        def find_collapsed(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+            body = arrays.model.bodies[b]
+            k = arrays.model.groups[body.groups][2] + i
+            if is_collapsed(record_of(arrays.model, k), array_address(arrays.state.positions, body.particles)):
+                arrays.state.collapsed[b] = 1
 
         @stage
         def cells(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
@@ -342,6 +358,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
                 arrays.materials[b],
                 here.step,
                 here.x,
+                here.low,
                 here.d,
             )
 
@@ -365,6 +382,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
                 arrays.materials[b],
                 here.step,
                 here.x,
+                here.low,
                 here.d,
             )
 

@@ -27,7 +27,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     parts_of_motion,
     sweep_collider,
 )
-from cloth_sim_ros.sim.schedules.sweeps import make_sweep
+from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, Material, State, compliance_of, gathered, given_type
 
@@ -39,7 +39,12 @@ def capacity(device: wp.Device, features: Features) -> int:
     if device.is_cpu:
         return 1 << 30
     spans = 16 * 2 * SLOTS * THREADS if features.chain else 0
-    return (device.max_shared_memory_per_block - RESERVED - spans) // native.BYTES_A_PARTICLE
+    return (shared_memory(device) - spans) // native.BYTES_A_PARTICLE
+
+
+def shared_memory(device: wp.Device) -> int:
+    """Bytes of it that a block has to itself."""
+    return 0 if device.is_cpu else device.max_shared_memory_per_block - RESERVED
 
 
 class Resident:
@@ -52,7 +57,7 @@ class Resident:
         work = largest - 1 if features.chain else largest if features.method == "verlet" else -(-largest // 2)
         most = THREADS if features.chain else 512 if "cell" in features.constraints else 1024
         block = 1 if device.is_cpu else min(most, -(-work // 32) * 32)
-        kernel = make_frame(features, shared, block)
+        kernel = make_frame(features, shared, block, shared_memory(device))
         bodies = worlds[0].model.bodies.shape[0]
         self._launch = wp.launch(
             kernel,
@@ -69,8 +74,9 @@ class Resident:
 
 
 @lru_cache
-def make_frame(features: Features, shared: int, block: int):
-    """The kernel of a whole frame for `features`; `shared` particles in shared memory, 0 for plain arrays.
+def make_frame(features: Features, shared: int, block: int, most_shared: int = 0):
+    """The kernel of a whole frame for `features`; `shared` particles in shared memory of `most_shared` bytes, 0 for plain
+    arrays.
 
     The compiler knows that a block has `block` threads, so that their registers fit the multiprocessor.
     """
@@ -85,6 +91,8 @@ def make_frame(features: Features, shared: int, block: int):
         if features.chain
         else None
     )
+    # What every particle reads and writes once a substep lies in shared memory too where there is room.
+    all_shared = "cell" in features.constraints and 0 < 3 * 16 * shared <= most_shared
     tile_address = native.make_tile_address(shared) if shared else None
     slots = 2 * SLOTS * block if shared and features.chain else 0
     span_address = native.make_tile_address(slots) if slots else None
@@ -125,9 +133,12 @@ def make_frame(features: Features, shared: int, block: int):
                 low = tile_address(other_tile)
             else:
                 d = tile_address(other_tile)
+            if wp.static(all_shared):
+                low_tile = wp.tile_empty(shape=(wp.static(shared),), dtype=wp.vec4, storage="shared")
+                low = tile_address(low_tile)
             for i in range(last - t, -1, -width):
                 store4(x, i, s.positions[body.particles + i])
-                if wp.static(features.method == "verlet"):
+                if wp.static(all_shared or features.method == "verlet"):
                     store4(low, i, s.low[body.particles + i])
         spans = x
         if wp.static(slots > 0):
@@ -147,6 +158,9 @@ def make_frame(features: Features, shared: int, block: int):
             sync()
         for i in range(last - t, -1, -width):
             predict(i, moving_of(i, s, body, low), m, s, body, material, frame, step, x, low, d)
+        collapsed = bool(False)
+        if wp.static("cell" in features.constraints):
+            collapsed = any_collapsed(t, width, m, body, x)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 for c in range(t, colliders.shape[0], width):
@@ -159,6 +173,7 @@ def make_frame(features: Features, shared: int, block: int):
                 step.torn = False
             for iteration in range(frame.iterations):
                 step.first = iteration == 0
+                step.collapsed = collapsed
                 if wp.static(features.order == 2):
                     step.backward = goes_back(iteration, body, material, frame)
                 step.repeats = frame.iterations > 1
@@ -168,13 +183,13 @@ def make_frame(features: Features, shared: int, block: int):
                         step.torn = True
                     sync()
                 if wp.static(project_springs is not None):
-                    project_springs(t, width, m, s, body, material, step, x, d)
+                    project_springs(t, width, m, s, body, material, step, x, low, d)
                 if wp.static(project_tuple is not None):
                     for q in range(body.tuple_groups, body.groups_end):
                         group = m.groups[in_turn(q, body.tuple_groups, body.groups_end, step)]
                         alpha = compliance_of(material, group[1]) * step.inverse_square
                         for k in range(group[2] + t, group[3], width):
-                            project_tuple(group[0], k, alpha, m, s, body, material, step, x, d)
+                            project_tuple(group[0], k, alpha, m, s, body, material, step, x, low, d)
                         sync()
                 if wp.static(edge_contact is not None):
                     for g in range(body.groups_end, body.edge_groups_end):
@@ -216,14 +231,16 @@ def make_frame(features: Features, shared: int, block: int):
                     step = make_step(frame.dt, history > 0, wp.static(features.order), parts)
             # A thread owns its particles from the end of one substep to the next prediction; only methods that look
             # back or around need a barrier in between.
-            for i in range(last - t, -1, -width):
-                ends = substep + 1 == frame.substeps
+            ends = substep + 1 == frame.substeps
+            i = last - t
+            while i >= 0:
                 if wp.static(features.panels == "" and not features.looks_back):
                     moving = finish(i, substep, ends, s, body, step, x, low, d)
                 else:
                     moving = moving_of(i, s, body, low)
                 if not ends:
                     predict(i, moving, m, s, body, material, frame, step, x, low, d)
+                i -= width
         for i in range(last - t, -1, -width):
             if not is_good(load4(x, i), s.velocities[body.particles + i]):
                 s.faulty[b] = 1

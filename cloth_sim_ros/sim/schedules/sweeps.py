@@ -7,10 +7,10 @@ because a fetch from a GPU's memory takes as long as a whole colour.
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring
-from cloth_sim_ros.sim.constraints.cell import corners_of, make_project_corners, put_corners, record_of
+from cloth_sim_ros.sim.constraints.cell import is_collapsed, record_of
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import array_address, load4, sync
+from cloth_sim_ros.sim.schedules.native import array_address, load4, load4i, sync, sync_any
 from cloth_sim_ros.sim.schedules.stages import in_turn
 from cloth_sim_ros.sim.state import Material, State
 
@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.state import Material, State
 def make_sweep(features: Features, shared: bool):
     """A Warp function: thread t of `width` projects its share of all colours or passes; None without springs."""
     if "cell" in features.constraints:
-        return make_sweep_cells(features.order, shared)
+        return make_sweep_cells(features.order)
     return make_sweep_springs(features.order, shared) if "spring" in features.constraints else None
 
 
@@ -36,6 +36,7 @@ def make_sweep_springs(order: int, shared: bool):
         material: Material,
         step: Step,
         x: wp.uint64,
+        low: wp.uint64,
         d: wp.uint64,
     ):
         last = m.springs.shape[0] - 1
@@ -58,7 +59,7 @@ def make_sweep_springs(order: int, shared: bool):
                         following = load4(records, k + width)
                 else:
                     spring = load4(records, k)
-                project_spring(spring, k, group, m, s, body, material, step, x, d)
+                project_spring(spring, k, group, m, s, body, material, step, x, low, d)
                 spring = following
                 k += width
             spring = ahead
@@ -68,10 +69,9 @@ def make_sweep_springs(order: int, shared: bool):
     return sweep_springs
 
 
-def make_sweep_cells(order: int, shared: bool):
-    """The sweep over cells of springs. Where nothing is remembered, a thread has two cells under way at a time."""
+def make_sweep_cells(order: int):
+    """The sweep over cells of springs."""
     project_cell = make_project_cell(order)
-    project_quickly = make_project_corners(order, False, False)
 
     @wp.func
     def sweep_cells(
@@ -83,37 +83,32 @@ def make_sweep_cells(order: int, shared: bool):
         material: Material,
         step: Step,
         x: wp.uint64,
+        low: wp.uint64,
         d: wp.uint64,
     ):
-        quick = step.first and not step.store and material.damping == 0.0
-        group = m.groups[in_turn(body.groups, body.groups, body.tuple_groups, step)]
+        group = load4i(m.groups, in_turn(body.groups, body.groups, body.tuple_groups, step))
         record = record_of(m, group[2] + t)
         for g in range(body.groups, body.tuple_groups):
             following_g = wp.min(g + 1, body.tuple_groups - 1)
-            next = m.groups[in_turn(following_g, body.groups, body.tuple_groups, step)]
+            next = load4i(m.groups, in_turn(following_g, body.groups, body.tuple_groups, step))
             ahead = record_of(m, next[2] + t)
             k = group[2] + t
             while k < group[3]:
-                if quick:
-                    q = corners_of(record, x, d)
-                    if wp.static(shared):
-                        if k + width < group[3]:
-                            other = record_of(m, k + width)
-                            r = corners_of(other, x, d)
-                            put_corners(project_quickly(q, record, k, group, m, s, body, material, step), d)
-                            put_corners(project_quickly(r, other, k + width, group, m, s, body, material, step), d)
-                        else:
-                            put_corners(project_quickly(q, record, k, group, m, s, body, material, step), d)
-                        k += width
-                    else:
-                        put_corners(project_quickly(q, record, k, group, m, s, body, material, step), d)
-                else:
-                    project_cell(record, k, group, m, s, body, material, step, x, d)
+                following = record_of(m, k + width)
+                project_cell(record, k, group, m, s, body, material, step, x, low, d)
+                record = following
                 k += width
-                if k < group[3]:
-                    record = record_of(m, k)
             record = ahead
             group = next
             sync()
 
     return sweep_cells
+
+
+@wp.func
+def any_collapsed(t: int, width: int, m: Model, body: Body, x: wp.uint64) -> bool:
+    """Whether a spring of a cell of the body has no length now."""
+    found = int(0)
+    for k in range(m.groups[body.groups][2] + t, m.groups[body.tuple_groups - 1][3], width):
+        found += int(is_collapsed(record_of(m, k), x))
+    return sync_any(found) > 0
