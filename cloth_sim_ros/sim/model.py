@@ -86,8 +86,8 @@ class Body:
 
 @wp.struct
 class Model:
-    """Constant arrays. groups: (constraint, material kind, first, end) of one colour; of cells (what they hold, material
-    kind of their sides, first, end) of one pass.
+    """Constant arrays. groups: (constraint, material kind, first, end) of one colour; of cells (what they hold, kind of
+    their sides, first, end) of one pass.
 
     scale: element compliance / material compliance. A spring is one packed record of 16 bytes, because every substep
     streams all of them; all other constraints share `tuples`, whose four numbers each constraint defines.

@@ -9,8 +9,8 @@ import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.cells import ALONE, DIAGONALS, DOUBLED, PAIRS, SIDES, TURNED
-from cloth_sim_ros.sim.constraints.cell import first_of, has
 from cloth_sim_ros.sim.colliders import make_signed_distance
+from cloth_sim_ros.sim.constraints.cell import first_of, has
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.schedules.native import as_index, xyz
 from cloth_sim_ros.sim.schedules.stages import parts_of_motion

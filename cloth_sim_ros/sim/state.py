@@ -112,7 +112,8 @@ class BeamRow:
 
 @wp.struct
 class State:
-    """Arrays of one batch; N particles, S springs, Q cells, E tuples, D edges, C segments, P panels, K colliders, B bodies."""
+    """Arrays of one batch; N particles, S springs, Q cells, E tuples, D edges, C segments, P panels, K colliders, B
+    bodies."""
 
     positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m] and inverse mass [1/kg], 0 is pinned
     low: wp.array(dtype=wp.vec4)  # (N,) what float32 lost of the positions [m]

@@ -18,7 +18,7 @@ make_project_cell = cell.make_project
 def make_project_tuple(present: tuple[str, ...], order: int):
     """A Warp function that projects tuple k of a constraint type, holding those in `present` and no others, or None.
 
-    alpha is the material compliance of the colour divided by h_e^2; x, low and d are addresses (see schedules/native.py).
+    alpha is the material compliance of the colour divided by h_e^2; x, low and d are addresses (schedules/native.py).
     """
     chosen = None
     for name in present:

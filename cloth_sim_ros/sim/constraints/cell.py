@@ -7,13 +7,12 @@ from cloth_sim_ros.sim.cells import ALONE, DIAGONALS, DOUBLED, SIDES, TURNED
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.distance import SHORTEST, elongation, opened, pull_along
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import load4, load4i, root, store_xyz, xyz
+from cloth_sim_ros.sim.schedules.native import load4, load4i, store_xyz, xyz
 from cloth_sim_ros.sim.state import Material, State, compliance_of
 from cloth_sim_ros.sim.topology import KINDS
 
 _SHEAR, _BENDING = KINDS.index("shear"), KINDS.index("bending")
 _SOFT = wp.constant(1.0e-20)  # [1/kg] keeps the divisor of a rigid spring between pinned particles from 0
-
 
 
 @wp.func
@@ -126,9 +125,7 @@ def make_pull(order: int, path: str):
         return wp.where(step.first, 0.0, s.cell_multipliers[slot])
 
     @wp.func
-    def slip_of(
-        e: wp.vec3, length: float, i: Corner, j: Corner, s: State, body: Body, step: Step, low: wp.uint64
-    ) -> float:
+    def slip_of(e: wp.vec3, i: Corner, j: Corner, s: State, body: Body, step: Step, low: wp.uint64) -> float:
         """By how much the spring became longer in this substep [m], as its dashpot sees it."""
         # A dashpot must not see the rounding that displacements carry: divided by a small step it is a speed.
         g = body.particles
@@ -136,7 +133,8 @@ def make_pull(order: int, path: str):
         slip = elongation(e, wp.vec3(de[0], de[1], de[2]))
         if wp.static(order == 2):
             if step.second:
-                slip -= wp.dot(e, s.last_displacements[g + j.i] - s.last_displacements[g + i.i]) / (step.parts * length)
+                carried = s.last_displacements[g + j.i] - s.last_displacements[g + i.i]
+                slip -= wp.dot(e, carried) / (step.parts * wp.length(e))
         return slip
 
     @wp.func
@@ -160,18 +158,20 @@ def make_pull(order: int, path: str):
         slot = q * m.cells.shape[0] + cell
         if wp.static(path == "careful"):
             pull.e = opened(pull.e, slot)
-        length = root(wp.dot(pull.e, pull.e) + SHORTEST * SHORTEST)
-        if wp.static(path == "quick"):
-            pull.share = pull_along(length, rest, 0.0, w + alpha)
-        else:
+        square = wp.dot(pull.e, pull.e) + SHORTEST * SHORTEST
+        multiplier = float(0.0)
+        held = float(0.0)
+        if wp.static(path != "quick"):
             multiplier = before(slot, s, step)
             held = alpha * multiplier
-            if wp.static(path == "careful"):
-                gamma = material.damping * step.inverse
-                held += gamma * slip_of(pull.e, length, i, j, s, body, step, low)
-                w *= 1.0 + gamma
-            pull.share = pull_along(length, rest, held, w + alpha)
-            s.cell_multipliers[slot] = multiplier - pull.share * length
+        if wp.static(path == "careful"):
+            gamma = material.damping * step.inverse
+            held += gamma * slip_of(pull.e, i, j, s, body, step, low)
+            w *= 1.0 + gamma
+        found = pull_along(square, rest, held, w + alpha)
+        pull.share = found[0]
+        if wp.static(path != "quick"):
+            s.cell_multipliers[slot] = multiplier - found[0] * found[1]
         return pull
 
     return pull_of

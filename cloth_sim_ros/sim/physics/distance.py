@@ -2,8 +2,6 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.schedules.native import quotient
-
 SHORTEST = wp.constant(1.0e-12)  # [m] below this an edge has no direction of its own
 
 
@@ -45,10 +43,21 @@ def multiplier_change(c: float, slip: float, w: float, alpha: float, gamma: floa
     return wp.vec2(-(c + alpha * multiplier + gamma * slip), wp.max((1.0 + gamma) * w + alpha, 1.0e-20))
 
 
-@wp.func
-def pull_along(length: float, rest: float, held: float, divisor: float) -> float:
-    """The same quotient of a distance, its sign turned and divided by the length, with one division for both.
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+float y, reciprocal;
+asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(square));
+asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(reciprocal) : "f"(divisor));  // beside the root, not after it
+float inverse = fmaf(0.5f * y, fmaf(-(square * y), y, 1.0f), y);
+return wp::vec2(fmaf(held - rest, inverse, 1.0f) * reciprocal, square * inverse);
+#else
+float length = sqrtf(square);
+return wp::vec2((length - rest + held) / (divisor * length), length);
+#endif
+""")
+def pull_along(square: float, rest: float, held: float, divisor: float) -> wp.vec2:
+    """The same quotient, its sign turned and divided by the length |e|, and that length [m].
 
-    held: alpha x multiplier + gamma x slip [m]; divisor: (1 + gamma) w + alpha [1/kg], not 0.
+    square: |e|^2 > 0 [m^2]; held: alpha x multiplier + gamma x slip [m]; divisor: (1 + gamma) w + alpha [1/kg] > 0.
     """
-    return quotient((length - rest) + held, divisor * length)
+    ...

@@ -110,7 +110,9 @@ class Coloured:
         turn = iteration if iteration < 2 else 2 + iteration % 2  # of those after the first the parity alone matters
         if self._features.chain:
             self._launch("chain", 1, b, iteration=turn)
-        kinds = {"springs": ("groups", "tuple_groups"), "cells": ("groups", "tuple_groups"), "tuples": ("tuple_groups", "groups_end")}
+        kinds = dict.fromkeys(("springs", "cells"), ("groups", "tuple_groups")) | {
+            "tuples": ("tuple_groups", "groups_end")
+        }
         for stage, (begin, end) in kinds.items():
             if stage in self._kernels:
                 sizes = [self._groups[g][3] - self._groups[g][2] for g in range(body[begin], body[end])]
@@ -242,10 +244,10 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         if arrays.state.faulty[i] == 1:
             arrays.state.recoveries[i] += 1
             arrays.state.faulty[i] = 0
-        if wp.static("cell" in features.constraints):
-            arrays.state.collapsed[i] = 0
             if wp.static(features.looks_back):
                 arrays.state.history[i] = 0
+        if wp.static("cell" in features.constraints):
+            arrays.state.collapsed[i] = 0
 
     if features.shapes:
 

@@ -9,8 +9,8 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_tuple
-from cloth_sim_ros.sim.model import Body, Features, Model
-from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
@@ -29,7 +29,7 @@ from cloth_sim_ros.sim.schedules.stages import (
 )
 from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
-from cloth_sim_ros.sim.state import Arrays, Material, State, compliance_of, gathered, given_type
+from cloth_sim_ros.sim.state import Arrays, compliance_of, gathered, given_type
 
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 
@@ -75,8 +75,8 @@ class Resident:
 
 @lru_cache
 def make_frame(features: Features, shared: int, block: int, most_shared: int = 0):
-    """The kernel of a whole frame for `features`; `shared` particles in shared memory of `most_shared` bytes, 0 for plain
-    arrays.
+    """The kernel of a whole frame for `features`; `shared` particles in shared memory of `most_shared` bytes; 0 is
+    plain arrays.
 
     The compiler knows that a block has `block` threads, so that their registers fit the multiprocessor.
     """
