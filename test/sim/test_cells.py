@@ -1,0 +1,74 @@
+"""Cells of a grid: every spring once, no particle twice in a pass, records that say so, collapsed ones that open."""
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
+from cloth_sim_ros.sim.cells import ALONE, DIAGONALS, DOUBLED, PAIRS, SIDES, TURNED, Pass, lengths, passes
+from cloth_sim_ros.sim.topology import build
+
+SHAPES = [(2, 2), (2, 9), (3, 2), (3, 3), (5, 5), (6, 5), (8, 8), (31, 17)]
+
+
+def springs_of(one: Pass, grid_lengths) -> dict[tuple[str, int, int], tuple[float, float]]:
+    """What the device makes of a pass: (kind, i, j) -> rest length and scale, from its records alone."""
+    found = {}
+    for record in one.records():
+        particles = [record[0] & ((1 << DOUBLED) - 1), *record[1:]]
+        has = {flag: record[0] >> flag & 1 for flag in (ALONE, TURNED, *range(DOUBLED, DOUBLED + 4))}
+        for q, (a, b) in enumerate(PAIRS):
+            absent = (q > 1 and has[ALONE]) or (q == 1 and particles[0] == particles[2])
+            if absent or not one.holds & (SIDES if q < 4 else DIAGONALS):
+                continue
+            rest = grid_lengths[1 if q < 2 and has[TURNED] else q // 2] * (2.0 if one.kind == "bending" else 1.0)
+            key = (one.kind if q < 4 else "shear", *sorted((int(particles[a]), int(particles[b]))))
+            assert key not in found
+            found[key] = (rest, 1.0 + (q < 4 and has[DOUBLED + q]))
+    return found
+
+
+@pytest.mark.parametrize("shear", [1e-3, None])
+@pytest.mark.parametrize("resolution", SHAPES)
+def test_cells_hold_every_spring_once(resolution, shear):
+    cloth = Cloth(resolution=resolution, size=(1.0, 1.5), shear_compliance=shear, bend_compliance=1.0)
+    topology = build(cloth, "cloth", True)
+    found = {}
+    for one in passes(topology):
+        mine = springs_of(one, lengths(topology))
+        assert not found.keys() & mine.keys()
+        found |= mine
+    wanted = {
+        (kind, *sorted(pair)): (rest, scale)
+        for kind, e in topology.springs.items()
+        for pair, rest, scale in zip(e.particles.tolist(), e.rest, e.scale, strict=True)
+    }
+    assert found.keys() == wanted.keys()
+    for key, numbers in found.items():
+        assert numbers == pytest.approx(wanted[key], rel=1e-12)
+
+
+@pytest.mark.parametrize("resolution", SHAPES)
+def test_cells_of_a_pass_share_no_particle(resolution):
+    for one in passes(build(Cloth(resolution=resolution, bend_compliance=1.0), "cloth", True)):
+        twice = one.particles[:, 0] == one.particles[:, 2]
+        used = np.concatenate([one.particles[~twice].ravel(), one.particles[twice, :2].ravel()])
+        assert len(np.unique(used)) == len(used)
+
+
+def test_a_grid_takes_six_passes():
+    sizes = [len(one.particles) for one in passes(build(Cloth(resolution=(64, 64), bend_compliance=1.0), "c", True))]
+    assert len(sizes) == 6
+    assert max(sizes) <= 1024
+
+
+@pytest.mark.parametrize("iterations", [1, 3])
+def test_a_point_opens_alike_in_both_schedules(device, iterations):
+    scene = Scene(objects={"cloth": Cloth(resolution=(10, 10), bend_compliance=1e-2, pins="none")}, gravity=(0, 0, 0))
+    found = []
+    for schedule in ("resident", "coloured"):
+        sim = Simulation(scene, Settings(schedule=schedule, iterations=iterations, global_damping=0.5), device=device)
+        sim.set_positions("cloth", np.zeros((100, 3)))
+        sim.step(4)
+        found.append(sim.positions("cloth"))
+    assert np.ptp(found[0], axis=0).min() > 0.05
+    assert np.abs(found[0] - found[1]).max() < 1e-4
