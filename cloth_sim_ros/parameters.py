@@ -89,7 +89,7 @@ SOLVER = (
     _choice(
         "schedule",
         "auto",
-        "resident: one launch per body and frame; coloured: one per colour; tiled: verlet over a GPU; auto chooses.",
+        "resident: one launch per body and frame; coloured: one per colour; tiled: pieces over a GPU; auto chooses.",
         ("auto", "resident", "coloured", "tiled"),
     ),
     _choice(

@@ -9,6 +9,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Features, Model, ModelArrays
 from cloth_sim_ros.sim.schedules.coloured import Coloured
+from cloth_sim_ros.sim.schedules.patched import Patched, plan_patches, whole_cost
 from cloth_sim_ros.sim.schedules.resident import Resident, capacity
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
@@ -61,7 +62,7 @@ class Batch:
         model = collected.upload(device)
         self.worlds = [self._world(w, model, frame, colliders) for w in range(worlds)]
         self._saved: dict[str, wp.array] | None = None
-        self.schedule = self._make_schedule(schedule, [topology.layout for topology in topologies.values()])
+        self.schedule = self._make_schedule(schedule, list(topologies.values()))
         for name in topologies:
             self.reset(name, None)
 
@@ -72,15 +73,14 @@ class Batch:
         arrays.colliders = row_of(colliders.array, w)
         return arrays
 
-    def _make_schedule(self, wanted: str, layouts: list[np.ndarray]) -> Resident | Coloured | Tiled:
+    def _make_schedule(self, wanted: str, topologies: list[Topology]) -> Resident | Coloured | Tiled | Patched:
         largest, limit = max(self.counts), capacity(self.device, self.features)
-        if wanted == "tiled":
-            return Tiled(self.features, self.worlds, layouts, self.device)
-        if wanted == "auto" and self.features.method == "verlet" and self.device.is_cuda:
+        if wanted in ("auto", "tiled") and (wanted == "tiled" or self.device.is_cuda):
             try:
-                return Tiled(self.features, self.worlds, layouts, self.device)
+                return self._make_tiled(topologies, wanted == "tiled", largest <= limit)
             except Unfit:
-                pass  # the other schedules take everything
+                if wanted == "tiled":
+                    raise
         if wanted == "resident" and largest > limit:
             raise ValueError(
                 f"solver.schedule is 'resident' with a body of {largest} particles; allowed are up to {limit} on "
@@ -89,6 +89,15 @@ class Batch:
         if wanted == "coloured" or largest > limit:
             return Coloured(self.features, self.worlds, self.device)
         return Resident(self.features, self.worlds, self.device, largest)
+
+    def _make_tiled(self, topologies: list[Topology], forced: bool, resident: bool) -> Tiled | Patched:
+        """Bodies cut into pieces. Raises Unfit where they cannot be, or, unless `forced`, need not where `resident`."""
+        if self.features.method == "verlet":
+            return Tiled(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
+        chosen = plan_patches(self.features, topologies, len(self.worlds), self.device)
+        if resident and not forced and chosen.cost > whole_cost(topologies, len(self.worlds), self.device):
+            raise Unfit("bodies that are faster whole", "schedule 'resident'")
+        return Patched(self.features, self.worlds, chosen, self.device)
 
     def span(self, name: str) -> slice:
         """Where the particles of a body lie."""

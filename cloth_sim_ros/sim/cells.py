@@ -24,11 +24,13 @@ class Pass:
     """Cells that share no particle: particles (C, 4), the first `whole` with all their springs, the others with the two
     of PAIRS[:2] alone, or with one that is there twice.
 
-    kind: of the sides, in KINDS; diagonals are shear springs. holds: SIDES, DIAGONALS or both. doubled (C, 4): which
+    kind: of the sides, in KINDS; diagonals are shear springs. stride: steps of the grid along a side. holds: SIDES,
+    DIAGONALS or both. doubled (C, 4): which
     sides are twice as compliant. turned (C,): where the two springs alone lie along y.
     """
 
     kind: str
+    stride: int
     holds: int
     particles: np.ndarray
     whole: int
@@ -36,10 +38,18 @@ class Pass:
     turned: np.ndarray
 
     def records(self) -> np.ndarray:
-        """(C, 4) int32 for the device: indices, the first with flags: DOUBLED and the next three, ALONE and TURNED."""
-        flags = self.doubled @ (1 << np.arange(4)) + ((np.arange(len(self.particles)) >= self.whole) << ALONE - DOUBLED)
-        flags += self.turned << TURNED - DOUBLED
-        records = self.particles.copy()
+        """(C, 4) int32 for the device: indices, the first with flags: DOUBLED and the next three, ALONE and TURNED.
+
+        Cells with all their springs are mirrored along x, four and four in turn: neighbours of a pass lie two particles
+        apart, so that the first corners of eight would meet in four of the eight places that a GPU's shared memory
+        serves at a time; those of four and the second ones of four meet in none.
+        """
+        place = np.arange(len(self.particles))
+        mirrored = ((place // 4 % 2 == 1) & (place < self.whole))[:, None]
+        records = np.where(mirrored, self.particles[:, [1, 0, 3, 2]], self.particles)
+        doubled = np.where(mirrored, self.doubled[:, [0, 1, 3, 2]], self.doubled)
+        flags = doubled @ (1 << np.arange(4))
+        flags += ((place >= self.whole) << ALONE - DOUBLED) + (self.turned << TURNED - DOUBLED)
         records[:, 0] += flags << DOUBLED
         return records.astype(np.int32)
 
@@ -75,35 +85,25 @@ def _lattice(topology: Topology, kind: str, stride: int) -> list[Pass]:
     diagonals = _Lookup(topology.springs["shear"], nx * ny) if stride == 1 and "shear" in topology.springs else None
     found = []
     for parity in (0, 1):
-        chosen = _spread(cells[(u == parity) & (v == parity)])
+        chosen = cells[(u == parity) & (v == parity)]
         first = sides.elements.particles[:, 0]
         along = np.where(sides.spans == stride, first % nx, first // nx) // stride % 2
         lone = (along == parity) & ~np.isin(sides.keys, sides.key(chosen[:, PAIRS[:4]]))
-        pairs = [_in_pairs(sides.elements.particles[lone & (sides.spans == span)]) for span in (stride, stride * nx)]
+        pairs = [in_pairs(sides.elements.particles[lone & (sides.spans == span)]) for span in (stride, stride * nx)]
         whole = len(chosen)
-        one = _pass(kind, np.concatenate([chosen, *pairs]), whole, sides, diagonals)
+        one = _pass(kind, stride, np.concatenate([chosen, *pairs]), whole, sides, diagonals)
         one.turned[whole + len(pairs[0]) :] = True
         found.append(one)
     if diagonals is not None:
         for parity in (0, 1):
-            chosen = _spread(cells[(u == parity) & (v != parity)])
-            found.append(_pass(kind, chosen, len(chosen), None, diagonals))
+            chosen = cells[(u == parity) & (v != parity)]
+            found.append(_pass(kind, stride, chosen, len(chosen), None, diagonals))
     return [one for one in found if len(one.particles)]
 
 
-def _in_pairs(springs: np.ndarray) -> np.ndarray:
+def in_pairs(springs: np.ndarray) -> np.ndarray:
     """Springs (S, 2) two by two as cells (C, 4); a last one alone is there twice."""
     return np.concatenate([springs, springs[-1:]] if len(springs) % 2 else [springs]).reshape(-1, 4)
-
-
-def _spread(cells: np.ndarray) -> np.ndarray:
-    """Cells of a pass, four and four in turn mirrored along x.
-
-    Neighbouring cells of a pass lie two particles apart, so that the first corners of eight would meet in four of the
-    eight places that a GPU's shared memory serves at a time; those of four and the second ones of four meet in none.
-    """
-    mirrored = np.arange(len(cells)) // 4 % 2 == 1
-    return np.where(mirrored[:, None], cells[:, [1, 0, 3, 2]], cells)
 
 
 class _Lookup:
@@ -124,11 +124,13 @@ class _Lookup:
         return self.elements.scale[self._order[np.searchsorted(self.keys, self.key(pairs), sorter=self._order)]]
 
 
-def _pass(kind: str, particles: np.ndarray, whole: int, sides: _Lookup | None, diagonals: _Lookup | None) -> Pass:
+def _pass(
+    kind: str, stride: int, particles: np.ndarray, whole: int, sides: _Lookup | None, diagonals: _Lookup | None
+) -> Pass:
     """The pass of these cells, of which the first `whole` have all their springs."""
     scale = np.ones((len(particles), 4))
     if sides is not None:
         scale[:whole] = sides.scale(particles[:whole, PAIRS[:4]])
         scale[whole:, :2] = sides.scale(particles[whole:, PAIRS[:2]])
     holds = (SIDES if sides is not None else 0) | (DIAGONALS if diagonals is not None else 0)
-    return Pass(kind, holds, particles, whole, scale == 2.0, np.zeros(len(particles), bool))
+    return Pass(kind, stride, holds, particles, whole, scale == 2.0, np.zeros(len(particles), bool))

@@ -115,8 +115,8 @@ def is_collapsed(record: wp.vec4i, x: wp.uint64) -> bool:
 def make_pull(order: int, path: str):
     """What spring i-j, the q-th of its cell, asks for.
 
-    Paths without a branch are "quick", where multipliers start from 0 and nobody reads them afterwards, and
-    "repeated", where they are carried on; both have no dashpot and no collapsed spring. "careful" takes everything.
+    Paths without a branch are "quick", where multipliers start from 0 and nobody reads them afterwards, "damped", the
+    same with a dashpot, and "repeated", where they are carried on. "careful" takes all these and collapsed springs.
     """
 
     @wp.func
@@ -161,16 +161,16 @@ def make_pull(order: int, path: str):
         square = wp.dot(pull.e, pull.e) + SHORTEST * SHORTEST
         multiplier = float(0.0)
         held = float(0.0)
-        if wp.static(path != "quick"):
+        if wp.static(path in ("repeated", "careful")):
             multiplier = before(slot, s, step)
             held = alpha * multiplier
-        if wp.static(path == "careful"):
+        if wp.static(path in ("damped", "careful")):
             gamma = material.damping * step.inverse
             held += gamma * slip_of(pull.e, i, j, s, body, step, low)
             w *= 1.0 + gamma
         found = pull_along(square, rest, held, w + alpha)
         pull.share = found[0]
-        if wp.static(path != "quick"):
+        if wp.static(path in ("repeated", "careful")):
             s.cell_multipliers[slot] = multiplier - found[0] * found[1]
         return pull
 
@@ -321,6 +321,33 @@ def make_project(order: int):
             put_corners(carefully(q, record, k, group, m, s, body, material, step, low), d)
         elif step.store:
             put_corners(repeatedly(q, record, k, group, m, s, body, material, step, low), d)
+        else:
+            put_corners(quickly(q, record, k, group, m, s, body, material, step, low), d)
+
+    return project_cell
+
+
+def make_project_alone(order: int):
+    """The same for a sweep that is the first and only one of its substep, and stores nothing."""
+    quickly, damped = make_project_corners(order, "quick"), make_project_corners(order, "damped")
+
+    @wp.func
+    def project_cell(
+        record: wp.vec4i,
+        k: int,
+        group: wp.vec4i,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        low: wp.uint64,
+        d: wp.uint64,
+    ):
+        q = corners_of(record, x, d)
+        if material.damping > 0.0:
+            put_corners(damped(q, record, k, group, m, s, body, material, step, low), d)
         else:
             put_corners(quickly(q, record, k, group, m, s, body, material, step, low), d)
 

@@ -61,9 +61,14 @@ class Coloured:
         for launch in frame:
             launch.launch()
 
-    def _record(self, substeps: int, iterations: int) -> list[wp.Launch] | wp.Graph:
+    def launches(self, first: int, substeps: int, iterations: int = 1) -> list[wp.Launch]:
+        """Those of a frame from substep `first` on."""
         self._frame = []
-        self._launch_frame(substeps, iterations)
+        self._launch_frame(first, substeps, iterations)
+        return self._frame
+
+    def _record(self, substeps: int, iterations: int) -> list[wp.Launch] | wp.Graph:
+        self.launches(0, substeps, iterations)
         if not self._device.is_cuda:
             return self._frame
         with wp.ScopedCapture(device=self._device) as capture:
@@ -83,12 +88,12 @@ class Coloured:
             self._recorded[key] = wp.launch(kernel, dim=dim, inputs=inputs, device=device, record_cmd=True)
         self._frame.append(self._recorded[key])
 
-    def _launch_frame(self, substeps: int, iterations: int) -> None:
+    def _launch_frame(self, first: int, substeps: int, iterations: int) -> None:
         if "cell" in self._features.constraints:
             for b, body in enumerate(self._bodies):
-                first, end = self._groups[body["groups"]][2], self._groups[body["tuple_groups"] - 1][3]
-                self._launch("find_collapsed", end - first, b)
-        for substep in range(substeps):
+                begin, end = self._groups[body["groups"]][2], self._groups[body["tuple_groups"] - 1][3]
+                self._launch("find_collapsed", end - begin, b)
+        for substep in range(first, substeps):
             for b, body in enumerate(self._bodies):
                 if self._colliders:
                     self._launch("sweep", self._colliders, b, substep)

@@ -91,8 +91,6 @@ def plan(
 
     Raises Unfit where there are none.
     """
-    if features.method != "verlet":
-        raise Unfit("method xpbd", "method verlet")
     if "edge" in features.constraints:
         raise Unfit("edge_contact", "contact of particles alone")
     around = _around(model, bool(features.panels))

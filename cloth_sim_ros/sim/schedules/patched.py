@@ -1,0 +1,286 @@
+"""Grids on a whole GPU by xpbd: a body is cut into patches, and a block makes one substep of its patch a launch.
+
+A block loads its patch with the margin that one sweep reaches into shared memory, predicts, projects all passes,
+touches colliders, and writes its own particles into the other of two buffers: what neighbours need is computed twice
+instead of waited for. Every particle's arithmetic is the same, in the same order, as in the other schedules. The last
+substeps of a frame, which store what reports read, and frames of several iterations are those of the coloured
+schedule. The launches of a frame are captured in one CUDA graph.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim import cells, patches
+from cloth_sim_ros.sim.model import KINDS, Features, Model
+from cloth_sim_ros.sim.physics.integrate import make_step
+from cloth_sim_ros.sim.schedules import native
+from cloth_sim_ros.sim.schedules.coloured import GRAPHS, Coloured
+from cloth_sim_ros.sim.schedules.contact import make_contact
+from cloth_sim_ros.sim.schedules.native import array_address, load4, store4, sync, xyz
+from cloth_sim_ros.sim.schedules.resident import shared_memory
+from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, parts_of_motion, sweep_collider
+from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells
+from cloth_sim_ros.sim.schedules.tiles import Unfit
+from cloth_sim_ros.sim.state import Arrays, State, Sweep, gathered, given_type
+from cloth_sim_ros.sim.topology import Topology
+
+THREADS = 512
+_BYTES_A_MEMBER = 48  # position, low part and displacement
+_ARENA = 1 << 18  # bytes of a CPU's stand-in for shared memory
+_SIZES = (8, 12, 16, 24, 32, 48)  # particles along a side that a patch owns
+_NOBODY = -1  # in place of a member
+# Microseconds on an H200: a launch with its loads and stores, a pass however small, and a pass of 1024 cells more.
+_LAUNCH, _LEAST, _THOUSAND_CELLS = 5.0, 0.6, 1.1
+
+
+@wp.struct
+class Patches:
+    """All T patches of a batch, each of `capacity` C places, and the second buffer of what they exchange."""
+
+    body: wp.array(dtype=int)  # (T,)
+    members: wp.array(dtype=int)  # (T C,) particles counted in the batch, those of the margin as -2 - particle
+    groups: wp.array(dtype=wp.vec2i)  # (T,) the groups of `model` that are a patch's passes
+    model: Model  # groups and cells as in the Model of the batch, with places for particles
+    positions: wp.array(dtype=wp.vec4)  # (worlds N,)
+    low: wp.array(dtype=wp.vec4)  # (worlds N,)
+    velocities: wp.array(dtype=wp.vec4)  # (worlds N,)
+    sweeps: wp.array(dtype=Sweep)  # (worlds T K,)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Patches of every body and the estimated microseconds of a substep."""
+
+    bodies: list[list[patches.Patch]]
+    cost: float
+
+    @property
+    def capacity(self) -> int:
+        """Places of a patch."""
+        return -(-max(len(patch.members) for patch in sum(self.bodies, [])) // 32) * 32
+
+
+def plan_patches(
+    features: Features, topologies: list[Topology], worlds: int, device: wp.Device, size: int | None = None
+) -> Plan:
+    """The patches that own `size` x `size` particles, or those estimated to be fastest. Raises Unfit where there are
+    none."""
+    if features.constraints != ("cell",):
+        raise Unfit("xpbd of other than the springs of a grid", "method verlet or grids that bend by springs or not")
+    if features.order != 1:
+        raise Unfit("order 2", "order 1")
+    if features.panels:
+        raise Unfit("wind", "a scene without wind, method verlet")
+    found = []
+    sweeps = [cells.passes(topology) for topology in topologies]
+    shared = _ARENA if device.is_cpu else shared_memory(device)
+    for side in _SIZES if size is None else (size,):
+        bodies = [patches.cut(topology.grid, one, side) for topology, one in zip(topologies, sweeps, strict=True)]
+        if Plan(bodies, 0.0).capacity * _BYTES_A_MEMBER > shared:
+            break
+        found.append(Plan(bodies, _LAUNCH + _cost([p.passes for p in sum(bodies, [])], worlds, device)))
+    if not found:
+        raise Unfit("sweeps that reach too far", "fewer passes")
+    return min(found, key=lambda one: one.cost)
+
+
+def whole_cost(topologies: list[Topology], worlds: int, device: wp.Device) -> float:
+    """The estimated microseconds of a substep of bodies that live in a block each."""
+    return _cost([cells.passes(topology) for topology in topologies], worlds, device)
+
+
+def _cost(pieces: list[list[cells.Pass]], worlds: int, device: wp.Device) -> float:
+    rounds = -(-worlds * len(pieces) // (device.sm_count if device.is_cuda else 1))
+    largest = max(sum(_LEAST + _THOUSAND_CELLS * len(one.particles) / 1024 for one in piece) for piece in pieces)
+    return rounds * largest
+
+
+class Patched:
+    """The launches of one batch. `advance()` simulates one frame of every body in every world of it."""
+
+    def __init__(self, features: Features, worlds: list[Arrays], chosen: Plan, device: wp.Device):
+        self._device, self._given = device, gathered(worlds, device)
+        self._whole = Coloured(features, worlds, device)
+        self._patches = _upload(chosen, worlds, device)
+        self._count = len(worlds) * self._patches.body.shape[0]
+        largest = max(len(one.particles) for body in chosen.bodies for patch in body for one in patch.passes)
+        self._block = 1 if device.is_cpu else min(THREADS, -(-largest // 32) * 32)
+        self._kernel = make_kernel(features, chosen.capacity, self._block)
+        self._graphs: dict[int, wp.Graph] = {}
+
+    def advance(self, substeps: int, iterations: int) -> None:
+        """Launch one frame; on a GPU a new number of substeps captures a graph, of which a few are kept."""
+        if iterations > 1 or substeps < 3:
+            self._whole.advance(substeps, iterations)
+            return
+        if substeps in self._graphs:
+            wp.capture_launch(self._graphs[substeps])
+            return
+        self._launch_frame(substeps)
+        if self._device.is_cuda:
+            with wp.ScopedCapture(device=self._device) as capture:
+                self._launch_frame(substeps)
+            if len(self._graphs) == GRAPHS:
+                self._graphs.pop(next(iter(self._graphs)))
+            self._graphs[substeps] = capture.graph
+
+    def _launch_frame(self, substeps: int) -> None:
+        alone = 2 * ((substeps - 1) // 2)  # an even number of turns ends in the first buffer
+        for substep in range(alone):
+            wp.launch(
+                self._kernel,
+                dim=(self._count, self._block),
+                inputs=[self._given, self._patches, substep],
+                device=self._device,
+                block_dim=self._block,
+            )
+        for launch in self._whole.launches(alone, substeps):
+            launch.launch()
+
+
+def _upload(chosen: Plan, worlds: list[Arrays], device: wp.Device) -> Patches:
+    arrays = worlds[0]
+    starts = [body[2] for body in arrays.model.bodies.numpy().tolist()]
+    body, members, spans, groups, records = [], [], [], [], []
+    for b, cut in enumerate(chosen.bodies):
+        for patch in cut:
+            body.append(b)
+            row = np.full(chosen.capacity, _NOBODY)
+            mine = patch.members + starts[b]
+            row[: len(mine)] = np.where(patch.own, mine, -2 - mine)
+            members.append(row)
+            spans.append((len(groups), len(groups) + len(patch.passes)))
+            for one in patch.passes:
+                first = sum(map(len, records[-1:])) + (groups[-1][2] if groups else 0)
+                records.append(one.records())
+                groups.append((one.holds, KINDS.index(one.kind), first, first + len(one.particles)))
+    found = Patches()
+    found.model = Model()
+    for name, rows, dtype in (("groups", groups, wp.vec4i), ("cells", np.concatenate(records), wp.vec4i)):
+        setattr(found.model, name, wp.array(np.array(rows, np.int32), dtype=dtype, device=device))
+    found.body = wp.array(np.array(body, np.int32), dtype=int, device=device)
+    found.members = wp.array(np.concatenate(members).astype(np.int32), dtype=int, device=device)
+    found.groups = wp.array(np.array(spans, np.int32), dtype=wp.vec2i, device=device)
+    for name in ("positions", "low", "velocities"):
+        size = len(worlds) * getattr(arrays.state, name).shape[0]
+        setattr(found, name, wp.zeros(size, dtype=wp.vec4, device=device))
+    found.sweeps = wp.zeros(len(worlds) * len(body) * arrays.colliders.shape[0], dtype=Sweep, device=device)
+    return found
+
+
+@wp.struct
+class Buffer:
+    """One of the two buffers of what patches exchange, as addresses."""
+
+    positions: wp.uint64
+    low: wp.uint64
+    velocities: wp.uint64
+
+
+@wp.func
+def buffer_of(s: State, patches: Patches, second: int, w: int) -> Buffer:
+    """The first or second buffer of world w."""
+    found = Buffer()
+    if second == 0:
+        found.positions = array_address(s.positions, 0)
+        found.low = array_address(s.low, 0)
+        found.velocities = array_address(s.velocities, 0)
+    else:
+        first = w * s.positions.shape[0]
+        found.positions = array_address(patches.positions, first)
+        found.low = array_address(patches.low, first)
+        found.velocities = array_address(patches.velocities, first)
+    return found
+
+
+@lru_cache
+def make_kernel(features: Features, capacity: int, block: int) -> wp.Kernel:
+    """The kernel of a substep of patches of `capacity` places."""
+    predict, finish = make_predict(features), make_finish(features)
+    contact = make_contact(features) if features.shapes else None
+    project = make_sweep_cells(features.order, stores=False)
+    tile_address = native.make_tile_address(capacity)
+    argument = given_type(features)
+
+    @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
+    def advance(given: argument, patches: Patches, substep: int):
+        q, t = wp.tid()
+        w = q / patches.body.shape[0]
+        n = q - w * patches.body.shape[0]
+        b = patches.body[n]
+        # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
+        if wp.static(features.worlds):
+            s = given[w].state
+            body = given[w].model.bodies[b]
+            frame = given[w].frames[0]
+            material = given[w].materials[b]
+            colliders = given[w].colliders
+        else:
+            s = given.state
+            body = given.model.bodies[b]
+            frame = given.frames[0]
+            material = given.materials[b]
+            colliders = given.colliders
+        m = patches.model
+        body.groups = patches.groups[n][0]
+        body.tuple_groups = patches.groups[n][1]
+        before = buffer_of(s, patches, substep % 2, w)
+        after = buffer_of(s, patches, 1 - substep % 2, w)
+        x_tile = wp.tile_empty(shape=(wp.static(capacity),), dtype=wp.vec4, storage="shared")
+        low_tile = wp.tile_empty(shape=(wp.static(capacity),), dtype=wp.vec4, storage="shared")
+        d_tile = wp.tile_empty(shape=(wp.static(capacity),), dtype=wp.vec4, storage="shared")
+        x = tile_address(x_tile)
+        low = tile_address(low_tile)
+        d = tile_address(d_tile)
+        step = make_step(frame.dt, False, 1, parts_of_motion(body, material, frame))
+        step.first = True
+        for i in range(t, wp.static(capacity), wp.static(block)):
+            member = patches.members[n * wp.static(capacity) + i]
+            if member != wp.static(_NOBODY):
+                g = wp.where(member < 0, -2 - member, member)
+                moving = Moving()
+                moving.velocity = xyz(load4(before.velocities, g))
+                moving.low = xyz(load4(before.low, g))
+                store4(x, i, load4(before.positions, g))
+                store4(low, i, pack(moving.low, 0.0))
+                predict(i, moving, m, s, body, material, frame, step, x, low, d)
+        if wp.static(bool(features.shapes)):
+            for c in range(t, colliders.shape[0], wp.static(block)):
+                count = float(frame.substeps)
+                patches.sweeps[q * colliders.shape[0] + c] = sweep_collider(
+                    colliders[c], float(substep) / count, float(substep + 1) / count
+                )
+        sync()
+        project(t, wp.static(block), m, s, body, material, step, x, low, d)
+        for i in range(t, wp.static(capacity), wp.static(block)):
+            member = patches.members[n * wp.static(capacity) + i]
+            if member >= 0:
+                g = member
+                if wp.static(bool(features.shapes)):
+                    contact(
+                        i,
+                        q * colliders.shape[0],
+                        g,
+                        material,
+                        colliders,
+                        patches.sweeps,
+                        s.contacts,
+                        s.velocities,
+                        s.last_displacements,
+                        step,
+                        x,
+                        low,
+                        d,
+                    )
+                velocity = wp.vec3(0.0)
+                if load4(x, i)[3] != 0.0:
+                    moving = finish(i, substep, False, s, body, step, x, low, d)
+                    velocity = moving.velocity
+                store4(after.positions, g, load4(x, i))
+                store4(after.low, g, load4(low, i))
+                store4(after.velocities, g, pack(velocity, 0.0))
+
+    return advance
