@@ -11,7 +11,7 @@ from cloth_sim_ros.study import error, report, speed, stability, tune
 from cloth_sim_ros.study.pictures import command as pictures
 
 COMMANDS = {
-    "speed": (speed, "one launch a frame against one launch a colour"),
+    "speed": (speed, "one launch a frame, a substep or a pass, and what features and peers cost"),
     "error": (error, "error against time for a case over orders, substeps and iterations"),
     "tune": (tune, "the cheapest settings of a scene file that keep a wanted error"),
     "stability": (stability, "every hard case by every method: what stays finite, bounded, and comes back"),

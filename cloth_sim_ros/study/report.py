@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from html import escape
 from pathlib import Path
 
-from cloth_sim_ros.study import error, pass_map, speed, stability
+from cloth_sim_ros.study import error, feature_costs, pass_map, speed, stability
 from cloth_sim_ros.study.hard.judge import Combination
 
 CAPTIONS = {  # file name of a picture -> what it shows
@@ -89,7 +89,10 @@ def _words(row: dict) -> str:
 
 
 def _speed_body(stored: dict) -> str:
-    return _machine(stored) + _pre(speed.table(stored["rows"]))
+    tables = [speed.table(stored["rows"])]
+    tables += [speed.peer_table(stored["peers"])] if stored["peers"] else []
+    tables += [feature_costs.table(stored["features"])] if stored["features"] else []
+    return _machine(stored) + "".join(map(_pre, tables))
 
 
 def _stability_body(stored: dict) -> str:
@@ -138,5 +141,5 @@ SECTIONS: dict[str, Section] = {  # files of a command -> (heading, body)
     "tuned_*.json": (lambda stored: f"Tuned: {stored['title']}", _tune_body),
     "stability_*.json": (lambda stored: f"Hard cases, seed {stored['seed']}", _stability_body),
     "map_*.json": (lambda stored: f"What holds, {stored['machine']['device']}", _map_body),
-    "speed*.json": (lambda stored: f"One launch a frame or a colour, {stored['machine']['device']}", _speed_body),
+    "speed*.json": (lambda stored: f"Speed, {stored['machine']['device']}", _speed_body),
 }

@@ -1,7 +1,8 @@
-"""`speed`: one launch a frame against one launch a colour, the same cloth in the same run.
+"""`speed`: one launch a frame, a substep or a pass: the same cloth in the same run.
 
-Both schedules take turns, so that whatever else the machine does falls on both alike. With --peers, the same springs
-at the same substeps in Newton and pyPBD, and MuJoCo's flex of the same size, in the same run.
+The schedules take turns, so that whatever else the machine does falls on all alike. With --peers, the same springs
+at the same substeps in Newton and pyPBD, and MuJoCo's flex of the same size, in the same run; with --features, what
+each feature of a scene costs.
 """
 
 from __future__ import annotations
@@ -11,16 +12,19 @@ import importlib.util
 import json
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
+from cloth_sim_ros.study import feature_costs
 from cloth_sim_ros.study.cases import Case
 from cloth_sim_ros.study.contenders import Run
+from cloth_sim_ros.study.figures import draw_speed
 from cloth_sim_ros.study.peers import PEERS, flex_times
-from cloth_sim_ros.study.timing import frame_times, machine
+from cloth_sim_ros.study.timing import frame_times, machine, quartiles
 
-SCHEDULES = ("resident", "coloured")
+SCHEDULES = {"resident": "a frame", "tiled": "a substep", "coloured": "a pass"}  # and what each needs a launch for
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rounds", type=int, default=9, help="turns that each schedule takes")
     parser.add_argument("--seconds", type=float, default=0.25, help="length of a turn [s]")
     parser.add_argument("--peers", action="store_true", help="also Newton, pyPBD and MuJoCo, if installed")
+    parser.add_argument("--worlds", type=int, default=1, help="copies of the cloth in the same launches")
+    parser.add_argument("--features", action="store_true", help="also what each feature costs, at the last resolution")
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="draw the times against the particles")
     parser.add_argument("--json", metavar="FILE", help="write the numbers to FILE")
 
 
@@ -42,14 +49,24 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"measuring {resolution} x {resolution} ...", file=sys.stderr, flush=True)
         rows.append(measure(resolution, arguments))
     where = machine(rows[0]["device"])
-    print(f"{where['name']} ({where['device']}), {arguments.substeps} substeps x {arguments.iterations} iterations")
+    worlds = f", {arguments.worlds} worlds" if arguments.worlds > 1 else ""
+    steps = f"{arguments.substeps} substeps x {arguments.iterations} iterations"
+    print(f"{where['name']} ({where['device']}), {steps}{worlds}")
     print(table(rows))
     compared = compare(rows, arguments) if arguments.peers else []
     if compared:
         print(peer_table(compared))
+    features = []
+    if arguments.features:
+        cloth = hanging_cloth(arguments.resolution[-1])
+        frames = max(5, int(1e3 * arguments.seconds / rows[-1][best(rows[-1])]["median"]))
+        features = feature_costs.measure(cloth, rows[-1]["device"], arguments.substeps, arguments.rounds, frames)
+        print(feature_costs.table(features))
+    if arguments.figure:
+        draw_speed(rows, compared, f"{where['name']}, {steps}{worlds}", arguments.figure)
     if arguments.json:
         with open(arguments.json, "w") as file:
-            json.dump({"machine": where, "rows": rows, "peers": compared}, file, indent=1)
+            json.dump({"machine": where, "rows": rows, "peers": compared, "features": features}, file, indent=1)
     return 0
 
 
@@ -73,10 +90,10 @@ def compare(rows: list[dict], arguments: argparse.Namespace) -> list[dict]:
     """Peers at the sizes of `rows`: their ms per frame, and how often the product's frame goes into theirs."""
     found = []
     for row in rows:
-        ours = row.get("resident", row["coloured"])["median"]
+        ours = row[best(row)]["median"]
 
         def add(label: str, times: np.ndarray, row: dict = row, ours: float = ours) -> None:
-            numbers = _quartiles(times)
+            numbers = quartiles(times)
             found.append({"resolution": row["resolution"], "peer": label, **numbers, "ratio": numbers["median"] / ours})
 
         for peer in PEERS:
@@ -95,7 +112,7 @@ def compare(rows: list[dict], arguments: argparse.Namespace) -> list[dict]:
 
 
 def peer_table(rows: list[dict]) -> str:
-    """The peers as text: median and quartiles in ms per frame, and the ratio to one launch a frame of the product."""
+    """The peers as text: median and quartiles in ms per frame, and the ratio to the product's fastest schedule."""
     lines = [f"{'cloth':>9}  {'peer':<28}  {'ms per frame':>26}  {'times ours':>10}"]
     for row in rows:
         size = f"{row['resolution']} x {row['resolution']}"
@@ -104,35 +121,39 @@ def peer_table(rows: list[dict]) -> str:
     return "\n".join(lines)
 
 
-def measure(resolution: int, arguments: argparse.Namespace) -> dict:
-    """Medians over the rounds of both schedules [ms per frame], their quartiles, and the ratio of the pairs.
+def best(row: dict) -> str:
+    """The schedule that was fastest."""
+    return min((name for name in SCHEDULES if name in row), key=lambda name: row[name]["median"])
 
-    A cloth too large for one block of the device has the launches per colour alone.
+
+def measure(resolution: int, arguments: argparse.Namespace) -> dict:
+    """Medians over the rounds of all schedules [ms per frame], their quartiles, and the ratio of colours to frames.
+
+    A cloth too large for one block of the device has no launch a frame; on a CPU none a substep is taken.
     """
     settings = {"substeps": arguments.substeps, "iterations": arguments.iterations}
     scene, sims, frames = Scene(objects={"cloth": hanging_cloth(resolution)}), {}, {}
-    automatic = Simulation(scene, Settings(**settings), device=arguments.device)
-    schedules = SCHEDULES if automatic.fits_a_block else ("coloured",)
-    for schedule in schedules:
-        sim = Simulation(scene, Settings(schedule=schedule, **settings), device=arguments.device)
+    automatic = Simulation(scene, Settings(**settings), device=arguments.device, worlds=arguments.worlds)
+    for schedule in SCHEDULES:
+        if schedule == "resident" and not automatic.fits_a_block:
+            continue
+        if schedule == "tiled" and (automatic.device == "cpu" or arguments.iterations > 1):
+            continue
+        sim = Simulation(scene, Settings(schedule=schedule, **settings), arguments.device, arguments.worlds)
         frame_times(sim, 3)  # compiles, captures
         sims[schedule] = sim
         frames[schedule] = max(3, int(1e3 * arguments.seconds / np.median(frame_times(sim, 5))))
-    found = {schedule: [] for schedule in schedules}
+    found = {schedule: [] for schedule in sims}
     for _ in range(arguments.rounds):
-        for schedule in schedules:
-            found[schedule].append(float(np.median(frame_times(sims[schedule], frames[schedule]))))
+        for schedule, sim in sims.items():
+            found[schedule].append(float(np.median(frame_times(sim, frames[schedule]))))
     row = {"resolution": resolution, **settings, "device": automatic.device}
-    for schedule in schedules:
-        row[schedule] = _quartiles(found[schedule])
+    for schedule in sims:
+        row[schedule] = quartiles(found[schedule])
     if "resident" in found:
-        row["ratio"] = _quartiles(np.array(found["coloured"]) / np.array(found["resident"]))
-    row["wall"] = _wall(automatic, max(frames.values()))
+        row["ratio"] = quartiles(np.array(found["coloured"]) / np.array(found["resident"]))
+    row["chosen"], row["wall"] = automatic.method, _wall(automatic, max(frames.values()))
     return row
-
-
-def _quartiles(numbers: np.ndarray) -> dict[str, float]:
-    return dict(zip(("low", "median", "high"), np.percentile(numbers, (25, 50, 75)), strict=True))
 
 
 def _wall(sim: Simulation, frames: int) -> float:
@@ -146,16 +167,18 @@ def _wall(sim: Simulation, frames: int) -> float:
 def table(rows: list[dict]) -> str:
     """The rows as text: median and quartiles in ms per frame."""
 
-    def spread(numbers: dict | None, digits: int, unit: str = "") -> str:
+    def spread(numbers: dict | None) -> str:
         if numbers is None:
-            return "does not fit"
-        return f"{numbers['median']:.{digits}f} ({numbers['low']:.{digits}f}-{numbers['high']:.{digits}f}){unit}"
+            return "-"
+        return f"{numbers['median']:.3f} ({numbers['low']:.3f}-{numbers['high']:.3f}) ms"
 
-    lines = [f"{'cloth':>9}  {'one launch a frame':>24}  {'one launch a colour':>24}  {'ratio':>18}  {'wall':>7}"]
+    heads = "  ".join(f"{'one launch ' + what:>24}" for what in SCHEDULES.values())
+    lines = [f"{'cloth':>9}  {heads}  {'wall':>9}  chosen"]
     for row in rows:
         size = f"{row['resolution']} x {row['resolution']}"
-        lines.append(
-            f"{size:>9}  {spread(row.get('resident'), 3, ' ms'):>24}  {spread(row['coloured'], 3, ' ms'):>24}"
-            f"  {spread(row['ratio'], 1) if 'ratio' in row else '':>18}  {row['wall']:.3f} ms"
-        )
+        times = "  ".join(f"{spread(row.get(schedule)):>24}" for schedule in SCHEDULES)
+        lines.append(f"{size:>9}  {times}  {row['wall']:.3f} ms  {row['chosen']}")
+        if "ratio" in row:
+            ratio = row["ratio"]
+            lines.append(f"{'':>9}  passes / frame {ratio['median']:.2f} ({ratio['low']:.2f}-{ratio['high']:.2f})")
     return "\n".join(lines)

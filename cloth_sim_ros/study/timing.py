@@ -33,6 +33,11 @@ def frame_times(sim: Simulation, frames: int, after: Callable[[], None] | None =
     return np.array([wp.get_event_elapsed_time(start, end) for start, end in marks])
 
 
+def quartiles(numbers: np.ndarray) -> dict[str, float]:
+    """low, median and high: the quartiles of `numbers`."""
+    return dict(zip(("low", "median", "high"), np.percentile(numbers, (25, 50, 75)), strict=True))
+
+
 def _wall_ms(sim: Simulation, after: Callable[[], None] | None) -> float:
     start = time.perf_counter()
     sim.step()

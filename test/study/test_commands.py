@@ -17,14 +17,19 @@ def command(monkeypatch, *arguments):
     return __main__.main()
 
 
-def test_speed_measures_both_schedules(monkeypatch, tmp_path, capsys):
+def test_speed_measures_schedules_and_features(monkeypatch, tmp_path, capsys):
     file = tmp_path / "speed.json"
     options = ("--device", "cpu", "--resolution", 8, "--rounds", 2, "--seconds", 0.01, "--json", file)
+    options += ("--features", "--figure", tmp_path / "speed.png")
     assert command(monkeypatch, "speed", *options) == 0
-    row = json.loads(file.read_text())["rows"][0]
-    assert row["resolution"] == 8 and 0.0 < row["resident"]["median"] < row["coloured"]["median"]
-    assert row["ratio"]["low"] <= row["ratio"]["median"] <= row["ratio"]["high"] and row["ratio"]["median"] > 1.0
-    assert "8 x 8" in capsys.readouterr().out
+    stored = json.loads(file.read_text())
+    row, features = stored["rows"][0], stored["features"]
+    assert row["resolution"] == 8 and min(row["resident"]["low"], row["coloured"]["low"]) > 0.0
+    assert row["ratio"]["low"] <= row["ratio"]["median"] <= row["ratio"]["high"]
+    assert features[0]["feature"] == features[0]["against"] == "all springs" and len(features) == 17
+    assert (tmp_path / "speed.png").stat().st_size > 5_000
+    printed = capsys.readouterr().out
+    assert "8 x 8" in printed and "edge contact with the box" in printed
 
 
 def test_error_writes_table_and_figures(monkeypatch, tmp_path, capsys):

@@ -1,0 +1,84 @@
+"""What each feature of a scene costs: the same cloth with it and without it, taking turns in one run."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.study.timing import frame_times, quartiles
+
+# Where a collider is: out of reach, or in the middle of the cloth.
+AWAY, AMID = (0.0, 5.0, 0.0), (0.0, 0.05, 0.0)
+_SHAPES = {
+    "sphere": lambda position: Sphere(radius=0.2, position=position),
+    "capsule": lambda position: Capsule(position=position),
+    "box": lambda position: Box(position=position),
+    "plane": lambda position: Plane(position=(0.0, 0.0, -5.0 if position == AWAY else -0.3)),
+}
+
+
+def variants(cloth: Cloth) -> dict[str, tuple[Scene, dict, str]]:
+    """Name -> (scene, settings, name of what it is held against) of a plain `cloth` with springs of all kinds."""
+    plain = Scene({"cloth": cloth})
+    bare = dataclasses.replace(cloth, shear_compliance=None, bend_compliance=None)
+    found = {
+        "all springs": (plain, {}, "all springs"),
+        "threads alone": (Scene({"cloth": bare}), {}, "all springs"),
+        "no bending": (Scene({"cloth": dataclasses.replace(cloth, bend_compliance=None)}), {}, "all springs"),
+        "bending by angles": (
+            Scene({"cloth": dataclasses.replace(cloth, bending="dihedral", bend_compliance=1e3)}),
+            {},
+            "all springs",
+        ),
+        "damping": (Scene({"cloth": dataclasses.replace(cloth, damping=1e-4)}), {}, "all springs"),
+        "wind": (Scene({"cloth": cloth}, wind=Wind((1.0, 0.5, 0.0))), {}, "all springs"),
+        "order 2": (plain, {"order": 2}, "all springs"),
+        "a second iteration": (plain, {"iterations": 2}, "all springs"),
+    }
+    for name, make in _SHAPES.items():
+        found[f"{name}, away"] = (Scene({"cloth": cloth}, {"it": make(AWAY)}), {}, "all springs")
+        found[f"{name}, touching"] = (Scene({"cloth": cloth}, {"it": make(AMID)}), {}, "all springs")
+    edged = dataclasses.replace(cloth, edge_contact=True)
+    found["edge contact with the box"] = (Scene({"cloth": edged}, {"it": _SHAPES["box"](AMID)}), {}, "box, touching")
+    return found
+
+
+def measure(cloth: Cloth, device: str, substeps: int, rounds: int, frames: int) -> list[dict]:
+    """A row a variant: quartiles of ms a frame, and of the difference to what it is held against, in turns.
+
+    All run one launch a frame, where the cloth fits a block, so that differences are those of the feature alone. The
+    plain cloth is there twice: its own difference is the noise.
+    """
+    chosen = variants(cloth)
+    fits = Simulation(chosen["all springs"][0], Settings(), device=device).fits_a_block
+    schedule = "resident" if fits else "coloured"
+    sims = {"": None}
+    for name, (scene, settings, _) in chosen.items():
+        sims[name] = Simulation(scene, Settings(substeps=substeps, schedule=schedule, **settings), device=device)
+        frame_times(sims[name], 3)
+    scene = chosen["all springs"][0]
+    sims[""] = Simulation(scene, Settings(substeps=substeps, schedule=schedule), device=device)
+    frame_times(sims[""], 3)
+    times = {name: [] for name in sims}
+    for _ in range(rounds):
+        for name, sim in sims.items():
+            sim.reset()
+            times[name].append(float(np.median(frame_times(sim, frames))))
+    rows = []
+    for name, (_, _, base) in chosen.items():
+        mine, without = np.array(times[name]), np.array(times["" if base == name else base])
+        rows.append({"feature": name, "against": base, "ms": quartiles(mine), "cost": quartiles(mine - without)})
+    return rows
+
+
+def table(rows: list[dict]) -> str:
+    """The rows as text; the first is the plain cloth against itself, which is the noise."""
+    lines = [f"{'feature':<26}  {'ms a frame':>10}  {'more, and its quartiles':>32}"]
+    for row in rows:
+        cost = row["cost"]
+        more = f"{cost['median']:+.4f} ({cost['low']:+.4f} to {cost['high']:+.4f}) ms"
+        against = "" if row["against"] == "all springs" else f"  than {row['against']}"
+        lines.append(f"{row['feature']:<26}  {row['ms']['median']:>10.4f}  {more:>32}{against}")
+    return "\n".join(lines)
