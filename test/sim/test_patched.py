@@ -49,20 +49,22 @@ def test_patches_own_every_particle_once_and_have_all_cells_of_their_own(strippe
             assert mine <= {frozenset(cell) for cell in patch.members[part.particles[: part.whole]]}
 
 
+@pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("substeps", [3, 8])
 @pytest.mark.parametrize("size", [8, 13, 64])
-def test_no_cut_changes_a_bit(device, size, substeps):
-    wanted, report = states(device, "coloured", substeps=substeps)
-    found, mine = states(device, "tiled", size, substeps=substeps)
+def test_no_cut_changes_a_bit(device, size, substeps, order):
+    wanted, report = states(device, "coloured", substeps=substeps, order=order)
+    found, mine = states(device, "tiled", size, substeps=substeps, order=order)
     assert np.array_equal(found, wanted)
     assert mine == report
 
 
+@pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
-def test_patches_touch_colliders_like_the_other_schedules(device, damping):
+def test_patches_touch_colliders_like_the_other_schedules(device, damping, order):
     objects = {"sheet": Cloth(resolution=(40, 33), pins="top", bend_compliance=1e-2, damping=damping)}
-    wanted, _ = states(device, "coloured", objects=objects, colliders=BALL)
-    found, _ = states(device, "tiled", 16, objects=objects, colliders=BALL)
+    wanted, _ = states(device, "coloured", objects=objects, colliders=BALL, order=order)
+    found, _ = states(device, "tiled", 16, objects=objects, colliders=BALL, order=order)
     assert np.abs(found - wanted)[:, :3].max() < 5e-6
     assert np.abs(found - wanted)[:, 3:].max() < 2e-3
 
@@ -83,7 +85,6 @@ def test_frames_that_patches_do_not_serve_are_still_right(device, settings):
 @pytest.mark.parametrize(
     ("words", "change"),
     [
-        ("order 2", {"order": 2}),
         ("wind", {"wind": Wind((1, 0, 0))}),
         ("xpbd of other than the springs of a grid", {"bending": "dihedral"}),
     ],
@@ -92,4 +93,4 @@ def test_what_patches_cannot_serve_is_said(words, change):
     cloth = Cloth(bend_compliance=1.0, **{k: v for k, v in change.items() if k == "bending"})
     scene = Scene({"cloth": cloth}, wind=change.get("wind"))
     with pytest.raises(ValueError, match=f"solver.schedule is 'tiled' with {words}; allowed is"):
-        Simulation(scene, Settings(schedule="tiled", order=change.get("order", 1)), device="cpu")
+        Simulation(scene, Settings(schedule="tiled"), device="cpu")

@@ -47,6 +47,12 @@ class Patches:
     positions: wp.array(dtype=wp.vec4)  # (worlds N,)
     low: wp.array(dtype=wp.vec4)  # (worlds N,)
     velocities: wp.array(dtype=wp.vec4)  # (worlds N,)
+    last_velocities: wp.array(dtype=wp.vec3)  # (worlds N,) order 2 alone, as all below
+    last_displacements: wp.array(dtype=wp.vec3)  # (worlds N,)
+    here: wp.array(dtype=wp.vec4)  # (worlds T C,) velocities of the places of all patches
+    last_here: wp.array(dtype=wp.vec3)  # (worlds T C,) their last velocities
+    moved_here: wp.array(dtype=wp.vec3)  # (worlds T C,) their last displacements
+    rough: wp.array(dtype=int)  # (2 worlds B,) 1 + the even and the odd substep whose motion was last not smooth
     sweeps: wp.array(dtype=Sweep)  # (worlds T K,)
 
 
@@ -70,8 +76,6 @@ def plan_patches(
     none."""
     if features.constraints != ("cell",):
         raise Unfit("xpbd of other than the springs of a grid", "method verlet or grids that bend by springs or not")
-    if features.order != 1:
-        raise Unfit("order 2", "order 1")
     if features.panels:
         raise Unfit("wind", "a scene without wind, method verlet")
     found = []
@@ -108,7 +112,8 @@ class Patched:
         self._count = len(worlds) * self._patches.body.shape[0]
         largest = max(len(one.particles) for body in chosen.bodies for patch in body for one in patch.passes)
         self._block = 1 if device.is_cpu else min(THREADS, -(-largest // 32) * 32)
-        self._kernel = make_kernel(features, chosen.capacity, self._block)
+        self._kernel, self._hand_over = make_kernels(features, chosen.capacity, self._block)
+        self._looks_back, self._bodies = features.looks_back, len(worlds) * len(chosen.bodies)
         self._graphs: dict[int, wp.Graph] = {}
 
     def advance(self, substeps: int, iterations: int) -> None:
@@ -129,6 +134,8 @@ class Patched:
 
     def _launch_frame(self, substeps: int) -> None:
         alone = 2 * ((substeps - 1) // 2)  # an even number of turns ends in the first buffer
+        if self._looks_back:
+            self._patches.rough.zero_()
         for substep in range(alone):
             wp.launch(
                 self._kernel,
@@ -136,6 +143,10 @@ class Patched:
                 inputs=[self._given, self._patches, substep],
                 device=self._device,
                 block_dim=self._block,
+            )
+        if self._looks_back:
+            wp.launch(
+                self._hand_over, dim=self._bodies, inputs=[self._given, self._patches, alone], device=self._device
             )
         for launch in self._whole.launches(alone, substeps):
             launch.launch()
@@ -167,6 +178,14 @@ def _upload(chosen: Plan, worlds: list[Arrays], device: wp.Device) -> Patches:
     for name in ("positions", "low", "velocities"):
         size = len(worlds) * getattr(arrays.state, name).shape[0]
         setattr(found, name, wp.zeros(size, dtype=wp.vec4, device=device))
+    particles, places, bodies = arrays.state.last_displacements.shape[0], found.members.shape[0], len(chosen.bodies)
+    second = len(worlds) * (particles > 0)
+    found.last_velocities = wp.zeros(second * particles, dtype=wp.vec3, device=device)
+    found.last_displacements = wp.zeros(second * particles, dtype=wp.vec3, device=device)
+    found.here = wp.zeros(second * places, dtype=wp.vec4, device=device)
+    found.last_here = wp.zeros(second * places, dtype=wp.vec3, device=device)
+    found.moved_here = wp.zeros(second * places, dtype=wp.vec3, device=device)
+    found.rough = wp.zeros(2 * second * bodies, dtype=int, device=device)
     found.sweeps = wp.zeros(len(worlds) * len(body) * arrays.colliders.shape[0], dtype=Sweep, device=device)
     return found
 
@@ -197,15 +216,18 @@ def buffer_of(s: State, patches: Patches, second: int, w: int) -> Buffer:
 
 
 @lru_cache
-def make_kernel(features: Features, capacity: int, block: int) -> wp.Kernel:
-    """The kernel of a substep of patches of `capacity` places."""
+def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kernel, wp.Kernel]:
+    """The kernel of a substep of patches of `capacity` places, and that which says what was smooth to the substep after
+    the last of them."""
     predict, finish = make_predict(features), make_finish(features)
     contact = make_contact(features) if features.shapes else None
     project = make_sweep_cells(features.order, stores=False)
     tile_address = native.make_tile_address(capacity)
     argument = given_type(features)
 
-    @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
+    options = {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
+
+    @wp.kernel(launch_bounds=block, **options)
     def advance(given: argument, patches: Patches, substep: int):
         q, t = wp.tid()
         w = q / patches.body.shape[0]
@@ -225,6 +247,14 @@ def make_kernel(features: Features, capacity: int, block: int) -> wp.Kernel:
             material = given.materials[b]
             colliders = given.colliders
         m = patches.model
+        smooth = bool(False)
+        rough = 2 * (w * s.history.shape[0] + b)
+        if wp.static(features.order == 2):
+            smooth = s.history[b] > 0
+            if substep > 0:
+                smooth = patches.rough[rough + (substep - 1) % 2] != substep
+        step = make_step(frame.dt, smooth, wp.static(features.order), parts_of_motion(body, material, frame))
+        step.first = True
         body.groups = patches.groups[n][0]
         body.tuple_groups = patches.groups[n][1]
         before = buffer_of(s, patches, substep % 2, w)
@@ -235,8 +265,13 @@ def make_kernel(features: Features, capacity: int, block: int) -> wp.Kernel:
         x = tile_address(x_tile)
         low = tile_address(low_tile)
         d = tile_address(d_tile)
-        step = make_step(frame.dt, False, 1, parts_of_motion(body, material, frame))
-        step.first = True
+        # What the stages look up by particle they find by place: order 2 needs more than fits the shared memory.
+        here = s
+        if wp.static(features.order == 2):
+            body.particles = q * wp.static(capacity)
+            here.velocities = patches.here
+            here.last_velocities = patches.last_here
+            here.last_displacements = patches.moved_here
         for i in range(t, wp.static(capacity), wp.static(block)):
             member = patches.members[n * wp.static(capacity) + i]
             if member != wp.static(_NOBODY):
@@ -246,7 +281,17 @@ def make_kernel(features: Features, capacity: int, block: int) -> wp.Kernel:
                 moving.low = xyz(load4(before.low, g))
                 store4(x, i, load4(before.positions, g))
                 store4(low, i, pack(moving.low, 0.0))
-                predict(i, moving, m, s, body, material, frame, step, x, low, d)
+                if wp.static(features.order == 2):
+                    place = body.particles + i
+                    here.velocities[place] = pack(moving.velocity, 0.0)
+                    if substep % 2 == 0:
+                        here.last_velocities[place] = s.last_velocities[g]
+                        here.last_displacements[place] = s.last_displacements[g]
+                    else:
+                        second = w * s.positions.shape[0] + g
+                        here.last_velocities[place] = patches.last_velocities[second]
+                        here.last_displacements[place] = patches.last_displacements[second]
+                predict(i, moving, m, here, body, material, frame, step, x, low, d)
         if wp.static(bool(features.shapes)):
             for c in range(t, colliders.shape[0], wp.static(block)):
                 count = float(frame.substeps)
@@ -254,22 +299,22 @@ def make_kernel(features: Features, capacity: int, block: int) -> wp.Kernel:
                     colliders[c], float(substep) / count, float(substep + 1) / count
                 )
         sync()
-        project(t, wp.static(block), m, s, body, material, step, x, low, d)
+        project(t, wp.static(block), m, here, body, material, step, x, low, d)
         for i in range(t, wp.static(capacity), wp.static(block)):
-            member = patches.members[n * wp.static(capacity) + i]
-            if member >= 0:
-                g = member
+            g = patches.members[n * wp.static(capacity) + i]
+            if g >= 0:
+                place = body.particles + i
                 if wp.static(bool(features.shapes)):
                     contact(
                         i,
                         q * colliders.shape[0],
-                        g,
+                        place,
                         material,
                         colliders,
                         patches.sweeps,
                         s.contacts,
-                        s.velocities,
-                        s.last_displacements,
+                        here.velocities,
+                        here.last_displacements,
                         step,
                         x,
                         low,
@@ -277,10 +322,30 @@ def make_kernel(features: Features, capacity: int, block: int) -> wp.Kernel:
                     )
                 velocity = wp.vec3(0.0)
                 if load4(x, i)[3] != 0.0:
-                    moving = finish(i, substep, False, s, body, step, x, low, d)
+                    moving = finish(i, substep, False, here, body, step, x, low, d)
                     velocity = moving.velocity
+                    if moving.rough > 0:
+                        patches.rough[rough + substep % 2] = substep + 1
                 store4(after.positions, g, load4(x, i))
                 store4(after.low, g, load4(low, i))
                 store4(after.velocities, g, pack(velocity, 0.0))
+                if wp.static(features.order == 2):
+                    if substep % 2 == 0:
+                        second = w * s.positions.shape[0] + g
+                        patches.last_velocities[second] = here.last_velocities[place]
+                        patches.last_displacements[second] = here.last_displacements[place]
+                    else:
+                        s.last_velocities[g] = here.last_velocities[place]
+                        s.last_displacements[g] = here.last_displacements[place]
 
-    return advance
+    @wp.kernel(**options)
+    def hand_over(given: argument, patches: Patches, substeps: int):
+        i = wp.tid()
+        if wp.static(features.worlds):
+            s = given[i / given[0].state.history.shape[0]].state
+        else:
+            s = given.state
+        b = i % s.history.shape[0]
+        s.history[b] = wp.where(patches.rough[2 * i + (substeps - 1) % 2] == substeps, 0, 1)
+
+    return advance, hand_over
