@@ -215,6 +215,13 @@ NODE = (
 PUBLISH = (
     Parameter("normals", "bool", False, "Whether particles carry normal_x normal_y normal_z.", live=True),
     Parameter("velocities", "bool", False, "Whether particles carry vx vy vz [m/s].", live=True),
+    Parameter(
+        "tensions",
+        "bool",
+        False,
+        "Whether a rope's particles carry tension [N], of the segment that begins at each; the last repeats.",
+        live=True,
+    ),
     Parameter("mesh", "bool", True, "Whether there is a mesh marker to draw.", live=True),
 )
 

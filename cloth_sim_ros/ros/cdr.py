@@ -36,13 +36,15 @@ class PatchedBytes:
         return bytes(self._buffer)
 
 
-def cloud_fields(normals: bool, velocities: bool) -> list[str]:
+def cloud_fields(normals: bool, velocities: bool, tensions: bool = False) -> list[str]:
     """Names of the float32 fields of a particle, in order."""
     names = ["x", "y", "z"]
     if normals:
         names += ["normal_x", "normal_y", "normal_z"]
     if velocities:
         names += ["vx", "vy", "vz"]
+    if tensions:
+        names += ["tension"]
     return names
 
 

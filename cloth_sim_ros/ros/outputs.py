@@ -33,12 +33,13 @@ class ObjectOutput:
         """Sends nothing until the next attach(): the object does not exist."""
         self._cloud = self._marker = None
 
-    def attach(self, sim: Simulation, normals: bool, velocities: bool, mesh: bool) -> None:
-        """Prepares messages and readbacks for a new simulation and sends the topology."""
+    def attach(self, sim: Simulation, normals: bool, velocities: bool, tensions: bool, mesh: bool) -> None:
+        """Prepares messages and readbacks for a new simulation and sends the topology. A cloth has no tensions."""
         name, frame = self._name, self._frame_id
         thing, rest, triangles = sim.scene.objects[name], sim.rest_positions(name), sim.triangles(name)
-        self._cloud_readback = Readback(sim, name, normals=normals, velocities=velocities)
-        self._cloud = cdr.particle_cloud(frame, len(rest), cdr.cloud_fields(normals, velocities))
+        tensions = tensions and isinstance(thing, Rope)
+        self._cloud_readback = Readback(sim, name, normals=normals, velocities=velocities, tensions=tensions)
+        self._cloud = cdr.particle_cloud(frame, len(rest), cdr.cloud_fields(normals, velocities, tensions))
         self._marker = None
         if mesh:
             width = 2 * thing.radius if isinstance(thing, Rope) else None

@@ -54,7 +54,7 @@ class Batch:
         collected = ModelArrays(spokes=features.method == "verlet")
         for topology in topologies.values():
             collected.add(topology)
-        self.spring_groups = collected.spring_groups
+        self.spring_groups, self.spring_order = collected.spring_groups, collected.spring_order
         self.starts = [body[2] for body in collected.bodies]
         self.counts = [body[3] for body in collected.bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)
@@ -179,8 +179,11 @@ class Batch:
 
     def _forget(self, name: str, world: int | None) -> None:
         segments, b = self.segments(name), self.index[name]
+        for first, order in self.spring_order[b].values():
+            self._part("spring_multipliers", slice(first, first + len(order)), world).zero_()
         if segments.stop > segments.start:
             self._part("tensions", segments, world).zero_()
+            self._part("chain_forces", self.span(name), world).zero_()
             if self.features.beam:
                 self._part("moments", segments, world).zero_()
         if self.features.looks_back:

@@ -121,7 +121,8 @@ def colour_sorted(elements: Elements) -> tuple[np.ndarray, list[tuple[int, int]]
 class ModelArrays:
     """Collects the NumPy parts of a batch, body by body, and uploads them once.
 
-    spring_groups[b]: "spring" or "cell", and the groups of these in body b.
+    spring_groups[b]: "spring" or "cell", and the groups of these in body b. spring_order[b][kind] is (first, order),
+    for springs that lie in no cell: element `order[i]` of that kind lies at first + i.
     """
 
     def __init__(self, spokes: bool) -> None:
@@ -132,6 +133,7 @@ class ModelArrays:
         self.groups: list[tuple[int, int, int, int]] = []
         self.size = dict.fromkeys(_TYPES, 0)
         self.spring_groups: list[tuple[str, list[tuple[int, int, int, int]]]] = []
+        self.spring_order: list[dict[str, tuple[int, np.ndarray]]] = []
 
     def _append(self, name: str, rows: np.ndarray) -> int:
         start = self.size[name]
@@ -147,6 +149,7 @@ class ModelArrays:
         first = self.particles
         self.particles += len(topology.masses)
         groups = len(self.groups)
+        self.spring_order.append({})
         if topology.grid is None:
             self._add_springs(topology)
         else:
@@ -196,6 +199,7 @@ class ModelArrays:
             indices = bits(elements.particles[order])
             numbers = np.stack([elements.rest, elements.scale], 1)[order].astype(np.float32)
             start = self._append("springs", np.concatenate([indices, numbers], 1))
+            self.spring_order[-1][kind] = (start, order)
             self._append_groups("spring", KINDS.index(kind), start, spans)
 
     def _add_cells(self, topology: Topology) -> None:

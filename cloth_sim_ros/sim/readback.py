@@ -55,6 +55,9 @@ def write_points(
 class Readback:
     """One object's particles in a world, and with `mesh` its triangle list or line strip, as messages want them.
 
+    With `tensions`, which a rope alone has, a particle carries that of the segment behind it, from it to the next one;
+    the last particle that of the last segment.
+
     `request()` launches the writing and the copies and allocates nothing; `particles()` and `mesh()` wait for them and
     return views that hold until the next request.
     """
@@ -67,11 +70,12 @@ class Readback:
         velocities: bool = False,
         mesh: bool = False,
         world: int = 0,
+        tensions: bool = False,
     ) -> None:
         _, span, device = sim.device_arrays(name, world)
         count = span.stop - span.start
-        self._sim, self._object, self._columns = sim, (name, world), (normals, velocities)
-        self._particles = _Buffer((count, 3 + 3 * normals + 3 * velocities), wp.float32, device)
+        self._sim, self._object, self._columns, self._tensions = sim, (name, world), (normals, velocities), tensions
+        self._particles = _Buffer((count, 3 + 3 * normals + 3 * velocities + tensions), wp.float32, device)
         self._mesh = None
         if mesh:
             triangles = sim.triangles(name)
@@ -87,6 +91,9 @@ class Readback:
         count = span.stop - span.start
         inputs = [arrays, span.start, *self._columns, self._particles.device_array]
         self._commands = [wp.launch(write_particles, dim=count, inputs=inputs, device=device, record_cmd=True)]
+        if self._tensions:
+            out = self._particles.device_array
+            self._commands.append(self._sim.tensions_into(out, out.shape[1] - 1, *self._object))
         if self._mesh is not None:
             inputs = [arrays.state.positions, span.start, self._order, self._mesh.device_array]
             self._commands.append(
@@ -107,7 +114,7 @@ class Readback:
             wp.record_event(self._done)
 
     def particles(self) -> np.ndarray:
-        """(N, 3, 6 or 9) float32: x y z [m], then normals, then velocities [m/s]."""
+        """(N, 3 to 10) float32: x y z [m], then normals, velocities [m/s] and the tension [N], as asked for."""
         self._wait()
         return self._particles.view
 

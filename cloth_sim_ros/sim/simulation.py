@@ -20,6 +20,7 @@ from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings, finite_array, unit_quaternion
 from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
+from cloth_sim_ros.sim.tension import Tensions, read_tensions
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
@@ -245,6 +246,23 @@ class Simulation:
         arrays, span, _ = self.device_arrays(name, world)
         return np.ascontiguousarray(arrays.state.velocities[span].numpy()[:, :3])
 
+    def tensions(self, name: str, world: int = 0) -> np.ndarray:
+        """Tensions (S,) float32 [N] of a rope's segments at the end of the last substep in one world, also where they
+        are rigid; below 0 where a segment is pushed together. Raises ValueError for a cloth."""
+        return read_tensions(self._rope_batch(name), name, self._one(world))
+
+    def tensions_into(self, out: wp.array, column: int, name: str, world: int = 0) -> Tensions:
+        """What writes the tensions of a rope into a column of a device array (N, columns) float, a particle a row; it
+        holds until `builds` changes. Raises ValueError for a cloth."""
+        return Tensions(self._rope_batch(name), name, self._one(world), out, column)
+
+    def _rope_batch(self, name: str) -> Batch:
+        """The batch of a rope. Raises ValueError for a cloth."""
+        self._topology(name)
+        if not isinstance(self.scene.objects[name], Rope):
+            raise ValueError(f"{name} is a cloth, which has no segments with a tension; allowed is a rope")
+        return self._batch[name]
+
     def set_positions(self, name: str, positions: Any, world: int | None = None) -> None:
         """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew."""
         rows = self._rows(name, positions, "positions", _FAR)
@@ -284,7 +302,8 @@ class Simulation:
         return batch.worlds[self._one(world)], batch.span(name), self._device
 
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
-        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries.
+        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries;
+        of a rope also max_tension, start_tension, end_tension [N], of all, the first and the last of its segments.
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
@@ -295,6 +314,14 @@ class Simulation:
         self._upload()
         dt = self.settings.frame_dt / self.settings.substeps
         found = {name: self._reporter.measure(batch, name, dt, world) for name, batch in self._batch.items()}
+        for name, thing in self.scene.objects.items():
+            if isinstance(thing, Rope):
+                pull = self.tensions(name, world)
+                found[name] |= {
+                    "max_tension": float(pull.max()),
+                    "start_tension": float(pull[0]),
+                    "end_tension": float(pull[-1]),
+                }
         if self.settings.method == "auto":
             for name, numbers in found.items():
                 hot = numbers["recoveries"] or numbers["max_strain"] > STRAINED

@@ -127,6 +127,7 @@ class State:
     tensions: wp.array(dtype=float)  # (C,) [N]
     targets: wp.array(dtype=wp.vec3)  # (N,) where particles of a chain would be without it [m], chains alone
     solved: wp.array(dtype=wp.vec3)  # (N,) where its last solve put them [m], chains alone
+    chain_forces: wp.array(dtype=wp.vec3)  # (N,) of a chain on its particles in the last substep [N], chains alone
     segments: wp.array(dtype=Segment)  # (C,)
     moments: wp.array(dtype=wp.vec3)  # (C,) bending moment [N m] behind each segment of a chain that bends
     beam: wp.array(dtype=BeamRow)  # (N,)
@@ -191,6 +192,7 @@ def make_states(
         "tensions": (arrays.size["segment_length"], float),
         "targets": (particles if features.chain else 0, wp.vec3),
         "solved": (particles if features.chain else 0, wp.vec3),
+        "chain_forces": (particles if features.chain else 0, wp.vec3),
         "segments": (arrays.size["segment_length"], Segment),
         "moments": (arrays.size["joints"], wp.vec3),
         "beam": (particles if features.beam else 0, BeamRow),

@@ -114,7 +114,7 @@ class Coloured:
     def _launch_iteration(self, b: int, body: dict, iteration: int, store: int) -> None:
         turn = iteration if iteration < 2 else 2 + iteration % 2  # of those after the first the parity alone matters
         if self._features.chain:
-            self._launch("chain", 1, b, iteration=turn)
+            self._launch("chain", 1, b, iteration=turn, store=store)
         kinds = dict.fromkeys(("springs", "cells"), ("groups", "tuple_groups")) | {
             "tuples": ("tuple_groups", "groups_end")
         }
@@ -237,6 +237,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         p = body.particles + i
         if arrays.state.faulty[b] == 1:
             put_back(p, arrays.state)
+            if wp.static(features.chain):
+                arrays.state.chain_forces[p] = wp.vec3(0.0)
             if body.segments + i < body.segments_end:
                 arrays.state.tensions[body.segments + i] = 0.0
                 if wp.static(features.beam):
@@ -397,7 +399,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
 
         @stage
         def chain(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-            here = look(arrays, b, iteration, 0)
+            here = look(arrays, b, iteration, store)
             m, s, material = arrays.model, arrays.state, arrays.materials[b]
             if solve_chain(0, m, s, here.body, material, here.step, here.x, here.d, here.x):
                 arrays.state.torn[b] = 1

@@ -46,7 +46,7 @@ def missing_of(i: int, s: State, body: Body, step: Step, d: wp.uint64) -> wp.vec
 
     Whatever moved it since the last solve of the substep (bending, contact) counts as part of where it would be.
     """
-    if step.first and not step.repeats:
+    if step.first and not step.store:
         return wp.vec3(0.0)
     g = body.particles + i
     now = xyz(load4(d, i))
@@ -59,12 +59,15 @@ def missing_of(i: int, s: State, body: Body, step: Step, d: wp.uint64) -> wp.vec
 
 @wp.func
 def _move(i: int, u: wp.vec3, s: State, body: Body, step: Step, d: wp.uint64):
+    g = body.particles + i
     p = load4(d, i)
     if p[3] > 0.0:
         p = p + wp.vec4(u[0], u[1], u[2], 0.0)
         store4(d, i, p)
+        if step.store:
+            s.chain_forces[g] = (xyz(p) - s.targets[g]) * quotient(step.inverse_square, p[3])
     if step.repeats:
-        s.solved[body.particles + i] = xyz(p)
+        s.solved[g] = xyz(p)
 
 
 def make_prepare(order: int):

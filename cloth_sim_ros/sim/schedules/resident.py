@@ -249,6 +249,8 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         for i in range(last - t, -1, -width):
             if faulty:
                 put_back(body.particles + i, s)
+                if wp.static(features.chain):
+                    s.chain_forces[body.particles + i] = wp.vec3(0.0)
             else:
                 keep(body.particles + i, load4(x, i), load4(low, i), s)
         if faulty:

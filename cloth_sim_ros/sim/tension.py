@@ -1,0 +1,164 @@
+"""Tension along ropes, from what their solver left on the device.
+
+A rigid segment has a tension without a strain, so a direct solve's multipliers say little about it: they are the small
+difference of displacements, divided by next to no compliance, and their rounding may be as large as the tension. How
+far the solve moved each particle is known well, and times its mass that is the force of the chain on it. The segments'
+forces are sums of these from a free end; between two held ends the one that is unknown is fitted, so that forces lie
+along their segments.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.physics.distance import SHORTEST
+from cloth_sim_ros.sim.physics.integrate import effective_step
+from cloth_sim_ros.sim.schedules.native import xyz
+from cloth_sim_ros.sim.schedules.stages import parts_of_motion
+from cloth_sim_ros.sim.state import Arrays
+
+DIRECT, MULTIPLIERS, SPRINGS = 0, 1, 2  # where a rope's tension is found
+
+# Of the fit between two held ends, how much what the solve says along a segment weighs against what lies across it: it
+# decides where a rope is straight.
+ALONG = wp.constant(wp.float64(1.0e-3))
+
+
+@wp.func
+def edge_at(arrays: Arrays, i: int) -> wp.vec3:
+    """From particle i of the batch to the next [m]."""
+    e = xyz(arrays.state.positions[i + 1] - arrays.state.positions[i])
+    return e + xyz(arrays.state.low[i + 1] - arrays.state.low[i])
+
+
+@wp.func
+def is_held(arrays: Arrays, i: int) -> bool:
+    return arrays.state.positions[i][3] == 0.0
+
+
+@wp.func
+def fitted(
+    arrays: Arrays, b: int, begin: int, end: int, free_start: bool, free_end: bool, forces: wp.array(dtype=wp.vec3)
+):
+    """Add to the forces of segments `begin` to `end`, summed from 0, what makes them those of the chain."""
+    body = arrays.model.bodies[b]
+    lacks = wp.vec3d()
+    if free_start:
+        lacks = wp.vec3d(arrays.state.chain_forces[body.particles + begin])
+    elif free_end:
+        lacks = -wp.vec3d(arrays.state.chain_forces[body.particles + end]) - wp.vec3d(forces[end - 1])
+    else:
+        matrix = wp.mat33d()
+        right = wp.vec3d()
+        for k in range(begin, end):
+            n = wp.normalize(wp.vec3d(edge_at(arrays, body.particles + k)))
+            share = wp.identity(n=3, dtype=wp.float64) - (wp.float64(1.0) - ALONG) * wp.outer(n, n)
+            matrix += share
+            right += ALONG * wp.float64(arrays.state.tensions[body.segments + k]) * n
+            right -= share * wp.vec3d(forces[k])
+        lacks = wp.inverse(matrix) * right
+    for k in range(begin, end):
+        forces[k] += wp.vec3(lacks)
+
+
+@wp.kernel(enable_backward=False)
+def balance(arrays: Arrays, b: int, forces: wp.array(dtype=wp.vec3)):
+    """The force [N] with which each segment of a directly solved rope pulls the particle that it begins at."""
+    body = arrays.model.bodies[b]
+    segments = body.segments_end - body.segments
+    begin = int(0)
+    total = wp.vec3d()
+    for k in range(segments):
+        i = body.particles + k
+        if k > begin:
+            total += wp.vec3d(arrays.state.chain_forces[i])
+        forces[k] = wp.vec3(total)
+        held = is_held(arrays, i + 1)
+        if held or k + 1 == segments:
+            free_start = begin == 0 and not is_held(arrays, body.particles)
+            fitted(arrays, b, begin, k + 1, free_start, not held, forces)
+            begin = k + 1
+            total = wp.vec3d()
+
+
+@wp.func
+def last_step(arrays: Arrays, b: int) -> float:
+    """The effective length of the last substep [s], where it was as smooth as the one before it."""
+    frame = arrays.frames[0]
+    second = bool(False)
+    if arrays.state.last_displacements.shape[0] > 0:
+        second = arrays.state.history[b] > 0
+    return effective_step(frame.dt, second, parts_of_motion(arrays.model.bodies[b], arrays.materials[b], frame))
+
+
+@wp.kernel(enable_backward=False)
+def pull_of_springs(
+    arrays: Arrays, b: int, implicit: bool, springs: wp.array(dtype=int), forces: wp.array(dtype=wp.vec3)
+):
+    """The same where segments are springs: from their multipliers, h^2 times the force that closes them, or if they
+    are not solved for, from their length and its rate."""
+    k = wp.tid()
+    i = arrays.model.bodies[b].particles + k
+    e = edge_at(arrays, i)
+    length = wp.max(wp.length(e), SHORTEST)
+    n = e / length
+    tension = float(0.0)
+    if implicit:
+        h = last_step(arrays, b)
+        tension = -arrays.state.spring_multipliers[springs[k]] / (h * h)
+    else:
+        numbers = arrays.model.springs[springs[k]]
+        rate = wp.dot(n, xyz(arrays.state.velocities[i + 1] - arrays.state.velocities[i]))
+        stretch = length - numbers[2] + arrays.materials[b].damping * rate
+        tension = stretch / (arrays.materials[b].compliance[0] * numbers[3])
+    forces[k] = tension * n
+
+
+@wp.kernel(enable_backward=False)
+def write_tensions(arrays: Arrays, b: int, forces: wp.array(dtype=wp.vec3), column: int, out: wp.array2d(dtype=float)):
+    """The tension of the segment that begins at each particle, the last segment's at the last particle too."""
+    i = wp.tid()
+    k = wp.min(i, forces.shape[0] - 1)
+    out[i, column] = wp.dot(wp.normalize(edge_at(arrays, arrays.model.bodies[b].particles + k)), forces[k])
+
+
+class Tensions:
+    """The tensions of a rope in a world: `launch()` computes them from its state as it is then, with no allocation.
+
+    They are below 0 where a segment is pushed together, and hold the share of the dashpots. What is passed as `out`
+    (N, columns) float gets them into one of its columns, that of a segment at the particle it begins at, the last also
+    at the last particle.
+    """
+
+    def __init__(self, batch: Batch, name: str, world: int, out: wp.array, column: int) -> None:
+        b, arrays, device = batch.index[name], batch.worlds[world], batch.device
+        segments = batch.counts[b] - 1
+        self.forces = wp.zeros(segments, dtype=wp.vec3, device=device)
+        if batch.features.chain:
+            first = wp.launch(balance, dim=1, inputs=[arrays, b, self.forces], device=device, record_cmd=True)
+        else:
+            start, order = batch.spring_order[b]["structural"]
+            rows = np.zeros(segments, dtype=np.int32)
+            rows[order] = start + np.arange(segments)
+            springs = wp.array(rows, dtype=int, device=device)
+            inputs = [arrays, b, batch.features.method == "xpbd", springs, self.forces]
+            first = wp.launch(pull_of_springs, dim=segments, inputs=inputs, device=device, record_cmd=True)
+        inputs = [arrays, b, self.forces, column, out]
+        self._commands = [
+            first,
+            wp.launch(write_tensions, dim=segments + 1, inputs=inputs, device=device, record_cmd=True),
+        ]
+
+    def launch(self) -> None:
+        """Compute them anew."""
+        for command in self._commands:
+            command.launch()
+
+
+def read_tensions(batch: Batch, name: str, world: int) -> np.ndarray:
+    """Tensions (S,) float32 [N] of the segments of a rope in one world."""
+    out = wp.zeros((batch.counts[batch.index[name]], 1), dtype=float, device=batch.device)
+    Tensions(batch, name, world, out, 0).launch()
+    return out.numpy()[:-1, 0].copy()

@@ -1,0 +1,30 @@
+"""What a rope pulls with, seen from another process: the tension along it."""
+
+import numpy as np
+import pytest
+from client import fields
+from sensor_msgs.msg import PointCloud2
+
+G, MASS, SEGMENTS = 9.81, 0.3, 8
+HANGING = """
+cloth_sim:
+  ros__parameters:
+    objects: [rope, sheet]
+    rope: {type: rope, segments: 8, start: [0, 0, 1], end: [0, 0, 0], mass: 0.3, stretch_compliance: 1.0e-4}
+    sheet: {type: cloth, resolution: [3, 3]}
+    solver: {substeps: 5, global_damping: 8.0}
+    publish: {tensions: true}
+"""
+
+
+def test_tension_of_the_segment_behind_each_particle(start, client):
+    start(HANGING).ready()
+    clouds = client.listen(PointCloud2, "/cloth_sim/rope/particles", 1)
+    sheets = client.listen(PointCloud2, "/cloth_sim/sheet/particles", 1)
+    client.spin(3.0)
+    assert [field.name for field in clouds[-1].fields] == ["x", "y", "z", "tension"]
+    expected = G * MASS * (1.0 - (np.arange(SEGMENTS) + 0.5) / SEGMENTS)
+    tension = fields(clouds[-1])[:, 3]
+    assert tension[:-1] == pytest.approx(expected, rel=2e-3)
+    assert tension[-1] == tension[-2]
+    assert [field.name for field in sheets[-1].fields] == ["x", "y", "z"]
