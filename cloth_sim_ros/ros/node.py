@@ -40,7 +40,9 @@ class ClothSimNode(Node):
         values = self._bridge.values
         self._frame_id = values["frame_id"]
         self._complaints = inputs.Complaints(log.warning)
-        self._outputs = {name: ObjectOutput(self, name, self._frame_id) for name in values["objects"]}
+        self._outputs = {
+            name: ObjectOutput(self, name, values[f"{name}.type"], self._frame_id) for name in values["objects"]
+        }
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._clock_out = self.create_publisher(Clock, "/clock", LATEST) if values["publish_clock"] else None
         world = World(values, log)

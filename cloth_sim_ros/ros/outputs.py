@@ -2,17 +2,56 @@
 
 from __future__ import annotations
 
+from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from cloth_sim_ros.ros import cdr
-from cloth_sim_ros.sim import Readback, Rope, Simulation
+from cloth_sim_ros.sim import EndReadback, Readback, Rope, Simulation
 
+ENDS = ("start", "end")  # of a rope
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class RopeEnds:
+    """The wrenches of a rope on what holds its ends, in world axes, about the end; sent where somebody subscribes."""
+
+    def __init__(self, node: Node, name: str, frame_id: str):
+        self._name = name
+        self._publishers = [node.create_publisher(WrenchStamped, f"~/{name}/{end}/wrench", LATEST) for end in ENDS]
+        self._message = WrenchStamped(header=Header(frame_id=frame_id))
+        self._readback: EndReadback | None = None
+        self._wanted = False
+
+    def detach(self) -> None:
+        """Sends nothing until the next attach()."""
+        self._readback = None
+
+    def attach(self, sim: Simulation) -> None:
+        """Prepares the readback for a new simulation."""
+        self._readback = EndReadback(sim, self._name)
+
+    def request(self) -> None:
+        """Starts the computing and copying if it is wanted."""
+        listened = any(publisher.get_subscription_count() > 0 for publisher in self._publishers)
+        self._wanted = self._readback is not None and listened
+        if self._wanted:
+            self._readback.request()
+
+    def send(self, stamp: tuple[int, int]) -> None:
+        """Sends what was requested, stamped (seconds, nanoseconds)."""
+        if not self._wanted:
+            return
+        self._message.header.stamp.sec, self._message.header.stamp.nanosec = stamp
+        force, torque = self._message.wrench.force, self._message.wrench.torque
+        for publisher, wrench in zip(self._publishers, self._readback.wrenches().tolist(), strict=True):
+            force.x, force.y, force.z, torque.x, torque.y, torque.z = wrench
+            publisher.publish(self._message)
 
 
 class ObjectOutput:
@@ -21,8 +60,9 @@ class ObjectOutput:
     Made in the executor's thread; attach(), request() and send() belong to the thread that simulates.
     """
 
-    def __init__(self, node: Node, name: str, frame_id: str):
+    def __init__(self, node: Node, name: str, kind: str, frame_id: str):
         self._name, self._frame_id = name, frame_id
+        self._ends = [RopeEnds(node, name, frame_id)] if kind == "rope" else []
         self._particles = node.create_publisher(PointCloud2, f"~/{name}/particles", LATEST)
         self._mesh = node.create_publisher(Marker, f"~/{name}/mesh", LATEST)
         self._topology = node.create_publisher(Mesh, f"~/{name}/topology", LATCHED)
@@ -32,6 +72,8 @@ class ObjectOutput:
     def detach(self) -> None:
         """Sends nothing until the next attach(): the object does not exist."""
         self._cloud = self._marker = None
+        for ends in self._ends:
+            ends.detach()
 
     def attach(self, sim: Simulation, normals: bool, velocities: bool, tensions: bool, mesh: bool) -> None:
         """Prepares messages and readbacks for a new simulation and sends the topology. A cloth has no tensions."""
@@ -45,6 +87,8 @@ class ObjectOutput:
             width = 2 * thing.radius if isinstance(thing, Rope) else None
             self._mesh_readback = Readback(sim, name, mesh=True)
             self._marker = cdr.mesh_marker(frame, name, width, 3 * len(triangles) if len(triangles) else len(rest))
+        for ends in self._ends:
+            ends.attach(sim)
         self._topology.publish(cdr.topology_mesh(triangles, rest))
 
     def request(self) -> None:
@@ -55,6 +99,8 @@ class ObjectOutput:
             self._cloud_readback.request()
         if self._mesh_wanted:
             self._mesh_readback.request()
+        for ends in self._ends:
+            ends.request()
 
     def send(self, stamp: tuple[int, int]) -> None:
         """Sends what was requested, stamped (seconds, nanoseconds)."""
@@ -64,3 +110,5 @@ class ObjectOutput:
         if self._mesh_wanted:
             self._marker.payload[:] = self._mesh_readback.mesh()
             self._mesh.publish(self._marker.stamped(stamp))
+        for ends in self._ends:
+            ends.send(stamp)

@@ -54,7 +54,8 @@ class Batch:
         collected = ModelArrays(spokes=features.method == "verlet")
         for topology in topologies.values():
             collected.add(topology)
-        self.spring_groups, self.spring_order = collected.spring_groups, collected.spring_order
+        self.spring_groups = collected.spring_groups
+        self.spring_order, self.tuple_order = collected.spring_order, collected.tuple_order
         self.starts = [body[2] for body in collected.bodies]
         self.counts = [body[3] for body in collected.bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)

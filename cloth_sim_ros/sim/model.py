@@ -122,7 +122,8 @@ class ModelArrays:
     """Collects the NumPy parts of a batch, body by body, and uploads them once.
 
     spring_groups[b]: "spring" or "cell", and the groups of these in body b. spring_order[b][kind] is (first, order),
-    for springs that lie in no cell: element `order[i]` of that kind lies at first + i.
+    for springs that lie in no cell: element `order[i]` of that kind lies at first + i;
+    tuple_order[b][constraint] the same of the tuples.
     """
 
     def __init__(self, spokes: bool) -> None:
@@ -134,6 +135,7 @@ class ModelArrays:
         self.size = dict.fromkeys(_TYPES, 0)
         self.spring_groups: list[tuple[str, list[tuple[int, int, int, int]]]] = []
         self.spring_order: list[dict[str, tuple[int, np.ndarray]]] = []
+        self.tuple_order: list[dict[str, tuple[int, np.ndarray]]] = []
 
     def _append(self, name: str, rows: np.ndarray) -> int:
         start = self.size[name]
@@ -150,6 +152,7 @@ class ModelArrays:
         self.particles += len(topology.masses)
         groups = len(self.groups)
         self.spring_order.append({})
+        self.tuple_order.append({})
         if topology.grid is None:
             self._add_springs(topology)
         else:
@@ -161,6 +164,7 @@ class ModelArrays:
             start = self._append(
                 "tuples", np.pad(elements.particles, ((0, 0), (0, 4 - elements.particles.shape[1])), "edge")[order]
             )
+            self.tuple_order[-1][constraint] = (start, order)
             self._append("tuple_rest", np.column_stack([elements.rest, elements.scale, extra])[order])
             self._append_groups(constraint, KINDS.index("bending"), start, spans)
         groups_end = len(self.groups)

@@ -130,6 +130,36 @@ class Readback:
             wp.synchronize_event(self._done)
 
 
+class EndReadback:
+    """What a rope loads its ends with in a world: `request()` as for a Readback, then `wrenches()`."""
+
+    def __init__(self, sim: Simulation, name: str, world: int = 0) -> None:
+        device = sim.device_arrays(name, world)[2]
+        self._sim, self._object = sim, (name, world)
+        self._buffer = _Buffer((2, 6), wp.float32, device)
+        self._record()
+        self._done = wp.Event(device) if device.is_cuda else None
+
+    def _record(self) -> None:
+        self._command = self._sim.end_wrenches_into(self._buffer.device_array, *self._object)
+        self._build = self._sim.builds
+
+    def request(self) -> None:
+        """Start computing and copying the wrenches as they will be when all launched frames are done."""
+        if self._build != self._sim.builds:
+            self._record()
+        self._command.launch()
+        self._buffer.copy()
+        if self._done is not None:
+            wp.record_event(self._done)
+
+    def wrenches(self) -> np.ndarray:
+        """(2, 6) float32, see Simulation.end_wrenches; holds until the next request."""
+        if self._done is not None:
+            wp.synchronize_event(self._done)
+        return self._buffer.view
+
+
 class _Buffer:
     """A device array and its host copy: pinned beside a GPU, the same memory on the CPU."""
 

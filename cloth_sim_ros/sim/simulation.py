@@ -21,6 +21,7 @@ from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings, finite_array, 
 from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
 from cloth_sim_ros.sim.tension import Tensions, read_tensions
+from cloth_sim_ros.sim.wrench import EndWrenches, read_wrenches
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
@@ -256,11 +257,25 @@ class Simulation:
         holds until `builds` changes. Raises ValueError for a cloth."""
         return Tensions(self._rope_batch(name), name, self._one(world), out, column)
 
+    def end_wrenches(self, name: str, world: int = 0) -> np.ndarray:
+        """(2, 6) float32: force [N] and torque [N m] in world axes with which a rope loads what holds its start, then
+        its end, in one world.
+
+        All particles held from an end on count, with their weight, and the torque is about the end particle: of a clamp
+        of two particles it is the clamping moment. An end that is free loads nothing. Raises ValueError for a cloth.
+        """
+        return read_wrenches(self._rope_batch(name), name, self._one(world), self.masses(name))
+
+    def end_wrenches_into(self, out: wp.array, name: str, world: int = 0) -> EndWrenches:
+        """What writes the end wrenches of a rope into a device array (2, 6) float; it holds until `builds` changes.
+        Raises ValueError for a cloth."""
+        return EndWrenches(self._rope_batch(name), name, self._one(world), self.masses(name), out)
+
     def _rope_batch(self, name: str) -> Batch:
         """The batch of a rope. Raises ValueError for a cloth."""
         self._topology(name)
         if not isinstance(self.scene.objects[name], Rope):
-            raise ValueError(f"{name} is a cloth, which has no segments with a tension; allowed is a rope")
+            raise ValueError(f"{name} is a cloth, which has no tension along it and no ends; allowed is a rope")
         return self._batch[name]
 
     def set_positions(self, name: str, positions: Any, world: int | None = None) -> None:

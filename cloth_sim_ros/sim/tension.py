@@ -125,14 +125,14 @@ def write_tensions(arrays: Arrays, b: int, forces: wp.array(dtype=wp.vec3), colu
 
 
 class Tensions:
-    """The tensions of a rope in a world: `launch()` computes them from its state as it is then, with no allocation.
+    """The forces (S,) vec3 [N] with which the segments of a rope in a world pull the particles that they begin at.
 
-    They are below 0 where a segment is pushed together, and hold the share of the dashpots. What is passed as `out`
-    (N, columns) float gets them into one of its columns, that of a segment at the particle it begins at, the last also
-    at the last particle.
+    `launch()` computes them from the state as it is then, with no allocation: `forces`, and into a column of `out`
+    (N, columns) float, where that is given, the tensions, that of a segment at the particle it begins at, the last also
+    at the last particle. They are below 0 where a segment is pushed together, and hold the share of the dashpots.
     """
 
-    def __init__(self, batch: Batch, name: str, world: int, out: wp.array, column: int) -> None:
+    def __init__(self, batch: Batch, name: str, world: int, out: wp.array | None = None, column: int = 0) -> None:
         b, arrays, device = batch.index[name], batch.worlds[world], batch.device
         segments = batch.counts[b] - 1
         self.forces = wp.zeros(segments, dtype=wp.vec3, device=device)
@@ -145,11 +145,12 @@ class Tensions:
             springs = wp.array(rows, dtype=int, device=device)
             inputs = [arrays, b, batch.features.method == "xpbd", springs, self.forces]
             first = wp.launch(pull_of_springs, dim=segments, inputs=inputs, device=device, record_cmd=True)
-        inputs = [arrays, b, self.forces, column, out]
-        self._commands = [
-            first,
-            wp.launch(write_tensions, dim=segments + 1, inputs=inputs, device=device, record_cmd=True),
-        ]
+        self._commands = [first]
+        if out is not None:
+            inputs = [arrays, b, self.forces, column, out]
+            self._commands.append(
+                wp.launch(write_tensions, dim=segments + 1, inputs=inputs, device=device, record_cmd=True)
+            )
 
     def launch(self) -> None:
         """Compute them anew."""

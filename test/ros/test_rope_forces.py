@@ -1,8 +1,9 @@
-"""What a rope pulls with, seen from another process: the tension along it."""
+"""What a rope pulls with, seen from another process: the tension along it and the load on its ends."""
 
 import numpy as np
 import pytest
 from client import fields
+from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import PointCloud2
 
 G, MASS, SEGMENTS = 9.81, 0.3, 8
@@ -28,3 +29,15 @@ def test_tension_of_the_segment_behind_each_particle(start, client):
     assert tension[:-1] == pytest.approx(expected, rel=2e-3)
     assert tension[-1] == tension[-2]
     assert [field.name for field in sheets[-1].fields] == ["x", "y", "z"]
+
+
+def test_wrench_on_what_holds_the_start(start, client):
+    start(HANGING).ready()
+    starts = client.listen(WrenchStamped, "/cloth_sim/rope/start/wrench", 1)
+    ends = client.listen(WrenchStamped, "/cloth_sim/rope/end/wrench", 1)
+    client.spin(3.0)
+    wrench, header = starts[-1].wrench, starts[-1].header
+    assert wrench.force.z == pytest.approx(-G * MASS, rel=2e-3)
+    assert abs(wrench.force.x) + abs(wrench.force.y) + abs(wrench.torque.x) + abs(wrench.torque.y) < 1e-3
+    assert header.frame_id == "world" and header.stamp.sec > 0
+    assert ends[-1].wrench.force.z == 0.0

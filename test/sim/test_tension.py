@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Cloth, Readback, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Cloth, EndReadback, Readback, Rope, Scene, Settings, Simulation, Wind
 from cloth_sim_ros.study.closed_forms.ropes import catenary_chain, catenary_points
 
 G = 9.81
@@ -140,8 +140,66 @@ def test_readback_carries_the_tension_of_the_segment_behind_a_particle(device):
 
 def test_a_cloth_has_no_tension(device):
     sim = Simulation(Scene({"sheet": Cloth(resolution=(3, 3))}), device=device)
-    with pytest.raises(ValueError, match="sheet is a cloth, which has no segments with a tension; allowed is a rope"):
+    with pytest.raises(ValueError, match="sheet is a cloth, which has no tension along it and no ends; allowed"):
         sim.tensions("sheet")
     with pytest.raises(ValueError, match="sheet is a cloth"):
         Readback(sim, "sheet", tensions=True)
     assert "max_tension" not in sim.report()["sheet"]
+
+
+ENDS = {"direct": {"substeps": 8}, "gauss_seidel": {"rope_solver": "gauss_seidel", "substeps": 10, "iterations": 200}}
+
+
+@pytest.mark.parametrize("compliance", [0.0, 1e-4])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_what_holds_a_hanging_rope_carries_all_of_it(device, solver, compliance):
+    thing, _ = hanging(5, compliance)
+    sim = settled(thing, device, **SOLVERS[solver])
+    wrenches = sim.end_wrenches("it")
+    assert wrenches[0, 2] == pytest.approx(-G * (MASS + LOAD), rel=1e-3)
+    assert np.abs(wrenches[0, [0, 1, 3, 4, 5]]).max() < 1e-4
+    assert np.array_equal(wrenches[1], np.zeros(6)), "a free end loads nothing"
+
+
+def test_both_ends_of_a_catenary_share_its_weight_and_pull_apart(device):
+    rope = Rope(start=(0, 0, 0), end=(0.8, 0, 0), segments=20, pins="both", mass=MASS, stretch_compliance=1e-2)
+    start, end = settled(rope, device, frames=400).end_wrenches("it")
+    assert start[2] == pytest.approx(-0.5 * G * MASS, rel=1e-3)
+    assert end[2] == pytest.approx(-0.5 * G * MASS, rel=1e-3)
+    assert start[0] == pytest.approx(-end[0], rel=1e-3) and start[0] > 0.5 * G * MASS
+
+
+@pytest.mark.parametrize("solver", ENDS)
+def test_a_clamp_bears_weight_and_moment_of_a_cantilever(device, solver):
+    """A clamp of two held particles: at the second the moment is that of all loads beyond it."""
+    segments, span = 6, 1.0 / 6
+    points = np.arange(-1, segments + 1)[:, None] * span * np.array([0.0, 1.0, 0.0])
+    masses = np.full(segments + 2, MASS / segments)
+    rope = Rope(points=points, particle_masses=masses, pins=(0, 1), stretch_compliance=1e-6, bend_compliance=1.0 / 20.0)
+    sim = settled(rope, device, frames=400, drag=4.0, **ENDS[solver])
+    wrench = sim.end_wrenches("it")[0]
+    y = sim.positions("it").astype(float)[:, 1] - points[0, 1]
+    assert wrench[:3] == pytest.approx([0.0, 0.0, -G * masses.sum()], rel=2e-3, abs=2e-3 * G * masses.sum())
+    assert wrench[3] == pytest.approx(-G * (masses * y).sum(), rel=5e-3)
+    assert np.abs(wrench[4:]).max() < 1e-3
+
+
+def test_wind_on_a_held_rope_loads_what_holds_it(device):
+    """Held all along, a rope hands on the drag of the air: 1/2 rho Cd (2 r L) v^2."""
+    rope = Rope(segments=4, pins=(0, 1, 2, 3, 4), radius=0.01)
+    wind = Wind((0, 10.0, 0), air_density=1.2, drag_coefficient=1.0)
+    sim = Simulation(Scene({"it": rope}, wind=wind, gravity=(0, 0, 0)), device=device)
+    sim.step()
+    assert sim.end_wrenches("it")[0, 1] == pytest.approx(0.5 * 1.2 * 0.02 * 100.0, rel=1e-4)
+
+
+def test_end_readback_holds_until_the_next_request(device):
+    thing, _ = hanging(5, 0.0)
+    sim = Simulation(Scene({"it": thing}), device=device)
+    readback = EndReadback(sim, "it")
+    sim.step(20)
+    readback.request()
+    first = readback.wrenches().copy()
+    assert np.array_equal(first, sim.end_wrenches("it")) and abs(first[0, 2]) > 1.0
+    sim.step(1)
+    assert np.array_equal(readback.wrenches(), first)

@@ -1,0 +1,125 @@
+"""The load of a rope on what holds its ends: tension, bending, weight and wind of the particles that are held there."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.schedules.native import xyz
+from cloth_sim_ros.sim.state import Arrays
+from cloth_sim_ros.sim.tension import Tensions, is_held, last_step
+
+
+@wp.func
+def moment_at(arrays: Arrays, b: int, j: int, bends: wp.array(dtype=int)) -> wp.vec3:
+    """The bending moment [N m] at joint j of a rope; bends: the tuple that each joint is, none for direct solves."""
+    if bends.shape[0] == 0:
+        return arrays.state.moments[arrays.model.bodies[b].segments + j]
+    h = last_step(arrays, b)
+    return -arrays.state.tuple_multipliers[bends[j]] / (h * h)
+
+
+@wp.func
+def bending_force(arrays: Arrays, b: int, i: int, bends: wp.array(dtype=int)) -> wp.vec3:
+    """The force [N] of the joints around particle i of a rope on it (see schedules/beam.py)."""
+    body = arrays.model.bodies[b]
+    force = wp.vec3(0.0)
+    for place in range(3):
+        j = i - place
+        if j >= 0 and j < body.count - 2:
+            joint = wp.vec4(0.0)
+            if bends.shape[0] == 0:
+                joint = arrays.model.joints[body.segments + j]
+            else:
+                joint = arrays.model.tuple_rest[bends[j]]
+            weight = wp.where(place == 0, joint[2], wp.where(place == 1, -(joint[2] + joint[3]), joint[3]))
+            force -= weight * moment_at(arrays, b, j, bends)
+    return force
+
+
+@wp.func
+def load_on(
+    arrays: Arrays, b: int, i: int, forces: wp.array(dtype=wp.vec3), bends: wp.array(dtype=int), bending: bool
+) -> wp.vec3:
+    """The force [N] of the rope and of the air on particle i, without its own weight."""
+    body = arrays.model.bodies[b]
+    load = wp.vec3(0.0)
+    if i < forces.shape[0]:
+        load += forces[i]
+    if i > 0:
+        load -= forces[i - 1]
+    if bending:
+        load += bending_force(arrays, b, i, bends)
+    if arrays.state.panel_forces.shape[0] > 0:
+        g = body.particles + i
+        for k in range(arrays.model.panel_start[g], arrays.model.panel_start[g + 1]):
+            load += xyz(arrays.state.panel_forces[arrays.model.particle_panels[k]])
+    return load
+
+
+@wp.kernel(enable_backward=False)
+def write_wrenches(
+    arrays: Arrays,
+    b: int,
+    forces: wp.array(dtype=wp.vec3),
+    bends: wp.array(dtype=int),
+    bending: bool,
+    masses: wp.array(dtype=float),
+    out: wp.array2d(dtype=float),
+):
+    """Row 0 the start, row 1 the end: force [N] and torque [N m] about the end particle, over all held from there."""
+    end = wp.tid()
+    first = arrays.model.bodies[b].particles
+    last = masses.shape[0] - 1
+    tip = wp.where(end == 0, 0, last)
+    force = wp.vec3(0.0)
+    torque = wp.vec3(0.0)
+    place = int(0)
+    while place <= last and is_held(arrays, first + wp.where(end == 0, place, last - place)):
+        i = wp.where(end == 0, place, last - place)
+        load = load_on(arrays, b, i, forces, bends, bending) + masses[i] * arrays.frames[0].gravity
+        force += load
+        torque += wp.cross(xyz(arrays.state.positions[first + i] - arrays.state.positions[first + tip]), load)
+        place += 1
+    for c in range(3):
+        out[end, c] = force[c]
+        out[end, 3 + c] = torque[c]
+
+
+class EndWrenches:
+    """The wrenches (2, 6) of a rope in a world on what holds its start and its end: `launch()` computes them into
+    `out` from the state as it is then, with no allocation."""
+
+    def __init__(self, batch: Batch, name: str, world: int, masses: np.ndarray, out: wp.array) -> None:
+        b, arrays, device = batch.index[name], batch.worlds[world], batch.device
+        self._tensions = Tensions(batch, name, world)
+        rows = np.zeros(0, dtype=np.int32)
+        bending = batch.features.beam
+        if "bend" in batch.tuple_order[b]:
+            bending = True
+            start, order = batch.tuple_order[b]["bend"]
+            rows = np.zeros(len(order), dtype=np.int32)
+            rows[order] = start + np.arange(len(order))
+        inputs = [
+            arrays,
+            b,
+            self._tensions.forces,
+            wp.array(rows, dtype=int, device=device),
+            bending,
+            wp.array(masses, dtype=float, device=device),
+            out,
+        ]
+        self._command = wp.launch(write_wrenches, dim=2, inputs=inputs, device=device, record_cmd=True)
+
+    def launch(self) -> None:
+        """Compute them anew."""
+        self._tensions.launch()
+        self._command.launch()
+
+
+def read_wrenches(batch: Batch, name: str, world: int, masses: np.ndarray) -> np.ndarray:
+    """(2, 6) float32: force [N] and torque [N m] about it on what holds the start of a rope, then its end."""
+    out = wp.zeros((2, 6), dtype=float, device=batch.device)
+    EndWrenches(batch, name, world, masses, out).launch()
+    return out.numpy().copy()
