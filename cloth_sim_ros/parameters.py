@@ -174,6 +174,29 @@ ROPE = (
     *_PLACE,
 )
 
+WINCH = (
+    Parameter(
+        "enabled",
+        "bool",
+        False,
+        "Whether a winch at the start, which is held, pays the rope out and hauls it in.",
+    ),
+    _double(
+        "length",
+        1e4,
+        "Paid out at the beginning, laid from the start along the rope's path; the whole rope where that is shorter.",
+        "m",
+        1e-6,
+        1e4,
+        live=False,
+    ),
+    _double("pay_out", 0, "Rate at which rope is paid out, below 0 hauled in, unstretched.", "m/s", -100, 100),
+    _double("max_rate", 1, "Largest rate of the winch, both ways; more than that is cut to it.", "m/s", 0, 100),
+    _double("acceleration", 1, "How fast the rate changes at most.", "m/s^2", 1e-3, 1e4),
+    _double("shortest", 0, "Hauls in no further than this, nor than half of the last segment.", "m", 0, 1e4),
+    _double("longest", 1e4, "Pays out no further than this, nor than the rope is long.", "m", 1e-6, 1e4),
+)
+
 COLLIDER = (
     _choice("shape", "sphere", "Shape of the collider.", ("plane", "sphere", "capsule", "box")),
     Parameter(

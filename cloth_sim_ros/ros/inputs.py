@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from std_msgs.msg import Float64
 
 from cloth_sim_ros import parameters
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
@@ -50,6 +51,13 @@ def read_wind(message: Vector3Stamped, frame_id: str) -> Vector:
     return _bounded((v.x, v.y, v.z), STRONGEST_WIND, "velocity", "m/s")
 
 
+def read_rate(message: Float64) -> float:
+    """The message's pay-out rate [m/s]. Raises Refused."""
+    if not math.isfinite(message.data):
+        raise Refused("finite", f"its rate {message.data:g} is not finite")
+    return message.data
+
+
 def follow(track: PoseTrack, message: PoseStamped, frame_id: str) -> None:
     """Adds the message's pose to `track`. Raises Refused. A stamp of zero, as hand-typed messages have, means now."""
     pose, arrival = read_pose(message, frame_id), time.monotonic()
@@ -84,7 +92,14 @@ class Complaints:
     def refuse(self, topic: str, reason: Refused) -> None:
         """Counts one message refused on `topic` and says why."""
         self.refused += 1
-        now, key = time.monotonic(), (topic, reason.kind)
-        if now - self._last.get(key, -math.inf) >= self._period:
-            self._last[key] = now
-            self._warn(f"a message on {topic} is refused: {reason}")
+        self._say(topic, reason.kind, f"a message on {topic} is refused: {reason}")
+
+    def cut(self, topic: str, sentence: str) -> None:
+        """Says what of a message on `topic` is cut to a limit."""
+        self._say(topic, "cut", f"a message on {topic} is cut: {sentence}")
+
+    def _say(self, topic: str, kind: str, sentence: str) -> None:
+        now = time.monotonic()
+        if now - self._last.get((topic, kind), -math.inf) >= self._period:
+            self._last[topic, kind] = now
+            self._warn(sentence)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from functools import partial
@@ -13,6 +14,7 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from cloth_sim_ros.parameters import Parameter
@@ -50,6 +52,9 @@ class ClothSimNode(Node):
         for name in values["colliders"]:
             topic = f"~/colliders/{name}/pose"
             self.create_subscription(PoseStamped, topic, partial(self._on_pose, name), NEWEST_ONLY)
+        for name in values["objects"]:
+            if values[f"{name}.type"] == "rope":
+                self.create_subscription(Float64, f"~/{name}/winch", partial(self._on_winch, name), NEWEST_ONLY)
         self.create_subscription(Vector3Stamped, "~/wind", self._on_wind, NEWEST_ONLY)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/step", self._on_step)
@@ -85,6 +90,20 @@ class ClothSimNode(Node):
             self._loop.submit(lambda: self._loop.world.set_wind(velocity))
         except inputs.Refused as reason:
             self._complaints.refuse("wind", reason)
+
+    def _on_winch(self, rope: str, message: Float64) -> None:
+        values, topic = self._bridge.values, f"{rope}/winch"
+        try:
+            rate = inputs.read_rate(message)
+            if not values[f"{rope}.winch.enabled"]:
+                raise inputs.Refused("disabled", f"{rope} has no winch; set the parameter {rope}.winch.enabled to true")
+            most = values[f"{rope}.winch.max_rate"]
+            if abs(rate) > most:
+                self._complaints.cut(topic, f"its rate {rate:g} m/s is beyond {rope}.winch.max_rate, {most:g} m/s")
+                rate = math.copysign(most, rate)
+            self._loop.submit(lambda: self._loop.world.set_pay_out(rope, rate))
+        except inputs.Refused as reason:
+            self._complaints.refuse(topic, reason)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return _answer(response, self._loop.submit(self._loop.world.reset), "objects are back at the start")

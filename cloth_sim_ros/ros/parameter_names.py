@@ -17,9 +17,12 @@ _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 COLLIDER = tuple(replace(row, live=True) if row.name in ("position", "orientation") else row for row in table.COLLIDER)
 
 
+WINCH = tuple(replace(row, name=f"winch.{row.name}") for row in table.WINCH)
+
+
 def object_rows(kind: str) -> tuple[Parameter, ...]:
     """The rows under the prefix of an object of `kind` "cloth" or "rope"."""
-    return (*table.OBJECT, *(table.ROPE if kind == "rope" else (*table.SHEET, *table.CLOTH)))
+    return (*table.OBJECT, *((*table.ROPE, *WINCH) if kind == "rope" else (*table.SHEET, *table.CLOTH)))
 
 
 def prefixed(prefix: str, rows: Iterable[Parameter]) -> dict[str, Parameter]:

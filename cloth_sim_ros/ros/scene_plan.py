@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.ros.pose_track import Pose
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Sphere, Wind
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Sphere, Winch, Wind
 
 Values = Mapping[str, Any]  # full parameter name -> checked value
 
@@ -63,7 +63,9 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
         own["bend_compliance"] = None
     if own.pop("type") == "rope":
         del own["bending"]
-        return Rope(**own)
+        winch = group(own, "winch")
+        own = {field: value for field, value in own.items() if not field.startswith("winch.")}
+        return Rope(**own, winch=Winch(**winch) if winch.pop("enabled") else None)
     path, shear = own.pop("mesh"), own.pop("shear")
     if not shear:
         own["shear_compliance"] = None

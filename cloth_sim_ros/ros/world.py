@@ -33,6 +33,8 @@ class World:
         self._recoveries: dict[str, float] = {}
         self._told: dict[str, str] = {}
         self._wind: Vector | None = None  # set by topic since the parameter was last set
+        self._pay_outs: dict[str, float] = {}  # rope -> the same of its winch [m/s]
+        self._stopped: set[str] = set()
         self._log = log
 
     def build(self, values: Mapping[str, Any]) -> bool:
@@ -57,6 +59,9 @@ class World:
         self.sim, self.values, self.in_effect, self.trouble = sim, values, values, ""
         if self._wind is not None and sim.scene.wind is not None:
             sim.set_wind(self._wind)
+        for name, rate in self._pay_outs.items():
+            if name in sim.scene.objects and sim.scene.objects[name].winch is not None:
+                sim.set(f"{name}.winch.pay_out", rate)
         sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
         self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
         self.estimates, self._unjudged = {}, 0.0
@@ -70,8 +75,7 @@ class World:
             return
         for name in sim.scene.objects:
             if name in self.sim.scene.objects and _structure(values, name) == _structure(self.values, name):
-                sim.set_positions(name, self.sim.positions(name))
-                sim.set_velocities(name, self.sim.velocities(name))
+                sim.take_over(name, self.sim)
 
     def set_live(self, name: str, value: Any, values: Mapping[str, Any]) -> bool:
         """Applies the changed live parameter `name`; `values` are all of them with the change.
@@ -89,6 +93,8 @@ class World:
         elif self.sim is not None:
             if name == "wind.velocity":
                 self._wind = None
+            if field == "pay_out":
+                self._set_pay_out_parameter(owner.removesuffix(".winch"), value, values)
             try:
                 self.sim.set(name, value)
                 self._tell_reasons()
@@ -114,6 +120,27 @@ class World:
         self._wind = velocity
         if self.sim is not None and self.sim.scene.wind is not None:
             self.sim.set_wind(velocity)
+
+    def set_pay_out(self, rope: str, rate: float) -> None:
+        """Sets the rate of a winch [m/s] from a message."""
+        self._pay_outs[rope] = rate
+        thing = self.sim.scene.objects.get(rope) if self.sim is not None else None
+        if thing is not None and thing.winch is not None:
+            self.sim.set(f"{rope}.winch.pay_out", rate)
+
+    def _set_pay_out_parameter(self, rope: str, rate: float, values: Mapping[str, Any]) -> None:
+        self._pay_outs.pop(rope, None)
+        most = values[f"{rope}.winch.max_rate"]
+        if abs(rate) > most:
+            self._log.warning(f"{rope}.winch.pay_out is {rate:g} m/s and is cut to {rope}.winch.max_rate, {most:g} m/s")
+
+    def _tell_stopped(self, report: Mapping[str, dict[str, float]]) -> None:
+        """Says in the log once when a winch has reached a limit of its length and is asked to go on."""
+        stopped = {name for name, each in report.items() if each.get("winch_stopped")}
+        for name in stopped - self._stopped:
+            limits = "winch.shortest, winch.longest or the rope itself"
+            self._log.warning(f"{name}'s winch stopped at {report[name]['paid_out']:.4g} m, a limit set by {limits}")
+        self._stopped = stopped
 
     def reset(self) -> None:
         """Objects back to their start; colliders stay where the last pose put them, as their senders believe."""
@@ -144,6 +171,7 @@ class World:
         """The simulation's report; says in the log which objects had to be put back since the last one."""
         report = self.sim.report()
         self._tell_reasons()
+        self._tell_stopped(report)
         for name, each in report.items():
             more = each["recoveries"] - self._recoveries.get(name, 0)
             if more > 0:

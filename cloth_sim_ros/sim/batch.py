@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.schedules.patched import Patched, plan_patches, whole_cos
 from cloth_sim_ros.sim.schedules.resident import Resident, capacity
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
-from cloth_sim_ros.sim.state import Arrays, LiveArray, Material, make_states, row_of, state_of
+from cloth_sim_ros.sim.state import Arrays, Drive, LiveArray, Material, Reel, make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
 KEPT = ("positions", "low", "good_positions", "good_low", "velocities")
@@ -21,11 +21,14 @@ KEPT = ("positions", "low", "good_positions", "good_low", "velocities")
 
 @dataclass(frozen=True)
 class BodyState:
-    """One body in all worlds: arrays of KEPT (worlds, N, 4), recoveries (worlds, 1), rows of Material (worlds,)."""
+    """One body in all worlds: arrays of KEPT (worlds, N, 4), recoveries (worlds, 1), rows of Material (worlds,), and
+    of a rope on a winch of Drive (worlds,) and Reel (worlds, 1)."""
 
     particles: dict[str, np.ndarray]
     recoveries: np.ndarray
     materials: np.ndarray
+    drives: np.ndarray | None = None
+    reels: np.ndarray | None = None
 
 
 class Batch:
@@ -51,6 +54,7 @@ class Batch:
         self._inverse_mass = {
             name: np.where(topology.pinned, 0.0, 1.0 / topology.masses) for name, topology in topologies.items()
         }
+        self._reels = {name: _wound(topology) for name, topology in topologies.items() if topology.reel is not None}
         collected = ModelArrays(spokes=features.method == "verlet")
         for topology in topologies.values():
             collected.add(topology)
@@ -59,6 +63,7 @@ class Batch:
         self.starts = [body[2] for body in collected.bodies]
         self.counts = [body[3] for body in collected.bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)
+        self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
         self.states = make_states(collected, features, colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, frame, colliders) for w in range(worlds)]
@@ -71,7 +76,7 @@ class Batch:
         arrays = Arrays()
         arrays.model, arrays.state = model, state_of(self.states, w)
         arrays.frames, arrays.materials = frame.array[w], self.materials.array[w]
-        arrays.colliders = row_of(colliders.array, w)
+        arrays.colliders, arrays.drives = row_of(colliders.array, w), row_of(self.drives.array, w)
         return arrays
 
     def _make_schedule(self, wanted: str, topologies: list[Topology]) -> Resident | Coloured | Tiled | Patched:
@@ -115,15 +120,29 @@ class Batch:
 
     def reset(self, name: str, world: int | None) -> None:
         """Back to the rest shape, at rest, in one world or, for None, in all."""
+        if self.features.winch:
+            self.write_reels(name, self._reels[name], world)
         self.write_positions(name, self._rest[name], world)
         self.write_velocities(name, np.zeros((len(self._rest[name]), 3)), world)
         b = self.index[name]
         self._part("recoveries", slice(b, b + 1), world).zero_()
 
     def write_positions(self, name: str, positions: np.ndarray, world: int | None) -> None:
-        """Positions (N, 3) float64 [m], kept to more digits than float32 has; history and multipliers start anew."""
+        """Positions (N, 3) float64 [m], kept to more digits than float32 has; history and multipliers start anew.
+
+        What is on a drum stays there, where the first particle is put.
+        """
+        if not self.features.winch:
+            self._write_rows(name, positions, self._inverse_mass[name], world)
+            return
+        for w in range(len(self.worlds)) if world is None else (world,):
+            wound = np.arange(len(positions)) <= int(self.read_reels(name, w)["index"][0, 0])
+            rows, inverse = np.where(wound[:, None], positions[0], positions), self._inverse_mass[name]
+            self._write_rows(name, rows, np.where(wound, 0.0, inverse), w)
+
+    def _write_rows(self, name: str, positions: np.ndarray, inverse_mass: np.ndarray, world: int | None) -> None:
         high, span = positions.astype(np.float32), self.span(name)
-        packed = np.column_stack([high, self._inverse_mass[name]]).astype(np.float32)
+        packed = np.column_stack([high, inverse_mass]).astype(np.float32)
         for whole, good, rows in (
             ("positions", "good_positions", packed),
             ("low", "good_low", _padded(positions - high.astype(np.float64))),
@@ -131,6 +150,18 @@ class Batch:
             self._assign(whole, span, world, rows)
             self._assign(good, span, world, rows)
         self._forget(name, world)
+
+    def read_reels(self, name: str, world: int | None) -> np.ndarray:
+        """How far the winch of a rope has paid out: rows of Reel (worlds, 1), of one world or, for None, of all."""
+        b = self.index[name]
+        return self._part("reels", slice(b, b + 1), world).numpy()
+
+    def write_reels(self, name: str, rows: np.ndarray, world: int | None) -> None:
+        """Put a winch where another was, (worlds, 1) or (1, 1) rows of Reel; positions are to be written after it."""
+        b = self.index[name]
+        for array in ("reels", "good_reels"):
+            part = self._part(array, slice(b, b + 1), world)
+            part.assign(np.ascontiguousarray(np.broadcast_to(rows, part.shape)))
 
     def write_velocities(self, name: str, velocities: np.ndarray, world: int | None) -> None:
         """Velocities (N, 3) [m/s]; history and multipliers start anew."""
@@ -142,7 +173,10 @@ class Batch:
         span, b = self.span(name), self.index[name]
         particles = {array: self._part(array, span, None).numpy() for array in KEPT}
         recoveries = self._part("recoveries", slice(b, b + 1), None).numpy()
-        return BodyState(particles, recoveries, self.materials.read(b, None))
+        kept = BodyState(particles, recoveries, self.materials.read(b, None))
+        if not self.features.winch:
+            return kept
+        return replace(kept, drives=self.drives.read(b, None), reels=self.read_reels(name, None))
 
     def give(self, name: str, kept: BodyState) -> None:
         """What another batch took of a body; history and multipliers start anew."""
@@ -151,6 +185,9 @@ class Batch:
             self._part(array, span, None).assign(rows)
         self._part("recoveries", slice(b, b + 1), None).assign(kept.recoveries)
         self.materials.edit()[:, b] = kept.materials
+        if self.features.winch:
+            self.drives.edit()[:, b] = kept.drives
+            self.write_reels(name, kept.reels, None)
 
     def save(self) -> None:
         """Keep the whole state aside, on the device; the room for it is taken once."""
@@ -189,6 +226,15 @@ class Batch:
                 self._part("moments", segments, world).zero_()
         if self.features.looks_back:
             self._part("history", slice(b, b + 1), world).zero_()
+
+
+def _wound(topology: Topology) -> np.ndarray:
+    """The row (1, 1) of Reel of a winch at rest."""
+    row = np.zeros((1, 1), dtype=Reel.numpy_dtype())
+    index, length = topology.reel
+    row["index"], row["length"] = index, length
+    row["behind"], row["total"] = topology.chain.rest[index + 1 :].sum(), topology.chain.rest.sum()
+    return row
 
 
 def _padded(rows: np.ndarray) -> np.ndarray:

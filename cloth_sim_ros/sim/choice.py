@@ -41,6 +41,8 @@ def choose(
         order = settings.order if settings.method == "xpbd" else 1
         return Choice(settings.method, order, f"is computed by {settings.method}, as set")
     implicit = "is computed by xpbd order 2, since"
+    if topology.reel is not None:
+        return Choice("xpbd", 2, f"{implicit} a winch feeds it, which explicit steps lack")
     if topology.others():
         return Choice("xpbd", 2, f"{implicit} it bends by angles, which explicit steps lack")
     if strained:

@@ -30,6 +30,7 @@ class Features:
     method: str
     worlds: bool = False  # whether there are many, each with a state of its own
     beam: bool = False  # a chain that resists bending
+    winch: bool = False  # a chain that a winch feeds
 
     def key(self) -> str:
         """A name for kernels with these features, the same in every process, so that caches on disk are found."""
@@ -59,7 +60,8 @@ class Features:
             others += ("edge",)
         chain = topology.chain is not None
         beam = chain and topology.bends is not None
-        return Features(kinds + others, chain, panels if wind else "", shapes, order, method, worlds, beam)
+        winch = topology.reel is not None
+        return Features(kinds + others, chain, panels if wind else "", shapes, order, method, worlds, beam, winch)
 
 
 @wp.struct
@@ -101,6 +103,7 @@ class Model:
     tuple_rest: wp.array(dtype=wp.vec4)  # (E, 4) rest, scale and two more
     edges: wp.array(dtype=wp.vec2i)  # (D,) particles of edges that touch colliders
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
+    particle_masses: wp.array(dtype=float)  # (N,) [kg] when they are out whole, of bodies that a winch feeds
     joints: wp.array(dtype=wp.vec4)  # (C,) behind each segment of a chain that bends: rest turn [-], span [m], and the
     # inverse lengths [1/m] of the segments before and behind it; nothing behind the last
     spokes: wp.array(dtype=wp.vec2i)  # springs around each particle, for method verlet: other particle and type, the
@@ -178,6 +181,8 @@ class ModelArrays:
             bends = topology.bends
             joints = np.column_stack([bends.rest, bends.scale, topology.bend_weights])
             self._append("joints", np.concatenate([joints, np.zeros((1, 4))]))
+        if topology.reel is not None:
+            self._append("particle_masses", topology.masses)
         panels = self._add_panels(topology)
         spokes, spoke_width = self._add_spokes(topology) if self._with_spokes else (0, 0)
         rests = [e.rest for e in topology.springs.values()] + ([chain] if len(chain) else [])
@@ -281,6 +286,7 @@ _TYPES = {
     "tuple_rest": (wp.vec4, np.float32),
     "edges": (wp.vec2i, np.int32),
     "segment_length": (float, np.float32),
+    "particle_masses": (float, np.float32),
     "joints": (wp.vec4, np.float32),
     "spokes": (wp.vec2i, np.int32),
     "spoke_types": (wp.vec4, np.float32),

@@ -39,7 +39,9 @@ def measure_springs(
     j = body.particles + as_index(spring[1])
     h = effective_step(dt, second, parts_of_motion(body, arrays.materials[b], arrays.frames[0]))
     force = arrays.state.spring_multipliers[k] / (h * h)
-    _measure(arrays, b, i, j, spring[2], spring[3] * arrays.materials[b].compliance[kind] * force, implicit, result)
+    _measure(
+        arrays, b, i, j, spring[2], 0.0, spring[3] * arrays.materials[b].compliance[kind] * force, implicit, result
+    )
 
 
 @wp.kernel(enable_backward=False)
@@ -77,7 +79,7 @@ def measure_cells(
         compliance *= 2.0
     h = effective_step(dt, second, parts_of_motion(body, arrays.materials[b], arrays.frames[0]))
     held = compliance * arrays.state.cell_multipliers[q * arrays.model.cells.shape[0] + k] / (h * h)
-    _measure(arrays, b, i, j, rest, held, implicit, result)
+    _measure(arrays, b, i, j, rest, 0.0, held, implicit, result)
 
 
 @wp.kernel(enable_backward=False)
@@ -86,20 +88,40 @@ def measure_chain(arrays: Arrays, b: int, result: wp.array(dtype=float)):
     k = body.segments + wp.tid()
     i = body.particles + wp.tid()
     rest = arrays.model.segment_length[k]
+    feed = float(0.0)
+    if arrays.state.reels.shape[0] > 0:
+        reel = arrays.state.reels[b]
+        if wp.tid() < reel.index:
+            return
+        if wp.tid() == reel.index:
+            rest = reel.length
+            feed = reel.rate
     sag = -rest * arrays.materials[b].compliance[0] * arrays.state.tensions[k]
-    _measure(arrays, b, i, i + 1, rest, sag, True, result)
+    _measure(arrays, b, i, i + 1, rest, feed, sag, True, result)
 
 
 @wp.func
 def _measure(
-    arrays: Arrays, b: int, i: int, j: int, rest: float, held: float, implicit: bool, result: wp.array(dtype=float)
+    arrays: Arrays,
+    b: int,
+    i: int,
+    j: int,
+    rest: float,
+    feed: float,
+    held: float,
+    implicit: bool,
+    result: wp.array(dtype=float),
 ):
-    """Strain, and the violation of C + gamma slip + compliance x multiplier = 0 with `held` as its last term [m]."""
+    """Strain, and the violation of C + gamma slip + compliance x multiplier = 0 with `held` as its last term [m].
+
+    A segment that is fed at the rate `feed` [m/s] moves apart by as much without a strain.
+    """
     high = arrays.state.positions[j] - arrays.state.positions[i]
     e = xyz(high) + xyz(arrays.state.low[j] - arrays.state.low[i])
     length = wp.length(e)
     n = e / wp.max(length, 1.0e-12)
     rate = wp.dot(n, xyz(arrays.state.velocities[j] - arrays.state.velocities[i]))
+    rate -= feed * length / wp.max(rest, 1.0e-12)
     wp.atomic_max(result, STRAIN, wp.abs(length - rest) / wp.max(rest, 1.0e-12))
     if implicit:
         wp.atomic_max(result, RESIDUAL, wp.abs(length - rest + arrays.materials[b].damping * rate + held))

@@ -166,13 +166,39 @@ class Cloth:
 
 
 @dataclass(frozen=True)
+class Winch:
+    """A drum at the start of a rope, which pays it out and hauls it in: see the rows of `parameters.WINCH`.
+
+    length, shortest, longest [m], pay_out, max_rate [m/s], acceleration [m/s^2]. All but length are live.
+    """
+
+    length: float = 1e4
+    pay_out: float = 0.0
+    max_rate: float = 1.0
+    acceleration: float = 1.0
+    shortest: float = 0.0
+    longest: float = 1e4
+
+    def __post_init__(self) -> None:
+        _checked(self, table.WINCH)
+        check_lengths(self.shortest, self.longest, "Winch.shortest")
+
+
+def check_lengths(shortest: float, longest: float, name: str) -> None:
+    """Raise ValueError where a winch's shortest length [m] is above its longest."""
+    if shortest > longest:
+        raise ValueError(f"{name} is {shortest:g} with a longest of {longest:g}; allowed is at most that [m]")
+
+
+@dataclass(frozen=True)
 class Rope:
     """A chain of particles, from `points` (N, 3) [m] or `start`, `end`, `segments`, in local axes.
 
     stretch_compliance [1/N] = 1/EA; bend_compliance [1/(N m^2)] = 1/EI or None for no bending; 0 is rigid.
     mass [kg] is the total, lumped by length; particle_masses (N,) [kg] overrides it (a heavy end). radius [m].
     pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of each segment. edge_contact:
-    whether segments touch colliders, not particles alone.
+    whether segments touch colliders, not particles alone. winch: a drum at the start, which must be pinned; the end may
+    be. What it has not paid out lies on it, and the rest, measured from the end, along the path from the start.
     """
 
     points: Any = field(default=None, repr=False, compare=False)
@@ -191,6 +217,7 @@ class Rope:
     position: Vector = (0.0, 0.0, 0.0)
     orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
     particle_masses: Any = field(default=None, repr=False, compare=False)
+    winch: Winch | None = None
 
     def __post_init__(self) -> None:
         _checked(self, table.ROPE, ("bend_compliance",) if self.bend_compliance is None else ())
@@ -208,6 +235,19 @@ class Rope:
         object.__setattr__(self, "segments", len(points) - 1)
         _check_pins(self, ("start", "end", "both"), len(points))
         _take_masses(self, len(points))
+        if self.winch is not None:
+            self._check_winch()
+
+    def _check_winch(self) -> None:
+        if not isinstance(self.winch, Winch):
+            raise ValueError(f"Rope.winch is {self.winch!r}; allowed is a Winch or None")
+        pins = {"start": (0,), "both": (0, self.segments)}.get(self.pins, self.pins) if self.pins else ()
+        if isinstance(pins, str) or 0 not in pins or set(pins) - {0, self.segments}:
+            raise ValueError(f"Rope.pins is {self.pins!r} with a winch at the start; allowed is 'start' or 'both'")
+        if self.bend_compliance is not None:
+            raise ValueError(
+                f"Rope.bend_compliance is {self.bend_compliance:g} with a winch; allowed is None, for no bending"
+            )
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings, finite_array, 
 from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
 from cloth_sim_ros.sim.tension import Tensions, read_tensions
+from cloth_sim_ros.sim.winch import measure_winch, set_winch, write_winch
 from cloth_sim_ros.sim.wrench import EndWrenches, read_wrenches
 
 _LOG = logging.getLogger(__name__)
@@ -47,6 +48,8 @@ class Simulation:
         self._collider_row = {name: row for row, name in enumerate(scene.colliders)}
         self._elastic = {name: topology.build(thing, name, False) for name, thing in scene.objects.items()}
         self._strained: set[str] = set()
+        for name, thing in scene.objects.items():
+            self._check_winch(name, thing)
         if self.settings.method == "verlet":
             for name, thing in scene.objects.items():
                 self._check_explicit(name, _compliances(thing), thing.damping, self.settings.substeps)
@@ -57,6 +60,14 @@ class Simulation:
         self._frames = 0
         self._write_settings()
         self._write_scene()
+
+    def _check_winch(self, name: str, thing: Cloth | Rope) -> None:
+        """Raise ValueError where a rope has a winch and these settings solve ropes in a way that cannot feed it."""
+        if not isinstance(thing, Rope) or thing.winch is None:
+            return
+        for setting, wanted in (("method", "verlet"), ("rope_solver", "gauss_seidel")):
+            if getattr(self.settings, setting) == wanted:
+                raise ValueError(f"solver.{setting} is {wanted!r} with a winch on {name}; allowed is another")
 
     def _choose(self, name: str, materials: set[tuple]) -> Choice:
         return choose(self.settings, self._elastic[name], materials, name in self._strained)
@@ -234,6 +245,7 @@ class Simulation:
         self._colliders.upload()
         for batch in self._batches:
             batch.materials.upload()
+            batch.drives.upload()
 
     # -- state ---------------------------------------------------------------------------------------------------
 
@@ -247,9 +259,23 @@ class Simulation:
         arrays, span, _ = self.device_arrays(name, world)
         return np.ascontiguousarray(arrays.state.velocities[span].numpy()[:, :3])
 
+    def take_over(self, name: str, other: Simulation) -> None:
+        """An object goes on, in all worlds, from where it is in the first world of another simulation that has it with
+        the same structure: positions, velocities and what a winch has paid out."""
+        batch = self._batch[name]
+        if batch.features.winch:
+            batch.write_reels(name, other._batch[name].read_reels(name, 0), None)
+        self.set_positions(name, other.positions(name))
+        self.set_velocities(name, other.velocities(name))
+
+    def _drum(self, name: str, world: int) -> int:
+        """The first segment of a rope that is out."""
+        batch = self._batch[name]
+        return int(batch.read_reels(name, world)["index"][0, 0]) if batch.features.winch else 0
+
     def tensions(self, name: str, world: int = 0) -> np.ndarray:
         """Tensions (S,) float32 [N] of a rope's segments at the end of the last substep in one world, also where they
-        are rigid; below 0 where a segment is pushed together. Raises ValueError for a cloth."""
+        are rigid; below 0 where a segment is pushed together; 0 on a winch. Raises ValueError for a cloth."""
         return read_tensions(self._rope_batch(name), name, self._one(world))
 
     def tensions_into(self, out: wp.array, column: int, name: str, world: int = 0) -> Tensions:
@@ -318,7 +344,8 @@ class Simulation:
 
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
         """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries;
-        of a rope also max_tension, start_tension, end_tension [N], of all, the first and the last of its segments.
+        of a rope also max_tension, start_tension, end_tension [N], of all, the first and the last of its segments, and
+        of one on a winch paid_out [m], pay_out [m/s] and winch_stopped, whether a limit of length holds it back.
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
@@ -334,9 +361,11 @@ class Simulation:
                 pull = self.tensions(name, world)
                 found[name] |= {
                     "max_tension": float(pull.max()),
-                    "start_tension": float(pull[0]),
+                    "start_tension": float(pull[self._drum(name, world)]),
                     "end_tension": float(pull[-1]),
                 }
+                if thing.winch is not None:
+                    found[name] |= measure_winch(self._batch[name], name, world)
         if self.settings.method == "auto":
             for name, numbers in found.items():
                 hot = numbers["recoveries"] or numbers["max_strain"] > STRAINED
@@ -387,6 +416,8 @@ class Simulation:
             if self.scene.wind is None:
                 raise ValueError(f"{name} is set but the scene has no wind; allowed is a scene built with one")
             self._set_frame(_live(table.WIND, field, name), name, value, world)
+        elif owner.endswith(".winch") and owner.removesuffix(".winch") in self.scene.objects:
+            self._set_winch(owner.removesuffix(".winch"), _live(table.WINCH, field, name), name, value, world)
         elif owner in self.scene.objects:
             self._set_material(owner, field, name, value, world)
         elif owner in self.scene.colliders:
@@ -433,6 +464,11 @@ class Simulation:
         if field in ("compliance", "damping"):
             self._choose_again()
 
+    def _set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: int | None) -> None:
+        if getattr(self.scene.objects[owner], "winch", None) is None:
+            raise ValueError(f"{name} is set but {owner} was built without; allowed is a rope built with a winch")
+        set_winch(self._batch[owner], owner, row, value, world)
+
     def _materials(self, name: str, world: int | None) -> np.ndarray:
         """The rows of Material of an object as they are now, of one world or of all."""
         batch = self._batch[name]
@@ -476,6 +512,8 @@ class Simulation:
                     self._set_frame(row, f"wind.{row.name}", getattr(self.scene.wind, row.name), None)
         for name, thing in self.scene.objects.items():
             self._write_material(name, thing)
+            if isinstance(thing, Rope) and thing.winch is not None:
+                write_winch(self._batch[name], name, thing.winch)
         self._place_colliders()
 
     def _write_material(self, name: str, thing: Cloth | Rope) -> None:

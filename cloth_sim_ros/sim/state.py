@@ -100,6 +100,32 @@ class Segment:
 
 
 @wp.struct
+class Drive:
+    """What is asked of one winch, live: pay_out, max_rate [m/s], acceleration [m/s^2], shortest, longest [m]."""
+
+    pay_out: float
+    max_rate: float
+    acceleration: float
+    shortest: float
+    longest: float
+
+
+@wp.struct
+class Reel:
+    """How far one winch has paid out (see schedules/reel.py)."""
+
+    index: int  # the particle at the drum that is next to the rope, and the segment that is fed
+    length: float  # of that segment [m], at rest
+    behind: float  # of all segments behind it [m], at rest
+    total: float  # of the rope [m], at rest
+    owed: float  # [m] to be fed little by little
+    rate: float  # [m/s]
+    fed: float  # in this substep [m]
+    last_fed: float  # in the one before [m]
+    stopped: int  # whether it is asked to go beyond a limit of its length that it has reached
+
+
+@wp.struct
 class BeamRow:
     """Scratch of the solve of a rope's bending at one particle (see schedules/beam.py)."""
 
@@ -135,6 +161,8 @@ class State:
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     edge_contacts: wp.array(dtype=wp.vec4)  # (K D,) the same of edges
     sweeps: wp.array(dtype=Sweep)  # (B K,)
+    reels: wp.array(dtype=Reel)  # (B,) of ropes that a winch feeds, and when the body was last good
+    good_reels: wp.array(dtype=Reel)  # (B,)
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions and low parts when the body was last good, see watch.py
     good_low: wp.array(dtype=wp.vec4)  # (N,)
     faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
@@ -157,6 +185,7 @@ class Arrays:
     frames: wp.array(dtype=Frame)  # (1,)
     materials: wp.array(dtype=Material)  # (B,)
     colliders: wp.array(dtype=ColliderMotion)  # (K,)
+    drives: wp.array(dtype=Drive)  # (B,) of ropes that a winch feeds
 
 
 def given_type(features: Features) -> type:
@@ -200,6 +229,8 @@ def make_states(
         "contacts": (particles * colliders, wp.vec4),
         "edge_contacts": (edges * colliders, wp.vec4),
         "sweeps": (bodies * colliders, Sweep),
+        "reels": (bodies if features.winch else 0, Reel),
+        "good_reels": (bodies if features.winch else 0, Reel),
         "good_positions": (particles, wp.vec4),
         "good_low": (particles, wp.vec4),
         "faulty": (bodies, int),

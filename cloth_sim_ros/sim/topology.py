@@ -34,6 +34,7 @@ class Topology:
     bends: (B, 3) of a rope, rest is the turn [-], `weights` (B, 2) the inverse lengths [1/m] of its two segments.
     panels: (P, 3) particles that the wind acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions
     [m] in local axes, along which grids are cut into tiles. grid: particles along x and y, None for what is no grid.
+    reel: of a rope on a winch, the last particle at the drum and the rest length [m] of the segment that begins there.
     """
 
     rest: np.ndarray
@@ -43,6 +44,7 @@ class Topology:
     triangles: np.ndarray
     panels: np.ndarray
     layout: np.ndarray
+    reel: tuple[int, float] | None = None
     hinges: Elements | None = None
     bends: Elements | None = None
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -250,6 +252,9 @@ def _rope(rope: Rope, direct: bool) -> Topology:
     halves = 0.5 * (np.append(length, 0.0) + np.insert(length, 0, 0.0))
     masses = rope.mass * halves / halves.sum() if rope.particle_masses is None else rope.particle_masses
     named = {"start": np.array([0]), "end": np.array([count - 1]), "both": np.array([0, count - 1])}
+    reel = _reel(rope, length)
+    if reel is not None:
+        points = _paid_out(points, length, reel)
     index = np.arange(count)
     pairs = np.stack([index[:-1], index[1:]], axis=1)
     stretch = Elements(pairs, length, length, index[:-1] % 2)
@@ -263,11 +268,34 @@ def _rope(rope: Rope, direct: bool) -> Topology:
         triangles=np.zeros((0, 3), dtype=np.int32),
         panels=np.concatenate([pairs, np.full((count - 1, 1), -1)], axis=1),
         layout=points,
+        reel=reel,
         bends=bends,
         bend_weights=weights,
         chain=stretch if direct else None,
         edge_contact=rope.edge_contact,
     )
+
+
+def _reel(rope: Rope, length: np.ndarray) -> tuple[int, float] | None:
+    """The particle at the drum of a rope of segments `length` (S,) [m] and how much of its segment is out [m]."""
+    if rope.winch is None:
+        return None
+    ends = np.cumsum(length)
+    hidden = max(float(ends[-1]) - rope.winch.length, 0.0)
+    index = min(int(np.searchsorted(ends, hidden, side="right")), len(length) - 1)
+    out = float(ends[index]) - hidden
+    if out < 0.5 * length[index] and index + 1 < len(length):  # part of the next, as after being hauled in
+        index, out = index + 1, out + float(length[index + 1])
+    return index, max(out, 0.5 * float(length[index]))
+
+
+def _paid_out(points: np.ndarray, length: np.ndarray, reel: tuple[int, float]) -> np.ndarray:
+    """Where particles lie when what is out begins at the start of the path through `points` (N, 3)."""
+    index, out = reel
+    along = np.concatenate([[0.0], np.cumsum(length)])
+    place = np.maximum(along - along[index + 1] + out, 0.0)
+    place[: index + 1] = 0.0
+    return np.stack([np.interp(place, along, points[:, axis]) for axis in range(3)], axis=1)
 
 
 def _bends(

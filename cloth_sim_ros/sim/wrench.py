@@ -7,6 +7,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.schedules.native import xyz
+from cloth_sim_ros.sim.schedules.reel import density_at
 from cloth_sim_ros.sim.state import Arrays
 from cloth_sim_ros.sim.tension import Tensions, is_held, last_step
 
@@ -58,6 +59,17 @@ def load_on(
     return load
 
 
+@wp.func
+def held_mass(arrays: Arrays, b: int, i: int, masses: wp.array(dtype=float)) -> float:
+    """The mass [kg] that goes with held particle i: at a drum half of the segment that is fed, and none on it."""
+    if arrays.state.reels.shape[0] > 0:
+        reel = arrays.state.reels[b]
+        if i <= reel.index:
+            body = arrays.model.bodies[b]
+            return wp.where(i < reel.index, 0.0, 0.5 * density_at(i, arrays.model, body) * reel.length)
+    return masses[i]
+
+
 @wp.kernel(enable_backward=False)
 def write_wrenches(
     arrays: Arrays,
@@ -78,7 +90,9 @@ def write_wrenches(
     place = int(0)
     while place <= last and is_held(arrays, first + wp.where(end == 0, place, last - place)):
         i = wp.where(end == 0, place, last - place)
-        load = load_on(arrays, b, i, forces, bends, bending) + masses[i] * arrays.frames[0].gravity
+        load = (
+            load_on(arrays, b, i, forces, bends, bending) + held_mass(arrays, b, i, masses) * arrays.frames[0].gravity
+        )
         force += load
         torque += wp.cross(xyz(arrays.state.positions[first + i] - arrays.state.positions[first + tip]), load)
         place += 1

@@ -5,10 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from cloth_sim_ros import parameters as table
 from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.ros.scene_plan import load_mesh, make_plan
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Simulation, Sphere
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Simulation, Sphere, Winch
 
 TYPES = {"sheet": "cloth", "line": "rope"}
 COLLIDERS = ("ball", "rod", "crate", "ground")
@@ -95,4 +96,5 @@ def test_the_rows_are_the_fields_of_the_scene():
     ours = {"type", "mesh", "shear", "bending", "shape", "dimensions"}
     for kind, description in (("cloth", Cloth), ("rope", Rope)):
         fields = {field.name for field in dataclasses.fields(description)}
-        assert {row.name for row in names.object_rows(kind)} - ours <= fields
+        assert {row.name.partition(".")[0] for row in names.object_rows(kind)} - ours <= fields
+    assert {row.name for row in table.WINCH} - {"enabled"} == {field.name for field in dataclasses.fields(Winch)}

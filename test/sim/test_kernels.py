@@ -95,6 +95,7 @@ ALL_FUNCTIONS = {
     "bends": "turn_residual",
     "chain": "series_admittance",
     "edges": "deepest edge_contact",
+    "winch": "next_rate rest_of share_out",
 }
 
 
@@ -107,6 +108,7 @@ ROPE_AND_ROOM = Features(("bend", "edge"), True, "segments", ("plane", "box"), 1
     [
         (Features(("spring",), False, "", (), 1, "xpbd"), {"springs"}),
         (Features(("spring",), False, "", (), 1, "xpbd", worlds=True), {"springs"}),
+        (Features((), True, "", (), 2, "xpbd", winch=True), {"chain", "winch"}),
         (Features(("cell",), False, "", (), 1, "xpbd"), {"cells"}),
         (SHEET_AND_BALL, {"cells", "hinges", "wind on cloth", "colliders", "sphere"}),
         (ROPE_AND_ROOM, {"bends", "chain", "wind on ropes", "colliders", "plane", "box", "edges"}),

@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
+from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.stages import (
     goes_back,
     in_turn,
@@ -97,6 +98,8 @@ class Coloured:
             for b, body in enumerate(self._bodies):
                 if self._colliders:
                     self._launch("sweep", self._colliders, b, substep)
+                if self._features.winch:
+                    self._launch("reel", 1, b)
                 if self._features.panels:
                     self._launch("panel", body["panels_end"] - body["panels"], b)
                 self._launch("predict", body["count"], b)
@@ -150,7 +153,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     contact_edge = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     project_one_spring, project_one_cell = make_project_spring(features.order), make_project_cell(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
-    solve_chain = make_solve_chain(features.order, 1, True, features.beam) if features.chain else None
+    solve_chain = make_solve_chain(features.order, 1, True, features.beam, features.winch) if features.chain else None
+    turn = make_turn(features.order) if features.winch else None
     module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}")
     wp.set_module_options(CPU_FLAGS, module)
     kernels: dict[str, wp.Kernel] = {}
@@ -248,6 +252,11 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
 
     @stage
     def count_faults(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        if wp.static(features.winch):
+            if arrays.state.faulty[i] == 1:
+                arrays.state.reels[i] = arrays.state.good_reels[i]
+            else:
+                arrays.state.good_reels[i] = arrays.state.reels[i]
         if arrays.state.faulty[i] == 1:
             arrays.state.recoveries[i] += 1
             arrays.state.faulty[i] = 0
@@ -403,6 +412,15 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             m, s, material = arrays.model, arrays.state, arrays.materials[b]
             if solve_chain(0, m, s, here.body, material, here.step, here.x, here.d, here.x):
                 arrays.state.torn[b] = 1
+
+    if turn is not None:
+
+        @stage
+        def reel(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+            body = arrays.model.bodies[b]
+            x = array_address(arrays.state.positions, body.particles)
+            low = array_address(arrays.state.low, body.particles)
+            turn(arrays.model, arrays.state, body, arrays.drives[b], arrays.frames[0].dt, x, low)
 
     if features.looks_back:
 

@@ -21,6 +21,7 @@ from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.schedules.beam import bend_by_moments, solve_beam
 from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quotient, root, store4, sync, sync_any, xyz
+from cloth_sim_ros.sim.schedules.reel import make_fed, rest_of, share_out
 from cloth_sim_ros.sim.schedules.scan import scan_backward, scan_forward, share_of
 from cloth_sim_ros.sim.schedules.shares import make_gather, make_reach_back, stiffness_across
 from cloth_sim_ros.sim.state import Material, Segment, State
@@ -70,8 +71,9 @@ def _move(i: int, u: wp.vec3, s: State, body: Body, step: Step, d: wp.uint64):
         s.solved[g] = xyz(p)
 
 
-def make_prepare(order: int):
+def make_prepare(order: int, winch: bool):
     """A Warp function: everything that the tangent at segment k needs and that does not depend on others."""
+    fed_to = make_fed(order)
 
     @wp.func
     def prepare(
@@ -95,6 +97,8 @@ def make_prepare(order: int):
         length = root(square)  # as exact as can be: it is what the stretch is told from
         n = inverse_root(square) * e
         rest = m.segment_length[index]
+        if wp.static(winch):
+            rest = rest_of(k, m, s, body)
         alpha = material.compliance[0] * rest * step.inverse_square
         gamma = material.damping * step.inverse
         segment = Segment()
@@ -106,6 +110,8 @@ def make_prepare(order: int):
             if wp.static(order == 2):
                 if step.second:
                     slip -= wp.dot(n, carried(s.last_displacements[g + 1] - s.last_displacements[g], step))
+            if wp.static(winch):
+                slip -= fed_to(k, length, s, body, step.second, step.parts)
             gap += gamma * slip
         segment.frame = edge_frame(n)
         eased = quotient(1.0, 1.0 + gamma)
@@ -162,14 +168,14 @@ def backward(segment: Segment, u: wp.vec3):
     return segment, before
 
 
-def make_solve_chain(order: int, threads: int, stored: bool, beam: bool):
+def make_solve_chain(order: int, threads: int, stored: bool, beam: bool, winch: bool):
     """A Warp function by which thread t of `threads` solves its part of a body's chain; whether that was torn.
 
     `stored`: a thread may have several segments, kept in State.segments; otherwise its one stays in registers. The
     address is that of 2 x SLOTS x threads vec4 that the threads share, unused by one thread. `beam`: the chain also
-    resists bending, solved after its stretch.
+    resists bending, solved after its stretch. `winch`: of a chain on a drum, what is out is solved.
     """
-    prepare = make_prepare(order)
+    prepare = make_prepare(order, winch)
     gather = make_gather(stored)
     reach_back = make_reach_back(stored)
 
@@ -185,7 +191,10 @@ def make_solve_chain(order: int, threads: int, stored: bool, beam: bool):
         d: wp.uint64,
         shared: wp.uint64,
     ) -> bool:
-        share = share_of(t, threads, body)
+        if wp.static(winch):
+            share = share_out(t, threads, s, body)
+        else:
+            share = share_of(t, threads, body)
         if wp.static(beam):
             if step.first:
                 for i in range(t, body.count, threads):

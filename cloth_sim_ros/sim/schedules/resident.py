@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
+from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
 from cloth_sim_ros.sim.schedules.stages import (
     goes_back,
@@ -87,10 +88,11 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     project_springs = make_sweep(features, shared > 0)
     project_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = (
-        make_solve_chain(features.order, block, shared == 0 or shared > THREADS, features.beam)
+        make_solve_chain(features.order, block, shared == 0 or shared > THREADS, features.beam, features.winch)
         if features.chain
         else None
     )
+    turn = make_turn(features.order) if features.winch else None
     # What every particle reads and writes once a substep lies in shared memory too where there is room.
     all_shared = "cell" in features.constraints and 0 < 3 * 16 * shared <= most_shared
     tile_address = native.make_tile_address(shared) if shared else None
@@ -152,6 +154,14 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         sync()
         parts = parts_of_motion(body, material, frame)
         step = make_step(frame.dt, history > 0, wp.static(features.order), parts)
+        if wp.static(features.winch):
+            if wp.static(features.worlds):
+                drive = given[w].drives[b]
+            else:
+                drive = given.drives[b]
+            if t == 0:
+                turn(m, s, body, drive, frame.dt, x, low)
+            sync()
         if wp.static(features.panels != ""):
             for k in range(body.panels + t, body.panels_end, width):
                 panel(k, m, s, body, material, frame, x)
@@ -216,11 +226,15 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                         )
                     sync()
             rough = int(0)
-            if wp.static(features.panels != "" or features.looks_back):
+            if wp.static(features.panels != "" or features.looks_back or features.winch):
                 for i in range(last - t, -1, -width):
                     moving = finish(i, substep, True, s, body, step, x, low, d)
                     rough += moving.rough
                 rough = sync_any(rough)
+            if wp.static(features.winch):
+                if t == 0 and substep + 1 < frame.substeps:
+                    turn(m, s, body, drive, frame.dt, x, low)
+                sync()
             if wp.static(features.panels != ""):
                 for k in range(body.panels + t, body.panels_end, width):
                     panel(k, m, s, body, material, frame, x)
@@ -234,7 +248,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             ends = substep + 1 == frame.substeps
             i = last - t
             while i >= 0:
-                if wp.static(features.panels == "" and not features.looks_back):
+                if wp.static(features.panels == "" and not features.looks_back and not features.winch):
                     moving = finish(i, substep, ends, s, body, step, x, low, d)
                 else:
                     moving = moving_of(i, s, body, low)
@@ -260,6 +274,11 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 if wp.static(features.beam):
                     s.moments[k] = wp.vec3(0.0)
         if t == 0:
+            if wp.static(features.winch):
+                if faulty:
+                    s.reels[b] = s.good_reels[b]
+                else:
+                    s.good_reels[b] = s.reels[b]
             if faulty:
                 s.recoveries[b] += 1
             if wp.static(features.looks_back):

@@ -1,0 +1,39 @@
+"""Winches seen from the host: their live numbers, and how far they have paid out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.scene import Winch, check_lengths
+
+LIVE = tuple(row.name for row in table.WINCH if row.live)
+
+
+def write_winch(batch: Batch, name: str, winch: Winch) -> None:
+    """The live numbers of the winch of rope `name` as the scene has them, in all worlds."""
+    batch.drives.write(batch.index[name], None, **{field: getattr(winch, field) for field in LIVE})
+
+
+def set_winch(batch: Batch, name: str, row: table.Parameter, value: Any, world: int | None) -> None:
+    """Change one live number in one world or, for None, in all. Raises ValueError."""
+    full = f"{name}.winch.{row.name}"
+    value = table.check(row, value, full)
+    b = batch.index[name]
+    held = batch.drives.read(b, world)
+    if row.name == "shortest":
+        check_lengths(value, float(held["longest"].min()), full)
+    if row.name == "longest":
+        check_lengths(float(held["shortest"].max()), value, f"{name}.winch.shortest")
+    batch.drives.write(b, world, **{row.name: value})
+
+
+def measure_winch(batch: Batch, name: str, world: int) -> dict[str, float]:
+    """paid_out [m], unstretched, pay_out [m/s], the rate now, and whether a limit of length has stopped it (0 or 1)."""
+    reel = batch.read_reels(name, world)[0, 0]
+    return {
+        "paid_out": float(reel["behind"] + reel["length"] + reel["owed"]),
+        "pay_out": float(reel["rate"]),
+        "winch_stopped": int(reel["stopped"]),
+    }
