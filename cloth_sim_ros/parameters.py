@@ -174,6 +174,17 @@ ROPE = (
     *_PLACE,
 )
 
+TWIST = (
+    Parameter(
+        "twist",
+        "bool",
+        False,
+        "Whether a rope that bends also resists twist; both its ends are clamped then, by two particles each.",
+    ),
+    _double("twist_compliance", 1e2, "1/GJ: twist per length and torsional moment.", "1/(N m^2)", 1e-6, 1e12),
+    _double("end_turn", 0, "By how much the end is turned about its axis against the start.", "rad", -1e4, 1e4),
+)
+
 WINCH = (
     Parameter(
         "enabled",

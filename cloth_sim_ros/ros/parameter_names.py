@@ -22,7 +22,7 @@ WINCH = tuple(replace(row, name=f"winch.{row.name}") for row in table.WINCH)
 
 def object_rows(kind: str) -> tuple[Parameter, ...]:
     """The rows under the prefix of an object of `kind` "cloth" or "rope"."""
-    return (*table.OBJECT, *((*table.ROPE, *WINCH) if kind == "rope" else (*table.SHEET, *table.CLOTH)))
+    return (*table.OBJECT, *((*table.ROPE, *table.TWIST, *WINCH) if kind == "rope" else (*table.SHEET, *table.CLOTH)))
 
 
 def prefixed(prefix: str, rows: Iterable[Parameter]) -> dict[str, Parameter]:

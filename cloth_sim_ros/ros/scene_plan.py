@@ -63,6 +63,8 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
         own["bend_compliance"] = None
     if own.pop("type") == "rope":
         del own["bending"]
+        if not own.pop("twist"):
+            del own["twist_compliance"]
         winch = group(own, "winch")
         own = {field: value for field, value in own.items() if not field.startswith("winch.")}
         return Rope(**own, winch=Winch(**winch) if winch.pop("enabled") else None)

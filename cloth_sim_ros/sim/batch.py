@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.schedules.patched import Patched, plan_patches, whole_cos
 from cloth_sim_ros.sim.schedules.resident import Resident, capacity
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
-from cloth_sim_ros.sim.state import Arrays, Drive, LiveArray, Material, Reel, make_states, row_of, state_of
+from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, LiveArray, Material, Reel, make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
 KEPT = ("positions", "low", "good_positions", "good_low", "velocities")
@@ -21,14 +21,13 @@ KEPT = ("positions", "low", "good_positions", "good_low", "velocities")
 
 @dataclass(frozen=True)
 class BodyState:
-    """One body in all worlds: arrays of KEPT (worlds, N, 4), recoveries (worlds, 1), rows of Material (worlds,), and
-    of a rope on a winch of Drive (worlds,) and Reel (worlds, 1)."""
+    """One body in all worlds: arrays of KEPT (worlds, N, 4), recoveries (worlds, 1), its rows of the live arrays
+    (worlds,) and of Reel and Twist (worlds, 1) where it has them."""
 
     particles: dict[str, np.ndarray]
     recoveries: np.ndarray
-    materials: np.ndarray
-    drives: np.ndarray | None = None
-    reels: np.ndarray | None = None
+    live: list[np.ndarray]
+    bodies: dict[str, np.ndarray]
 
 
 class Batch:
@@ -50,6 +49,7 @@ class Batch:
     ):
         self.features, self.device = features, device
         self.index = {name: b for b, name in enumerate(topologies)}
+        self._own = [array for array, has in (("reels", features.winch), ("twists", features.twist)) if has]
         self._rest = {name: topology.rest for name, topology in topologies.items()}
         self._inverse_mass = {
             name: np.where(topology.pinned, 0.0, 1.0 / topology.masses) for name, topology in topologies.items()
@@ -64,6 +64,7 @@ class Batch:
         self.counts = [body[3] for body in collected.bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)
         self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
+        self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
         self.states = make_states(collected, features, colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, frame, colliders) for w in range(worlds)]
@@ -77,6 +78,7 @@ class Batch:
         arrays.model, arrays.state = model, state_of(self.states, w)
         arrays.frames, arrays.materials = frame.array[w], self.materials.array[w]
         arrays.colliders, arrays.drives = row_of(colliders.array, w), row_of(self.drives.array, w)
+        arrays.ends = row_of(self.ends.array, w)
         return arrays
 
     def _make_schedule(self, wanted: str, topologies: list[Topology]) -> Resident | Coloured | Tiled | Patched:
@@ -121,7 +123,7 @@ class Batch:
     def reset(self, name: str, world: int | None) -> None:
         """Back to the rest shape, at rest, in one world or, for None, in all."""
         if self.features.winch:
-            self.write_reels(name, self._reels[name], world)
+            self.write_body("reels", name, self._reels[name], world)
         self.write_positions(name, self._rest[name], world)
         self.write_velocities(name, np.zeros((len(self._rest[name]), 3)), world)
         b = self.index[name]
@@ -136,7 +138,7 @@ class Batch:
             self._write_rows(name, positions, self._inverse_mass[name], world)
             return
         for w in range(len(self.worlds)) if world is None else (world,):
-            wound = np.arange(len(positions)) <= int(self.read_reels(name, w)["index"][0, 0])
+            wound = np.arange(len(positions)) <= int(self.read_body("reels", name, w)["index"][0, 0])
             rows, inverse = np.where(wound[:, None], positions[0], positions), self._inverse_mass[name]
             self._write_rows(name, rows, np.where(wound, 0.0, inverse), w)
 
@@ -151,16 +153,19 @@ class Batch:
             self._assign(good, span, world, rows)
         self._forget(name, world)
 
-    def read_reels(self, name: str, world: int | None) -> np.ndarray:
-        """How far the winch of a rope has paid out: rows of Reel (worlds, 1), of one world or, for None, of all."""
+    def read_body(self, array: str, name: str, world: int | None) -> np.ndarray:
+        """The row of "reels" or "twists" of a rope, (worlds, 1), of one world or, for None, of all."""
         b = self.index[name]
-        return self._part("reels", slice(b, b + 1), world).numpy()
+        return self._part(array, slice(b, b + 1), world).numpy()
 
-    def write_reels(self, name: str, rows: np.ndarray, world: int | None) -> None:
-        """Put a winch where another was, (worlds, 1) or (1, 1) rows of Reel; positions are to be written after it."""
+    def write_body(self, array: str, name: str, rows: np.ndarray, world: int | None) -> None:
+        """Put a winch or a twist where another was, (worlds, 1) or (1, 1) rows.
+
+        Positions are to be written after a winch, and forget a twist, which is to be written after them.
+        """
         b = self.index[name]
-        for array in ("reels", "good_reels"):
-            part = self._part(array, slice(b, b + 1), world)
+        for each in (array, f"good_{array}"):
+            part = self._part(each, slice(b, b + 1), world)
             part.assign(np.ascontiguousarray(np.broadcast_to(rows, part.shape)))
 
     def write_velocities(self, name: str, velocities: np.ndarray, world: int | None) -> None:
@@ -173,10 +178,8 @@ class Batch:
         span, b = self.span(name), self.index[name]
         particles = {array: self._part(array, span, None).numpy() for array in KEPT}
         recoveries = self._part("recoveries", slice(b, b + 1), None).numpy()
-        kept = BodyState(particles, recoveries, self.materials.read(b, None))
-        if not self.features.winch:
-            return kept
-        return replace(kept, drives=self.drives.read(b, None), reels=self.read_reels(name, None))
+        live = [rows.read(b, None) for rows in self._live()]
+        return BodyState(particles, recoveries, live, {array: self.read_body(array, name, None) for array in self._own})
 
     def give(self, name: str, kept: BodyState) -> None:
         """What another batch took of a body; history and multipliers start anew."""
@@ -184,10 +187,18 @@ class Batch:
         for array, rows in kept.particles.items():
             self._part(array, span, None).assign(rows)
         self._part("recoveries", slice(b, b + 1), None).assign(kept.recoveries)
-        self.materials.edit()[:, b] = kept.materials
-        if self.features.winch:
-            self.drives.edit()[:, b] = kept.drives
-            self.write_reels(name, kept.reels, None)
+        for rows, held in zip(self._live(), kept.live, strict=True):
+            rows.edit()[:, b] = held
+        for array, held in kept.bodies.items():
+            self.write_body(array, name, held, None)
+
+    def _live(self) -> list[LiveArray]:
+        return [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
+
+    def upload(self) -> None:
+        """Bring changed live numbers to the device."""
+        for rows in self._live():
+            rows.upload()
 
     def save(self) -> None:
         """Keep the whole state aside, on the device; the room for it is taken once."""
@@ -224,6 +235,10 @@ class Batch:
             self._part("chain_forces", self.span(name), world).zero_()
             if self.features.beam:
                 self._part("moments", segments, world).zero_()
+            if self.features.twist:
+                self._part("couples", segments, world).zero_()
+                for array in ("twists", "good_twists"):
+                    self._part(array, slice(b, b + 1), world).zero_()
         if self.features.looks_back:
             self._part("history", slice(b, b + 1), world).zero_()
 

@@ -31,6 +31,7 @@ class Features:
     worlds: bool = False  # whether there are many, each with a state of its own
     beam: bool = False  # a chain that resists bending
     winch: bool = False  # a chain that a winch feeds
+    twist: bool = False  # a beam that resists twist between two clamps
 
     def key(self) -> str:
         """A name for kernels with these features, the same in every process, so that caches on disk are found."""
@@ -61,7 +62,18 @@ class Features:
         chain = topology.chain is not None
         beam = chain and topology.bends is not None
         winch = topology.reel is not None
-        return Features(kinds + others, chain, panels if wind else "", shapes, order, method, worlds, beam, winch)
+        return Features(
+            kinds + others,
+            chain,
+            panels if wind else "",
+            shapes,
+            order,
+            method,
+            worlds,
+            beam,
+            winch,
+            beam and topology.twists,
+        )
 
 
 @wp.struct

@@ -199,6 +199,9 @@ class Rope:
     pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of each segment. edge_contact:
     whether segments touch colliders, not particles alone. winch: a drum at the start, which must be pinned; the end may
     be. What it has not paid out lies on it, and the rest, measured from the end, along the path from the start.
+    twist_compliance [1/(N m^2)] = 1/GJ or None for no twist; with it both ends are clamped, the first and the last two
+    particles pinned, and end_turn [rad] is by how much the end is turned about its axis against the start, from the
+    shape that positions were last set to.
     """
 
     points: Any = field(default=None, repr=False, compare=False)
@@ -218,9 +221,12 @@ class Rope:
     orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
     particle_masses: Any = field(default=None, repr=False, compare=False)
     winch: Winch | None = None
+    twist_compliance: float | None = None
+    end_turn: float = 0.0
 
     def __post_init__(self) -> None:
-        _checked(self, table.ROPE, ("bend_compliance",) if self.bend_compliance is None else ())
+        absent = tuple(name for name in ("bend_compliance", "twist_compliance") if getattr(self, name) is None)
+        _checked(self, (*table.ROPE, *table.TWIST), absent)
         if self.points is None:
             t = np.linspace(0.0, 1.0, self.segments + 1)[:, None]
             points = np.asarray(self.start) * (1.0 - t) + np.asarray(self.end) * t
@@ -237,6 +243,17 @@ class Rope:
         _take_masses(self, len(points))
         if self.winch is not None:
             self._check_winch()
+        if self.twist_compliance is not None:
+            self._check_twist()
+
+    def _check_twist(self) -> None:
+        if self.bend_compliance is None:
+            raise ValueError("Rope.twist_compliance is set without bend_compliance; allowed is to set both")
+        clamps = {0, 1, self.segments - 1, self.segments}
+        if isinstance(self.pins, str) or self.pins is None or not clamps <= set(self.pins) or len(clamps) < 4:
+            raise ValueError(
+                f"Rope.pins is {self.pins!r} with twist; allowed is to clamp both ends, particles {sorted(clamps)}"
+            )
 
     def _check_winch(self) -> None:
         if not isinstance(self.winch, Winch):

@@ -21,6 +21,7 @@ from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings, finite_array, 
 from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
 from cloth_sim_ros.sim.tension import Tensions, read_tensions
+from cloth_sim_ros.sim.twist import directors, measure_twist, read_twist
 from cloth_sim_ros.sim.winch import measure_winch, set_winch, write_winch
 from cloth_sim_ros.sim.wrench import EndWrenches, read_wrenches
 
@@ -49,7 +50,7 @@ class Simulation:
         self._elastic = {name: topology.build(thing, name, False) for name, thing in scene.objects.items()}
         self._strained: set[str] = set()
         for name, thing in scene.objects.items():
-            self._check_winch(name, thing)
+            self._check_rope(name, thing)
         if self.settings.method == "verlet":
             for name, thing in scene.objects.items():
                 self._check_explicit(name, _compliances(thing), thing.damping, self.settings.substeps)
@@ -61,13 +62,14 @@ class Simulation:
         self._write_settings()
         self._write_scene()
 
-    def _check_winch(self, name: str, thing: Cloth | Rope) -> None:
-        """Raise ValueError where a rope has a winch and these settings solve ropes in a way that cannot feed it."""
-        if not isinstance(thing, Rope) or thing.winch is None:
+    def _check_rope(self, name: str, thing: Cloth | Rope) -> None:
+        """Raise ValueError where a rope has a winch or twist, which these settings cannot solve."""
+        if not isinstance(thing, Rope) or (thing.winch is None and thing.twist_compliance is None):
             return
+        what = "a winch on" if thing.winch is not None else "twist in"
         for setting, wanted in (("method", "verlet"), ("rope_solver", "gauss_seidel")):
             if getattr(self.settings, setting) == wanted:
-                raise ValueError(f"solver.{setting} is {wanted!r} with a winch on {name}; allowed is another")
+                raise ValueError(f"solver.{setting} is {wanted!r} with {what} {name}; allowed is another")
 
     def _choose(self, name: str, materials: set[tuple]) -> Choice:
         return choose(self.settings, self._elastic[name], materials, name in self._strained)
@@ -244,8 +246,7 @@ class Simulation:
         self._frame.upload()
         self._colliders.upload()
         for batch in self._batches:
-            batch.materials.upload()
-            batch.drives.upload()
+            batch.upload()
 
     # -- state ---------------------------------------------------------------------------------------------------
 
@@ -261,17 +262,19 @@ class Simulation:
 
     def take_over(self, name: str, other: Simulation) -> None:
         """An object goes on, in all worlds, from where it is in the first world of another simulation that has it with
-        the same structure: positions, velocities and what a winch has paid out."""
-        batch = self._batch[name]
+        the same structure: positions, velocities, what a winch has paid out and the twist."""
+        batch, source = self._batch[name], other._batch[name]
         if batch.features.winch:
-            batch.write_reels(name, other._batch[name].read_reels(name, 0), None)
+            batch.write_body("reels", name, source.read_body("reels", name, 0), None)
         self.set_positions(name, other.positions(name))
         self.set_velocities(name, other.velocities(name))
+        if batch.features.twist:
+            batch.write_body("twists", name, source.read_body("twists", name, 0), None)
 
     def _drum(self, name: str, world: int) -> int:
         """The first segment of a rope that is out."""
         batch = self._batch[name]
-        return int(batch.read_reels(name, world)["index"][0, 0]) if batch.features.winch else 0
+        return int(batch.read_body("reels", name, world)["index"][0, 0]) if batch.features.winch else 0
 
     def tensions(self, name: str, world: int = 0) -> np.ndarray:
         """Tensions (S,) float32 [N] of a rope's segments at the end of the last substep in one world, also where they
@@ -282,6 +285,14 @@ class Simulation:
         """What writes the tensions of a rope into a column of a device array (N, columns) float, a particle a row; it
         holds until `builds` changes. Raises ValueError for a cloth."""
         return Tensions(self._rope_batch(name), name, self._one(world), out, column)
+
+    def directors(self, name: str, world: int = 0) -> np.ndarray:
+        """Unit vectors (S, 3) float64 across the segments of a rope that resists twist, which turn with its material,
+        in one world, as of the last substep. Raises ValueError for what does not resist twist."""
+        if getattr(self.scene.objects.get(name), "twist_compliance", None) is None:
+            raise ValueError(f"{name} does not resist twist; allowed is a rope with twist_compliance")
+        row = read_twist(self._batch[name], name, self._one(world))
+        return directors(self.positions(name, world).astype(np.float64), self._topology(name).chain.rest, row)
 
     def end_wrenches(self, name: str, world: int = 0) -> np.ndarray:
         """(2, 6) float32: force [N] and torque [N m] in world axes with which a rope loads what holds its start, then
@@ -345,7 +356,8 @@ class Simulation:
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
         """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries;
         of a rope also max_tension, start_tension, end_tension [N], of all, the first and the last of its segments, and
-        of one on a winch paid_out [m], pay_out [m/s] and winch_stopped, whether a limit of length holds it back.
+        of one on a winch paid_out [m], pay_out [m/s] and winch_stopped, whether a limit of length holds it back; of one
+        that resists twist, twist [rad] from start to end and torsion [N m].
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
@@ -366,6 +378,8 @@ class Simulation:
                 }
                 if thing.winch is not None:
                     found[name] |= measure_winch(self._batch[name], name, world)
+                if thing.twist_compliance is not None:
+                    found[name] |= measure_twist(self._batch[name], name, world)
         if self.settings.method == "auto":
             for name, numbers in found.items():
                 hot = numbers["recoveries"] or numbers["max_strain"] > STRAINED
@@ -445,14 +459,18 @@ class Simulation:
 
     def _set_material(self, owner: str, field: str, name: str, value: Any, world: int | None) -> None:
         thing = self.scene.objects[owner]
-        row = _live(table.CLOTH if isinstance(thing, Cloth) else table.ROPE, field, name)
-        if field in ("shear_compliance", "bend_compliance") and getattr(thing, field) is None:
-            raise ValueError(f"{name} is set but {owner} was built without; allowed is an object built with {field}")
+        row = _live(table.CLOTH if isinstance(thing, Cloth) else (*table.ROPE, *table.TWIST), field, name)
+        needed = "twist_compliance" if field == "end_turn" else field
+        if needed in ("shear_compliance", "bend_compliance", "twist_compliance") and getattr(thing, needed) is None:
+            raise ValueError(f"{name} is set but {owner} was built without; allowed is an object built with {needed}")
         value = table.check(row, value, name)
+        if field == "end_turn":
+            self._batch[owner].ends.write(self._batch[owner].index[owner], world, turn=value)
+            return
         materials = self._materials(owner, world)
         if field.endswith("_compliance"):
-            kinds = ("stretch_compliance", "shear_compliance", "bend_compliance")
-            materials["compliance"][:, kinds.index(field)] = value
+            kinds = {"stretch_compliance": 0, "shear_compliance": 1, "twist_compliance": 1, "bend_compliance": 2}
+            materials["compliance"][:, kinds[field]] = value
             field = "compliance"
         else:
             field = "thickness" if field == "radius" else field
@@ -514,6 +532,8 @@ class Simulation:
             self._write_material(name, thing)
             if isinstance(thing, Rope) and thing.winch is not None:
                 write_winch(self._batch[name], name, thing.winch)
+            if isinstance(thing, Rope) and thing.twist_compliance is not None:
+                self._batch[name].ends.write(self._batch[name].index[name], None, turn=thing.end_turn)
         self._place_colliders()
 
     def _write_material(self, name: str, thing: Cloth | Rope) -> None:
@@ -562,8 +582,9 @@ class Simulation:
 
 
 def _compliances(thing: Cloth | Rope) -> list[float]:
-    """Structural, shear and bending compliance, 0 for a kind that does not exist."""
-    kinds = (thing.stretch_compliance, getattr(thing, "shear_compliance", None), thing.bend_compliance)
+    """Structural, shear (of a rope: twist) and bending compliance, 0 for a kind that does not exist."""
+    across = thing.twist_compliance if isinstance(thing, Rope) else thing.shear_compliance
+    kinds = (thing.stretch_compliance, across, thing.bend_compliance)
     return [kind or 0.0 for kind in kinds]
 
 

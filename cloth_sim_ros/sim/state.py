@@ -16,7 +16,8 @@ from cloth_sim_ros.sim.model import Features, Model, ModelArrays
 
 @wp.struct
 class Material:
-    """One body. compliance: structural, shear, bending in units of the scene; lengths [m], damping [s]."""
+    """One body. compliance: structural, shear (a rope's: twist), bending in units of the scene; lengths [m], damping
+    [s]."""
 
     compliance: wp.vec3
     damping: float
@@ -126,6 +127,26 @@ class Reel:
 
 
 @wp.struct
+class EndTurn:
+    """By how much the end of one rope is turned about its axis against the start, live [rad]."""
+
+    turn: float
+
+
+@wp.struct
+class Twist:
+    """The twist of one rope between two clamps (see schedules/twist.py)."""
+
+    known: int  # whether the clamps' frames are
+    start: wp.vec3  # a unit vector across the first segment
+    end: wp.vec3  # and what it is, carried along the rope without twist, across the last
+    wanted: float  # by how much the end is turned [rad], now and before this substep
+    turned: float
+    angle: float  # of twist along all of it [rad]
+    moment: float  # [N m]
+
+
+@wp.struct
 class BeamRow:
     """Scratch of the solve of a rope's bending at one particle (see schedules/beam.py)."""
 
@@ -157,6 +178,9 @@ class State:
     segments: wp.array(dtype=Segment)  # (C,)
     moments: wp.array(dtype=wp.vec3)  # (C,) bending moment [N m] behind each segment of a chain that bends
     beam: wp.array(dtype=BeamRow)  # (N,)
+    couples: wp.array(dtype=wp.vec3)  # (C,) torsional moment x half the curvature binormal [N m] at each such joint
+    twists: wp.array(dtype=Twist)  # (B,) of ropes that resist twist, and when the body was last good
+    good_twists: wp.array(dtype=Twist)  # (B,)
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     edge_contacts: wp.array(dtype=wp.vec4)  # (K D,) the same of edges
@@ -186,6 +210,7 @@ class Arrays:
     materials: wp.array(dtype=Material)  # (B,)
     colliders: wp.array(dtype=ColliderMotion)  # (K,)
     drives: wp.array(dtype=Drive)  # (B,) of ropes that a winch feeds
+    ends: wp.array(dtype=EndTurn)  # (B,) of ropes that resist twist
 
 
 def given_type(features: Features) -> type:
@@ -225,6 +250,9 @@ def make_states(
         "segments": (arrays.size["segment_length"], Segment),
         "moments": (arrays.size["joints"], wp.vec3),
         "beam": (particles if features.beam else 0, BeamRow),
+        "couples": (arrays.size["joints"] if features.twist else 0, wp.vec3),
+        "twists": (bodies if features.twist else 0, Twist),
+        "good_twists": (bodies if features.twist else 0, Twist),
         "panel_forces": (arrays.size["panels"] if features.panels else 0, wp.vec4),
         "contacts": (particles * colliders, wp.vec4),
         "edge_contacts": (edges * colliders, wp.vec4),

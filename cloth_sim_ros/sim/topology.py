@@ -35,6 +35,7 @@ class Topology:
     panels: (P, 3) particles that the wind acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions
     [m] in local axes, along which grids are cut into tiles. grid: particles along x and y, None for what is no grid.
     reel: of a rope on a winch, the last particle at the drum and the rest length [m] of the segment that begins there.
+    twists: whether a rope resists twist.
     """
 
     rest: np.ndarray
@@ -45,6 +46,7 @@ class Topology:
     panels: np.ndarray
     layout: np.ndarray
     reel: tuple[int, float] | None = None
+    twists: bool = False
     hinges: Elements | None = None
     bends: Elements | None = None
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -269,6 +271,7 @@ def _rope(rope: Rope, direct: bool) -> Topology:
         panels=np.concatenate([pairs, np.full((count - 1, 1), -1)], axis=1),
         layout=points,
         reel=reel,
+        twists=rope.twist_compliance is not None,
         bends=bends,
         bend_weights=weights,
         chain=stretch if direct else None,

@@ -31,7 +31,7 @@ def set_winch(batch: Batch, name: str, row: table.Parameter, value: Any, world: 
 
 def measure_winch(batch: Batch, name: str, world: int) -> dict[str, float]:
     """paid_out [m], unstretched, pay_out [m/s], the rate now, and whether a limit of length has stopped it (0 or 1)."""
-    reel = batch.read_reels(name, world)[0, 0]
+    reel = batch.read_body("reels", name, world)[0, 0]
     return {
         "paid_out": float(reel["behind"] + reel["length"] + reel["owed"]),
         "pay_out": float(reel["rate"]),

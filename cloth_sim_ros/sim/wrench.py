@@ -8,8 +8,9 @@ import warp as wp
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.schedules.native import xyz
 from cloth_sim_ros.sim.schedules.reel import density_at
+from cloth_sim_ros.sim.schedules.twist import push_of
 from cloth_sim_ros.sim.state import Arrays
-from cloth_sim_ros.sim.tension import Tensions, is_held, last_step
+from cloth_sim_ros.sim.tension import Tensions, edge_at, is_held, last_step
 
 
 @wp.func
@@ -52,6 +53,8 @@ def load_on(
         load -= forces[i - 1]
     if bending:
         load += bending_force(arrays, b, i, bends)
+    if arrays.state.twists.shape[0] > 0:
+        load += push_of(i, arrays.model, arrays.state, body)
     if arrays.state.panel_forces.shape[0] > 0:
         g = body.particles + i
         for k in range(arrays.model.panel_start[g], arrays.model.panel_start[g + 1]):
@@ -96,6 +99,10 @@ def write_wrenches(
         force += load
         torque += wp.cross(xyz(arrays.state.positions[first + i] - arrays.state.positions[first + tip]), load)
         place += 1
+    if arrays.state.twists.shape[0] > 0:
+        k = wp.where(end == 0, 0, last - 1)
+        torsion = wp.where(end == 0, 1.0, -1.0) * arrays.state.twists[b].moment
+        torque += torsion * wp.normalize(edge_at(arrays, first + k))
     for c in range(3):
         out[end, c] = force[c]
         out[end, 3 + c] = torque[c]

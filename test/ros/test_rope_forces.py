@@ -41,3 +41,20 @@ def test_wrench_on_what_holds_the_start(start, client):
     assert abs(wrench.force.x) + abs(wrench.force.y) + abs(wrench.torque.x) + abs(wrench.torque.y) < 1e-3
     assert header.frame_id == "world" and header.stamp.sec > 0
     assert ends[-1].wrench.force.z == 0.0
+
+
+CLAMPED = """
+cloth_sim:
+  ros__parameters:
+    objects: [rope]
+    gravity: [0.0, 0.0, 0.0]
+    rope: {type: rope, segments: 10, pins: [0, 1, 9, 10], bending: angle, twist: true, twist_compliance: 20.0}
+"""
+
+
+def test_a_turned_end_loads_both_clamps(start, client):
+    start(CLAMPED).ready()
+    ends = client.listen(WrenchStamped, "/cloth_sim/rope/end/wrench", 1)
+    assert client.set("rope.end_turn", np.pi / 2).successful
+    client.until(lambda: ends and ends[-1].wrench.torque.x != 0.0)
+    assert ends[-1].wrench.torque.x == pytest.approx(-np.pi / 2 / 20.0 / 0.8, rel=1e-3)  # GJ angle / free length

@@ -96,6 +96,7 @@ ALL_FUNCTIONS = {
     "chain": "series_admittance",
     "edges": "deepest edge_contact",
     "winch": "next_rate rest_of share_out",
+    "twist": "carried_across half_binormal push_by_couples",
 }
 
 
@@ -109,6 +110,7 @@ ROPE_AND_ROOM = Features(("bend", "edge"), True, "segments", ("plane", "box"), 1
         (Features(("spring",), False, "", (), 1, "xpbd"), {"springs"}),
         (Features(("spring",), False, "", (), 1, "xpbd", worlds=True), {"springs"}),
         (Features((), True, "", (), 2, "xpbd", winch=True), {"chain", "winch"}),
+        (Features((), True, "", (), 2, "xpbd", beam=True, twist=True), {"chain", "bends", "twist"}),
         (Features(("cell",), False, "", (), 1, "xpbd"), {"cells"}),
         (SHEET_AND_BALL, {"cells", "hinges", "wind on cloth", "colliders", "sphere"}),
         (ROPE_AND_ROOM, {"bends", "chain", "wind on ropes", "colliders", "plane", "box", "edges"}),

@@ -27,6 +27,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     parts_of_motion,
     sweep_collider,
 )
+from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, compliance_of, gathered, given_type
 
@@ -153,7 +154,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     contact_edge = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     project_one_spring, project_one_cell = make_project_spring(features.order), make_project_cell(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
-    solve_chain = make_solve_chain(features.order, 1, True, features.beam, features.winch) if features.chain else None
+    solve_chain = make_solve_chain(features, 1, True) if features.chain else None
     turn = make_turn(features.order) if features.winch else None
     module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}")
     wp.set_module_options(CPU_FLAGS, module)
@@ -247,11 +248,18 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
                 arrays.state.tensions[body.segments + i] = 0.0
                 if wp.static(features.beam):
                     arrays.state.moments[body.segments + i] = wp.vec3(0.0)
+                if wp.static(features.twist):
+                    arrays.state.couples[body.segments + i] = wp.vec3(0.0)
         else:
             keep(p, arrays.state.positions[p], arrays.state.low[p], arrays.state)
 
     @stage
     def count_faults(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        if wp.static(features.twist):
+            if arrays.state.faulty[i] == 1:
+                arrays.state.twists[i] = arrays.state.good_twists[i]
+            else:
+                arrays.state.good_twists[i] = arrays.state.twists[i]
         if wp.static(features.winch):
             if arrays.state.faulty[i] == 1:
                 arrays.state.reels[i] = arrays.state.good_reels[i]
@@ -410,6 +418,8 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         def chain(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             here = look(arrays, b, iteration, store)
             m, s, material = arrays.model, arrays.state, arrays.materials[b]
+            if wp.static(features.twist):
+                ask_for(arrays.ends[b].turn, b, s)
             if solve_chain(0, m, s, here.body, material, here.step, here.x, here.d, here.x):
                 arrays.state.torn[b] = 1
 

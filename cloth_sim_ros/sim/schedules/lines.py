@@ -9,7 +9,7 @@ join their segments to spans and scan these, so that each knows what lies before
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Body, Model
+from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.chain import (
     Span,
     edge_frame,
@@ -24,6 +24,7 @@ from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quotient, ro
 from cloth_sim_ros.sim.schedules.reel import make_fed, rest_of, share_out
 from cloth_sim_ros.sim.schedules.scan import scan_backward, scan_forward, share_of
 from cloth_sim_ros.sim.schedules.shares import make_gather, make_reach_back, stiffness_across
+from cloth_sim_ros.sim.schedules.twist import make_find_twist, push_by_couples
 from cloth_sim_ros.sim.state import Material, Segment, State
 
 # A segment whose correction turns it by more than the root of this [rad^2] left what a linear solve can tell: it is
@@ -168,14 +169,16 @@ def backward(segment: Segment, u: wp.vec3):
     return segment, before
 
 
-def make_solve_chain(order: int, threads: int, stored: bool, beam: bool, winch: bool):
+def make_solve_chain(features: Features, threads: int, stored: bool):
     """A Warp function by which thread t of `threads` solves its part of a body's chain; whether that was torn.
 
     `stored`: a thread may have several segments, kept in State.segments; otherwise its one stays in registers. The
-    address is that of 2 x SLOTS x threads vec4 that the threads share, unused by one thread. `beam`: the chain also
-    resists bending, solved after its stretch. `winch`: of a chain on a drum, what is out is solved.
+    address is that of 2 x SLOTS x threads vec4 that the threads share, unused by one thread. A beam also resists
+    bending, solved after its stretch, and between two clamps twist; of a chain on a winch, what is out is solved.
     """
-    prepare = make_prepare(order, winch)
+    prepare = make_prepare(features.order, features.winch)
+    beam, winch, twist = features.beam, features.winch, features.twist
+    find_twist = make_find_twist(features.order) if twist else None
     gather = make_gather(stored)
     reach_back = make_reach_back(stored)
 
@@ -197,8 +200,14 @@ def make_solve_chain(order: int, threads: int, stored: bool, beam: bool, winch: 
             share = share_of(t, threads, body)
         if wp.static(beam):
             if step.first:
+                if wp.static(twist):
+                    if t == 0:
+                        find_twist(m, s, body, material, step, x)
+                    sync()
                 for i in range(t, body.count, threads):
                     bend_by_moments(i, m, s, body, step, d)
+                    if wp.static(twist):
+                        push_by_couples(i, m, s, body, step, d)
                 sync()
         segment = Segment()
         missing = wp.vec3(0.0)

@@ -29,6 +29,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep
+from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, compliance_of, gathered, given_type
 
@@ -87,11 +88,8 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     project_springs = make_sweep(features, shared > 0)
     project_tuple = make_project_tuple(features.constraints, features.order)
-    solve_chain = (
-        make_solve_chain(features.order, block, shared == 0 or shared > THREADS, features.beam, features.winch)
-        if features.chain
-        else None
-    )
+    stored = shared == 0 or shared > THREADS
+    solve_chain = make_solve_chain(features, block, stored) if features.chain else None
     turn = make_turn(features.order) if features.winch else None
     # What every particle reads and writes once a substep lies in shared memory too where there is room.
     all_shared = "cell" in features.constraints and 0 < 3 * 16 * shared <= most_shared
@@ -154,6 +152,12 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         sync()
         parts = parts_of_motion(body, material, frame)
         step = make_step(frame.dt, history > 0, wp.static(features.order), parts)
+        if wp.static(features.twist):
+            if t == 0:
+                if wp.static(features.worlds):
+                    ask_for(given[w].ends[b].turn, b, s)
+                else:
+                    ask_for(given.ends[b].turn, b, s)
         if wp.static(features.winch):
             if wp.static(features.worlds):
                 drive = given[w].drives[b]
@@ -273,7 +277,14 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 s.tensions[k] = 0.0
                 if wp.static(features.beam):
                     s.moments[k] = wp.vec3(0.0)
+                if wp.static(features.twist):
+                    s.couples[k] = wp.vec3(0.0)
         if t == 0:
+            if wp.static(features.twist):
+                if faulty:
+                    s.twists[b] = s.good_twists[b]
+                else:
+                    s.good_twists[b] = s.twists[b]
             if wp.static(features.winch):
                 if faulty:
                     s.reels[b] = s.good_reels[b]

@@ -1,0 +1,225 @@
+"""Ropes that resist twist between two clamps: even twist, Michell's ring, Greenhill's rod, balance and energy."""
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation, Winch
+
+
+def clamped(segments, length, bending, torsion, **rope):
+    """A straight rope along x whose first and last segments are held."""
+    return Rope(
+        start=(0, 0, 0),
+        end=(length, 0, 0),
+        segments=segments,
+        pins=(0, 1, segments - 1, segments),
+        mass=0.05,
+        bend_compliance=1.0 / bending,
+        twist_compliance=1.0 / torsion,
+        **rope,
+    )
+
+
+def simulation(rope, device, worlds=1, **settings):
+    return Simulation(
+        Scene({"it": rope}, gravity=(0, 0, 0)), Settings(**{"substeps": 20, **settings}), device=device, worlds=worlds
+    )
+
+
+def free_length(segments, length):
+    return length * (segments - 2) / segments
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("turn", [np.pi / 2, -12.0])
+def test_the_turn_of_the_end_is_spread_evenly(device, turn, order):
+    segments, length, torsion = 20, 1.0, 0.05
+    sim = simulation(clamped(segments, length, 10.0, torsion), device, order=order)
+    sim.set("it.end_turn", turn)
+    sim.step(10)
+    across = sim.directors("it")
+    assert np.abs(across[:, 0]).max() < 1e-6 and np.linalg.norm(across, axis=1) == pytest.approx(1.0, rel=1e-6)
+    angles = np.unwrap(np.arctan2(across[:, 2], across[:, 1]))
+    middle = np.clip((np.arange(segments) - 0.5) / (segments - 2), 0.0, 1.0)
+    assert angles - angles[0] == pytest.approx(turn * middle, abs=1e-3 * abs(turn))
+    report = sim.report()["it"]
+    assert report["twist"] == pytest.approx(turn, rel=1e-5)
+    assert report["torsion"] == pytest.approx(torsion * turn / free_length(segments, length), rel=1e-5)
+    # What is turned forward turns its clamp back, and the other along.
+    wrenches = sim.end_wrenches("it")
+    assert wrenches[:, 3] == pytest.approx([report["torsion"], -report["torsion"]], rel=1e-4)
+
+
+def helix(sim, stretch, wave, size):
+    """A small helix on the stretched rope, gone at its clamps."""
+    x = sim.rest_positions("it").astype(float) * (stretch, 1.0, 1.0)
+    s = x[:, 0] / x[-1, 0]
+    bow = size * np.sin(np.pi * s) ** 2
+    x[:, 1], x[:, 2] = bow * np.cos(wave * x[:, 0]), bow * np.sin(wave * x[:, 0])
+    x[[0, 1, -2, -1], 1:] = 0.0
+    return x
+
+
+@pytest.mark.parametrize("substeps", [10, 40])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("share", "coils"), [(0.97, False), (-0.97, False), (1.05, True), (-1.05, True)])
+def test_a_long_rope_in_tension_coils_at_greenhills_moment(device, share, coils, order, substeps):
+    """M = 2 sqrt(EI T) (Greenhill 1883); between clamps it is some 1 % more."""
+    segments, length, bending, torsion, tension, axial = 128, 1.0, 1e-3, 1e-3, 1.6, 100.0
+    rope = clamped(segments, length, bending, torsion, stretch_compliance=1.0 / axial)
+    sim = simulation(rope, device, order=order, substeps=substeps)
+    sim.set_positions("it", helix(sim, 1.0 + tension / axial, np.sqrt(tension / bending), 1e-5))
+    moment = share * 2.0 * np.sqrt(bending * tension)
+    sim.set("it.end_turn", moment * free_length(segments, length) / torsion)
+    largest = 0.0
+    for _ in range(12):
+        sim.step(10)
+        largest = max(largest, np.abs(sim.positions("it")[:, 1:]).max())
+    assert (largest > 2e-4) == coils
+    assert largest < 2e-5 or coils
+    assert sim.report()["it"]["torsion"] == pytest.approx(moment, rel=0.01)
+
+
+RING = 64
+
+
+def ring(device, share, torsion=0.03, bending=0.02, radius=0.3, **settings):
+    """A straight rope bent to a closed ring, its end turned by a share of Michell's 2 pi sqrt(3) EI / GJ."""
+    edge = 2.0 * radius * np.sin(np.pi / RING)
+    rope = clamped(RING + 1, (RING + 1) * edge, bending, torsion, stretch_compliance=1e-5)
+    sim = simulation(rope, device, **settings)
+    angle = 2.0 * np.pi * (np.arange(RING + 2) - 0.5) / RING
+    sim.set_positions("it", np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle], axis=1))
+    critical = 2.0 * np.pi * np.sqrt(3.0) * bending / torsion
+    sim.set("it.end_turn", share * critical)
+    return sim, critical
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("share", "folds"), [(0.95, False), (1.05, True)])
+def test_a_twisted_ring_folds_at_michells_twist(device, share, folds, order):
+    """Folded to an eight it takes a turn of the twist as writhe (Michell 1889)."""
+    sim, critical = ring(device, share, order=order, global_damping=10.0)
+    sim.step(300)
+    twist = sim.report()["it"]["twist"]
+    assert twist == pytest.approx(share * critical - (4.0 * np.pi if folds else 0.0), abs=0.05 * critical)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_forces_and_moments_of_both_clamps_balance_in_a_coiled_rope(device, order):
+    sim, _ = ring(device, 0.9, order=order, global_damping=10.0)
+    sim.step(400)
+    (start, end), x = sim.end_wrenches("it").astype(float), sim.positions("it").astype(float)
+    # Without loads, what the rope does to one clamp it does to the other in reverse.
+    size = np.linalg.norm(start[3:])
+    assert np.linalg.norm(start[:3]) > 0.1 and size > 0.01
+    assert start[:3] + end[:3] == pytest.approx(np.zeros(3), abs=5e-3 * np.linalg.norm(start[:3]))
+    assert start[3:] + end[3:] + np.cross(x[-1] - x[0], end[:3]) == pytest.approx(np.zeros(3), abs=5e-3 * size)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_rope_that_folds_gains_no_energy(device, order):
+    torsion, bending, axial = 0.03, 0.02, 1e5
+    sim, critical = ring(device, 1.1, torsion, bending, order=order)
+    masses, edge = sim.masses("it"), 2.0 * 0.3 * np.sin(np.pi / RING)
+    span = np.full(RING, edge)
+    span[[0, -1]] *= 0.5  # a held segment does not bend
+
+    def energy(angle):
+        x, v = sim.positions("it").astype(float), sim.velocities("it").astype(float)
+        lengths = np.linalg.norm(np.diff(x, axis=0), axis=1)
+        turns = np.diff(np.diff(x, axis=0) / edge, axis=0)
+        stored = 0.5 * axial * ((lengths - edge) ** 2 / edge).sum() + 0.5 * (bending / span * (turns**2).sum(1)).sum()
+        return 0.5 * (masses * (v**2).sum(1)).sum() + stored + 0.5 * torsion * angle**2 / (edge * (RING - 1))
+
+    at_start = energy(1.1 * critical)
+    for _ in range(60):
+        sim.step(3)
+        assert energy(sim.report()["it"]["twist"]) < 1.01 * at_start
+    assert sim.report()["it"]["twist"] < 0.9 * critical and sim.report()["it"]["recoveries"] == 0
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_both_schedules_and_many_worlds_give_the_same_state(device, order):
+    found = {}
+    for schedule, worlds in (("resident", 1), ("coloured", 1), ("resident", 2)):
+        sim, _ = ring(device, 0.8, order=order, schedule=schedule, worlds=worlds)
+        if worlds > 1:
+            sim.set("it.end_turn", 0.0, 1)
+        sim.step(20)
+        found[schedule, worlds] = sim.positions("it")
+        assert worlds == 1 or sim.report(1)["it"]["torsion"] == pytest.approx(0.0, abs=1e-5)
+    for key in (("coloured", 1), ("resident", 2)):
+        assert np.abs(found["resident", 1] - found[key]).max() < 2e-5
+
+
+def test_reset_goes_back_to_the_first_bit(device):
+    sim = simulation(clamped(24, 0.5, 1e-3, 1e-3, stretch_compliance=1e-4), device, order=2)
+    sim.set("it.end_turn", 60.0)
+    runs = []
+    for _ in range(2):
+        sim.set_velocities("it", 0.1 * np.sin(np.arange(75.0)).reshape(25, 3))
+        sim.step(30)
+        runs.append((sim.positions("it"), sim.velocities("it"), sim.directors("it")))
+        sim.reset()
+    assert all(np.array_equal(a, b) for a, b in zip(*runs, strict=True))
+    assert np.abs(runs[0][0][:, 1]).max() > 1e-3
+
+
+def test_a_rope_that_goes_bad_is_put_back_with_its_twist(device):
+    sim = simulation(clamped(12, 0.5, 1e-2, 1e-2), device)
+    sim.set("it.end_turn", 9.0)
+    sim.step(5)
+    arrays, _, _ = sim.device_arrays("it")
+    spoilt = arrays.state.velocities.numpy()
+    spoilt[5] = np.nan
+    arrays.state.velocities.assign(spoilt)
+    sim.step()
+    assert sim.report()["it"]["recoveries"] == 1 and np.isfinite(sim.end_wrenches("it")).all()
+    sim.step(5)
+    assert sim.report()["it"]["twist"] == pytest.approx(9.0, rel=1e-4) and sim.report()["it"]["recoveries"] == 1
+
+
+def test_a_simulation_takes_over_from_another(device):
+    one, critical = ring(device, 1.05, global_damping=10.0)
+    one.step(300)
+    other, _ = ring(device, 1.05, global_damping=10.0)
+    other.take_over("it", one)
+    other.step()
+    assert other.report()["it"]["twist"] == pytest.approx(one.report()["it"]["twist"], abs=1e-2 * critical)
+
+
+def test_live_numbers_of_twist(device):
+    sim = simulation(clamped(12, 0.5, 1e-2, 1e-2), device)
+    sim.set("it.end_turn", 2.0)
+    sim.set("it.twist_compliance", 1e3)
+    sim.step()
+    assert sim.report()["it"]["torsion"] == pytest.approx(1e-3 * 2.0 / free_length(12, 0.5), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"bend_compliance": None}, "Rope.twist_compliance is set without bend_compliance; allowed is to set both"),
+        ({"pins": "both"}, r"Rope.pins is 'both' with twist; allowed is to clamp both ends, particles \[0, 1, 5, 6\]"),
+        ({"pins": (0, 1)}, r"Rope.pins is \(0, 1\) with twist"),
+        ({"twist_compliance": 0.0}, "Rope.twist_compliance is 0.0; allowed is a finite number from 1e-06"),
+        ({"winch": Winch()}, "with a winch"),
+    ],
+)
+def test_what_twist_cannot_have_is_said(change, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        Rope(**{"segments": 6, "pins": (0, 1, 5, 6), "bend_compliance": 1.0, "twist_compliance": 1.0, **change})
+
+
+def test_solvers_and_ropes_without_twist_refuse_it(device):
+    for settings in ({"method": "verlet"}, {"rope_solver": "gauss_seidel"}):
+        with pytest.raises(ValueError, match="with twist in it; allowed is another"):
+            simulation(clamped(12, 0.5, 1e-2, 1e-2), device, **settings)
+    sim = simulation(Rope(segments=4), device)
+    with pytest.raises(
+        ValueError, match="it.end_turn is set but it was built without; allowed is an object built with"
+    ):
+        sim.set("it.end_turn", 1.0)
+    with pytest.raises(ValueError, match="it does not resist twist; allowed is a rope with twist_compliance"):
+        sim.directors("it")
