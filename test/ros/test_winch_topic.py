@@ -46,8 +46,7 @@ def lines(node, text):
 def test_pays_out_by_topic_up_to_its_limit_and_goes_on_after_a_rebuild(winch, client):
     client.spin(0.5)
     assert winch.height() == pytest.approx(1.5, abs=1e-3)
-    winch.turn(0.5)
-    client.until(lambda: winch.height() < 1.2)
+    client.until(lambda: winch.height() < 1.2, meanwhile=lambda: winch.turn(0.5))
     assert winch.pull() == pytest.approx(-9.81 * 0.2 * (2.0 - winch.height()), rel=0.1)
     assert client.set("other.segments", 5).successful
     winch.wait_for("simulating rope (17 particles), other (6 particles)")
@@ -81,20 +80,21 @@ def test_hauls_in_by_parameter(winch, client):
 )
 def test_a_bad_rate_is_refused_in_one_sentence(winch, client, rate, text):
     client.spin(0.5)
+    client.until(lambda: text in winch.log, meanwhile=lambda: winch.turn(rate))
     for _ in range(5):
         winch.turn(rate)
         client.spin(0.05)
-    winch.wait_for(text)
     assert len(lines(winch, "rope/winch")) == 1
     assert winch.height() == pytest.approx(1.5, abs=1e-3)
 
 
 def test_a_rate_beyond_the_limit_is_cut_with_a_warning(winch, client):
+    text = "a message on rope/winch is cut: its rate 9 m/s is beyond rope.winch.max_rate, 1 m/s"
+    client.until(lambda: text in winch.log, meanwhile=lambda: winch.turn(9.0))
     for _ in range(5):
         winch.turn(9.0)
         client.spin(0.05)
-    winch.wait_for("a message on rope/winch is cut: its rate 9 m/s is beyond rope.winch.max_rate, 1 m/s")
     assert len(lines(winch, "is cut")) == 1
     client.until(lambda: winch.height() < 1.0)
-    client.publish("/cloth_sim/other/winch", Float64(data=1.0))
-    winch.wait_for("other/winch is refused: other has no winch; set the parameter other.winch.enabled to true")
+    refusal = "other/winch is refused: other has no winch; set the parameter other.winch.enabled to true"
+    client.until(lambda: refusal in winch.log, meanwhile=lambda: client.publish("/cloth_sim/other/winch", Float64()))

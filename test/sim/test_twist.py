@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation, Winch
+from cloth_sim_ros.study.closed_forms.bending import greenhill_moment, michell_twist
 
 
 def clamped(segments, length, bending, torsion, **rope):
@@ -69,7 +70,7 @@ def test_a_long_rope_in_tension_coils_at_greenhills_moment(device, share, coils,
     rope = clamped(segments, length, bending, torsion, stretch_compliance=1.0 / axial)
     sim = simulation(rope, device, order=order, substeps=substeps)
     sim.set_positions("it", helix(sim, 1.0 + tension / axial, np.sqrt(tension / bending), 1e-5))
-    moment = share * 2.0 * np.sqrt(bending * tension)
+    moment = share * greenhill_moment(bending, tension)
     sim.set("it.end_turn", moment * free_length(segments, length) / torsion)
     largest = 0.0
     for _ in range(12):
@@ -90,7 +91,7 @@ def ring(device, share, torsion=0.03, bending=0.02, radius=0.3, **settings):
     sim = simulation(rope, device, **settings)
     angle = 2.0 * np.pi * (np.arange(RING + 2) - 0.5) / RING
     sim.set_positions("it", np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle], axis=1))
-    critical = 2.0 * np.pi * np.sqrt(3.0) * bending / torsion
+    critical = michell_twist(bending, torsion)
     sim.set("it.end_turn", share * critical)
     return sim, critical
 

@@ -1,5 +1,7 @@
 """Winches: what is paid out hangs, swings and weighs as a rope of that length does, and nothing jumps."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -134,6 +136,27 @@ def test_a_bend_that_reaches_the_drum_jerks_nothing(device, compliance):
         sim.step()
         largest = max(largest, np.abs(sim.tensions("it")).max())
     assert largest < 2.0 * G * 0.4
+
+
+@pytest.mark.parametrize("start", ["rest", "random", "collapsed", "stretched"])
+@pytest.mark.parametrize(("load", "compliance"), [(0.1, 0.0), (0.1, 1e-4), (1e5, 0.0)])
+def test_wild_starts_are_paid_out_and_hauled_in(device, load, compliance, start):
+    """It ends at the limit, whole and as long as it should be."""
+    random = np.random.default_rng(2)
+    for order, rate, substeps in itertools.product((1, 2), (2.0, -2.0), (8, 20)):
+        winch = Winch(length=1.5, acceleration=20.0, max_rate=5.0, pay_out=rate)
+        rope = on_a_winch(load * MASS, 32, winch=winch, stretch_compliance=compliance)
+        sim = simulation(rope, device, order=order, substeps=substeps, global_damping=1.0)
+        x = sim.positions("it").astype(float)
+        wound = np.linalg.norm(x, axis=1) == 0.0
+        free = {"random": random.uniform(-0.5, 0.5, x.shape), "collapsed": 1e-6 * x, "stretched": 10.0 * x}
+        if start != "rest":
+            sim.set_positions("it", np.where(wound[:, None], x, free[start]))
+        sim.step(150)
+        report, x = sim.report()["it"], sim.positions("it").astype(float)
+        assert report["recoveries"] == 0
+        assert report["paid_out"] == pytest.approx(LENGTH if rate > 0.0 else LENGTH / 64, abs=2e-3)
+        assert np.linalg.norm(np.diff(x, axis=0), axis=1).sum() == pytest.approx(report["paid_out"], rel=0.02)
 
 
 def test_what_is_out_has_its_mass(device):

@@ -131,7 +131,7 @@ def make_turn(order: int):
         shortest = wp.max(drive.shortest, SHORTEST * m.segment_length[body.segments_end - 1])
         longest = wp.min(drive.longest, reel.total)
         room = longest - out
-        slack = out - shortest
+        slack = out - wp.max(reel.owed, 0.0) - shortest  # what is owed cannot be hauled in
         reel.rate = next_rate(reel.rate, drive.pay_out, drive.max_rate, drive.acceleration, room, slack, h)
         near = REACHED * reel.total
         reel.stopped = 0
