@@ -17,20 +17,17 @@ from cloth_sim_ros.sim.colliders import NAMES, SHAPES, shape_of
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.report import Reporter
+from cloth_sim_ros.sim.ropes import Ropes
 from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings, finite_array, unit_quaternion
 from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
-from cloth_sim_ros.sim.tension import Tensions, read_tensions
-from cloth_sim_ros.sim.twist import directors, measure_twist, read_twist
-from cloth_sim_ros.sim.winch import measure_winch, set_winch, write_winch
-from cloth_sim_ros.sim.wrench import EndWrenches, read_wrenches
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
 _FAR = 1e6  # [m] the largest coordinate that positions may be given in
 
 
-class Simulation:
+class Simulation(Ropes):
     """Cloths and ropes of `scene`, computed as `settings` say on `device` ("cpu", "cuda:0" or "auto").
 
     Whatever takes a value raises ValueError with one sentence where the value cannot be, and changes nothing then.
@@ -61,15 +58,6 @@ class Simulation:
         self._frames = 0
         self._write_settings()
         self._write_scene()
-
-    def _check_rope(self, name: str, thing: Cloth | Rope) -> None:
-        """Raise ValueError where a rope has a winch or twist, which these settings cannot solve."""
-        if not isinstance(thing, Rope) or (thing.winch is None and thing.twist_compliance is None):
-            return
-        what = "a winch on" if thing.winch is not None else "twist in"
-        for setting, wanted in (("method", "verlet"), ("rope_solver", "gauss_seidel")):
-            if getattr(self.settings, setting) == wanted:
-                raise ValueError(f"solver.{setting} is {wanted!r} with {what} {name}; allowed is another")
 
     def _choose(self, name: str, materials: set[tuple]) -> Choice:
         return choose(self.settings, self._elastic[name], materials, name in self._strained)
@@ -271,50 +259,6 @@ class Simulation:
         if batch.features.twist:
             batch.write_body("twists", name, source.read_body("twists", name, 0), None)
 
-    def _drum(self, name: str, world: int) -> int:
-        """The first segment of a rope that is out."""
-        batch = self._batch[name]
-        return int(batch.read_body("reels", name, world)["index"][0, 0]) if batch.features.winch else 0
-
-    def tensions(self, name: str, world: int = 0) -> np.ndarray:
-        """Tensions (S,) float32 [N] of a rope's segments at the end of the last substep in one world, also where they
-        are rigid; below 0 where a segment is pushed together; 0 on a winch. Raises ValueError for a cloth."""
-        return read_tensions(self._rope_batch(name), name, self._one(world))
-
-    def tensions_into(self, out: wp.array, column: int, name: str, world: int = 0) -> Tensions:
-        """What writes the tensions of a rope into a column of a device array (N, columns) float, a particle a row; it
-        holds until `builds` changes. Raises ValueError for a cloth."""
-        return Tensions(self._rope_batch(name), name, self._one(world), out, column)
-
-    def directors(self, name: str, world: int = 0) -> np.ndarray:
-        """Unit vectors (S, 3) float64 across the segments of a rope that resists twist, which turn with its material,
-        in one world, as of the last substep. Raises ValueError for what does not resist twist."""
-        if getattr(self.scene.objects.get(name), "twist_compliance", None) is None:
-            raise ValueError(f"{name} does not resist twist; allowed is a rope with twist_compliance")
-        row = read_twist(self._batch[name], name, self._one(world))
-        return directors(self.positions(name, world).astype(np.float64), self._topology(name).chain.rest, row)
-
-    def end_wrenches(self, name: str, world: int = 0) -> np.ndarray:
-        """(2, 6) float32: force [N] and torque [N m] in world axes with which a rope loads what holds its start, then
-        its end, in one world.
-
-        All particles held from an end on count, with their weight, and the torque is about the end particle: of a clamp
-        of two particles it is the clamping moment. An end that is free loads nothing. Raises ValueError for a cloth.
-        """
-        return read_wrenches(self._rope_batch(name), name, self._one(world), self.masses(name))
-
-    def end_wrenches_into(self, out: wp.array, name: str, world: int = 0) -> EndWrenches:
-        """What writes the end wrenches of a rope into a device array (2, 6) float; it holds until `builds` changes.
-        Raises ValueError for a cloth."""
-        return EndWrenches(self._rope_batch(name), name, self._one(world), self.masses(name), out)
-
-    def _rope_batch(self, name: str) -> Batch:
-        """The batch of a rope. Raises ValueError for a cloth."""
-        self._topology(name)
-        if not isinstance(self.scene.objects[name], Rope):
-            raise ValueError(f"{name} is a cloth, which has no tension along it and no ends; allowed is a rope")
-        return self._batch[name]
-
     def set_positions(self, name: str, positions: Any, world: int | None = None) -> None:
         """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew."""
         rows = self._rows(name, positions, "positions", _FAR)
@@ -370,16 +314,7 @@ class Simulation:
         found = {name: self._reporter.measure(batch, name, dt, world) for name, batch in self._batch.items()}
         for name, thing in self.scene.objects.items():
             if isinstance(thing, Rope):
-                pull = self.tensions(name, world)
-                found[name] |= {
-                    "max_tension": float(pull.max()),
-                    "start_tension": float(pull[self._drum(name, world)]),
-                    "end_tension": float(pull[-1]),
-                }
-                if thing.winch is not None:
-                    found[name] |= measure_winch(self._batch[name], name, world)
-                if thing.twist_compliance is not None:
-                    found[name] |= measure_twist(self._batch[name], name, world)
+                found[name] |= self._measure_rope(name, thing, world)
         if self.settings.method == "auto":
             for name, numbers in found.items():
                 hot = numbers["recoveries"] or numbers["max_strain"] > STRAINED
@@ -482,11 +417,6 @@ class Simulation:
         if field in ("compliance", "damping"):
             self._choose_again()
 
-    def _set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: int | None) -> None:
-        if getattr(self.scene.objects[owner], "winch", None) is None:
-            raise ValueError(f"{name} is set but {owner} was built without; allowed is a rope built with a winch")
-        set_winch(self._batch[owner], owner, row, value, world)
-
     def _materials(self, name: str, world: int | None) -> np.ndarray:
         """The rows of Material of an object as they are now, of one world or of all."""
         batch = self._batch[name]
@@ -530,10 +460,8 @@ class Simulation:
                     self._set_frame(row, f"wind.{row.name}", getattr(self.scene.wind, row.name), None)
         for name, thing in self.scene.objects.items():
             self._write_material(name, thing)
-            if isinstance(thing, Rope) and thing.winch is not None:
-                write_winch(self._batch[name], name, thing.winch)
-            if isinstance(thing, Rope) and thing.twist_compliance is not None:
-                self._batch[name].ends.write(self._batch[name].index[name], None, turn=thing.end_turn)
+            if isinstance(thing, Rope):
+                self._write_rope(name, thing)
         self._place_colliders()
 
     def _write_material(self, name: str, thing: Cloth | Rope) -> None:
