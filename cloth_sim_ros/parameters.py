@@ -159,6 +159,7 @@ ROPE = (
     _vector("end", (1, 0, 1), "Last end, in the local axes.", "m"),
     Parameter("pins", "pins", "start", "Fixed particles: start, end, both, none, or indices."),
     _double("radius", 0.005, "Radius of the rope.", "m", 1e-6, 10.0),
+    _double("end_mass", 0, "Mass of a load at the end, beside that of the rope.", "kg", 0, 1e6, live=False),
     _double("stretch_compliance", 1e-4, "1/EA: strain per tension; 0 is rigid.", "1/N", 0, 1e6),
     _choice("bending", "none", "none; angle: resists curvature with 1/bend_compliance = EI.", ("none", "angle")),
     _double(

@@ -195,7 +195,8 @@ class Rope:
     """A chain of particles, from `points` (N, 3) [m] or `start`, `end`, `segments`, in local axes.
 
     stretch_compliance [1/N] = 1/EA; bend_compliance [1/(N m^2)] = 1/EI or None for no bending; 0 is rigid.
-    mass [kg] is the total, lumped by length; particle_masses (N,) [kg] overrides it (a heavy end). radius [m].
+    mass [kg] is the total, lumped by length; particle_masses (N,) [kg] overrides it. end_mass [kg] is a load
+    at the last particle, on top of either. radius [m].
     pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of each segment. edge_contact:
     whether segments touch colliders, not particles alone. winch: a drum at the start, which must be pinned; the end may
     be. What it has not paid out lies on it, and the rest, measured from the end, along the path from the start.
@@ -210,6 +211,7 @@ class Rope:
     segments: int = 32
     mass: float = 0.2
     radius: float = 0.005
+    end_mass: float = 0.0
     pins: Any = "start"
     stretch_compliance: float = 1e-4
     bend_compliance: float | None = None

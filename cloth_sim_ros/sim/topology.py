@@ -253,6 +253,7 @@ def _rope(rope: Rope, direct: bool) -> Topology:
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
     halves = 0.5 * (np.append(length, 0.0) + np.insert(length, 0, 0.0))
     masses = rope.mass * halves / halves.sum() if rope.particle_masses is None else rope.particle_masses
+    masses = masses + np.where(np.arange(count) == count - 1, rope.end_mass, 0.0)
     named = {"start": np.array([0]), "end": np.array([count - 1]), "both": np.array([0, count - 1])}
     reel = _reel(rope, length)
     if reel is not None:

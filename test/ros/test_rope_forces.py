@@ -22,7 +22,8 @@ def test_tension_of_the_segment_behind_each_particle(start, client):
     start(HANGING).ready()
     clouds = client.listen(PointCloud2, "/cloth_sim/rope/particles", 1)
     sheets = client.listen(PointCloud2, "/cloth_sim/sheet/particles", 1)
-    client.spin(3.0)
+    client.until(lambda: clouds and sheets)
+    client.spin(2.5)
     assert [field.name for field in clouds[-1].fields] == ["x", "y", "z", "tension"]
     expected = G * MASS * (1.0 - (np.arange(SEGMENTS) + 0.5) / SEGMENTS)
     tension = fields(clouds[-1])[:, 3]
@@ -35,7 +36,8 @@ def test_wrench_on_what_holds_the_start(start, client):
     start(HANGING).ready()
     starts = client.listen(WrenchStamped, "/cloth_sim/rope/start/wrench", 1)
     ends = client.listen(WrenchStamped, "/cloth_sim/rope/end/wrench", 1)
-    client.spin(3.0)
+    client.until(lambda: starts and ends)
+    client.spin(2.5)
     wrench, header = starts[-1].wrench, starts[-1].header
     assert wrench.force.z == pytest.approx(-G * MASS, rel=2e-3)
     assert abs(wrench.force.x) + abs(wrench.force.y) + abs(wrench.torque.x) + abs(wrench.torque.y) < 1e-3

@@ -62,6 +62,14 @@ def test_pays_out_by_topic_up_to_its_limit_and_goes_on_after_a_rebuild(winch, cl
     assert float(values["rope.pay_out"]) == pytest.approx(0.0, abs=1e-3)
 
 
+def test_the_example_holds_its_load(start, client):
+    start("config/winch.yaml").ready()
+    wrenches = client.listen(WrenchStamped, "/cloth_sim/cable/start/wrench", 1)
+    client.until(lambda: wrenches)
+    client.spin(1.5)
+    assert wrenches[-1].wrench.force.z == pytest.approx(-9.81 * (5.0 + 0.1), rel=0.02)
+
+
 def test_hauls_in_by_parameter(winch, client):
     assert client.set("rope.winch.pay_out", -0.5).successful
     client.until(lambda: winch.height() > 1.8)

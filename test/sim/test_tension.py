@@ -96,6 +96,11 @@ def test_a_straight_rope_between_two_held_ends_has_the_tension_of_its_strain(dev
     assert sim.tensions("it") == pytest.approx(np.full(10, 100.0), rel=1e-3)
 
 
+def test_a_load_at_the_end_adds_to_the_tension(device):
+    rope = Rope(start=(0, 0, 0), end=(0, 0, -LENGTH), segments=10, mass=MASS, end_mass=LOAD, stretch_compliance=1e-4)
+    assert settled(rope, device).tensions("it") == pytest.approx(hanging(10, 1e-4)[1], rel=1e-3)
+
+
 def test_explicit_steps_tell_tension_too(device):
     thing, expected = hanging(5, 1e-2)
     sim = settled(thing, device, method="verlet", substeps=40)
