@@ -1,0 +1,134 @@
+"""How old particles and meshes are when they arrive in another process, and whether any is lost.
+
+Starts the node, subscribes to everything it sends, without decoding, and counts: `python -m cloth_sim_ros.demo.latency
+--config FILE --seconds 60`. What the node says of itself on /diagnostics tells how many frames there were.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import struct
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cloth_sim_ros.demo.__main__ import shared
+
+STAMP_AT = 4  # bytes into a serialised message that begins with a header
+SETTLING = 2.0  # [s] after the first message, which are not counted
+
+
+@dataclass(frozen=True)
+class Told:
+    """One message on /diagnostics: its stamp [s], the simulated time [s] and the median work on a frame [ms]."""
+
+    stamp: float
+    simulated: float
+    ms_per_frame: float
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measures for --seconds and prints a line a topic; the exit status is 1 if nothing came."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--config", type=Path, default=shared("config/curtain.yaml"), help="parameter file of the node")
+    parser.add_argument("--seconds", type=float, default=60.0, help="how long to count")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME:=VALUE", help="a parameter to override")
+    options = parser.parse_args(arguments)
+    command = [sys.executable, "-m", "cloth_sim_ros.ros", "--ros-args", "--params-file", str(options.config)]
+    for pair in options.set:
+        command += ["-p", pair]
+    node = subprocess.Popen(command, start_new_session=True, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+    try:
+        return listen(node, options.seconds)
+    finally:
+        node.terminate()
+        node.wait(timeout=10.0)
+
+
+def listen(node: subprocess.Popen, seconds: float) -> int:
+    """Finds the node's topics, counts, and prints."""
+    import rclpy
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.qos import QoSProfile
+    from sensor_msgs.msg import PointCloud2
+    from visualization_msgs.msg import Marker
+
+    kinds = {"sensor_msgs/msg/PointCloud2": PointCloud2, "visualization_msgs/msg/Marker": Marker}
+    arrived: dict[str, list[tuple[float, float]]] = {}
+    told: list[Told] = []
+    rclpy.init()
+    listener = rclpy.create_node("cloth_latency")
+    executor = SingleThreadedExecutor()
+    executor.add_node(listener)
+
+    def hear(topic: str):
+        def callback(message: bytes) -> None:
+            now = time.time()
+            seconds, nanoseconds = struct.unpack_from("<iI", message, STAMP_AT)
+            arrived[topic].append((seconds + 1e-9 * nanoseconds, now))
+
+        return callback
+
+    def note(array: DiagnosticArray) -> None:
+        values = {item.key: item.value for item in array.status[0].values}
+        if "simulated_time" in values:
+            stamp = array.header.stamp.sec + 1e-9 * array.header.stamp.nanosec
+            told.append(Told(stamp, float(values["simulated_time"]), float(values["ms_per_frame"])))
+
+    listener.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
+    start = None
+    while node.poll() is None and (start is None or time.time() < start + SETTLING + seconds):
+        for name, types in listener.get_topic_names_and_types():
+            if name.startswith("/cloth_sim/") and name not in arrived and types[0] in kinds:
+                arrived[name] = []
+                listener.create_subscription(kinds[types[0]], name, hear(name), QoSProfile(depth=10), raw=True)
+        until = time.time() + 1.0  # new topics come when the node starts, so it is enough to look now and then
+        while time.time() < until:
+            executor.spin_once(timeout_sec=0.1)
+        if start is None and any(arrived.values()):
+            start = time.time()
+    executor.shutdown()
+    listener.destroy_node()
+    rclpy.try_shutdown()
+    told = [each for each in told if start is not None and each.stamp > start + SETTLING]
+    if len(told) < 2:
+        print("nothing came from the node", file=sys.stderr)
+        return 1
+    print(table(arrived, told))
+    return 0
+
+
+def table(arrived: dict[str, list[tuple[float, float]]], told: list[Told]) -> str:
+    """A line a topic: messages of the frames between the first and the last of `told`, how many of them lack, how old
+    they were. arrived: topic -> (stamp, arrival) [s]."""
+    first, last = told[0], told[-1]
+    longest = max(map(len, arrived))
+    work = np.median([each.ms_per_frame for each in told])
+    lines = [f"{last.stamp - first.stamp:.0f} s, {work:.2f} ms of work a frame in the node, messages sent included"]
+    lines.append(f"{'topic':<{longest}}  {'messages':>8}  {'lost':>5}  {'ms old: median':>14}  {'p95':>6}  {'most':>6}")
+    counted = {
+        topic: [(stamp, at) for stamp, at in rows if first.stamp < stamp <= last.stamp]
+        for topic, rows in arrived.items()
+    }
+    frames = round((last.simulated - first.simulated) / _period(max(counted.values(), key=len)))
+    for topic, rows in counted.items():
+        if rows:
+            ages = 1e3 * np.array([at - stamp for stamp, at in rows])
+            numbers = f"{np.median(ages):>14.2f}  {np.percentile(ages, 95):>6.2f}  {ages.max():>6.2f}"
+            lines.append(f"{topic:<{longest}}  {len(rows):>8}  {frames - len(rows):>5}  {numbers}")
+    return "\n".join(lines)
+
+
+def _period(rows: list[tuple[float, float]]) -> float:
+    """The time between two frames [s], as a whole number of them a second."""
+    return 1.0 / round(1.0 / float(np.median(np.diff([stamp for stamp, _ in rows]))))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
