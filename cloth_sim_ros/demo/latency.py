@@ -25,11 +25,13 @@ SETTLING = 2.0  # [s] after the first message, which are not counted
 
 @dataclass(frozen=True)
 class Told:
-    """One message on /diagnostics: its stamp [s], the simulated time [s] and the median work on a frame [ms]."""
+    """One message on /diagnostics: its stamp [s], the frames since the one before, their median work [ms], and
+    simulated per real time."""
 
     stamp: float
-    simulated: float
+    frames: int
     ms_per_frame: float
+    real_time_factor: float
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -77,9 +79,9 @@ def listen(node: subprocess.Popen, seconds: float) -> int:
 
     def note(array: DiagnosticArray) -> None:
         values = {item.key: item.value for item in array.status[0].values}
-        if "simulated_time" in values:
-            stamp = array.header.stamp.sec + 1e-9 * array.header.stamp.nanosec
-            told.append(Told(stamp, float(values["simulated_time"]), float(values["ms_per_frame"])))
+        stamp = array.header.stamp.sec + 1e-9 * array.header.stamp.nanosec
+        numbers = (float(values[key]) for key in ("ms_per_frame", "real_time_factor"))
+        told.append(Told(stamp, int(values["frames"]), *numbers))
 
     listener.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
     start = None
@@ -109,25 +111,23 @@ def table(arrived: dict[str, list[tuple[float, float]]], told: list[Told]) -> st
     they were. arrived: topic -> (stamp, arrival) [s]."""
     first, last = told[0], told[-1]
     longest = max(map(len, arrived))
-    work = np.median([each.ms_per_frame for each in told])
-    lines = [f"{last.stamp - first.stamp:.0f} s, {work:.2f} ms of work a frame in the node, messages sent included"]
+    work, factor = (np.median([getattr(each, key) for each in told]) for key in ("ms_per_frame", "real_time_factor"))
+    lines = [
+        f"{last.stamp - first.stamp:.0f} s at real-time factor {factor:.2f}, {work:.2f} ms of work a frame in the "
+        "node, messages sent included"
+    ]
     lines.append(f"{'topic':<{longest}}  {'messages':>8}  {'lost':>5}  {'ms old: median':>14}  {'p95':>6}  {'most':>6}")
     counted = {
         topic: [(stamp, at) for stamp, at in rows if first.stamp < stamp <= last.stamp]
         for topic, rows in arrived.items()
     }
-    frames = round((last.simulated - first.simulated) / _period(max(counted.values(), key=len)))
+    frames = sum(each.frames for each in told[1:])
     for topic, rows in counted.items():
         if rows:
             ages = 1e3 * np.array([at - stamp for stamp, at in rows])
             numbers = f"{np.median(ages):>14.2f}  {np.percentile(ages, 95):>6.2f}  {ages.max():>6.2f}"
             lines.append(f"{topic:<{longest}}  {len(rows):>8}  {frames - len(rows):>5}  {numbers}")
     return "\n".join(lines)
-
-
-def _period(rows: list[tuple[float, float]]) -> float:
-    """The time between two frames [s], as a whole number of them a second."""
-    return 1.0 / round(1.0 / float(np.median(np.diff([stamp for stamp, _ in rows]))))
 
 
 if __name__ == "__main__":
