@@ -10,9 +10,24 @@ import numpy as np
 import pytest
 import warp as wp
 
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind, topology
+from cloth_sim_ros.sim import (
+    Box,
+    Capsule,
+    Cloth,
+    Plane,
+    Rope,
+    Scene,
+    Settings,
+    Simulation,
+    Sphere,
+    Wind,
+    report,
+    tension,
+    topology,
+    wrench,
+)
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.schedules import resident
+from cloth_sim_ros.sim.schedules import coloured, resident
 
 
 def busy_scene(**cloth):
@@ -124,6 +139,20 @@ def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present,
                 assert any(name in function for function in found), name
             else:
                 assert not any(name in function for function in found), name
+
+
+@pytest.mark.parametrize("kind", ["winch", "twist"])
+def test_one_launch_a_stage_of_winch_and_twist_compiles_for_cuda(kind, tmp_path):
+    features = Features((), True, "segments", (), 2, "xpbd", True, kind == "twist", kind == "winch", kind == "twist")
+    module = coloured.make_kernels(features)["chain"].module
+    wp.compile_aot_module(module, arch=90, module_dir=tmp_path, use_ptx=True)
+    source = next(tmp_path.glob("*.cu")).read_text()
+    assert ("next_rate" in source, "half_binormal" in source) == (kind == "winch", kind == "twist")
+
+
+@pytest.mark.parametrize("module", [tension, wrench, report])
+def test_what_reads_ropes_compiles_for_cuda(module, tmp_path):
+    wp.compile_aot_module(wp.get_module(module.__name__), arch=90, module_dir=tmp_path, use_ptx=True)
 
 
 def test_two_scenes_without_a_feature_share_one_kernel():

@@ -1,0 +1,45 @@
+"""The parameter files in the README are what the node takes, and do what the text says."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Simulation
+from cloth_sim_ros.study.scene_file import read_plan
+
+README = Path(__file__).parents[2] / "README.md"
+
+
+@pytest.fixture
+def simulations(tmp_path):
+    """Object name -> a simulation of each file in the README."""
+    found = {}
+    for text in re.findall(r"```yaml\n(.*?)```", README.read_text(), flags=re.DOTALL):
+        file = tmp_path / "example.yaml"
+        file.write_text(text)
+        plan = read_plan(file)
+        assert not plan.problems
+        found[next(iter(plan.scene.objects))] = Simulation(plan.scene, plan.settings, device="cpu")
+    return found
+
+
+def test_the_winch_holds_five_kilograms_and_the_hose_half_a_turn(simulations):
+    cable, hose = simulations["cable"], simulations["hose"]
+    cable.set("solver.global_damping", 10.0)
+    cable.step(120)
+    assert cable.end_wrenches("cable")[0, 2] == pytest.approx(-9.81 * (5.0 + 0.1), rel=5e-3)
+    cable.set("cable.winch.pay_out", 0.5)
+    cable.step(60)
+    assert cable.report()["cable"]["paid_out"] == pytest.approx(1.25, abs=0.01)
+    hose.step(30)
+    report = hose.report()["hose"]
+    assert report["torsion"] == pytest.approx(report["twist"] / 15.0 / (38 / 40), rel=1e-4)
+    assert report["twist"] == pytest.approx(3.14, abs=0.3) and np.isfinite(hose.positions("hose")).all()
+
+
+def test_the_example_of_the_winch_is_its_file(simulations):
+    file = read_plan(README.parent / "config" / "winch.yaml").scene.objects["cable"]
+    assert simulations["cable"].scene.objects["cable"].winch == file.winch
+    assert simulations["cable"].scene.objects["cable"].end_mass == file.end_mass
