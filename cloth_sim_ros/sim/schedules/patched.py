@@ -20,14 +20,13 @@ from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.coloured import GRAPHS, Coloured
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.native import array_address, load4, store4, sync, xyz
-from cloth_sim_ros.sim.schedules.resident import shared_memory
+from cloth_sim_ros.sim.schedules.resident import CELL_THREADS, shared_memory
 from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, parts_of_motion, sweep_collider
 from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells
 from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, State, Sweep, gathered, given_type
 from cloth_sim_ros.sim.topology import Topology
 
-THREADS = 512
 _BYTES_A_MEMBER = 48  # position, low part and displacement
 _ARENA = 1 << 18  # bytes of a CPU's stand-in for shared memory
 _SIZES = (8, 12, 16, 24, 32, 48)  # particles along a side that a patch owns
@@ -111,7 +110,7 @@ class Patched:
         self._patches = _upload(chosen, worlds, device)
         self._count = len(worlds) * self._patches.body.shape[0]
         largest = max(len(one.particles) for body in chosen.bodies for patch in body for one in patch.passes)
-        self._block = 1 if device.is_cpu else min(THREADS, -(-largest // 32) * 32)
+        self._block = 1 if device.is_cpu else min(CELL_THREADS, -(-largest // 32) * 32)
         self._kernel, self._hand_over = make_kernels(features, chosen.capacity, self._block)
         self._looks_back, self._bodies = features.looks_back, len(worlds) * len(chosen.bodies)
         self._graphs: dict[int, wp.Graph] = {}

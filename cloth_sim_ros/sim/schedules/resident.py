@@ -33,6 +33,7 @@ from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, compliance_of, gathered, given_type
 
+CELL_THREADS = 512  # of a multiprocessor, each with 128 registers
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 
 
@@ -54,11 +55,7 @@ class Resident:
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
-        # A thread takes a segment of a rope, a particle of an explicit method, or a spring of a colour; of cells, which
-        # need the registers that half as many threads have, one or two of a pass.
-        work = largest - 1 if features.chain else largest if features.method == "verlet" else -(-largest // 2)
-        most = THREADS if features.chain else 512 if "cell" in features.constraints else 1024
-        block = 1 if device.is_cpu else min(most, -(-work // 32) * 32)
+        block = 1 if device.is_cpu else threads_for(features, largest)
         kernel = make_frame(features, shared, block, shared_memory(device))
         bodies = worlds[0].model.bodies.shape[0]
         self._launch = wp.launch(
@@ -73,6 +70,27 @@ class Resident:
     def advance(self, substeps: int, iterations: int) -> None:
         """Launch one frame; both numbers are read from the device's Frame, where they are already."""
         self._launch.launch()
+
+
+def threads_for(features: Features, largest: int) -> int:
+    """The threads of a block for a body of `largest` particles.
+
+    A thread takes a segment of a rope, a particle of an explicit method, a spring of a colour, or a cell of a pass; of
+    cells, which need many registers, two where there are many.
+    """
+    work, most = -(-largest // 2), 1024
+    if features.chain:
+        work, most = largest - 1, THREADS
+    elif features.method == "verlet":
+        work = largest
+    elif "cell" in features.constraints:
+        work, most = max(128, -(-largest // 4)), CELL_THREADS
+    return min(most, -(-work // 32) * 32)
+
+
+def bounds_for(features: Features, block: int) -> tuple[int, int]:
+    """What the compiler fits the registers to: threads of a block, and blocks that share a multiprocessor."""
+    return block, max(1, CELL_THREADS // block) if "cell" in features.constraints else 1
 
 
 @lru_cache
@@ -97,8 +115,9 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     slots = 2 * SLOTS * block if shared and features.chain else 0
     span_address = native.make_tile_address(slots) if slots else None
     argument = given_type(features)
+    bounds = bounds_for(features, block)
 
-    @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
+    @wp.kernel(enable_backward=False, module="unique", launch_bounds=bounds, module_options=native.CPU_FLAGS)
     def simulate_frame(given: argument):
         b, t = wp.tid()
         # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
