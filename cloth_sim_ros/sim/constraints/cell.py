@@ -300,6 +300,7 @@ def make_project(order: int):
     """The projection of cell k, whose record the schedule has fetched, of pass `group`."""
     quickly = make_project_corners(order, "quick")
     repeatedly = make_project_corners(order, "repeated")
+    damped = make_project_corners(order, "damped")
     carefully = make_project_corners(order, "careful")
 
     @wp.func
@@ -317,8 +318,10 @@ def make_project(order: int):
         d: wp.uint64,
     ):
         q = corners_of(record, x, d)
-        if step.collapsed or material.damping > 0.0:
+        if step.collapsed or (material.damping > 0.0 and step.store):
             put_corners(carefully(q, record, k, group, m, s, body, material, step, low), d)
+        elif material.damping > 0.0:
+            put_corners(damped(q, record, k, group, m, s, body, material, step, low), d)
         elif step.store:
             put_corners(repeatedly(q, record, k, group, m, s, body, material, step, low), d)
         else:
