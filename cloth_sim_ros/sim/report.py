@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.constraints.cell import first_of, has
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.schedules.native import as_index, xyz
-from cloth_sim_ros.sim.schedules.stages import parts_of_motion
+from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
 from cloth_sim_ros.sim.state import Arrays
 from cloth_sim_ros.sim.topology import KINDS
 

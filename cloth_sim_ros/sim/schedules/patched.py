@@ -21,8 +21,9 @@ from cloth_sim_ros.sim.schedules.coloured import GRAPHS, Coloured
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.native import array_address, load4, store4, sync, xyz
 from cloth_sim_ros.sim.schedules.resident import CELL_THREADS, shared_memory
-from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, parts_of_motion, sweep_collider
+from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_collider
 from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells
+from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
 from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, State, Sweep, gathered, given_type
 from cloth_sim_ros.sim.topology import Topology

@@ -19,16 +19,15 @@ from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
 from cloth_sim_ros.sim.schedules.stages import (
-    goes_back,
     in_turn,
     make_finish,
     make_panel,
     make_predict,
     moving_of,
-    parts_of_motion,
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep
+from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, compliance_of, gathered, given_type

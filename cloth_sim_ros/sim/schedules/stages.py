@@ -30,28 +30,6 @@ def pack(v: wp.vec3, w: float) -> wp.vec4:
 
 
 @wp.func
-def parts_of_motion(body: Body, material: Material, frame: Frame) -> float:
-    """The parts p of the last displacement, of which order 2 carries on one, b = d_prev / p: 3 is BDF2.
-
-    A single sweep over several colours is not symmetric: where it leaves most of a stiff spring's error it acts as one
-    with negative damping, which BDF2 does not outweigh, and energy grows. With 1/4 it never does; the quarter of
-    implicit Euler's error that stays is below what such a sweep leaves.
-    """
-    stiff = wp.max(body.lightness - material.compliance / (2.0 * frame.dt * frame.dt)) > 0.0
-    return wp.where(stiff and frame.iterations == 1 and body.groups_end - body.groups > 1, 4.0, 3.0)
-
-
-@wp.func
-def goes_back(iteration: int, body: Body, material: Material, frame: Frame) -> bool:
-    """Whether an iteration of order 2 takes the colours in the opposite order, as every second one does where springs
-    are stiffer by far than a sweep can meet: sweeps that always favour the same end feed such a cloth energy. On softer
-    ones they converge better in one direction, to errors up to eight times smaller.
-    """
-    stiff = wp.max(body.lightness - 50.0 * material.compliance / (frame.dt * frame.dt)) > 0.0
-    return stiff and iteration % 2 == 1
-
-
-@wp.func
 def in_turn(q: int, begin: int, end: int, step: Step) -> int:
     """The colour group from `begin` to `end` that is q-th.
 
