@@ -29,10 +29,14 @@ class Choice:
 
 
 def choose(
-    settings: Settings, topology: Topology, materials: Iterable[tuple[Sequence[float], float]], strained: bool
+    settings: Settings,
+    topology: Topology,
+    materials: Iterable[tuple[Sequence[float], float]],
+    crumples: bool,
+    strained: bool,
 ) -> Choice:
     """The method for an object of `topology` with its springs and these pairs of compliances and damping, one or more
-    of all its worlds; see Simulation.choices.
+    of all its worlds, which wind `crumples`; see Simulation.choices.
 
     Explicit steps where the substeps suffice, as they are nearest by far at that price; else BDF2, which nowhere was
     behind implicit Euler by more than its price. An object that is or was `strained` beyond all rest is left to BDF2.
@@ -49,7 +53,7 @@ def choose(
         return Choice(
             "xpbd", 2, f"{implicit} it is or was strained by more than {STRAINED:g} and explicit steps heat it"
         )
-    needed = max(limits.explicit_substeps(topology, *material, settings.frame_dt) for material in materials)
+    needed = max(limits.explicit_substeps(topology, *material, settings.frame_dt, crumples) for material in materials)
     if settings.substeps < needed:
         return Choice(
             "xpbd", 2, f"{implicit} explicit steps would need {needed:g} substeps and there are {settings.substeps}"

@@ -14,15 +14,19 @@ class Unstable(ValueError):
     """A value with which explicit steps would fly apart; the message says what would be needed."""
 
 
-_SHARE = 0.9  # of the limit of the rest shape: stretched and turned springs are a little stiffer together
+_SHARE = 0.9  # of the limit: at rest, as stretched and turned springs are a little stiffer together; else for rounding
 
 
-def explicit_substeps(topology: Topology, compliance: Sequence[float], damping: float, frame_dt: float) -> float:
+def explicit_substeps(
+    topology: Topology, compliance: Sequence[float], damping: float, frame_dt: float, crumples: bool
+) -> float:
     """The least substeps a frame [s] at which leapfrog is stable; infinite where a spring is rigid.
 
     With dashpots of time constant tau = `damping` [s], whose force takes the velocity of the last half step, the limit
     is omega^2 (h^2 + 2 h tau) < 4 (Jury's criterion on one oscillator). omega^2 is the largest eigenvalue of M^-1 K of
-    all springs at rest, by power iteration from a fixed start.
+    all springs, by power iteration from a fixed start: at rest, or the most of any shape where the body `crumples`, as
+    in wind. A stretched spring along n is k (n n^T + (1 - rest / length) (1 - n n^T)), never more than k in every
+    direction; with that, K is the Laplacian of the springs' graph along each axis.
     """
     kinds = [(elements, float(compliance[KINDS.index(kind)])) for kind, elements in topology.springs.items()]
     if any(value == 0.0 for _, value in kinds):
@@ -32,15 +36,15 @@ def explicit_substeps(topology: Topology, compliance: Sequence[float], damping: 
     pairs = np.concatenate([elements.particles for elements, _ in kinds])
     constant = np.concatenate([1.0 / (value * elements.scale) for elements, value in kinds])
     edge = topology.rest[pairs[:, 1]] - topology.rest[pairs[:, 0]]
-    n = edge / np.linalg.norm(edge, axis=1, keepdims=True)
+    n = np.ones((len(edge), 1)) if crumples else edge / np.linalg.norm(edge, axis=1, keepdims=True)
     inverse_mass = np.where(topology.pinned, 0.0, 1.0 / topology.masses)
-    x = np.random.default_rng(3).standard_normal(topology.rest.shape) * (inverse_mass > 0.0)[:, None]
+    x = np.random.default_rng(3).standard_normal((len(inverse_mass), n.shape[1])) * (inverse_mass > 0.0)[:, None]
     largest = 0.0
     for _ in range(60):
         x /= max(np.linalg.norm(x), 1e-300)
         pull = (constant * ((x[pairs[:, 1]] - x[pairs[:, 0]]) * n).sum(1))[:, None] * n
         force = np.zeros_like(x)
-        for axis in range(3):
+        for axis in range(n.shape[1]):
             force[:, axis] -= np.bincount(pairs[:, 0], pull[:, axis], minlength=len(x))
             force[:, axis] += np.bincount(pairs[:, 1], pull[:, axis], minlength=len(x))
         x, largest = force * inverse_mass[:, None], float(np.linalg.norm(force * inverse_mass[:, None]))

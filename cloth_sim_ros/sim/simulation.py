@@ -60,7 +60,9 @@ class Simulation(Ropes):
         self._write_scene()
 
     def _choose(self, name: str, materials: set[tuple]) -> Choice:
-        return choose(self.settings, self._elastic[name], materials, name in self._strained)
+        return choose(
+            self.settings, self._elastic[name], materials, self.scene.wind is not None, name in self._strained
+        )
 
     def _build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""
@@ -432,7 +434,9 @@ class Simulation(Ropes):
         topo = self._elastic[name]
         if topo.others():
             raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
-        needed = limits.explicit_substeps(topo, compliance, damping, self.settings.frame_dt)
+        needed = limits.explicit_substeps(
+            topo, compliance, damping, self.settings.frame_dt, self.scene.wind is not None
+        )
         if substeps < needed:
             raise limits.Unstable(
                 f"solver.substeps is {substeps} with method 'verlet'; allowed is at least {needed:g} for the stiffness "

@@ -10,7 +10,7 @@ from cloth_sim_ros.sim.limits import explicit_substeps
 from cloth_sim_ros.sim.topology import build
 
 SOFT = Cloth(resolution=(9, 9), pins="edges", stretch_compliance=1e-3, shear_compliance=1e-3)
-NEEDED = int(explicit_substeps(build(SOFT, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1 / 60))
+NEEDED = int(explicit_substeps(build(SOFT, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1 / 60, False))
 
 
 def auto(things, substeps=NEEDED, iterations=1, **more):

@@ -46,7 +46,7 @@ def test_schedules_agree_with_wind_and_colliders(device):
 def test_a_mass_on_a_spring_needs_the_known_step():
     rope = Rope(start=(0, 0, 1), end=(0, 0, 0), segments=1, stretch_compliance=1e-4, particle_masses=[1.0, 4.0])
     omega = np.sqrt(1e4 / 4.0)
-    needed = explicit_substeps(build(rope, "rope", False), (1e-4, 0.0, 0.0), 0.0, 1 / 60)
+    needed = explicit_substeps(build(rope, "rope", False), (1e-4, 0.0, 0.0), 0.0, 1 / 60, False)
     assert needed == np.ceil(omega / 60 / 2 / 0.9)
 
 
@@ -54,22 +54,46 @@ def test_a_mass_on_a_spring_needs_the_known_step():
 def test_dashpots_count_in_the_limit(damping):
     """Just above the limit a stretched sheet comes to rest; far below it a dashpot would drive it."""
     sheet = Cloth(resolution=(6, 6), pins="edges", shear_compliance=1e-3, damping=damping)
-    needed = explicit_substeps(build(sheet, "it", False), (1e-3, 1e-3, 0.0), damping, 1 / 60)
+    needed = explicit_substeps(build(sheet, "it", False), (1e-3, 1e-3, 0.0), damping, 1 / 60, False)
     sim = Simulation(Scene({"it": sheet}), Settings(method="verlet", substeps=int(needed)), device="cpu")
     x = sim.positions("it")
     sim.set_positions("it", x * 1.05)
     sim.step(40)
     assert np.isfinite(sim.positions("it")).all() and np.abs(sim.velocities("it")).max() < 1.0
-    assert needed >= explicit_substeps(build(sheet, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1 / 60)
+    assert needed >= explicit_substeps(build(sheet, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1 / 60, False)
 
 
 def test_below_its_limit_it_flies_apart_which_is_why_it_is_refused(monkeypatch):
-    needed = explicit_substeps(build(SHEET, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1 / 60)
+    needed = explicit_substeps(build(SHEET, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1 / 60, False)
     with pytest.raises(ValueError, match=f"at least {needed:g}"):
         final("cpu", int(needed) - 1)
     assert np.abs(final("cpu", int(needed), frames=120)).max() < 1.0
     monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_: 1)
     assert not np.abs(final("cpu", int(0.7 * needed), frames=120)).max() < 1.0
+
+
+def test_in_wind_it_needs_the_step_of_any_shape(monkeypatch):
+    """Gusts of 100 m/s: at the limit of the rest shape the crumpled sheet heats up, at its own no substeps cool it."""
+    sheet = Cloth(resolution=(10, 10), pins="corners", shear_compliance=1e-3)
+    still, crumpled = (
+        int(explicit_substeps(build(sheet, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1 / 60, how)) for how in (False, True)
+    )
+    assert crumpled / still == pytest.approx(np.sqrt(12.0 / 8.0), rel=0.06)  # of a grid with diagonals
+
+    def fastest(substeps):
+        settings = Settings(method="verlet", substeps=substeps)
+        sim, speeds = Simulation(Scene({"it": sheet}, wind=Wind((0, 0, 0))), settings, "cpu"), []
+        for frame in range(60):
+            sim.set_wind((60.0 * (-1.0) ** frame, 0.0, 80.0 * (-1.0) ** frame))
+            sim.step()
+            speeds.append(np.linalg.norm(sim.velocities("it"), axis=1).max())
+        return max(speeds)
+
+    assert fastest(crumpled) < 250.0
+    with pytest.raises(ValueError, match=f"at least {crumpled} "):
+        fastest(crumpled - 1)
+    monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_: 1)
+    assert fastest(still) > 1000.0
 
 
 @pytest.mark.parametrize(

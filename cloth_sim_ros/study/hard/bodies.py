@@ -129,11 +129,16 @@ class Energy:
         return float(self._masses.sum() * np.linalg.norm(self._sim.scene.gravity))
 
     def longest_step(self, damping: float) -> float:
-        """The longest substep [s] at which leapfrog is stable at rest: w^2 (h^2 + 2 h tau) < 4, tau = `damping` [s]."""
+        """The longest substep [s] at which leapfrog is stable: w^2 (h^2 + 2 h tau) < 4, tau = `damping` [s].
+
+        At rest, or in any shape where wind crumples the body: as if all its springs lay along one line.
+        """
         x = self._sim.rest_positions(BODY).astype(np.float64)
         n = (x[self.pairs[:, 1]] - x[self.pairs[:, 0]]) / self.lengths(x)[:, None]
-        root = np.sqrt(np.repeat(self.inverse_mass, 3))
-        rows = np.zeros((len(self.pairs), len(x), 3))
+        if self._sim.scene.wind is not None:
+            n = np.ones((len(n), 1))
+        root = np.sqrt(np.repeat(self.inverse_mass, n.shape[1]))
+        rows = np.zeros((len(self.pairs), len(x), n.shape[1]))
         index = np.arange(len(self.pairs))
         rows[index, self.pairs[:, 0]], rows[index, self.pairs[:, 1]] = -n, n
         scaled = np.sqrt(self._constant)[:, None] * rows.reshape(len(index), -1) * root
