@@ -241,6 +241,10 @@ class Batch:
                     self._part(array, slice(b, b + 1), world).zero_()
         if self.features.looks_back:
             self._part("history", slice(b, b + 1), world).zero_()
+        if self.features.order == 2:
+            # Whether the first substep is smooth is told by the one before it: none, from rest.
+            for array in ("last_displacements", "last_velocities"):
+                self._part(array, self.span(name), world).zero_()
 
 
 def _wound(topology: Topology) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.optimize import minimize
 
 from cloth_sim_ros.sim import Cloth, Rope, Simulation
 
@@ -71,10 +72,6 @@ class Energy:
         self.pairs, self.rest, constant = (np.concatenate([kind[k] for kind in kinds.values()]) for k in range(3))
         self._rigid, self._constant = np.isinf(constant), constant
         self._h = sim.settings.frame_dt / sim.settings.substeps
-        # A substep cannot tell a stiffer spring from a rigid one; what iterations leave of it is no energy until it
-        # moves something.
-        stiffest = 1.0 / (self._h**2 * (1.0 / self._masses)[self.pairs].sum(1))
-        self._felt = np.where(constant < stiffest, constant, 0.0)
         self._stretch = np.repeat([name != "bending" for name in kinds], [len(kind[1]) for kind in kinds.values()])
 
     def lengths(self, x: np.ndarray) -> np.ndarray:
@@ -82,13 +79,47 @@ class Energy:
         return np.linalg.norm(x[self.pairs[:, 1]] - x[self.pairs[:, 0]], axis=1)
 
     def strain(self, x: np.ndarray) -> float:
-        """How far springs are from their rest length: RMS of a rope, median of a sheet's structural and shear springs.
+        """How far structural and shear springs are from their rest lengths, RMS over all of them."""
+        return float(np.sqrt((self._strains(x) ** 2).mean()))
 
-        Nothing keeps a sheet from passing through itself here, so that a tangled start may leave it in folds that are
-        equilibria of its springs; few of them are strained there.
+    def usual_strain(self, x: np.ndarray) -> float:
+        """The same of the spring in the middle of all."""
+        return float(np.median(self._strains(x)))
+
+    def largest_change(self, x: np.ndarray) -> float:
+        """How much longer or shorter any of these springs is than at rest [m]."""
+        return float((self._strains(x) * self.rest[self._stretch]).max())
+
+    def _strains(self, x: np.ndarray) -> np.ndarray:
+        return np.abs(self.lengths(x) / self.rest - 1.0)[self._stretch]
+
+    def fold(self, x: np.ndarray) -> float:
+        """The strain of the equilibrium of springs and weight that lies downhill from x, by L-BFGS in float64.
+
+        Nothing keeps a sheet from passing through itself: thrown together it may come to lie in a fold in which its
+        springs hold one another strained, as a sheet of real springs would. 0 if nothing but the rest shape holds it.
         """
-        found = np.abs(self.lengths(x) / self.rest - 1.0)[self._stretch]
-        return float(np.sqrt((found**2).mean()) if isinstance(self._body, Rope) else np.median(found))
+        free = self.inverse_mass > 0.0
+        stiffest = self._constant[~self._rigid].max(initial=0.0) or math.inf
+        constant = np.where(self._rigid, 1.0, self._constant / stiffest)
+        weight = self._masses[:, None] * np.asarray(self._sim.scene.gravity) / stiffest
+
+        def energy(moved: np.ndarray) -> tuple[float, np.ndarray]:
+            at = x.copy()
+            at[free] = moved.reshape(-1, 3)
+            edge, length = at[self.pairs[:, 1]] - at[self.pairs[:, 0]], np.maximum(self.lengths(at), 1e-12)
+            pull = (constant * (1.0 - self.rest / length))[:, None] * edge
+            force = weight.copy()
+            np.add.at(force, self.pairs[:, 0], pull)
+            np.add.at(force, self.pairs[:, 1], -pull)
+            value = 0.5 * float(constant @ (length - self.rest) ** 2) - float((weight * at).sum())
+            return value, -force[free].ravel()
+
+        options = {"maxiter": 5000, "maxfun": 10000, "ftol": 0.0, "gtol": 1e-9}
+        found = minimize(energy, x[free].ravel(), jac=True, method="L-BFGS-B", options=options)
+        at = x.copy()
+        at[free] = found.x.reshape(-1, 3)
+        return self.strain(at)
 
     def at_start(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float]:
         """As `of`, with all that springs can set free; a rigid body has to be back in shape one substep later."""
@@ -99,12 +130,19 @@ class Energy:
             elastic += 0.5 * float(self._masses @ ((x - self._sim.rest_positions(BODY)) ** 2).sum(1)) / self._h**2
         return kinetic + elastic, self.height(x)
 
-    def of(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float]:
-        """Kinetic and elastic energy together, and that of gravity with zero at the origin [J]."""
+    def of(self, x: np.ndarray, v: np.ndarray, residual: float = 0.0) -> tuple[float, float]:
+        """Kinetic and elastic energy together, and that of gravity with zero at the origin [J].
+
+        residual [m]: what iterations left of C + compliance x force. A spring of constant k that is C too long then
+        pulls by no more than k C and by no less than k (|C| - residual), and it is force that sets energy free: a sweep
+        that leaves a residual is a softer spring, one of first order a step x' = 2 p x - p x_before, which keeps
+        (1 - p) x^2 + p (x - x_before)^2 with 1 - p below what the spring's own constant has.
+        """
         if self._sim.choices[BODY].method == "verlet":
             v = v + 0.5 * self._h * self._acceleration(x)  # leapfrog's velocities are half a substep old
         kinetic = 0.5 * float(self._masses @ (v * v).sum(1))
-        elastic = 0.5 * float(self._felt @ (self.lengths(x) - self.rest) ** 2) + self._bending(x)
+        pulled = np.maximum(np.abs(self.lengths(x) - self.rest) - residual, 0.0)
+        elastic = 0.5 * float(np.where(self._rigid, 0.0, self._constant) @ pulled**2) + self._bending(x)
         return kinetic + elastic, self.height(x)
 
     def height(self, x: np.ndarray) -> float:

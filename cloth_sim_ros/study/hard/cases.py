@@ -51,7 +51,12 @@ CASES = {
             {"start": tuple(STARTS), "ratio": (1.0, 1e2, 1e5)},
         ),
         Case("degenerate", "springs of no length, triangles of no area", trials.degenerate),
-        Case("compliance", "rigid to 1e3 m/N", trials.compliance, grid={"compliance": _COMPLIANCES}),
+        Case(
+            "compliance",
+            "rigid to 1e3 m/N",
+            trials.compliance,
+            grid={"compliance": _COMPLIANCES, "iterations": (1, 10)},
+        ),
         Case("long step", "frames of 0.1 s", trials.long_step, grid={"substeps": (1, 2), "iterations": (1, 10)}),
         Case(
             "fast collider",
@@ -82,6 +87,13 @@ CASES = {
             trials.centre,
             ("sheet", "rope"),
             {"shape": ("sphere", "capsule", "box")},
+        ),
+        Case("same bits", "after a reset, and by another simulation", trials.same_bits),
+        Case(
+            "gone bad",
+            "one of three bodies; it alone is put back",
+            trials.gone_bad,
+            grid={"value": (float("nan"), float("inf"))},
         ),
     )
 }

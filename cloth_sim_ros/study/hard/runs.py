@@ -1,0 +1,61 @@
+"""Runs many combinations: those that share kernels behind one another, in one process or in several."""
+
+from __future__ import annotations
+
+import itertools
+import multiprocessing
+from collections.abc import Callable
+
+import warp as wp
+
+from cloth_sim_ros.sim import Rope
+from cloth_sim_ros.sim.colliders import shape_of
+from cloth_sim_ros.study.hard.bodies import BODY
+from cloth_sim_ros.study.hard.judge import METHODS, Combination, Verdict, judge, make_trial
+
+Numbered = tuple[int, Combination]
+
+
+def kernels_of(combination: Combination) -> tuple:
+    """What decides which kernels a combination needs: alike ones are compiled once."""
+    scene = make_trial(combination).scene
+    body = scene.objects[BODY]
+    bends = body.bend_compliance is not None and getattr(body, "bending", "angle") != "springs"
+    shapes = tuple(sorted({shape_of(collider) for collider in scene.colliders.values()}))
+    method = METHODS[combination.method]
+    order = 2 if method["method"] == "auto" else method.get("order", "verlet")
+    return isinstance(body, Rope), bends, order, shapes, scene.wind is not None, bool(shapes) and body.edge_contact
+
+
+def grouped(every: list[Combination]) -> list[list[Numbered]]:
+    """Numbered combinations in groups that share kernels, the largest group first."""
+    groups: dict[tuple, list[Numbered]] = {}
+    for number, combination in enumerate(every):
+        groups.setdefault(kernels_of(combination), []).append((number, combination))
+    return sorted(groups.values(), key=len, reverse=True)
+
+
+def run_all(groups: list[list[Numbered]], device: str, jobs: int, done: Callable[[Combination, Verdict], None]) -> dict:
+    """Number -> verdict of all combinations, a group to a process of `jobs`; `done` hears of each when it is known."""
+    found: dict[int, Verdict] = {}
+    if jobs == 1:
+        for number, combination in itertools.chain(*groups):
+            found[number] = judge(combination, device)
+            done(combination, found[number])
+        return found
+    combinations = dict(itertools.chain(*groups))
+    with multiprocessing.get_context("spawn").Pool(jobs, _quiet) as pool:
+        for some in pool.imap_unordered(_judge_group, [(group, device) for group in groups]):
+            for number, verdict in some:
+                found[number] = verdict
+                done(combinations[number], verdict)
+    return found
+
+
+def _quiet() -> None:
+    wp.config.quiet = True
+
+
+def _judge_group(task: tuple[list[Numbered], str]) -> list[tuple[int, Verdict]]:
+    group, device = task
+    return [(number, judge(combination, device)) for number, combination in group]
