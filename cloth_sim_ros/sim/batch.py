@@ -127,7 +127,8 @@ class Batch:
         self.write_positions(name, self._rest[name], world)
         self.write_velocities(name, np.zeros((len(self._rest[name]), 3)), world)
         b = self.index[name]
-        self._part("recoveries", slice(b, b + 1), world).zero_()
+        for array in ("recoveries", "relapses"):
+            self._part(array, slice(b, b + 1), world).zero_()
 
     def write_positions(self, name: str, positions: np.ndarray, world: int | None) -> None:
         """Positions (N, 3) float64 [m], kept to more digits than float32 has; history and multipliers start anew.

@@ -116,6 +116,7 @@ class Model:
     edges: wp.array(dtype=wp.vec2i)  # (D,) particles of edges that touch colliders
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
     particle_masses: wp.array(dtype=float)  # (N,) [kg] when they are out whole, of bodies that a winch feeds
+    rest: wp.array(dtype=wp.vec3)  # (N,) positions at rest [m]
     joints: wp.array(dtype=wp.vec4)  # (C,) behind each segment of a chain that bends: rest turn [-], span [m], and the
     # inverse lengths [1/m] of the segments before and behind it; nothing behind the last
     spokes: wp.array(dtype=wp.vec2i)  # springs around each particle, for method verlet: other particle and type, the
@@ -165,6 +166,7 @@ class ModelArrays:
         """Append one body."""
         first = self.particles
         self.particles += len(topology.masses)
+        self._append("rest", topology.rest)
         groups = len(self.groups)
         self.spring_order.append({})
         self.tuple_order.append({})
@@ -299,6 +301,7 @@ _TYPES = {
     "edges": (wp.vec2i, np.int32),
     "segment_length": (float, np.float32),
     "particle_masses": (float, np.float32),
+    "rest": (wp.vec3, np.float32),
     "joints": (wp.vec4, np.float32),
     "spokes": (wp.vec2i, np.int32),
     "spoke_types": (wp.vec4, np.float32),

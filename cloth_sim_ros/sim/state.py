@@ -192,6 +192,7 @@ class State:
     faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
     recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
     collapsed: wp.array(dtype=int)  # (B,) whether a spring had no length when the frame began, coloured schedule
+    relapses: wp.array(dtype=int)  # (B,) how many frames in a row ended so
     torn: wp.array(dtype=int)  # (B,) whether a chain is torn in this substep, coloured schedule
     history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet
     events: wp.array(dtype=int)  # (B,) 1 + the substep in which a motion was last not smooth, coloured schedule
@@ -264,6 +265,7 @@ def make_states(
         "faulty": (bodies, int),
         "recoveries": (bodies, int),
         "collapsed": (bodies if "cell" in features.constraints else 0, int),
+        "relapses": (bodies, int),
         "torn": (bodies if features.chain else 0, int),
         "history": (bodies if features.looks_back else 0, int),
         "events": (bodies if features.looks_back else 0, int),

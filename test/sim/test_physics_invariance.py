@@ -50,8 +50,9 @@ def test_an_object_alone_moves_as_among_others(device):
     assert same(run(("right",), device), run(NAMES, device))
 
 
-def test_reset_returns_to_the_first_bit(device):
-    sim = Simulation(scene(NAMES), Settings(), device=device)
+@pytest.mark.parametrize("settings", [{}, {"order": 2, "substeps": 5}])
+def test_reset_returns_to_the_first_bit(device, settings):
+    sim = Simulation(scene(NAMES), Settings(**settings), device=device)
     found = []
     for _ in range(2):
         sim.step(frames=30)

@@ -45,3 +45,24 @@ def test_a_bad_object_is_put_back_alone(device, schedule, settings, value):
             assert sims[0].report()[name]["recoveries"] == 0
         else:
             assert np.abs(sims[0].velocities(name)).max() > 0.1, "it goes on from there"
+
+
+@pytest.mark.parametrize("schedule", ["resident", "coloured", "tiled"])
+def test_a_state_that_always_runs_away_gives_way_to_the_rest_shape(device, schedule, monkeypatch):
+    """Explicit steps too long by far: from a strained state the runaway comes within every frame, from rest not at
+    once."""
+    monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_: 1)
+    wild = Rope(segments=8, stretch_compliance=1e-7)
+    calm = Rope(segments=8, stretch_compliance=1e-2, position=(0, 3, 0))
+    settings = Settings(method="verlet", substeps=60, schedule=schedule)
+    sims = [Simulation(Scene({"wild": wild, "calm": calm}, gravity=(0, 0, 0)), settings, device=device) for _ in "ab"]
+    start = sims[0].rest_positions("wild") * 1.3
+    sims[0].set_positions("wild", start)
+    found = []
+    for _ in range(5):
+        sims[0].step(), sims[1].step()
+        found.append((sims[0].report()["wild"]["recoveries"], sims[0].positions("wild")))
+    assert [recoveries for recoveries, _ in found] == [1, 2, 3, 4, 4]
+    assert all(np.array_equal(x, start.astype(np.float32)) for _, x in found[:3])
+    assert all(np.array_equal(x, sims[0].rest_positions("wild")) for _, x in found[3:])
+    assert np.array_equal(sims[0].positions("calm"), sims[1].positions("calm"))

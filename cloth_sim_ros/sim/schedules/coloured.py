@@ -240,7 +240,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         body = arrays.model.bodies[b]
         p = body.particles + i
         if arrays.state.faulty[b] == 1:
-            put_back(p, arrays.state)
+            put_back(p, arrays.state.relapses[b], arrays.model, arrays.state)
             if wp.static(features.chain):
                 arrays.state.chain_forces[p] = wp.vec3(0.0)
             if body.segments + i < body.segments_end:
@@ -264,6 +264,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
                 arrays.state.reels[i] = arrays.state.good_reels[i]
             else:
                 arrays.state.good_reels[i] = arrays.state.reels[i]
+        arrays.state.relapses[i] = wp.where(arrays.state.faulty[i] == 1, arrays.state.relapses[i] + 1, 0)
         if arrays.state.faulty[i] == 1:
             arrays.state.recoveries[i] += 1
             arrays.state.faulty[i] = 0

@@ -280,11 +280,12 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         for i in range(last - t, -1, -width):
             if not is_good(load4(x, i), s.velocities[body.particles + i]):
                 s.faulty[b] = 1
+        relapses = s.relapses[b]
         sync()
         faulty = s.faulty[b] == 1
         for i in range(last - t, -1, -width):
             if faulty:
-                put_back(body.particles + i, s)
+                put_back(body.particles + i, relapses, m, s)
                 if wp.static(features.chain):
                     s.chain_forces[body.particles + i] = wp.vec3(0.0)
             else:
@@ -308,6 +309,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     s.reels[b] = s.good_reels[b]
                 else:
                     s.good_reels[b] = s.reels[b]
+            s.relapses[b] = wp.where(faulty, relapses + 1, 0)
             if faulty:
                 s.recoveries[b] += 1
             if wp.static(features.looks_back):

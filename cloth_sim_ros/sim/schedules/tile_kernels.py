@@ -314,15 +314,17 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
         w = q / tiles.body.shape[0]
         n = q - w * tiles.body.shape[0]
         if wp.static(features.worlds):
+            m = given[w].model
             s = given[w].state
         else:
+            m = given.model
             s = given.state
         last = surface(s, tiles, side, w)
         for i in range(t, wp.static(capacity), wp.static(block)):
             if tiles.rings[n * wp.static(capacity) + i] == 0:
                 g = tiles.members[n * wp.static(capacity) + i]
                 if s.faulty[tiles.body[n]] == 1:
-                    put_back(g, s)
+                    put_back(g, s.relapses[tiles.body[n]], m, s)
                 else:
                     keep(g, load4(last.positions, g), load4(last.low, g), s)
                     s.velocities[g] = load4(last.velocities, g)
@@ -339,6 +341,7 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
             s = given.state
         s.history[b] = 1 - s.faulty[b]
         s.recoveries[b] += s.faulty[b]
+        s.relapses[b] = s.faulty[b] * (s.relapses[b] + 1)
         s.faulty[b] = 0
 
     return {"advance": advance, "settle": settle, "count_faults": count_faults}

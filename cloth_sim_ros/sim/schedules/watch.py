@@ -1,15 +1,18 @@
 """The watch over every body at the end of a frame: what is not finite or ran away is put back, and it alone.
 
 A body in which any particle is bad returns to where all of them were last good, at rest, with its history and
-multipliers forgotten; velocities are not kept, or the same runaway would come again. Other bodies never notice.
+multipliers forgotten; velocities are not kept, or the same runaway would come again. Where it comes again from there,
+frame after frame, that state was not good: the body then returns to its rest shape. Other bodies never notice.
 """
 
 import warp as wp
 
+from cloth_sim_ros.sim.model import Model
 from cloth_sim_ros.sim.state import State
 
 FARTHEST = wp.constant(1.0e6)  # [m] from the origin
 FASTEST = wp.constant(1.0e5)  # [m/s]
+RELAPSES = wp.constant(3)  # frames in a row after which a state that was good is so no longer
 
 
 @wp.func
@@ -30,8 +33,13 @@ def keep(g: int, position: wp.vec4, low: wp.vec4, s: State):
 
 
 @wp.func
-def put_back(g: int, s: State):
-    """Particle g of the batch goes back to where it was last good, at rest."""
+def put_back(g: int, relapses: int, m: Model, s: State):
+    """Particle g of the batch goes back to where it was last good, at rest, or was at first after too many
+    `relapses`."""
+    if relapses >= RELAPSES:
+        rest = m.rest[g]
+        s.good_positions[g] = wp.vec4(rest[0], rest[1], rest[2], s.good_positions[g][3])
+        s.good_low[g] = wp.vec4(0.0)
     s.positions[g] = s.good_positions[g]
     s.low[g] = s.good_low[g]
     s.velocities[g] = wp.vec4(0.0)
