@@ -27,7 +27,7 @@ def main() -> int:
     for name, (module, text) in COMMANDS.items():
         module.add_arguments(commands.add_parser(name, help=text))
     arguments = parser.parse_args()
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_WARNING
     try:
         return COMMANDS[arguments.command][0].run(arguments)
     except ValueError as problem:

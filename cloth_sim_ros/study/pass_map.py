@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import multiprocessing
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +23,7 @@ from cloth_sim_ros.study.cases import FRAME_DT, Case, loaded_chain
 from cloth_sim_ros.study.contenders import CONTENDERS, Contender, Run
 from cloth_sim_ros.study.error import peers_on
 from cloth_sim_ros.study.figures import save_png
+from cloth_sim_ros.study.hard.runs import quietly
 from cloth_sim_ros.study.springs import SpringSystem
 from cloth_sim_ros.study.timing import machine
 
@@ -88,17 +92,44 @@ def judge(contender: Contender, iterations: int, ratio: float, constant: float, 
     return outcome(np.asarray(frames, dtype=np.float64), system, seen)
 
 
-def run(device: str, peers: bool, folder: Path) -> int:
-    """Compute all cells, print how many hold, write JSON, PNG and SVG."""
+@dataclasses.dataclass(frozen=True)
+class Panel:
+    """The cells of one method with these substeps and iterations, which a process computes."""
+
+    label: str
+    iterations: int
+    substeps: int
+    peers: bool
+    device: str
+
+    @property
+    def row(self) -> str:
+        """What its row of panels is called."""
+        return self.label if self.iterations == 0 else f"{self.label}, {self.iterations} iterations"
+
+    def cells(self) -> list[list[str]]:
+        """Outcomes by mass ratio and stiffness."""
+        contender = next(each for each, _ in rows(self.peers, self.device) if each.label == self.label)
+        numbers = max(self.iterations, 1), self.substeps
+        return [
+            [judge(contender, numbers[0], ratio, k, numbers[1], self.device) for k in STIFFNESS] for ratio in RATIOS
+        ]
+
+
+def run(device: str, peers: bool, folder: Path, jobs: int) -> int:
+    """Compute all cells, a panel to a process of `jobs`, print how many hold, write JSON, PNG and SVG."""
+    panels = [
+        Panel(each.label, iterations if each.iterations != (1,) else 0, substeps, peers, device)
+        for each, iterations in rows(peers, device)
+        for substeps in SUBSTEPS
+    ]
     found: dict[str, list] = {}
-    for contender, iterations in rows(peers, device):
-        label = contender.label if contender.iterations == (1,) else f"{contender.label}, {iterations} iterations"
-        cells = found.setdefault(label, [])
-        for substeps in SUBSTEPS:
-            print(f"\33[2K{label}, {substeps} substeps", end="\r", file=sys.stderr, flush=True)
-            cells.append(
-                [[judge(contender, iterations, ratio, k, substeps, device) for k in STIFFNESS] for ratio in RATIOS]
-            )
+    start = time.perf_counter()
+    for panel, cells in zip(panels, _computed(panels, jobs), strict=True):
+        found.setdefault(panel.row, []).append(cells)
+        counts = [f"{np.sum(np.array(cells) == name)} {name}" for name in OUTCOMES if name in np.array(cells)]
+        line = f"{time.perf_counter() - start:5.0f} s  {panel.row}, {panel.substeps} substeps: {', '.join(counts)}"
+        print(line, file=sys.stderr, flush=True)
     where = machine(device if device != "auto" else None)
     print(f"{where['name']} ({where['device']}); chain of {SEGMENTS} segments, {FRAMES * FRAME_DT:g} s")
     print(table(found))
@@ -107,7 +138,17 @@ def run(device: str, peers: bool, folder: Path) -> int:
     path.with_suffix(".json").write_text(json.dumps({"machine": where, "cells": found}))
     draw(found, path)
     print(f"written: {path}.json, .png, .svg")
-    return 0
+    own = [np.array(cells) for label, cells in found.items() if label.startswith(("XPBD", "auto"))]
+    return int(any((cells != "holds").any() for cells in own))
+
+
+def _computed(panels: list[Panel], jobs: int) -> Iterator[list[list[str]]]:
+    """Cells of every panel in order, each as soon as it is done."""
+    if jobs == 1:
+        yield from map(Panel.cells, panels)
+        return
+    with multiprocessing.get_context("spawn").Pool(jobs, quietly) as pool:
+        yield from pool.imap(Panel.cells, panels)
 
 
 def table(found: dict[str, list]) -> str:

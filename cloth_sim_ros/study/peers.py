@@ -151,6 +151,9 @@ def _record(step: Callable, positions: Callable, start: np.ndarray, frames: int,
             step()
             times.append(1e3 * (time.perf_counter() - begun))
         found.append(np.array(positions(), dtype=np.float64))
+        if not np.isfinite(found[-1]).all():  # nothing comes back from there
+            found += [found[-1]] * (frames + 1 - len(found))
+            break
     return np.array(found), np.array(times)
 
 

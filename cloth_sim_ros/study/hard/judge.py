@@ -139,7 +139,7 @@ def keeps_soft_state(scene: Scene, settings: dict, device: str) -> str:
     soft = {"stretch_compliance": 1.0} | ({"shear_compliance": 1.0} if isinstance(body, Cloth) else {})
     if getattr(body, "bend_compliance", None):
         soft["bend_compliance"] = 1.0
-    gentle = dataclasses.replace(body, damping=0.0, **soft)
+    gentle = dataclasses.replace(body, **soft)
     sim = Simulation(Scene({BODY: gentle}), Settings(substeps=100, **settings), device)
     return _stays(sim, f"{BODY}.stretch_compliance", body.stretch_compliance)
 

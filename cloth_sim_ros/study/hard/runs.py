@@ -44,7 +44,7 @@ def run_all(groups: list[list[Numbered]], device: str, jobs: int, done: Callable
             done(combination, found[number])
         return found
     combinations = dict(itertools.chain(*groups))
-    with multiprocessing.get_context("spawn").Pool(jobs, _quiet) as pool:
+    with multiprocessing.get_context("spawn").Pool(jobs, quietly) as pool:
         for some in pool.imap_unordered(_judge_group, [(group, device) for group in groups]):
             for number, verdict in some:
                 found[number] = verdict
@@ -52,8 +52,9 @@ def run_all(groups: list[list[Numbered]], device: str, jobs: int, done: Callable
     return found
 
 
-def _quiet() -> None:
-    wp.config.quiet = True
+def quietly() -> None:
+    """What a process begins with: Warp does not tell of every kernel."""
+    wp.config.log_level = wp.LOG_WARNING
 
 
 def _judge_group(task: tuple[list[Numbered], str]) -> list[tuple[int, Verdict]]:
