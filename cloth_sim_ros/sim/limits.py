@@ -16,17 +16,23 @@ class Unstable(ValueError):
 
 _SHARE = 0.9  # of the limit: at rest, as stretched and turned springs are a little stiffer together; else for rounding
 
+_ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS, of a length in float32
+_HEAT = 1e-2  # [m^2/s^3] by which rounding may heat a body; beyond it a spring is as good as rigid
+
 
 def explicit_substeps(
     topology: Topology, compliance: Sequence[float], damping: float, frame_dt: float, crumples: bool
 ) -> float:
-    """The least substeps a frame [s] at which leapfrog is stable; infinite where a spring is rigid.
+    """The least substeps a frame [s] at which leapfrog is stable; infinite where a spring is rigid, also for float32.
 
     With dashpots of time constant tau = `damping` [s], whose force takes the velocity of the last half step, the limit
     is omega^2 (h^2 + 2 h tau) < 4 (Jury's criterion on one oscillator). omega^2 is the largest eigenvalue of M^-1 K of
     all springs, by power iteration from a fixed start: at rest, or the most of any shape where the body `crumples`, as
     in wind. A stretched spring along n is k (n n^T + (1 - rest / length) (1 - n n^T)), never more than k in every
     direction; with that, K is the Laplacian of the springs' graph along each axis.
+
+    The rounding r of lengths l shakes particles by (k / m) l r h a substep of length h = 2 / omega, which as a random
+    walk heats them by (l r)^2 omega^3 / 8 a second; `infinite` is also where that is too much.
     """
     kinds = [(elements, float(compliance[KINDS.index(kind)])) for kind, elements in topology.springs.items()]
     if any(value == 0.0 for _, value in kinds):
@@ -50,5 +56,7 @@ def explicit_substeps(
         x, largest = force * inverse_mass[:, None], float(np.linalg.norm(force * inverse_mass[:, None]))
     if largest == 0.0:
         return 1.0
+    if (float(np.linalg.norm(edge, axis=1).mean()) * _ROUNDING) ** 2 * largest**1.5 / 8.0 > _HEAT:
+        return math.inf
     longest = 4.0 / largest / (damping + math.sqrt(damping**2 + 4.0 / largest))
     return float(math.ceil(frame_dt / (_SHARE * longest)))

@@ -183,6 +183,11 @@ class Energy:
         square = float(np.linalg.norm(scaled, 2)) ** 2
         return 4.0 / square / (damping + math.sqrt(damping**2 + 4.0 / square))
 
+    def rounding_heat(self) -> float:
+        """Kinetic energy a mass and second [m^2/s^3] that the rounding of lengths in float32 gives explicit steps."""
+        highest = 2.0 / self.longest_step(0.0)
+        return (float(self.rest.mean()) * 2.0**-24) ** 2 / 3.0 * highest**3 / 8.0
+
     def _bending(self, x: np.ndarray) -> float:
         body = self._body
         if isinstance(body, Rope) and body.bend_compliance:

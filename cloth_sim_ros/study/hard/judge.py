@@ -112,7 +112,8 @@ def _unfounded(refusal: str, trial: Trial, settings: dict) -> str:
     energy = Energy(Simulation(trial.scene, Settings(method="xpbd", rope_solver="gauss_seidel"), "cpu"))
     rigid = min(body.stretch_compliance, getattr(body, "shear_compliance", None) or math.inf) == 0.0
     if rigid or needed[1] == "inf":
-        return "" if rigid and needed[1] == "inf" else f"refused as rigid: {refusal}"
+        lost = rigid or energy.rounding_heat() > 5e-3
+        return "" if lost and needed[1] == "inf" else f"refused as rigid: {refusal}"
     longest = energy.longest_step(body.damping)
     least = trial.frame_dt / longest
     return "" if 0.9 * least <= float(needed[1]) <= 1.5 * least + 1.0 else f"needs {least:.0f} substeps, but: {refusal}"
