@@ -20,3 +20,8 @@ def size(collider) -> tuple[float, float, float]:
 def reach(collider) -> float:
     """The radius [m]."""
     return collider.radius
+
+
+def narrow(collider) -> float:
+    """The radius [m]."""
+    return collider.radius

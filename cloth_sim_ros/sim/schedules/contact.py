@@ -43,21 +43,24 @@ def make_meet(shapes: tuple[str, ...]):
         """Normal and fraction of `path` at which it enters the surface, by sphere tracing; -1 if it does not."""
         length = wp.length(path)
         reached = float(0.0)
-        surface = signed_distance(shape, start, size)
-        if surface[3] < 0.0 or length <= 0.0:
-            return wp.vec4(0.0, 0.0, 0.0, -1.0)
-        for _ in range(16):
-            gap = surface[3] - thickness
-            if gap <= 1.0e-3 * thickness:
-                return pack(xyz(surface), reached)
-            reached += gap / length
-            if reached > 1.0:
-                return wp.vec4(0.0, 0.0, 0.0, -1.0)
+        gap = float(1.0)
+        surface = wp.vec4()
+        count = int(0)
+        # A loop that Warp does not unroll: next to no particle ever comes here, and all would carry its registers.
+        while count < 17 and gap > 1.0e-3 * thickness:
             surface = signed_distance(shape, start + reached * path, size)
-        return pack(xyz(surface), reached)
+            gap = surface[3] - thickness
+            if (count == 0 and surface[3] < 0.0) or length <= 0.0:
+                reached = 2.0
+            if gap > 1.0e-3 * thickness and count < 16:
+                reached += gap / wp.max(length, 1.0e-30)
+            count = wp.where(reached > 1.0, 17, count + 1)
+        return pack(xyz(surface), wp.where(reached > 1.0, -1.0, reached))
 
     @wp.func
-    def meet(shape: int, size: wp.vec3, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float) -> wp.vec4:
+    def meet(
+        shape: int, size: wp.vec3, narrow: float, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float
+    ) -> wp.vec4:
         """Normal and gap [m] of local point p, which came by `slip`; negative also where it came through.
 
         Of an overlap that was there before it came, no more than `apart` [m] counts.
@@ -66,8 +69,8 @@ def make_meet(shapes: tuple[str, ...]):
         gap = surface[3] - thickness
         n = xyz(surface)
         square = wp.length_sq(slip)
-        if square > gap * gap:
-            # Fast enough to have come through the surface: find where it entered, and stay on that side.
+        if square > wp.max(gap * gap, narrow * narrow):
+            # Fast enough to have come through it: find where it entered, and stay on that side.
             entry = enter(shape, size, p - slip, slip, thickness)
             if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
                 n = xyz(entry)
@@ -127,7 +130,7 @@ def make_contact(features: Features):
                 slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
                 p = sweep.to_local * offset
                 apart = SEPARATION * step.effective
-                touching = meet(collider.shape, collider.size, p, slip, material.thickness, apart)
+                touching = meet(collider.shape, collider.size, collider.narrow, p, slip, material.thickness, apart)
                 gap = touching[3]
                 if gap < 0.0:
                     n = xyz(touching)
