@@ -16,7 +16,7 @@ from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.schedules.native import xyz
-from cloth_sim_ros.sim.schedules.stages import parts_of_motion
+from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
 from cloth_sim_ros.sim.state import Arrays
 
 DIRECT, MULTIPLIERS, SPRINGS = 0, 1, 2  # where a rope's tension is found
