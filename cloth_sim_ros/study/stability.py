@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import itertools
 import json
 import sys
 import time
@@ -28,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, help="of all that is drawn; another one every time if not given")
     parser.add_argument("--case", choices=CASES, nargs="+", help="these alone")
     parser.add_argument("--method", choices=METHODS, nargs="+", help="these alone")
+    parser.add_argument("--part", default="1/1", help="2/3: of all combinations the second third, by every third one")
     parser.add_argument("--jobs", type=int, default=1, help="processes that share the work")
     parser.add_argument(
         "--map", action="store_true", help="the map over stiffness and mass ratio in place of the cases"
@@ -44,15 +44,25 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.map:
         return pass_map.run(arguments.device, arguments.peers, arguments.output, arguments.jobs)
     seed = arguments.seed if arguments.seed is not None else int(np.random.SeedSequence().entropy % 2**31)
-    every, start = list(combinations(seed, arguments.case, arguments.method)), time.perf_counter()
+    part, parts = map(int, arguments.part.split("/"))
+    every = list(combinations(seed, arguments.case, arguments.method))[part - 1 :: parts]
+    start = time.perf_counter()
     groups = grouped(every)
-    print(f"{len(every)} combinations that need {len(groups)} sets of kernels, seed {seed}", flush=True)
-    counted = itertools.count(1)
+    print(
+        f"part {part} of {parts}: {len(every)} combinations that need {len(groups)} sets of kernels, seed {seed}",
+        flush=True,
+    )
+    counts = dict.fromkeys(OUTCOMES, 0)
 
     def done(combination: Combination, verdict: Verdict) -> None:
         wrong = f"FAILED {combination}: {verdict.why}\n" if verdict.outcome == "failed" else ""
-        line = f"{next(counted)} of {len(every)}, {time.perf_counter() - start:.0f} s: {combination}"
+        counts[verdict.outcome] += 1
+        known = sum(counts.values())
+        line = f"{known} of {len(every)}, {time.perf_counter() - start:.0f} s: {combination}"
         print(f"\33[2K{wrong}{line[:150]}", end="\r", file=sys.stderr, flush=True)
+        if known % 100 == 0:
+            numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in OUTCOMES)
+            print(f"{time.perf_counter() - start:5.0f} s  {known} of {len(every)}: {numbers}", flush=True)
 
     found = run_all(groups, arguments.device, arguments.jobs, done)
     where = machine(arguments.device if arguments.device != "auto" else None)

@@ -24,15 +24,16 @@ def parts_of_motion(body: Body, material: Material, frame: Frame) -> float:
     Sweeps over several colours that do not come in pairs, there and back, are not symmetric: where they leave most of a
     stiff spring's error they act as one with negative damping, which BDF2 does not outweigh, and energy grows. A share
     1 - 3 / p of implicit Euler's damping does: a quarter, and more where substeps are so short that it damps little.
-    The error of such a share is below what the sweeps leave.
+    The error of such a share is below what the sweeps leave. Pairs need it in short substeps alone, as within a cell
+    springs have one order.
     """
-    single = frame.iterations == 1
+    sweeps = float(frame.iterations)
+    share = CALMED / (frame.dt * sweeps)
     pairs = frame.iterations % 2 == 0 and is_stiffer(FAR_STIFFER, body, material, frame)
-    fed = is_stiffer(FED * (1.0 + float(frame.iterations)), body, material, frame) and not pairs
-    share = wp.where(fed, CALMED / (frame.dt * float(frame.iterations)), 0.0)
-    damped = fed or (single and is_stiffer(0.5, body, material, frame))
-    parts = wp.where(damped, 3.0 / (1.0 - wp.clamp(share, 0.25, 0.999999)), 3.0)
-    return wp.where(body.groups_end - body.groups > 1, parts, 3.0)
+    fed = is_stiffer(FED * (1.0 + sweeps), body, material, frame) and (not pairs or share > 0.2)
+    single = frame.iterations == 1 and is_stiffer(0.5, body, material, frame)
+    kept = 1.0 - wp.where(fed, wp.clamp(share, 0.25, 0.999999), 0.25)
+    return wp.where((fed or single) and body.groups_end - body.groups > 1, 3.0 / kept, 3.0)
 
 
 @wp.func

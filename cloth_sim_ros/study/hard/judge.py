@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation, topology
+from cloth_sim_ros.sim.colliders import shape_of
 from cloth_sim_ros.study.hard.bodies import BODY, Energy
 from cloth_sim_ros.study.hard.cases import CASES, Case
-from cloth_sim_ros.study.hard.trials import WHIP, Trial
+from cloth_sim_ros.study.hard.trials import SHAPES, WHIP, Trial
 
 METHODS: dict[str, dict[str, Any]] = {
     "xpbd 1": {"method": "xpbd", "order": 1},
@@ -76,9 +77,18 @@ def _grid(case: Case) -> list[dict[str, Any]]:
 
 
 def make_trial(combination: Combination) -> Trial:
-    """The trial of a combination, all drawn."""
+    """The trial of a combination, all drawn.
+
+    Scenes with colliders have one of each shape, the others a kilometre away: all of them share their kernels then.
+    """
     random = np.random.default_rng(combination.seed)
-    return CASES[combination.case].trial(combination.kind, combination.options, random)
+    trial = CASES[combination.case].trial(combination.kind, combination.options, random)
+    there = {shape_of(collider) for collider in trial.scene.colliders.values()}
+    if not there:
+        return trial
+    far = {f"far {name}": make(position=(0.0, 0.0, -1000.0)) for name, make in SHAPES.items() if name not in there}
+    scene = dataclasses.replace(trial.scene, colliders={**trial.scene.colliders, **far})
+    return dataclasses.replace(trial, scene=scene)
 
 
 def judge(combination: Combination, device: str) -> Verdict:

@@ -313,7 +313,7 @@ def same_bits(kind: str, options: Options, random: np.random.Generator) -> Trial
 
     def again(sim: Simulation) -> str:
         found = []
-        for each in (sim, sim, Simulation(scene, sim.settings, sim.device)):
+        for each in (sim, sim, Simulation(sim.scene, sim.settings, sim.device)):
             each.reset()
             each.step(40)
             found.append(np.concatenate([each.positions(BODY), each.velocities(BODY)]))
