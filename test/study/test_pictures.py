@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cloth_sim_ros.sim import Cloth, cells
+from cloth_sim_ros.sim.topology import build
 from cloth_sim_ros.study.figures import save_png
 from cloth_sim_ros.study.pictures import camera, command, curtain, oscillator, rope, springs
 
@@ -50,6 +52,13 @@ def test_rope_is_as_stiff_as_its_material_under_xpbd_and_as_its_iterations_under
     assert found["XPBD, segment by segment"][1] == pytest.approx(converged, rel=0.05)
     few, many = found["PBD, stiffness 1"]
     assert few > 5.0 * converged and many < 0.3 * converged
+
+
+def test_passes_of_a_grid_hold_each_spring_once():
+    topology = build(Cloth(resolution=(5, 5), bending="springs", bend_compliance=1.0), "grid", True)
+    drawn = np.concatenate([springs.springs_of(one)[0] for one in cells.passes(topology)])
+    there = np.concatenate([np.sort(elements.particles, axis=1) for elements in topology.springs.values()])
+    assert sorted(map(tuple, drawn.tolist())) == sorted(map(tuple, there.tolist()))
 
 
 def test_disk_is_one_sheet_without_holes():

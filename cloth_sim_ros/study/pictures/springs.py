@@ -1,4 +1,4 @@
-"""The topology of a grid and the colours of a mesh, as the solver builds them."""
+"""The passes of a grid's springs and the colours of a mesh, as the solver builds them."""
 
 from __future__ import annotations
 
@@ -8,25 +8,39 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from scipy.spatial import Delaunay
 
-from cloth_sim_ros.sim import Cloth
-from cloth_sim_ros.sim.topology import KINDS, Elements, build
+from cloth_sim_ros.sim import Cloth, cells
+from cloth_sim_ros.sim.topology import Elements, build
 
 PALETTE = ("#e4572e", "#2e86ab", "#f2b134", "#3b8f5a", "#8e5aa8", "#5fbcd3", "#c2637a", "#7d8c4a", "#d9863d", "#4b5d8a")
 INK, FAINT = "#2c3440", "#d8dade"
 
 
 def draw_topology(device: str) -> Figure:
-    """Structural, shear and bending springs of a 5 x 5 grid; springs of one colour are solved at the same time."""
+    """The six passes of the springs of a 5 x 5 grid: each cell by one thread, all cells of a pass at the same time."""
     topology = build(Cloth(resolution=(5, 5), bending="springs", bend_compliance=1.0), "grid", direct_ropes=True)
-    points = topology.rest[:, :2]
-    figure = Figure(figsize=(10.5, 3.9), layout="constrained")
-    for axes, kind in zip(figure.subplots(1, len(KINDS)), KINDS, strict=True):
-        elements = topology.springs[kind]
-        _draw_springs(axes, points, elements, bow=0.16 if kind == "bending" else 0.0)
+    points, passes = topology.rest[:, :2], cells.passes(topology)
+    figure = Figure(figsize=(10.5, 7.4), layout="constrained")
+    for axes, (place, one) in zip(figure.subplots(2, 3).flat, enumerate(passes), strict=True):
+        pairs, cell = springs_of(one)
+        bow = 0.16 if one.kind == "bending" else 0.0
+        faint = np.concatenate([elements.particles for elements in topology.springs.values()])
+        axes.add_collection(LineCollection(points[faint], color=FAINT, lw=0.7))
+        _draw_springs(axes, points, Elements(pairs, np.zeros(len(pairs)), np.ones(len(pairs)), cell), bow)
         axes.scatter(*points.T, s=30, color=INK, zorder=3)
-        count = elements.colour.max() + 1
-        axes.set_title(f"{kind}: {len(elements.rest)} springs, {count} colours", fontsize=11, color=INK)
+        axes.set_title(f"pass {place + 1}: {len(pairs)} springs in {cell.max() + 1} cells", fontsize=11, color=INK)
     return figure
+
+
+def springs_of(one: cells.Pass) -> tuple[np.ndarray, np.ndarray]:
+    """The springs (S, 2) of a pass and the cell (S,) of each."""
+    held = np.r_[np.arange(4) if one.holds & cells.SIDES else [], [4, 5] if one.holds & cells.DIAGONALS else []]
+    pairs, owner = [], []
+    for place, particles in enumerate(one.particles):
+        mine = cells.PAIRS[held.astype(int)] if place < one.whole else cells.PAIRS[:2]
+        chosen = np.unique(np.sort(particles[mine], axis=1), axis=0)
+        pairs.append(chosen)
+        owner.append(np.full(len(chosen), place))
+    return np.concatenate(pairs), np.concatenate(owner)
 
 
 def draw_colouring(device: str) -> Figure:
