@@ -40,7 +40,7 @@ def multiplier_change(c: float, slip: float, w: float, alpha: float, gamma: floa
     alpha: compliance / h^2; gamma: dashpot time / h; multiplier: its value so far in this substep. The divisor is never
     0: where all particles are pinned and the constraint is rigid, the quotient is finite and meets inverse masses of 0.
     """
-    return wp.vec2(-(c + alpha * multiplier + gamma * slip), wp.max((1.0 + gamma) * w + alpha, 1.0e-20))
+    return wp.vec2(-(c + alpha * multiplier + gamma * slip), wp.max((1.0 + gamma) * w + alpha, 1.0e-30))
 
 
 @wp.func_native("""

@@ -65,19 +65,15 @@ return 1.0f / sqrtf(value);
 """
 _ROOT = """
 #if defined(__CUDA_ARCH__)
-float y;
-asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(value));
-float r = value * y;
-return fmaf(0.5f * y, fmaf(-r, r, value), r);
+float y = rsqrtf(value);
+return value * fmaf(0.5f * y, fmaf(-value * y, y, 1.0f), y);
 #else
 return sqrtf(value);
 #endif
 """
 _QUOTIENT = """
 #if defined(__CUDA_ARCH__)
-float y;
-asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(b));  // __fdividef would first look for subnormal numbers
-return a * y;
+return __fdividef(a, b);
 #else
 return a / b;
 #endif
