@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 import logging
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim import limits, topology
+from cloth_sim_ros.sim import topology
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.choice import STRAINED, Choice, choose, is_strained
-from cloth_sim_ros.sim.colliders import NAMES, SHAPES, shape_of
+from cloth_sim_ros.sim.colliders import shape_of
+from cloth_sim_ros.sim.live import Live, compliances_of, distinct, names_of
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.ropes import Ropes
-from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings, finite_array, unit_quaternion
+from cloth_sim_ros.sim.scene import Rope, Scene, Settings, finite_array
 from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
 
@@ -27,7 +26,7 @@ _MOST_WORLDS = 65536
 _FAR = 1e6  # [m] the largest coordinate that positions may be given in
 
 
-class Simulation(Ropes):
+class Simulation(Ropes, Live):
     """Cloths and ropes of `scene`, computed as `settings` say on `device` ("cpu", "cuda:0" or "auto").
 
     Whatever takes a value raises ValueError with one sentence where the value cannot be, and changes nothing then.
@@ -50,9 +49,9 @@ class Simulation(Ropes):
             self._check_rope(name, thing)
         if self.settings.method == "verlet":
             for name, thing in scene.objects.items():
-                self._check_explicit(name, _compliances(thing), thing.damping, self.settings.substeps)
+                self._check_explicit(name, compliances_of(thing), thing.damping, self.settings.substeps)
         self.builds = 0
-        alike = {name: {(tuple(_compliances(thing)), thing.damping)} for name, thing in scene.objects.items()}
+        alike = {name: {(tuple(compliances_of(thing)), thing.damping)} for name, thing in scene.objects.items()}
         self._build({name: self._choose(name, materials) for name, materials in alike.items()})
         self._reporter = Reporter(self._device)
         self._frames = 0
@@ -82,7 +81,7 @@ class Simulation(Ropes):
         state."""
         if self.settings.method != "auto":
             return
-        chosen = {name: self._choose(name, _distinct(self._materials(name, None))) for name in self._batch}
+        chosen = {name: self._choose(name, distinct(self._materials(name, None))) for name in self._batch}
         changed = [name for name, choice in chosen.items() if choice.words != self._choices[name].words]
         if not changed:
             self._choices = chosen
@@ -324,180 +323,6 @@ class Simulation(Ropes):
                     self._leave_to_implicit(name)
         return found
 
-    # -- live numbers --------------------------------------------------------------------------------------------
-
-    def set_collider_pose(
-        self,
-        name: str,
-        position: Any,
-        orientation: Any = (0.0, 0.0, 0.0, 1.0),
-        sweep: bool = True,
-        world: int | None = None,
-    ) -> None:
-        """Move a collider: it reaches the pose [m], x y z w, at the end of the next frame, swept in between.
-
-        Without `sweep` it is there at once and was never anywhere else: for placing it, not for pushing with it.
-        """
-        if name not in self._collider_row:
-            raise ValueError(f"there is no collider {name!r}; allowed is {_names(self._collider_row)}")
-        place = {parameter.name: parameter for parameter in table.COLLIDER}["position"]
-        position = table.check(place, position, f"{name}.position")
-        row, orientation = self._collider_row[name], unit_quaternion(orientation, f"{name}.orientation")
-        reach = self._colliders.move if sweep else self._colliders.place
-        reach(row, self._some(world), position, orientation)
-
-    def set_wind(self, velocity: Any, world: int | None = None) -> None:
-        """Set the wind velocity [m/s] from the next frame on."""
-        self.set("wind.velocity", velocity, world)
-
-    def set(self, name: str, value: Any, world: int | None = None) -> None:
-        """Set a live parameter such as "cloth.stretch_compliance", "solver.substeps", "gravity" or "wind.velocity".
-
-        Those of the solver hold in all worlds.
-        """
-        owner, _, field = name.rpartition(".")
-        self._some(world)
-        if name == "gravity":
-            self._set_frame(table.GRAVITY, name, value, world)
-        elif owner == "solver":
-            if world is not None:
-                raise ValueError(f"{name} is set in world {world} alone; allowed is to set it in all of them")
-            self._set_solver(_live(table.SOLVER, field, name), name, value)
-        elif owner == "wind":
-            if self.scene.wind is None:
-                raise ValueError(f"{name} is set but the scene has no wind; allowed is a scene built with one")
-            self._set_frame(_live(table.WIND, field, name), name, value, world)
-        elif owner.endswith(".winch") and owner.removesuffix(".winch") in self.scene.objects:
-            self._set_winch(owner.removesuffix(".winch"), _live(table.WINCH, field, name), name, value, world)
-        elif owner in self.scene.objects:
-            self._set_material(owner, field, name, value, world)
-        elif owner in self.scene.colliders:
-            row = _live(table.COLLIDER, field, name)
-            self._colliders.write(self._collider_row[owner], world, **{field: table.check(row, value, name)})
-        else:
-            known = [*self.scene.objects, *self.scene.colliders, "solver", "wind"]
-            raise ValueError(f"there is no parameter {name!r}; allowed are 'gravity' and those of {_names(known)}")
-
-    def _set_frame(self, row: table.Parameter, name: str, value: Any, world: int | None) -> None:
-        fields = {"velocity": "wind", "drag_coefficient": "drag", "lift_coefficient": "lift"}
-        self._frame.write(0, world, **{fields.get(row.name, row.name): table.check(row, value, name)})
-
-    def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
-        value = table.check(row, value, name)
-        if row.name == "substeps" and self.settings.method == "verlet":
-            for owner in self.scene.objects:
-                self._check_materials(owner, self._materials(owner, None), value)
-        self.settings = dataclasses.replace(self.settings, **{row.name: value})
-        if row.name == "substeps":
-            for batch in self._batches:
-                batch.forget_steps()
-        self._write_settings()
-        self._choose_again()
-
-    def _set_material(self, owner: str, field: str, name: str, value: Any, world: int | None) -> None:
-        thing = self.scene.objects[owner]
-        row = _live(table.CLOTH if isinstance(thing, Cloth) else (*table.ROPE, *table.TWIST), field, name)
-        needed = "twist_compliance" if field == "end_turn" else field
-        if needed in ("shear_compliance", "bend_compliance", "twist_compliance") and getattr(thing, needed) is None:
-            raise ValueError(f"{name} is set but {owner} was built without; allowed is an object built with {needed}")
-        value = table.check(row, value, name)
-        if field == "end_turn":
-            self._batch[owner].ends.write(self._batch[owner].index[owner], world, turn=value)
-            return
-        materials = self._materials(owner, world)
-        if field.endswith("_compliance"):
-            kinds = {"stretch_compliance": 0, "shear_compliance": 1, "twist_compliance": 1, "bend_compliance": 2}
-            materials["compliance"][:, kinds[field]] = value
-            field = "compliance"
-        else:
-            field = "thickness" if field == "radius" else field
-            materials[field] = value
-        if field in ("compliance", "damping") and self.settings.method == "verlet":
-            self._check_materials(owner, materials, self.settings.substeps)
-        batch = self._batch[owner]
-        batch.materials.write(batch.index[owner], world, **{field: materials[field]})
-        if field in ("compliance", "damping"):
-            self._choose_again()
-
-    def _materials(self, name: str, world: int | None) -> np.ndarray:
-        """The rows of Material of an object as they are now, of one world or of all."""
-        batch = self._batch[name]
-        return batch.materials.read(batch.index[name], world)
-
-    def _check_materials(self, name: str, materials: np.ndarray, substeps: int) -> None:
-        """`_check_explicit` for each material that differs from the others."""
-        for compliance, damping in _distinct(materials):
-            self._check_explicit(name, compliance, damping, substeps)
-
-    def _check_explicit(self, name: str, compliance: Any, damping: float, substeps: int) -> None:
-        """Raise ValueError where method verlet cannot hold an object, saying what it would need."""
-        topo = self._elastic[name]
-        if topo.others():
-            raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
-        needed = limits.explicit_substeps(
-            topo, compliance, damping, self.settings.frame_dt, self.scene.wind is not None
-        )
-        if substeps < needed:
-            raise limits.Unstable(
-                f"solver.substeps is {substeps} with method 'verlet'; allowed is at least {needed:g} for the stiffness "
-                f"and damping of {name}, or method 'xpbd'"
-            )
-
-    # -- host mirrors of the device's structs --------------------------------------------------------------------
-
-    def _write_settings(self) -> None:
-        s = self.settings
-        self._frame.write(
-            0,
-            None,
-            dt=s.frame_dt / s.substeps,
-            substeps=s.substeps,
-            iterations=s.iterations,
-            global_damping=s.global_damping,
-        )
-
-    def _write_scene(self) -> None:
-        self._frame.write(0, None, gravity=self.scene.gravity)
-        if self.scene.wind is not None:
-            for row in table.WIND:
-                if row.live:
-                    self._set_frame(row, f"wind.{row.name}", getattr(self.scene.wind, row.name), None)
-        for name, thing in self.scene.objects.items():
-            self._write_material(name, thing)
-            if isinstance(thing, Rope):
-                self._write_rope(name, thing)
-        self._place_colliders()
-
-    def _write_material(self, name: str, thing: Cloth | Rope) -> None:
-        batch = self._batch[name]
-        batch.materials.write(
-            batch.index[name],
-            None,
-            compliance=_compliances(thing),
-            damping=thing.damping,
-            thickness=thing.radius if isinstance(thing, Rope) else thing.thickness,
-            static_friction=thing.static_friction,
-            kinetic_friction=thing.kinetic_friction,
-        )
-
-    def _place_colliders(self) -> None:
-        for name, collider in self.scene.colliders.items():
-            shape = shape_of(collider)
-            self._colliders.write(
-                self._collider_row[name],
-                None,
-                shape=NAMES.index(shape),
-                size=SHAPES[shape][1].size(collider),
-                reach=SHAPES[shape][1].reach(collider),
-                narrow=SHAPES[shape][1].narrow(collider),
-                static_friction=collider.static_friction,
-                kinetic_friction=collider.kinetic_friction,
-                start_position=collider.position,
-                start_orientation=collider.orientation,
-                end_position=collider.position,
-                end_orientation=collider.orientation,
-            )
-
     def _one(self, world: int) -> int:
         """`world` if there is one of that number, else ValueError."""
         if isinstance(world, bool) or not isinstance(world, int) or not 0 <= world < self.worlds:
@@ -510,35 +335,8 @@ class Simulation(Ropes):
 
     def _topology(self, name: str) -> topology.Topology:
         if name not in self._topologies:
-            raise ValueError(f"there is no object {name!r}; allowed is {_names(self._topologies)}")
+            raise ValueError(f"there is no object {name!r}; allowed is {names_of(self._topologies)}")
         return self._topologies[name]
-
-
-def _compliances(thing: Cloth | Rope) -> list[float]:
-    """Structural, shear (of a rope: twist) and bending compliance, 0 for a kind that does not exist."""
-    across = thing.twist_compliance if isinstance(thing, Rope) else thing.shear_compliance
-    kinds = (thing.stretch_compliance, across, thing.bend_compliance)
-    return [kind or 0.0 for kind in kinds]
-
-
-def _distinct(materials: np.ndarray) -> set[tuple]:
-    """The pairs of compliances and damping that occur in rows of Material."""
-    return {(tuple(row["compliance"].tolist()), float(row["damping"])) for row in materials}
-
-
-def _names(names: Any) -> str:
-    return ", ".join(names) or "none, the scene is empty"
-
-
-def _live(group: tuple[table.Parameter, ...], field: str, name: str) -> table.Parameter:
-    try:
-        row = table.row(group, field)
-    except KeyError:
-        live = ", ".join(parameter.name for parameter in group if parameter.live)
-        raise ValueError(f"there is no parameter {name!r}; allowed is one of {live}") from None
-    if not row.live:
-        raise ValueError(f"{name} is fixed when a Simulation is built; allowed is a new Simulation with another value")
-    return row
 
 
 def _find_device(name: str) -> wp.Device:
