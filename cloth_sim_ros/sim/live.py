@@ -191,7 +191,6 @@ class Live:
                 shape=NAMES.index(shape),
                 size=SHAPES[shape][1].size(collider),
                 reach=SHAPES[shape][1].reach(collider),
-                narrow=SHAPES[shape][1].narrow(collider),
                 static_friction=collider.static_friction,
                 kinetic_friction=collider.kinetic_friction,
                 start_position=collider.position,

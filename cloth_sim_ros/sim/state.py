@@ -51,13 +51,11 @@ class Frame:
 
 @wp.struct
 class ColliderMotion:
-    """One collider: shape, size, reach [m] of it around its origin, narrow [m] as the least motion that may lead
-    through it, friction, and poses at both ends of the frame."""
+    """One collider: shape, size, reach [m] of it around its origin, friction, and poses at both ends of the frame."""
 
     shape: int
     size: wp.vec3
     reach: float
-    narrow: float
     static_friction: float
     kinetic_friction: float
     start_position: wp.vec3

@@ -1,5 +1,4 @@
-"""Collider shapes. A new shape: a file with `signed_distance`, `size`, `reach`, `narrow` (the least motion that
-leads through it or to another face), a scene class, its line in SHAPES."""
+"""Collider shapes. A new shape: a file with `signed_distance`, `size`, `reach`, a scene class, its line in SHAPES."""
 
 import warp as wp
 

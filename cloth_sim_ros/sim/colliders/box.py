@@ -38,8 +38,3 @@ def size(collider) -> tuple[float, float, float]:
 def reach(collider) -> float:
     """From the middle to a corner [m]."""
     return math.hypot(*collider.half_extents)
-
-
-def narrow(collider) -> float:
-    """Half of its least edge [m]."""
-    return min(collider.half_extents)

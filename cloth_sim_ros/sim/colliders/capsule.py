@@ -20,8 +20,3 @@ def size(collider) -> tuple[float, float, float]:
 def reach(collider) -> float:
     """From the middle to an end [m]."""
     return collider.radius + collider.half_length
-
-
-def narrow(collider) -> float:
-    """The radius [m]."""
-    return collider.radius

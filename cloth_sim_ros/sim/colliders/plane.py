@@ -19,8 +19,3 @@ def size(collider) -> tuple[float, float, float]:
 def reach(collider) -> float:
     """A plane is everywhere."""
     return math.inf
-
-
-def narrow(collider) -> float:
-    """Nothing comes through a half space."""
-    return math.inf

@@ -20,8 +20,3 @@ def size(collider) -> tuple[float, float, float]:
 def reach(collider) -> float:
     """The radius [m]."""
     return collider.radius
-
-
-def narrow(collider) -> float:
-    """The radius [m]."""
-    return collider.radius

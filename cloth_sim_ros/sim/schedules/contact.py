@@ -58,9 +58,7 @@ def make_meet(shapes: tuple[str, ...]):
         return pack(xyz(surface), wp.where(reached > 1.0, -1.0, reached))
 
     @wp.func
-    def meet(
-        shape: int, size: wp.vec3, narrow: float, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float
-    ) -> wp.vec4:
+    def meet(shape: int, size: wp.vec3, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float) -> wp.vec4:
         """Normal and gap [m] of local point p, which came by `slip`; negative also where it came through.
 
         Of an overlap that was there before it came, no more than `apart` [m] counts.
@@ -69,8 +67,9 @@ def make_meet(shapes: tuple[str, ...]):
         gap = surface[3] - thickness
         n = xyz(surface)
         square = wp.length_sq(slip)
-        if square > wp.max(gap * gap, narrow * narrow):
-            # Fast enough to have come through it: find where it entered, and stay on that side.
+        if square > gap * gap:
+            # Fast enough to have come through the surface: find where it entered, and stay on that side. A particle
+            # that merely touches is also better off where it entered: a third of the error of the way straight out.
             entry = enter(shape, size, p - slip, slip, thickness)
             if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
                 n = xyz(entry)
@@ -130,7 +129,7 @@ def make_contact(features: Features):
                 slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
                 p = sweep.to_local * offset
                 apart = SEPARATION * step.effective
-                touching = meet(collider.shape, collider.size, collider.narrow, p, slip, material.thickness, apart)
+                touching = meet(collider.shape, collider.size, p, slip, material.thickness, apart)
                 gap = touching[3]
                 if gap < 0.0:
                     n = xyz(touching)

@@ -122,7 +122,7 @@ def make_edge_contact(shapes: tuple[str, ...], order: int):
                     slip += t * slip_of(xj, dj, xyz(load4(low_address, j)), sweep)
                     p = sweep.to_local * (start + t * e)
                     apart = SEPARATION * step.effective
-                    touching = meet(collider.shape, collider.size, collider.narrow, p, slip, material.thickness, apart)
+                    touching = meet(collider.shape, collider.size, p, slip, material.thickness, apart)
                     gap = touching[3]
                     if gap < 0.0:
                         n = xyz(touching)
