@@ -20,6 +20,7 @@ import numpy as np
 from cloth_sim_ros.demo.__main__ import shared
 
 STAMP_AT = 4  # bytes into a serialised message that begins with a header
+DEPTH = 1000  # messages that may wait while this process looks for new topics
 SETTLING = 2.0  # [s] after the first message, which are not counted
 
 
@@ -89,7 +90,7 @@ def listen(node: subprocess.Popen, seconds: float) -> int:
         for name, types in listener.get_topic_names_and_types():
             if name.startswith("/cloth_sim/") and name not in arrived and types[0] in kinds:
                 arrived[name] = []
-                listener.create_subscription(kinds[types[0]], name, hear(name), QoSProfile(depth=10), raw=True)
+                listener.create_subscription(kinds[types[0]], name, hear(name), QoSProfile(depth=DEPTH), raw=True)
         until = time.time() + 1.0  # new topics come when the node starts, so it is enough to look now and then
         while time.time() < until:
             executor.spin_once(timeout_sec=0.1)
