@@ -25,8 +25,8 @@ class Pass:
     of PAIRS[:2] alone, or with one that is there twice.
 
     kind: of the sides, in KINDS; diagonals are shear springs. stride: steps of the grid along a side. holds: SIDES,
-    DIAGONALS or both. doubled (C, 4): which
-    sides are twice as compliant. turned (C,): where the two springs alone lie along y.
+    DIAGONALS or both. doubled (C, 4): which sides are twice as compliant. turned (C,): where the two springs alone lie
+    along y.
     """
 
     kind: str

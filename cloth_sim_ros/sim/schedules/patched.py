@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim import cells, patches
-from cloth_sim_ros.sim.model import KINDS, Features, Model
+from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.coloured import GRAPHS, Coloured
@@ -26,7 +26,7 @@ from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
 from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, State, Sweep, gathered, given_type
-from cloth_sim_ros.sim.topology import Topology
+from cloth_sim_ros.sim.topology import KINDS, Topology
 
 _BYTES_A_MEMBER = 48  # position, low part and displacement
 _ARENA = 1 << 18  # bytes of a CPU's stand-in for shared memory
@@ -58,10 +58,11 @@ class Patches:
 
 @dataclass(frozen=True)
 class Plan:
-    """Patches of every body and the estimated microseconds of a substep."""
+    """Patches of every body; the estimated microseconds of a substep in them, and with a block for each whole body."""
 
     bodies: list[list[patches.Patch]]
     cost: float
+    whole: float
 
     @property
     def capacity(self) -> int:
@@ -78,28 +79,27 @@ def plan_patches(
         raise Unfit("xpbd of other than the springs of a grid", "method verlet or grids that bend by springs or not")
     if features.panels:
         raise Unfit("wind", "a scene without wind, method verlet")
-    found = []
     sweeps = [cells.passes(topology) for topology in topologies]
+    grids = [topology.grid for topology in topologies]
     shared = _ARENA if device.is_cpu else shared_memory(device)
+    costs = {}
     for side in _SIZES if size is None else (size,):
-        bodies = [patches.cut(topology.grid, one, side) for topology, one in zip(topologies, sweeps, strict=True)]
-        if Plan(bodies, 0.0).capacity * _BYTES_A_MEMBER > shared:
+        pieces = [patches.largest(grid, sweep, side) for grid, sweep in zip(grids, sweeps, strict=True)]
+        if max(len(patch.members) for patch, _ in pieces) * _BYTES_A_MEMBER > shared:
             break
-        found.append(Plan(bodies, _LAUNCH + _cost([p.passes for p in sum(bodies, [])], worlds, device)))
-    if not found:
+        count = sum(number for _, number in pieces)
+        costs[side] = _LAUNCH + _cost([patch.passes for patch, _ in pieces], count * worlds, device)
+    if not costs:
         raise Unfit("sweeps that reach too far", "fewer passes")
-    return min(found, key=lambda one: one.cost)
+    side = min(costs, key=costs.get)
+    bodies = [patches.cut(grid, sweep, side) for grid, sweep in zip(grids, sweeps, strict=True)]
+    return Plan(bodies, costs[side], _cost(sweeps, len(sweeps) * worlds, device))
 
 
-def whole_cost(topologies: list[Topology], worlds: int, device: wp.Device) -> float:
-    """The estimated microseconds of a substep of bodies that live in a block each."""
-    return _cost([cells.passes(topology) for topology in topologies], worlds, device)
-
-
-def _cost(pieces: list[list[cells.Pass]], worlds: int, device: wp.Device) -> float:
-    rounds = -(-worlds * len(pieces) // (device.sm_count if device.is_cuda else 1))
-    largest = max(sum(_LEAST + _THOUSAND_CELLS * len(one.particles) / 1024 for one in piece) for piece in pieces)
-    return rounds * largest
+def _cost(pieces: list[list[cells.Pass]], count: int, device: wp.Device) -> float:
+    """The estimated microseconds of the passes of `count` blocks, of which the largest are among `pieces`."""
+    rounds = -(-count // (device.sm_count if device.is_cuda else 1))
+    return rounds * max(sum(_LEAST + _THOUSAND_CELLS * len(one.particles) / 1024 for one in piece) for piece in pieces)
 
 
 class Patched:
