@@ -79,12 +79,6 @@ def put_corners(q: Corners, d: wp.uint64):
 
 
 @wp.func
-def moved(d: wp.vec4, share: float, e: wp.vec3) -> wp.vec4:
-    """A displacement and its share of a correction along e; the inverse mass, its fourth number, stays."""
-    return wp.vec4(d[0] + share * e[0], d[1] + share * e[1], d[2] + share * e[2], d[3])
-
-
-@wp.func
 def edge_between(i: Corner, j: Corner) -> wp.vec3:
     e = (j.x - i.x) + (j.d - i.d)
     return wp.vec3(e[0], e[1], e[2])
@@ -296,46 +290,15 @@ def make_project_corners(order: int, path: str):
     return project_corners
 
 
-def make_project(order: int):
-    """The projection of cell k, whose record the schedule has fetched, of pass `group`."""
-    quickly = make_project_corners(order, "quick")
-    repeatedly = make_project_corners(order, "repeated")
-    damped = make_project_corners(order, "damped")
-    carefully = make_project_corners(order, "careful")
+def make_project(order: int, stores: bool = True):
+    """The projection of cell k, whose record the schedule has fetched, of pass `group`.
 
-    @wp.func
-    def project_cell(
-        record: wp.vec4i,
-        k: int,
-        group: wp.vec4i,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        low: wp.uint64,
-        d: wp.uint64,
-    ):
-        q = corners_of(record, x, d)
-        if step.collapsed or (material.damping > 0.0 and step.store):
-            put_corners(carefully(q, record, k, group, m, s, body, material, step, low), d)
-        elif material.damping > 0.0:
-            put_corners(damped(q, record, k, group, m, s, body, material, step, low), d)
-        elif step.store:
-            put_corners(repeatedly(q, record, k, group, m, s, body, material, step, low), d)
-        else:
-            put_corners(quickly(q, record, k, group, m, s, body, material, step, low), d)
-
-    return project_cell
-
-
-def make_project_alone(order: int):
-    """The same for a sweep that is the first and only one of its substep, and stores nothing."""
+    Unless it `stores`, for a sweep that is the only one of its substep, without multipliers and collapsed springs.
+    """
     quickly, damped = make_project_corners(order, "quick"), make_project_corners(order, "damped")
 
     @wp.func
-    def project_cell(
+    def project_alone(
         record: wp.vec4i,
         k: int,
         group: wp.vec4i,
@@ -353,5 +316,32 @@ def make_project_alone(order: int):
             put_corners(damped(q, record, k, group, m, s, body, material, step, low), d)
         else:
             put_corners(quickly(q, record, k, group, m, s, body, material, step, low), d)
+
+    if not stores:
+        return project_alone
+    repeatedly, carefully = make_project_corners(order, "repeated"), make_project_corners(order, "careful")
+
+    @wp.func
+    def project_cell(
+        record: wp.vec4i,
+        k: int,
+        group: wp.vec4i,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        low: wp.uint64,
+        d: wp.uint64,
+    ):
+        if step.collapsed or step.store:
+            q = corners_of(record, x, d)
+            if step.collapsed or material.damping > 0.0:
+                put_corners(carefully(q, record, k, group, m, s, body, material, step, low), d)
+            else:
+                put_corners(repeatedly(q, record, k, group, m, s, body, material, step, low), d)
+        else:
+            project_alone(record, k, group, m, s, body, material, step, x, low, d)
 
     return project_cell

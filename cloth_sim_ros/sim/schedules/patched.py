@@ -17,15 +17,16 @@ from cloth_sim_ros.sim import cells, patches
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules import native
-from cloth_sim_ros.sim.schedules.coloured import GRAPHS, Coloured
+from cloth_sim_ros.sim.schedules.buffers import Frames, make_buffer_of
+from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.contact import make_contact
-from cloth_sim_ros.sim.schedules.native import array_address, load4, store4, sync, xyz
+from cloth_sim_ros.sim.schedules.native import load4, store4, sync, xyz
 from cloth_sim_ros.sim.schedules.resident import CELL_THREADS, shared_memory
 from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_collider
 from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
 from cloth_sim_ros.sim.schedules.tiles import Unfit
-from cloth_sim_ros.sim.state import Arrays, State, Sweep, gathered, given_type
+from cloth_sim_ros.sim.state import Arrays, Sweep, gathered, given_type
 from cloth_sim_ros.sim.topology import KINDS, Topology
 
 _BYTES_A_MEMBER = 48  # position, low part and displacement
@@ -114,23 +115,14 @@ class Patched:
         self._block = 1 if device.is_cpu else min(CELL_THREADS, -(-largest // 32) * 32)
         self._kernel, self._hand_over = make_kernels(features, chosen.capacity, self._block)
         self._looks_back, self._bodies = features.looks_back, len(worlds) * len(chosen.bodies)
-        self._graphs: dict[int, wp.Graph] = {}
+        self._frames = Frames(self._launch_frame, device)
 
     def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; on a GPU a new number of substeps captures a graph, of which a few are kept."""
+        """Launch one frame."""
         if iterations > 1 or substeps < 3:
             self._whole.advance(substeps, iterations)
             return
-        if substeps in self._graphs:
-            wp.capture_launch(self._graphs[substeps])
-            return
-        self._launch_frame(substeps)
-        if self._device.is_cuda:
-            with wp.ScopedCapture(device=self._device) as capture:
-                self._launch_frame(substeps)
-            if len(self._graphs) == GRAPHS:
-                self._graphs.pop(next(iter(self._graphs)))
-            self._graphs[substeps] = capture.graph
+        self._frames.run(substeps)
 
     def _launch_frame(self, substeps: int) -> None:
         alone = 2 * ((substeps - 1) // 2)  # an even number of turns ends in the first buffer
@@ -190,31 +182,6 @@ def _upload(chosen: Plan, worlds: list[Arrays], device: wp.Device) -> Patches:
     return found
 
 
-@wp.struct
-class Buffer:
-    """One of the two buffers of what patches exchange, as addresses."""
-
-    positions: wp.uint64
-    low: wp.uint64
-    velocities: wp.uint64
-
-
-@wp.func
-def buffer_of(s: State, patches: Patches, second: int, w: int) -> Buffer:
-    """The first or second buffer of world w."""
-    found = Buffer()
-    if second == 0:
-        found.positions = array_address(s.positions, 0)
-        found.low = array_address(s.low, 0)
-        found.velocities = array_address(s.velocities, 0)
-    else:
-        first = w * s.positions.shape[0]
-        found.positions = array_address(patches.positions, first)
-        found.low = array_address(patches.low, first)
-        found.velocities = array_address(patches.velocities, first)
-    return found
-
-
 @lru_cache
 def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kernel, wp.Kernel]:
     """The kernel of a substep of patches of `capacity` places, and that which says what was smooth to the substep after
@@ -223,8 +190,8 @@ def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kern
     contact = make_contact(features) if features.shapes else None
     project = make_sweep_cells(features.order, stores=False)
     tile_address = native.make_tile_address(capacity)
+    buffer_of = make_buffer_of(Patches)
     argument = given_type(features)
-
     options = {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
 
     @wp.kernel(launch_bounds=block, **options)

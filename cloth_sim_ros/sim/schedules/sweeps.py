@@ -7,7 +7,7 @@ because a fetch from a GPU's memory takes as long as a whole colour.
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring
-from cloth_sim_ros.sim.constraints.cell import is_collapsed, make_project_alone, record_of
+from cloth_sim_ros.sim.constraints.cell import is_collapsed, record_of
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.native import array_address, load4, load4i, sync, sync_any
@@ -71,7 +71,7 @@ def make_sweep_springs(order: int, shared: bool):
 
 def make_sweep_cells(order: int, stores: bool = True):
     """The sweep over cells of springs; unless it `stores`, with no regard to multipliers and collapsed springs."""
-    project_cell = make_project_cell(order) if stores else make_project_alone(order)
+    project_cell = make_project_cell(order, stores)
 
     @wp.func
     def sweep_cells(

@@ -7,8 +7,9 @@ import warp as wp
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step, make_step, split_sum
 from cloth_sim_ros.sim.schedules import native
+from cloth_sim_ros.sim.schedules.buffers import make_buffer_of
 from cloth_sim_ros.sim.schedules.contact import make_contact
-from cloth_sim_ros.sim.schedules.native import array_address, load4, store4, sync, xyz
+from cloth_sim_ros.sim.schedules.native import load4, store4, sync, xyz
 from cloth_sim_ros.sim.schedules.stages import (
     eased_by,
     first_share,
@@ -24,15 +25,6 @@ from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, given_type
 
 
-@wp.struct
-class Surface:
-    """One of the two buffers of what tiles exchange."""
-
-    positions: wp.uint64
-    low: wp.uint64
-    velocities: wp.uint64
-
-
 @lru_cache
 def make_kernels(features: Features, capacity: int, block: int, width: int, panels: int) -> dict[str, wp.Kernel]:
     """The kernels for tiles of `capacity` places, `width` springs and `panels` at a particle.
@@ -45,23 +37,9 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
     Springs, gather, force, damped_force = make_springs(width, capacity)
     drag = make_drag(features, panels, capacity) if features.panels else None
     keeps = block > 1
+    buffer_of = make_buffer_of(Tiles)
     argument = given_type(features)
     options = {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
-
-    @wp.func
-    def surface(s: State, tiles: Tiles, second: int, w: int) -> Surface:
-        """One of the two buffers of world w."""
-        side = Surface()
-        if second == 0:
-            side.positions = array_address(s.positions, 0)
-            side.low = array_address(s.low, 0)
-            side.velocities = array_address(s.velocities, 0)
-        else:
-            first = w * s.positions.shape[0]
-            side.positions = array_address(tiles.positions, first)
-            side.low = array_address(tiles.low, first)
-            side.velocities = array_address(tiles.velocities, first)
-        return side
 
     @wp.func
     def load(shared: wp.uint64, at: int) -> Carried:
@@ -232,7 +210,7 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
         step = make_step(frame.dt, first > 0 or s.history[body] > 0, 1, 0.0)
         constants = spring_constants(material)
         shared = tile_address(wp.tile_empty(shape=(wp.static(6 * capacity),), dtype=wp.vec4, storage="shared"))
-        before = surface(s, tiles, side, w)
+        before = buffer_of(s, tiles, side, w)
         now = Carried()
         for i in range(t, wp.static(capacity), wp.static(block)):
             g = tiles.members[n * wp.static(capacity) + i]
@@ -295,7 +273,7 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
                         still,
                         shared,
                     )
-        after = surface(s, tiles, 1 - side, w)
+        after = buffer_of(s, tiles, 1 - side, w)
         for i in range(t, wp.static(capacity), wp.static(block)):
             if tiles.rings[n * wp.static(capacity) + i] == 0:
                 g = tiles.members[n * wp.static(capacity) + i]
@@ -319,7 +297,7 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
         else:
             m = given.model
             s = given.state
-        last = surface(s, tiles, side, w)
+        last = buffer_of(s, tiles, side, w)
         for i in range(t, wp.static(capacity), wp.static(block)):
             if tiles.rings[n * wp.static(capacity) + i] == 0:
                 g = tiles.members[n * wp.static(capacity) + i]

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.schedules.coloured import GRAPHS
+from cloth_sim_ros.sim.schedules.buffers import Frames
 from cloth_sim_ros.sim.schedules.tile_kernels import make_kernels
 from cloth_sim_ros.sim.schedules.tiles import plan, upload
 from cloth_sim_ros.sim.state import Arrays, gathered
@@ -43,20 +43,11 @@ class Tiled:
         self._block = 1 if device.is_cpu else chosen.capacity
         widths = chosen.around[0].types.shape[1], chosen.around[0].corners.shape[1]
         self._kernels = make_kernels(features, chosen.capacity, self._block, *widths)
-        self._graphs: dict[int, wp.Graph] = {}
+        self._frames = Frames(self._launch_frame, device)
 
     def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; on a GPU a new number of substeps captures a graph, of which a few are kept."""
-        if substeps in self._graphs:
-            wp.capture_launch(self._graphs[substeps])
-            return
-        self._launch_frame(substeps)
-        if self._device.is_cuda:
-            with wp.ScopedCapture(device=self._device) as capture:
-                self._launch_frame(substeps)
-            if len(self._graphs) == GRAPHS:
-                self._graphs.pop(next(iter(self._graphs)))
-            self._graphs[substeps] = capture.graph
+        """Launch one frame."""
+        self._frames.run(substeps)
 
     def _launch_frame(self, substeps: int) -> None:
         turns = range(0, substeps, min(self.depth, substeps))

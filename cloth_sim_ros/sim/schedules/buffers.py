@@ -1,0 +1,61 @@
+"""What schedules that cut bodies into pieces share: the two buffers between which a launch takes its particles, and the
+graphs of frames."""
+
+from collections.abc import Callable
+
+import warp as wp
+
+from cloth_sim_ros.sim.schedules.coloured import GRAPHS
+from cloth_sim_ros.sim.schedules.native import array_address
+from cloth_sim_ros.sim.state import State
+
+
+@wp.struct
+class Buffer:
+    """One of the two buffers of what pieces exchange, as addresses."""
+
+    positions: wp.uint64
+    low: wp.uint64
+    velocities: wp.uint64
+
+
+def make_buffer_of(pieces):
+    """A Warp function: the first buffer of world w, which is the state itself, or the second, which lies in a struct of
+    type `pieces` for all worlds behind one another."""
+
+    @wp.func
+    def buffer_of(s: State, cut: pieces, second: int, w: int) -> Buffer:
+        found = Buffer()
+        if second == 0:
+            found.positions = array_address(s.positions, 0)
+            found.low = array_address(s.low, 0)
+            found.velocities = array_address(s.velocities, 0)
+        else:
+            first = w * s.positions.shape[0]
+            found.positions = array_address(cut.positions, first)
+            found.low = array_address(cut.low, first)
+            found.velocities = array_address(cut.velocities, first)
+        return found
+
+    return buffer_of
+
+
+class Frames:
+    """Runs frames on a device; on a GPU each number of substeps is captured in a graph, of which a few are kept."""
+
+    def __init__(self, launch_frame: Callable[[int], None], device: wp.Device) -> None:
+        self._launch_frame, self._device = launch_frame, device
+        self._graphs: dict[int, wp.Graph] = {}
+
+    def run(self, substeps: int) -> None:
+        """One frame."""
+        if substeps in self._graphs:
+            wp.capture_launch(self._graphs[substeps])
+            return
+        self._launch_frame(substeps)
+        if self._device.is_cuda:
+            with wp.ScopedCapture(device=self._device) as capture:
+                self._launch_frame(substeps)
+            if len(self._graphs) == GRAPHS:
+                self._graphs.pop(next(iter(self._graphs)))
+            self._graphs[substeps] = capture.graph
