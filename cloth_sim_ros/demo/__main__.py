@@ -35,15 +35,20 @@ def main(arguments: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     print(f"Starting the node on {options.config} ...", flush=True)
-    command = [sys.executable, "-m", "cloth_sim_ros.ros", "--ros-args", "--params-file", str(options.config)]
-    # A process group of its own, so that Ctrl-C reaches this process alone, which then ends the node.
-    node = subprocess.Popen(command, start_new_session=True, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+    node = start_node(options.config)
     try:
         watch(stop, node, options.seconds)
     finally:
         node.terminate()
         status = node.wait(timeout=10.0)
     return status
+
+
+def start_node(config: Path, *arguments: str) -> subprocess.Popen:
+    """The node with the parameters of `config` and further ROS arguments, in a process of its own."""
+    command = [sys.executable, "-m", "cloth_sim_ros.ros", "--ros-args", "--params-file", str(config), *arguments]
+    # A process group of its own, so that Ctrl-C reaches this process alone, which then ends the node.
+    return subprocess.Popen(command, start_new_session=True, env={**os.environ, "PYTHONUNBUFFERED": "1"})
 
 
 def shared(path: str) -> Path:

@@ -7,7 +7,6 @@ Starts the node, subscribes to everything it sends, without decoding, and counts
 from __future__ import annotations
 
 import argparse
-import os
 import struct
 import subprocess
 import sys
@@ -17,9 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cloth_sim_ros.demo.__main__ import shared
+from cloth_sim_ros.demo.__main__ import shared, start_node
 
-STAMP_AT = 4  # bytes into a serialised message that begins with a header
 DEPTH = 1000  # messages that may wait while this process looks for new topics
 SETTLING = 2.0  # [s] after the first message, which are not counted
 
@@ -42,10 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="how long to count")
     parser.add_argument("--set", action="append", default=[], metavar="NAME:=VALUE", help="a parameter to override")
     options = parser.parse_args(arguments)
-    command = [sys.executable, "-m", "cloth_sim_ros.ros", "--ros-args", "--params-file", str(options.config)]
-    for pair in options.set:
-        command += ["-p", pair]
-    node = subprocess.Popen(command, start_new_session=True, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+    node = start_node(options.config, *(word for pair in options.set for word in ("-p", pair)))
     try:
         return listen(node, options.seconds)
     finally:
@@ -61,6 +56,8 @@ def listen(node: subprocess.Popen, seconds: float) -> int:
     from rclpy.qos import QoSProfile
     from sensor_msgs.msg import PointCloud2
     from visualization_msgs.msg import Marker
+
+    from cloth_sim_ros.ros.cdr import STAMP_AT
 
     kinds = {"sensor_msgs/msg/PointCloud2": PointCloud2, "visualization_msgs/msg/Marker": Marker}
     arrived: dict[str, list[tuple[float, float]]] = {}
