@@ -295,31 +295,8 @@ def make_project(order: int, stores: bool = True):
 
     Unless it `stores`, for a sweep that is the only one of its substep, without multipliers and collapsed springs.
     """
-    quickly, damped = make_project_corners(order, "quick"), make_project_corners(order, "damped")
-
-    @wp.func
-    def project_alone(
-        record: wp.vec4i,
-        k: int,
-        group: wp.vec4i,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        low: wp.uint64,
-        d: wp.uint64,
-    ):
-        q = corners_of(record, x, d)
-        if material.damping > 0.0:
-            put_corners(damped(q, record, k, group, m, s, body, material, step, low), d)
-        else:
-            put_corners(quickly(q, record, k, group, m, s, body, material, step, low), d)
-
-    if not stores:
-        return project_alone
-    repeatedly, carefully = make_project_corners(order, "repeated"), make_project_corners(order, "careful")
+    quickly, repeatedly = make_project_corners(order, "quick"), make_project_corners(order, "repeated")
+    damped, carefully = make_project_corners(order, "damped"), make_project_corners(order, "careful")
 
     @wp.func
     def project_cell(
@@ -335,13 +312,17 @@ def make_project(order: int, stores: bool = True):
         low: wp.uint64,
         d: wp.uint64,
     ):
-        if step.collapsed or step.store:
-            q = corners_of(record, x, d)
-            if step.collapsed or material.damping > 0.0:
+        q = corners_of(record, x, d)
+        if wp.static(stores):
+            if step.collapsed or (material.damping > 0.0 and step.store):
                 put_corners(carefully(q, record, k, group, m, s, body, material, step, low), d)
-            else:
+                return
+            if step.store:
                 put_corners(repeatedly(q, record, k, group, m, s, body, material, step, low), d)
+                return
+        if material.damping > 0.0:
+            put_corners(damped(q, record, k, group, m, s, body, material, step, low), d)
         else:
-            project_alone(record, k, group, m, s, body, material, step, x, low, d)
+            put_corners(quickly(q, record, k, group, m, s, body, material, step, low), d)
 
     return project_cell
