@@ -10,7 +10,7 @@ import warp as wp
 from cloth_sim_ros.sim.model import Features, Model, ModelArrays
 from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.patched import Patched, plan_patches
-from cloth_sim_ros.sim.schedules.resident import Resident, capacity
+from cloth_sim_ros.sim.schedules.resident import Resident, capacity, threads_for
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, LiveArray, Material, Reel, make_states, row_of, state_of
@@ -55,7 +55,9 @@ class Batch:
             name: np.where(topology.pinned, 0.0, 1.0 / topology.masses) for name, topology in topologies.items()
         }
         self._reels = {name: _wound(topology) for name, topology in topologies.items() if topology.reel is not None}
-        collected = ModelArrays(spokes=features.method == "verlet")
+        largest = max(len(topology.masses) for topology in topologies.values())
+        self._threads = threads_for(features, largest, len(topologies) * worlds, device)
+        collected = ModelArrays(spokes=features.method == "verlet", width=self._threads)
         for topology in topologies.values():
             collected.add(topology)
         self.spring_groups = collected.spring_groups
@@ -96,7 +98,7 @@ class Batch:
             )
         if wanted == "coloured" or largest > limit:
             return Coloured(self.features, self.worlds, self.device)
-        return Resident(self.features, self.worlds, self.device, largest)
+        return Resident(self.features, self.worlds, self.device, largest, self._threads)
 
     def _make_tiled(self, topologies: list[Topology], forced: bool, resident: bool) -> Tiled | Patched:
         """Bodies cut into pieces. Raises Unfit where they cannot be, or, unless `forced`, need not where `resident`."""

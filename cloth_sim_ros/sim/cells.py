@@ -15,8 +15,10 @@ from cloth_sim_ros.sim.topology import Elements, Topology
 # The springs of a cell, as places among its four particles: sides along x, sides along y, diagonals.
 PAIRS = np.array([(0, 1), (2, 3), (0, 2), (1, 3), (0, 3), (1, 2)])
 SIDES, DIAGONALS = 1, 2  # what the cells of a pass hold, as flags
-# Bits of the first index of a record; a grid has at most 2^22 particles (parameters.py).
-DOUBLED, ALONE, TURNED = 24, 28, 29
+# Flags of a record, above the bits of its first two indices; a grid has at most 2^22 particles (parameters.py).
+INDEX = 24  # bits of an index
+DOUBLED, ALONE, TURNED = INDEX, INDEX + 4, INDEX + 5  # of its first number; DOUBLED of side 0, then the others
+HAS_SIDES, HAS_DIAGONALS, FAR, ODD = range(INDEX, INDEX + 4)  # of its second
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,11 @@ class Pass:
     doubled: np.ndarray
     turned: np.ndarray
 
-    def records(self) -> np.ndarray:
-        """(C, 4) int32 for the device: indices, the first with flags: DOUBLED and the next three, ALONE and TURNED.
+    def records(self, odd: bool, width: int) -> np.ndarray:
+        """(C, 4) int32 for the device: indices and flags, filled up with empty records to a multiple of `width`.
+
+        A block of `width` threads takes so many at a time; ODD says of every record whether its pass has an odd number.
+        FAR: sides are bending springs.
 
         Cells with all their springs are mirrored along x, four and four in turn: neighbours of a pass lie two particles
         apart, so that the first corners of eight would meet in four of the eight places that a GPU's shared memory
@@ -48,9 +53,13 @@ class Pass:
         mirrored = ((place // 4 % 2 == 1) & (place < self.whole))[:, None]
         records = np.where(mirrored, self.particles[:, [1, 0, 3, 2]], self.particles)
         doubled = np.where(mirrored, self.doubled[:, [0, 1, 3, 2]], self.doubled)
-        flags = doubled @ (1 << np.arange(4))
-        flags += ((place >= self.whole) << ALONE - DOUBLED) + (self.turned << TURNED - DOUBLED)
-        records[:, 0] += flags << DOUBLED
+        flags = doubled @ (1 << DOUBLED + np.arange(4)) + ((place >= self.whole) << ALONE) + (self.turned << TURNED)
+        records = np.pad(records, ((0, -len(records) % width), (0, 0)))
+        records[: len(flags), 0] += flags
+        records[: len(flags), 1] += (bool(self.holds & SIDES) << HAS_SIDES) + (
+            bool(self.holds & DIAGONALS) << HAS_DIAGONALS
+        )
+        records[:, 1] += ((self.kind == "bending") << FAR) + (odd << ODD)
         return records.astype(np.int32)
 
 

@@ -88,6 +88,8 @@ class Body:
     tuple_groups: int
     groups_end: int
     edge_groups_end: int
+    cells: int
+    cells_end: int
     segments: int
     segments_end: int
     panels: int
@@ -110,7 +112,7 @@ class Model:
     bodies: wp.array(dtype=Body)
     groups: wp.array(dtype=wp.vec4i)
     springs: wp.array(dtype=wp.vec4)  # (S, 4) both particles as the bits of their indices, rest length [m], scale
-    cells: wp.array(dtype=wp.vec4i)  # (Q,) particles and flags of the cells of grids (sim/cells.py)
+    cells: wp.array(dtype=wp.vec4i)  # (Q,) records of the cells of grids, pass by pass (sim/cells.py)
     tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles, the last repeated where there are three
     tuple_rest: wp.array(dtype=wp.vec4)  # (E, 4) rest, scale and two more
     edges: wp.array(dtype=wp.vec2i)  # (D,) particles of edges that touch colliders
@@ -139,11 +141,11 @@ class ModelArrays:
 
     spring_groups[b]: "spring" or "cell", and the groups of these in body b. spring_order[b][kind] is (first, order),
     for springs that lie in no cell: element `order[i]` of that kind lies at first + i;
-    tuple_order[b][constraint] the same of the tuples.
+    tuple_order[b][constraint] the same of the tuples. Passes of cells are filled up to multiples of `width`.
     """
 
-    def __init__(self, spokes: bool) -> None:
-        self._with_spokes = spokes
+    def __init__(self, spokes: bool, width: int) -> None:
+        self._with_spokes, self._width = spokes, width
         self.rows: dict[str, list[np.ndarray]] = {name: [] for name in _TYPES}
         self.bodies: list[tuple] = []
         self.particles = 0
@@ -167,7 +169,7 @@ class ModelArrays:
         first = self.particles
         self.particles += len(topology.masses)
         self._append("rest", topology.rest)
-        groups = len(self.groups)
+        groups, first_cell = len(self.groups), self.size["cells"]
         self.spring_order.append({})
         self.tuple_order.append({})
         if topology.grid is None:
@@ -206,6 +208,8 @@ class ModelArrays:
             tuple_groups,
             groups_end,
             len(self.groups),
+            first_cell,
+            self.size["cells"],
             segments,
             segments + len(chain),
             panels,
@@ -226,9 +230,10 @@ class ModelArrays:
             self._append_groups("spring", KINDS.index(kind), start, spans)
 
     def _add_cells(self, topology: Topology) -> None:
-        for one in cells.passes(topology):
-            start = self._append("cells", one.records())
-            self.groups.append((one.holds, KINDS.index(one.kind), start, start + len(one.particles)))
+        for n, one in enumerate(cells.passes(topology)):
+            records = one.records(n % 2 == 1, self._width)
+            start = self._append("cells", records)
+            self.groups.append((one.holds, KINDS.index(one.kind), start, start + len(records)))
 
     def _add_panels(self, topology: Topology) -> int:
         start = self._append("panels", topology.panels)

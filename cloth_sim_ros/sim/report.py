@@ -8,9 +8,9 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
-from cloth_sim_ros.sim.cells import ALONE, DIAGONALS, DOUBLED, PAIRS, SIDES, TURNED
+from cloth_sim_ros.sim.cells import ALONE, DOUBLED, HAS_DIAGONALS, HAS_SIDES, PAIRS, TURNED
 from cloth_sim_ros.sim.colliders import make_signed_distance
-from cloth_sim_ros.sim.constraints.cell import first_of, has
+from cloth_sim_ros.sim.constraints.cell import has, index_of
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.schedules.native import as_index, xyz
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
@@ -50,7 +50,6 @@ def measure_cells(
     b: int,
     first: int,
     kind: int,
-    holds: int,
     dt: float,
     second: bool,
     implicit: bool,
@@ -58,17 +57,18 @@ def measure_cells(
 ):
     q, k = wp.tid()
     k += first
-    if holds & wp.where(q < 4, wp.static(SIDES), wp.static(DIAGONALS)) == 0:
-        return
     body = arrays.model.bodies[b]
     cell = arrays.model.cells[k]
-    if (q > 1 and has(cell, wp.static(ALONE))) or (q == 1 and cell[2] == first_of(cell)):
+    if not has(cell[1], wp.where(q < 4, wp.static(HAS_SIDES), wp.static(HAS_DIAGONALS))):
         return
-    cell[0] = first_of(cell)
+    flags = cell[0]
+    cell[0] = index_of(cell[0])
+    cell[1] = index_of(cell[1])
+    if (q > 1 and has(flags, wp.static(ALONE))) or (q == 1 and cell[2] == cell[0]):
+        return
     pair = wp.static(wp.types.matrix((6, 2), int)(*PAIRS.ravel().tolist()))
     i = body.particles + cell[pair[q, 0]]
     j = body.particles + cell[pair[q, 1]]
-    flags = arrays.model.cells[k]
     rest = body.cell[q // 2]
     if q < 2 and has(flags, wp.static(TURNED)):
         rest = body.cell[1]
@@ -159,13 +159,11 @@ class Reporter:
         self._result.zero_()
         second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
         constraint, groups = batch.spring_groups[b]
-        for holds, kind, first, end in groups:
-            if constraint == "cell":
-                inputs = [arrays, b, first, kind, holds, dt, second, implicit, self._result]
-                wp.launch(measure_cells, dim=(6, end - first), inputs=inputs, device=self._device)
-            else:
-                inputs = [arrays, b, first, kind, dt, second, implicit, self._result]
-                wp.launch(measure_springs, dim=end - first, inputs=inputs, device=self._device)
+        for _, kind, first, end in groups:
+            in_cells = constraint == "cell"
+            kernel, dim = (measure_cells, (6, end - first)) if in_cells else (measure_springs, end - first)
+            inputs = [arrays, b, first, kind, dt, second, implicit, self._result]
+            wp.launch(kernel, dim=dim, inputs=inputs, device=self._device)
         if batch.features.chain:
             segments = span.stop - span.start - 1
             wp.launch(measure_chain, dim=segments, inputs=[arrays, b, self._result], device=self._device)

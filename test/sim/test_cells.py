@@ -4,7 +4,22 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
-from cloth_sim_ros.sim.cells import ALONE, DIAGONALS, DOUBLED, PAIRS, SIDES, TURNED, Pass, lengths, passes
+from cloth_sim_ros.sim.cells import (
+    ALONE,
+    DIAGONALS,
+    DOUBLED,
+    FAR,
+    HAS_DIAGONALS,
+    HAS_SIDES,
+    INDEX,
+    ODD,
+    PAIRS,
+    SIDES,
+    TURNED,
+    Pass,
+    lengths,
+    passes,
+)
 from cloth_sim_ros.sim.topology import build
 
 SHAPES = [(2, 2), (2, 9), (3, 2), (3, 3), (5, 5), (6, 5), (8, 8), (31, 17)]
@@ -13,8 +28,16 @@ SHAPES = [(2, 2), (2, 9), (3, 2), (3, 3), (5, 5), (6, 5), (8, 8), (31, 17)]
 def springs_of(one: Pass, grid_lengths) -> dict[tuple[str, int, int], tuple[float, float]]:
     """What the device makes of a pass: (kind, i, j) -> rest length and scale, from its records alone."""
     found = {}
-    for record in one.records():
-        particles = [record[0] & ((1 << DOUBLED) - 1), *record[1:]]
+    for record in one.records(odd=False, width=4):
+        if not record[1] >> HAS_SIDES & 3:  # there to fill up
+            assert not record[[0, 2, 3]].any()
+            continue
+        assert [record[1] >> flag & 1 for flag in (HAS_SIDES, HAS_DIAGONALS, FAR)] == [
+            bool(one.holds & SIDES),
+            bool(one.holds & DIAGONALS),
+            one.kind == "bending",
+        ]
+        particles = [*(record[:2] & ((1 << INDEX) - 1)), *record[2:]]
         has = {flag: record[0] >> flag & 1 for flag in (ALONE, TURNED, *range(DOUBLED, DOUBLED + 4))}
         for q, (a, b) in enumerate(PAIRS):
             absent = (q > 1 and has[ALONE]) or (q == 1 and particles[0] == particles[2])
@@ -53,6 +76,16 @@ def test_cells_of_a_pass_share_no_particle(resolution):
         twice = one.particles[:, 0] == one.particles[:, 2]
         used = np.concatenate([one.particles[~twice].ravel(), one.particles[twice, :2].ravel()])
         assert len(np.unique(used)) == len(used)
+
+
+@pytest.mark.parametrize("width", [1, 64])
+def test_a_block_sees_the_end_of_a_pass(width):
+    """Whole rounds of a block, and the mark of each in another pass than the one before."""
+    found = passes(build(Cloth(resolution=(9, 7), bend_compliance=1.0), "cloth", True))
+    for n, one in enumerate(found):
+        records = one.records(n % 2 == 1, width)
+        assert len(records) % width == 0
+        assert (records[:, 1] >> ODD & 1 == n % 2).all()
 
 
 def test_a_grid_takes_six_passes():

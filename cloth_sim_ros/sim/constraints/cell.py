@@ -3,27 +3,26 @@ keep branches out of it, so that the roots and divisions of two springs are unde
 
 import warp as wp
 
-from cloth_sim_ros.sim.cells import ALONE, DIAGONALS, DOUBLED, SIDES, TURNED
+from cloth_sim_ros.sim.cells import ALONE, DOUBLED, FAR, HAS_DIAGONALS, HAS_SIDES, INDEX, TURNED
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.distance import SHORTEST, elongation, opened, pull_along
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import load4, load4i, store_xyz, xyz
+from cloth_sim_ros.sim.schedules.native import load4, store_xyz, xyz
 from cloth_sim_ros.sim.state import Material, State, compliance_of
 from cloth_sim_ros.sim.topology import KINDS
 
-_SHEAR, _BENDING = KINDS.index("shear"), KINDS.index("bending")
 _SOFT = wp.constant(1.0e-20)  # [1/kg] keeps the divisor of a rigid spring between pinned particles from 0
 
 
 @wp.func
-def record_of(m: Model, k: int) -> wp.vec4i:
-    """The record of cell k, or of the last if there are not so many, to be fetched ahead of its use."""
-    return load4i(m.cells, wp.min(k, m.cells.shape[0] - 1))
+def has(number: int, flag: int) -> bool:
+    """Whether a number of a record has a flag."""
+    return (number >> flag) & 1 == 1
 
 
 @wp.func
-def has(record: wp.vec4i, flag: int) -> bool:
-    return (record[0] >> flag) & 1 == 1
+def index_of(number: int) -> int:
+    return number & wp.static((1 << INDEX) - 1)
 
 
 @wp.struct
@@ -45,37 +44,68 @@ class Corners:
     e: Corner
 
 
-@wp.func
-def corner(i: int, x: wp.uint64, d: wp.uint64) -> Corner:
-    found = Corner()
-    found.i = i
-    found.x = load4(x, i)
-    found.d = load4(d, i)
-    return found
+@wp.struct
+class Springs:
+    """What the springs of all cells of a body share: compliances / h^2 [1/kg] of near and far sides and of diagonals,
+    and the spacing of the grid, across it and along diagonals [m]."""
+
+    near: float
+    far: float
+    diagonal: float
+    cell: wp.vec3
 
 
 @wp.func
-def first_of(record: wp.vec4i) -> int:
-    return record[0] & wp.static((1 << DOUBLED) - 1)
+def springs_of(body: Body, material: Material, step: Step) -> Springs:
+    springs = Springs()
+    springs.near = compliance_of(material, wp.static(KINDS.index("structural"))) * step.inverse_square + _SOFT
+    springs.far = compliance_of(material, wp.static(KINDS.index("bending"))) * step.inverse_square + _SOFT
+    springs.diagonal = compliance_of(material, wp.static(KINDS.index("shear"))) * step.inverse_square + _SOFT
+    springs.cell = body.cell
+    return springs
 
 
-@wp.func
-def corners_of(record: wp.vec4i, x: wp.uint64, d: wp.uint64) -> Corners:
-    q = Corners()
-    q.a = corner(first_of(record), x, d)
-    q.b = corner(record[1], x, d)
-    q.c = corner(record[2], x, d)
-    q.e = corner(record[3], x, d)
-    return q
+def make_corners(rows):
+    """How the corners of a cell come and go; `rows` are those of a block's shared memory (schedules/native.py), or None
+    where particles lie at addresses."""
 
+    @wp.func
+    def corner(i: int, base: int, x: wp.uint64, d: wp.uint64) -> Corner:
+        found = Corner()
+        found.i = i
+        if wp.static(rows is not None):
+            found.x = rows.position(base + 16 * i)
+            found.d = rows.displacement(base + 16 * i)
+        else:
+            found.x = load4(x, i)
+            found.d = load4(d, i)
+        return found
 
-@wp.func
-def put_corners(q: Corners, d: wp.uint64):
-    store_xyz(d, q.a.i, q.a.d)
-    store_xyz(d, q.b.i, q.b.d)
-    if q.c.i != q.a.i:  # a lone spring is a cell of two particles, each there twice
-        store_xyz(d, q.c.i, q.c.d)
-        store_xyz(d, q.e.i, q.e.d)
+    @wp.func
+    def corners_of(record: wp.vec4i, base: int, x: wp.uint64, d: wp.uint64) -> Corners:
+        q = Corners()
+        q.a = corner(index_of(record[0]), base, x, d)
+        q.b = corner(index_of(record[1]), base, x, d)
+        q.c = corner(record[2], base, x, d)
+        q.e = corner(record[3], base, x, d)
+        return q
+
+    @wp.func
+    def put(i: Corner, base: int, d: wp.uint64):
+        if wp.static(rows is not None):
+            rows.displace(base + 16 * i.i, i.d)
+        else:
+            store_xyz(d, i.i, i.d)
+
+    @wp.func
+    def put_corners(q: Corners, base: int, d: wp.uint64):
+        put(q.a, base, d)
+        put(q.b, base, d)
+        if q.c.i != q.a.i:  # a lone spring is a cell of two particles, each there twice
+            put(q.c, base, d)
+            put(q.e, base, d)
+
+    return corners_of, put_corners
 
 
 @wp.func
@@ -95,12 +125,14 @@ class Pull:
 @wp.func
 def is_collapsed(record: wp.vec4i, x: wp.uint64) -> bool:
     """Whether a spring of the cell has no length, as it may after a start from a point."""
-    a = xyz(load4(x, first_of(record)))
-    b = xyz(load4(x, record[1])) - a
+    if not (has(record[1], wp.static(HAS_SIDES)) or has(record[1], wp.static(HAS_DIAGONALS))):
+        return False
+    a = xyz(load4(x, index_of(record[0])))
+    b = xyz(load4(x, index_of(record[1]))) - a
     c = xyz(load4(x, record[2])) - a
     e = xyz(load4(x, record[3])) - a
     sides = wp.min(wp.dot(b, b), wp.dot(e - c, e - c))
-    if not has(record, wp.static(ALONE)):
+    if not has(record[0], wp.static(ALONE)):
         sides = wp.min(sides, wp.min(wp.dot(c, c), wp.dot(e - b, e - b)))
         sides = wp.min(sides, wp.min(wp.dot(e, e), wp.dot(c - b, c - b)))
     return sides < SHORTEST * SHORTEST
@@ -188,7 +220,7 @@ def pushed(i: Corner, p: Pull) -> wp.vec4:
 @wp.func
 def side_compliance(alpha: float, q: int, record: wp.vec4i) -> float:
     """Of side q: springs on the border of a grid are twice as compliant."""
-    return wp.where(has(record, wp.static(DOUBLED) + q), 2.0 * alpha, alpha)
+    return wp.where(has(record[0], wp.static(DOUBLED) + q), 2.0 * alpha, alpha)
 
 
 def make_project_corners(order: int, path: str):
@@ -210,7 +242,7 @@ def make_project_corners(order: int, path: str):
         low: wp.uint64,
     ) -> Corners:
         """The sides along y."""
-        if has(record, wp.static(ALONE)):
+        if has(record[0], wp.static(ALONE)):
             return q
         ac = pull_of(2, k, q.a, q.c, rest, side_compliance(alpha, 2, record), m, s, body, material, step, low)
         be = pull_of(3, k, q.b, q.e, rest, side_compliance(alpha, 3, record), m, s, body, material, step, low)
@@ -225,7 +257,7 @@ def make_project_corners(order: int, path: str):
         q: Corners,
         record: wp.vec4i,
         k: int,
-        group: wp.vec4i,
+        springs: Springs,
         m: Model,
         s: State,
         body: Body,
@@ -233,12 +265,13 @@ def make_project_corners(order: int, path: str):
         step: Step,
         low: wp.uint64,
     ) -> Corners:
-        if (group[0] & wp.static(SIDES)) == 0:
+        if not has(record[1], wp.static(HAS_SIDES)):
             return q
-        alpha = compliance_of(material, group[1]) * step.inverse_square + _SOFT
-        stride = wp.where(group[1] == wp.static(_BENDING), 2.0, 1.0)
-        across = stride * body.cell[1]
-        rest = wp.where(has(record, wp.static(TURNED)), across, stride * body.cell[0])
+        far = has(record[1], wp.static(FAR))
+        alpha = wp.where(far, springs.far, springs.near)
+        stride = wp.where(far, 2.0, 1.0)
+        across = stride * springs.cell[1]
+        rest = wp.where(has(record[0], wp.static(TURNED)), across, stride * springs.cell[0])
         ab = pull_of(0, k, q.a, q.b, rest, side_compliance(alpha, 0, record), m, s, body, material, step, low)
         ce = pull_of(1, k, q.c, q.e, rest, side_compliance(alpha, 1, record), m, s, body, material, step, low)
         q.a.d = pulled(q.a, ab)
@@ -252,7 +285,7 @@ def make_project_corners(order: int, path: str):
         q: Corners,
         record: wp.vec4i,
         k: int,
-        group: wp.vec4i,
+        springs: Springs,
         m: Model,
         s: State,
         body: Body,
@@ -260,11 +293,11 @@ def make_project_corners(order: int, path: str):
         step: Step,
         low: wp.uint64,
     ) -> Corners:
-        if (group[0] & wp.static(DIAGONALS)) == 0 or has(record, wp.static(ALONE)):
+        if not has(record[1], wp.static(HAS_DIAGONALS)) or has(record[0], wp.static(ALONE)):
             return q
-        alpha = compliance_of(material, wp.static(_SHEAR)) * step.inverse_square + _SOFT
-        ae = pull_of(4, k, q.a, q.e, body.cell[2], alpha, m, s, body, material, step, low)
-        bc = pull_of(5, k, q.b, q.c, body.cell[2], alpha, m, s, body, material, step, low)
+        rest, alpha = springs.cell[2], springs.diagonal
+        ae = pull_of(4, k, q.a, q.e, rest, alpha, m, s, body, material, step, low)
+        bc = pull_of(5, k, q.b, q.c, rest, alpha, m, s, body, material, step, low)
         q.a.d = pulled(q.a, ae)
         q.e.d = pushed(q.e, ae)
         q.b.d = pulled(q.b, bc)
@@ -276,7 +309,7 @@ def make_project_corners(order: int, path: str):
         q: Corners,
         record: wp.vec4i,
         k: int,
-        group: wp.vec4i,
+        springs: Springs,
         m: Model,
         s: State,
         body: Body,
@@ -284,45 +317,79 @@ def make_project_corners(order: int, path: str):
         step: Step,
         low: wp.uint64,
     ) -> Corners:
-        q = project_sides(q, record, k, group, m, s, body, material, step, low)
-        return project_diagonals(q, record, k, group, m, s, body, material, step, low)
+        q = project_sides(q, record, k, springs, m, s, body, material, step, low)
+        return project_diagonals(q, record, k, springs, m, s, body, material, step, low)
 
     return project_corners
 
 
-def make_project(order: int, stores: bool = True):
-    """The projection of cell k, whose record the schedule has fetched, of pass `group`.
+@wp.func
+def is_plain(material: Material, step: Step) -> bool:
+    """Whether nobody reads multipliers, and no dashpots or collapsed springs have to be taken care of."""
+    return not (step.store or step.collapsed or material.damping > 0.0)
 
-    Unless it `stores`, for a sweep that is the only one of its substep, without multipliers and collapsed springs.
-    """
-    quickly, repeatedly = make_project_corners(order, "quick"), make_project_corners(order, "repeated")
-    damped, carefully = make_project_corners(order, "damped"), make_project_corners(order, "careful")
+
+def make_project_plainly(order: int, rows=None):
+    """The projection of cell k, whose record the schedule has fetched, where all that is_plain."""
+    project_corners = make_project_corners(order, "quick")
+    corners_of, put_corners = make_corners(rows)
 
     @wp.func
-    def project_cell(
+    def project_plainly(
         record: wp.vec4i,
         k: int,
-        group: wp.vec4i,
+        springs: Springs,
         m: Model,
         s: State,
         body: Body,
         material: Material,
         step: Step,
+        base: int,
         x: wp.uint64,
         low: wp.uint64,
         d: wp.uint64,
     ):
-        q = corners_of(record, x, d)
+        q = corners_of(record, base, x, d)
+        put_corners(project_corners(q, record, k, springs, m, s, body, material, step, low), base, d)
+
+    return project_plainly
+
+
+def make_project(order: int, rows=None, stores: bool = True):
+    """The projection of cell k, whose record the schedule has fetched, in every case.
+
+    Unless it `stores`, for a sweep that is the only one of its substep, without multipliers and collapsed springs.
+    """
+    plainly, repeatedly = make_project_corners(order, "quick"), make_project_corners(order, "repeated")
+    damped, carefully = make_project_corners(order, "damped"), make_project_corners(order, "careful")
+    corners_of, put_corners = make_corners(rows)
+
+    @wp.func
+    def project_cell(
+        record: wp.vec4i,
+        k: int,
+        springs: Springs,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        base: int,
+        x: wp.uint64,
+        low: wp.uint64,
+        d: wp.uint64,
+    ):
+        q = corners_of(record, base, x, d)
         if wp.static(stores):
             if step.collapsed or (material.damping > 0.0 and step.store):
-                put_corners(carefully(q, record, k, group, m, s, body, material, step, low), d)
+                put_corners(carefully(q, record, k, springs, m, s, body, material, step, low), base, d)
                 return
             if step.store:
-                put_corners(repeatedly(q, record, k, group, m, s, body, material, step, low), d)
+                put_corners(repeatedly(q, record, k, springs, m, s, body, material, step, low), base, d)
                 return
         if material.damping > 0.0:
-            put_corners(damped(q, record, k, group, m, s, body, material, step, low), d)
+            put_corners(damped(q, record, k, springs, m, s, body, material, step, low), base, d)
         else:
-            put_corners(quickly(q, record, k, group, m, s, body, material, step, low), d)
+            put_corners(plainly(q, record, k, springs, m, s, body, material, step, low), base, d)
 
     return project_cell

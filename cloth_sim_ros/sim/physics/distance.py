@@ -48,8 +48,9 @@ def multiplier_change(c: float, slip: float, w: float, alpha: float, gamma: floa
 float y, reciprocal;
 asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(square));
 asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(reciprocal) : "f"(divisor));  // beside the root, not after it
-float inverse = fmaf(0.5f * y, fmaf(-(square * y), y, 1.0f), y);
-return wp::vec2(fmaf(held - rest, inverse, 1.0f) * reciprocal, square * inverse);
+float root = square * y;
+float length = fmaf(fmaf(-root, root, square), 0.5f * y, root);  // correctly rounded (Markstein 1990)
+return wp::vec2((length + (held - rest)) * (y * reciprocal), length);
 #else
 float length = sqrtf(square);
 return wp::vec2((length - rest + held) / (divisor * length), length);

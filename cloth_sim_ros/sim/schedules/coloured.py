@@ -9,13 +9,13 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring, make_project_tuple
-from cloth_sim_ros.sim.constraints.cell import is_collapsed, record_of
+from cloth_sim_ros.sim.constraints.cell import is_collapsed, springs_of
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
-from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address
+from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4i
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.stages import (
     in_turn,
@@ -364,7 +364,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         def find_collapsed(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             body = arrays.model.bodies[b]
             k = arrays.model.groups[body.groups][2] + i
-            if is_collapsed(record_of(arrays.model, k), array_address(arrays.state.positions, body.particles)):
+            if is_collapsed(arrays.model.cells[k], array_address(arrays.state.positions, body.particles)):
                 arrays.state.collapsed[b] = 1
 
         @stage
@@ -375,14 +375,15 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
             if k >= group[3]:
                 return
             project_one_cell(
-                record_of(arrays.model, k),
+                load4i(arrays.model.cells, k),
                 k,
-                group,
+                springs_of(here.body, arrays.materials[b], here.step),
                 arrays.model,
                 arrays.state,
                 here.body,
                 arrays.materials[b],
                 here.step,
+                0,
                 here.x,
                 here.low,
                 here.d,

@@ -27,7 +27,7 @@ from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
 from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, Sweep, gathered, given_type
-from cloth_sim_ros.sim.topology import KINDS, Topology
+from cloth_sim_ros.sim.topology import Topology
 
 _BYTES_A_MEMBER = 48  # position, low part and displacement
 _ARENA = 1 << 18  # bytes of a CPU's stand-in for shared memory
@@ -43,8 +43,8 @@ class Patches:
 
     body: wp.array(dtype=int)  # (T,)
     members: wp.array(dtype=int)  # (T C,) particles counted in the batch, those of the margin as -2 - particle
-    groups: wp.array(dtype=wp.vec2i)  # (T,) the groups of `model` that are a patch's passes
-    model: Model  # groups and cells as in the Model of the batch, with places for particles
+    cells: wp.array(dtype=wp.vec2i)  # (T,) where a patch's records begin and end in those of `model`
+    model: Model  # cells as in the Model of the batch, with places for particles
     positions: wp.array(dtype=wp.vec4)  # (worlds N,)
     low: wp.array(dtype=wp.vec4)  # (worlds N,)
     velocities: wp.array(dtype=wp.vec4)  # (worlds N,)
@@ -109,10 +109,10 @@ class Patched:
     def __init__(self, features: Features, worlds: list[Arrays], chosen: Plan, device: wp.Device):
         self._device, self._given = device, gathered(worlds, device)
         self._whole = Coloured(features, worlds, device)
-        self._patches = _upload(chosen, worlds, device)
-        self._count = len(worlds) * self._patches.body.shape[0]
         largest = max(len(one.particles) for body in chosen.bodies for patch in body for one in patch.passes)
         self._block = 1 if device.is_cpu else min(CELL_THREADS, -(-largest // 32) * 32)
+        self._patches = _upload(chosen, worlds, self._block, device)
+        self._count = len(worlds) * self._patches.body.shape[0]
         self._kernel, self._hand_over = make_kernels(features, chosen.capacity, self._block)
         self._looks_back, self._bodies = features.looks_back, len(worlds) * len(chosen.bodies)
         self._frames = Frames(self._launch_frame, device)
@@ -144,10 +144,10 @@ class Patched:
             launch.launch()
 
 
-def _upload(chosen: Plan, worlds: list[Arrays], device: wp.Device) -> Patches:
+def _upload(chosen: Plan, worlds: list[Arrays], width: int, device: wp.Device) -> Patches:
     arrays = worlds[0]
     starts = [body[2] for body in arrays.model.bodies.numpy().tolist()]
-    body, members, spans, groups, records = [], [], [], [], []
+    body, members, records = [], [], []
     for b, cut in enumerate(chosen.bodies):
         for patch in cut:
             body.append(b)
@@ -155,18 +155,15 @@ def _upload(chosen: Plan, worlds: list[Arrays], device: wp.Device) -> Patches:
             mine = patch.members + starts[b]
             row[: len(mine)] = np.where(patch.own, mine, -2 - mine)
             members.append(row)
-            spans.append((len(groups), len(groups) + len(patch.passes)))
-            for one in patch.passes:
-                first = sum(map(len, records[-1:])) + (groups[-1][2] if groups else 0)
-                records.append(one.records())
-                groups.append((one.holds, KINDS.index(one.kind), first, first + len(one.particles)))
+            records.append(np.concatenate([one.records(n % 2 == 1, width) for n, one in enumerate(patch.passes)]))
+    ends = np.cumsum([len(rows) for rows in records])
+    spans = np.column_stack([np.concatenate([[0], ends[:-1]]), ends])
     found = Patches()
     found.model = Model()
-    for name, rows, dtype in (("groups", groups, wp.vec4i), ("cells", np.concatenate(records), wp.vec4i)):
-        setattr(found.model, name, wp.array(np.array(rows, np.int32), dtype=dtype, device=device))
+    found.model.cells = wp.array(np.concatenate(records), dtype=wp.vec4i, device=device)
     found.body = wp.array(np.array(body, np.int32), dtype=int, device=device)
     found.members = wp.array(np.concatenate(members).astype(np.int32), dtype=int, device=device)
-    found.groups = wp.array(np.array(spans, np.int32), dtype=wp.vec2i, device=device)
+    found.cells = wp.array(spans.astype(np.int32), dtype=wp.vec2i, device=device)
     for name in ("positions", "low", "velocities"):
         size = len(worlds) * getattr(arrays.state, name).shape[0]
         setattr(found, name, wp.zeros(size, dtype=wp.vec4, device=device))
@@ -188,8 +185,9 @@ def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kern
     the last of them."""
     predict, finish = make_predict(features), make_finish(features)
     contact = make_contact(features) if features.shapes else None
-    project = make_sweep_cells(features.order, stores=False)
-    tile_address = native.make_tile_address(capacity)
+    rows = native.SharedRows(capacity, 3)
+    x_address, d_address, low_address = rows.addresses
+    project = make_sweep_cells(features.order, rows if block > 1 else None, stores=False)
     buffer_of = make_buffer_of(Patches)
     argument = given_type(features)
     options = {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
@@ -222,16 +220,17 @@ def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kern
                 smooth = patches.rough[rough + (substep - 1) % 2] != substep
         step = make_step(frame.dt, smooth, wp.static(features.order), parts_of_motion(body, material, frame))
         step.first = True
-        body.groups = patches.groups[n][0]
-        body.tuple_groups = patches.groups[n][1]
+        body.cells = patches.cells[n][0]
+        body.cells_end = patches.cells[n][1]
         before = buffer_of(s, patches, substep % 2, w)
         after = buffer_of(s, patches, 1 - substep % 2, w)
-        x_tile = wp.tile_empty(shape=(wp.static(capacity),), dtype=wp.vec4, storage="shared")
-        low_tile = wp.tile_empty(shape=(wp.static(capacity),), dtype=wp.vec4, storage="shared")
-        d_tile = wp.tile_empty(shape=(wp.static(capacity),), dtype=wp.vec4, storage="shared")
-        x = tile_address(x_tile)
-        low = tile_address(low_tile)
-        d = tile_address(d_tile)
+        tile = wp.tile_empty(shape=(wp.static(rows.size),), dtype=wp.vec4, storage="shared")
+        x = x_address(tile)
+        d = d_address(tile)
+        low = low_address(tile)
+        base = int(0)
+        if wp.static(block > 1):
+            base = rows.base(tile)
         # What the stages look up by particle they find by place: order 2 needs more than fits the shared memory.
         here = s
         if wp.static(features.order == 2):
@@ -266,7 +265,7 @@ def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kern
                     colliders[c], float(substep) / count, float(substep + 1) / count
                 )
         sync()
-        project(t, wp.static(block), m, here, body, material, step, x, low, d)
+        project(t, wp.static(block), m, here, body, material, step, base, x, low, d)
         for i in range(t, wp.static(capacity), wp.static(block)):
             g = patches.members[n * wp.static(capacity) + i]
             if g >= 0:

@@ -52,9 +52,8 @@ def shared_memory(device: wp.Device) -> int:
 class Resident:
     """The launch of one batch. `advance()` simulates one frame of every body in every world of it."""
 
-    def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int):
+    def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int, block: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
-        block = 1 if device.is_cpu else threads_for(features, largest)
         kernel = make_frame(features, shared, block, shared_memory(device))
         bodies = worlds[0].model.bodies.shape[0]
         self._launch = wp.launch(
@@ -71,19 +70,23 @@ class Resident:
         self._launch.launch()
 
 
-def threads_for(features: Features, largest: int) -> int:
-    """The threads of a block for a body of `largest` particles.
+def threads_for(features: Features, largest: int, bodies: int, device: wp.Device) -> int:
+    """The threads of a block for a body of `largest` particles, one of so many at a time.
 
     A thread takes a segment of a rope, a particle of an explicit method, a spring of a colour, or a cell of a pass; of
-    cells, which need many registers, two where there are many.
+    cells, which need many registers, two where there are many. Where every block has a multiprocessor to itself, cells
+    leave threads over, which halve the time of what is done for every particle.
     """
+    if device.is_cpu:
+        return 1
     work, most = -(-largest // 2), 1024
     if features.chain:
         work, most = largest - 1, THREADS
     elif features.method == "verlet":
         work = largest
     elif "cell" in features.constraints:
-        work, most = max(128, -(-largest // 4)), CELL_THREADS
+        alone = bodies <= device.sm_count
+        work, most = largest if alone else max(128, -(-largest // 4)), CELL_THREADS
     return min(most, -(-work // 32) * 32)
 
 
@@ -103,14 +106,15 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     panel = make_panel(features) if features.panels else None
     contact = make_contact(features) if features.shapes else None
     edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
-    project_springs = make_sweep(features, shared > 0)
     project_tuple = make_project_tuple(features.constraints, features.order)
     stored = shared == 0 or shared > THREADS
     solve_chain = make_solve_chain(features, block, stored) if features.chain else None
     turn = make_turn(features.order) if features.winch else None
     # What every particle reads and writes once a substep lies in shared memory too where there is room.
     all_shared = "cell" in features.constraints and 0 < 3 * 16 * shared <= most_shared
-    tile_address = native.make_tile_address(shared) if shared else None
+    rows = native.SharedRows(shared, 3 if all_shared else 2) if shared else None
+    x_address, other_address, low_address = (*rows.addresses, None)[:3] if shared else (None, None, None)
+    project_springs = make_sweep(features, shared > 0, rows)
     slots = 2 * SLOTS * block if shared and features.chain else 0
     span_address = native.make_tile_address(slots) if slots else None
     argument = given_type(features)
@@ -142,18 +146,18 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         x = native.array_address(s.positions, body.particles)
         d = native.array_address(s.displacements, body.particles)
         low = native.array_address(s.low, body.particles)
+        base = int(0)
         if wp.static(shared > 0):
             # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
-            x_tile = wp.tile_empty(shape=(wp.static(shared),), dtype=wp.vec4, storage="shared")
-            other_tile = wp.tile_empty(shape=(wp.static(shared),), dtype=wp.vec4, storage="shared")
-            x = tile_address(x_tile)
+            tile = wp.tile_empty(shape=(wp.static(rows.size),), dtype=wp.vec4, storage="shared")
+            x = x_address(tile)
             if wp.static(features.method == "verlet"):
-                low = tile_address(other_tile)
+                low = other_address(tile)
             else:
-                d = tile_address(other_tile)
+                d = other_address(tile)
             if wp.static(all_shared):
-                low_tile = wp.tile_empty(shape=(wp.static(shared),), dtype=wp.vec4, storage="shared")
-                low = tile_address(low_tile)
+                low = low_address(tile)
+            base = rows.base(tile)
             for i in range(last - t, -1, -width):
                 store4(x, i, s.positions[body.particles + i])
                 if wp.static(all_shared or features.method == "verlet"):
@@ -215,7 +219,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                         step.torn = True
                     sync()
                 if wp.static(project_springs is not None):
-                    project_springs(t, width, m, s, body, material, step, x, low, d)
+                    project_springs(t, width, m, s, body, material, step, base, x, low, d)
                 if wp.static(project_tuple is not None):
                     for q in range(body.tuple_groups, body.groups_end):
                         group = m.groups[in_turn(q, body.tuple_groups, body.groups_end, step)]

@@ -6,8 +6,9 @@ because a fetch from a GPU's memory takes as long as a whole colour.
 
 import warp as wp
 
+from cloth_sim_ros.sim.cells import ODD
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring
-from cloth_sim_ros.sim.constraints.cell import is_collapsed, record_of
+from cloth_sim_ros.sim.constraints.cell import has, is_collapsed, is_plain, make_project_plainly, springs_of
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.native import array_address, load4, load4i, sync, sync_any
@@ -15,10 +16,13 @@ from cloth_sim_ros.sim.schedules.stages import in_turn
 from cloth_sim_ros.sim.state import Material, State
 
 
-def make_sweep(features: Features, shared: bool):
-    """A Warp function: thread t of `width` projects its share of all colours or passes; None without springs."""
+def make_sweep(features: Features, shared: bool, rows=None):
+    """A Warp function: thread t of `width` projects its share of all colours or passes; None without springs.
+
+    rows: of the shared memory where particles lie (schedules/native.py), from `base`; None where they lie elsewhere.
+    """
     if "cell" in features.constraints:
-        return make_sweep_cells(features.order)
+        return make_sweep_cells(features.order, rows)
     return make_sweep_springs(features.order, shared) if "spring" in features.constraints else None
 
 
@@ -35,6 +39,7 @@ def make_sweep_springs(order: int, shared: bool):
         body: Body,
         material: Material,
         step: Step,
+        base: int,
         x: wp.uint64,
         low: wp.uint64,
         d: wp.uint64,
@@ -69,9 +74,49 @@ def make_sweep_springs(order: int, shared: bool):
     return sweep_springs
 
 
-def make_sweep_cells(order: int, stores: bool = True):
-    """The sweep over cells of springs; unless it `stores`, with no regard to multipliers and collapsed springs."""
-    project_cell = make_project_cell(order, stores)
+def make_sweep_cells(order: int, rows=None, stores: bool = True):
+    """The sweep over cells of springs; unless it `stores`, with no regard to multipliers and collapsed springs.
+
+    Passes hold multiples of `width` records, so that a barrier is due where a thread's next record is of another pass.
+    """
+    plainly, in_every_case = make_project_plainly(order, rows), make_project_cell(order, rows, stores)
+
+    def make_loop(project):
+        @wp.func
+        def loop(
+            t: int,
+            width: int,
+            m: Model,
+            s: State,
+            body: Body,
+            material: Material,
+            step: Step,
+            base: int,
+            x: wp.uint64,
+            low: wp.uint64,
+            d: wp.uint64,
+        ):
+            springs = springs_of(body, material, step)
+            k = body.cells + t
+            stride = width
+            if step.backward and body.tuple_groups - body.groups > 2:  # see in_turn
+                k = body.cells_end - width + t
+                stride = -width
+            ahead = load4i(m.cells, k)
+            left = body.cells_end - body.cells
+            while left > 0:
+                record = ahead
+                ahead = load4i(m.cells, wp.clamp(k + stride, body.cells, body.cells_end - 1))
+                project(record, k, springs, m, s, body, material, step, base, x, low, d)
+                k += stride
+                left -= width
+                if has(record[1] ^ ahead[1], wp.static(ODD)):
+                    sync()
+            sync()
+
+        return loop
+
+    loop_plainly, loop_in_every_case = make_loop(plainly), make_loop(in_every_case)
 
     @wp.func
     def sweep_cells(
@@ -82,25 +127,15 @@ def make_sweep_cells(order: int, stores: bool = True):
         body: Body,
         material: Material,
         step: Step,
+        base: int,
         x: wp.uint64,
         low: wp.uint64,
         d: wp.uint64,
     ):
-        group = load4i(m.groups, in_turn(body.groups, body.groups, body.tuple_groups, step))
-        record = record_of(m, group[2] + t)
-        for g in range(body.groups, body.tuple_groups):
-            following_g = wp.min(g + 1, body.tuple_groups - 1)
-            next = load4i(m.groups, in_turn(following_g, body.groups, body.tuple_groups, step))
-            ahead = record_of(m, next[2] + t)
-            k = group[2] + t
-            while k < group[3]:
-                following = record_of(m, k + width)
-                project_cell(record, k, group, m, s, body, material, step, x, low, d)
-                record = following
-                k += width
-            record = ahead
-            group = next
-            sync()
+        if is_plain(material, step):
+            loop_plainly(t, width, m, s, body, material, step, base, x, low, d)
+        else:
+            loop_in_every_case(t, width, m, s, body, material, step, base, x, low, d)
 
     return sweep_cells
 
@@ -109,6 +144,6 @@ def make_sweep_cells(order: int, stores: bool = True):
 def any_collapsed(t: int, width: int, m: Model, body: Body, x: wp.uint64) -> bool:
     """Whether a spring of a cell of the body has no length now."""
     found = int(0)
-    for k in range(m.groups[body.groups][2] + t, m.groups[body.tuple_groups - 1][3], width):
-        found += int(is_collapsed(record_of(m, k), x))
+    for k in range(body.cells + t, body.cells_end, width):
+        found += int(is_collapsed(load4i(m.cells, k), x))
     return sync_any(found) > 0
