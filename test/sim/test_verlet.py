@@ -47,7 +47,25 @@ def test_a_mass_on_a_spring_needs_the_known_step():
     rope = Rope(start=(0, 0, 1), end=(0, 0, 0), segments=1, stretch_compliance=1e-4, particle_masses=[1.0, 4.0])
     omega = np.sqrt(1e4 / 4.0)
     needed = explicit_substeps(build(rope, "rope", False), (1e-4, 0.0, 0.0), 0.0, 1 / 60, False)
-    assert needed == np.ceil(omega / 60 / 2 / 0.9)
+    assert needed == np.ceil(omega / 60 / 2 / 0.5)
+
+
+def test_a_whipping_rope_keeps_its_energy_at_its_limit_and_not_at_that_of_small_motions(monkeypatch):
+    """Six seconds of a rope of 1.96 N that hangs longer by a quarter: springs turn while they stretch."""
+    rope = Rope(start=(-0.5, 0, 0), end=(0.5, 0, 0), segments=24, mass=0.2, pins="start", stretch_compliance=0.24)
+    needed = int(explicit_substeps(build(rope, "it", False), (0.24, 0.0, 0.0), 0.0, 0.1, False))
+
+    def most_kinetic(substeps):
+        sim = Simulation(Scene({"it": rope}), Settings(method="verlet", substeps=substeps, frame_dt=0.1), "cpu")
+        found = []
+        for _ in range(60):
+            sim.step()
+            found.append(sim.report()["it"]["kinetic_energy"])
+        return max(found)
+
+    assert 0.5 < most_kinetic(needed) < 1.5
+    monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_: 1)
+    assert most_kinetic(int(needed * 0.5 / 0.9) + 1) > 3.0
 
 
 @pytest.mark.parametrize("damping", [1e-4, 1e-3, 1e-2])

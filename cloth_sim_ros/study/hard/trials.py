@@ -136,9 +136,13 @@ def compliance(kind: str, options: Options, random: np.random.Generator) -> Tria
 
 
 def long_step(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """A frame of a tenth of a second in few substeps."""
-    body = make_body(kind, float(random.choice([0.0, 1e-6, 1e-3])))
-    return Trial(Scene({BODY: body}), frames=60, frame_dt=0.1, conserves=True)
+    """A frame of a tenth of a second in few substeps, undamped, let go a hundredth of a millimetre from rest."""
+    body = make_body(kind, float(random.choice([0.0, 1e-6, 1e-3, 1e-2])))
+
+    def begin(sim: Simulation) -> None:
+        _place(sim, lambda x: x + 1e-5 * random.standard_normal(x.shape))
+
+    return Trial(Scene({BODY: body}), frames=60, frame_dt=0.1, begin=begin, conserves=True)
 
 
 def fast_collider(kind: str, options: Options, random: np.random.Generator) -> Trial:
