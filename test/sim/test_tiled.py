@@ -178,8 +178,8 @@ def test_wind_blows_through_tiles(device, kind):
 
 def test_a_rope_is_a_row_of_tiles(device):
     rope = Rope(segments=100, stretch_compliance=1e-2, pins="both")
-    whole = states(simulation(device, scene=Scene({"it": rope}), substeps=60), 20)
-    assert np.array_equal(whole, states(simulation(device, 20, 4, Scene({"it": rope}), 60), 20))
+    whole = states(simulation(device, scene=Scene({"it": rope}), substeps=100), 20)
+    assert np.array_equal(whole, states(simulation(device, 20, 4, Scene({"it": rope}), 100), 20))
 
 
 @pytest.mark.parametrize("shapes", [(), ("sphere", "box")])

@@ -93,12 +93,13 @@ def test_below_its_limit_it_flies_apart_which_is_why_it_is_refused(monkeypatch):
 
 
 def test_in_wind_it_needs_the_step_of_any_shape(monkeypatch):
-    """Gusts of 100 m/s: at the limit of the rest shape the crumpled sheet heats up, at its own no substeps cool it."""
+    """Gusts of 100 m/s: what small motions at rest allow heats the crumpled sheet, at its own limit it stays cool."""
     sheet = Cloth(resolution=(10, 10), pins="corners", shear_compliance=1e-3)
     still, crumpled = (
-        int(explicit_substeps(build(sheet, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1 / 60, how)) for how in (False, True)
+        explicit_substeps(build(sheet, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1.0, how) for how in (False, True)
     )
     assert crumpled / still == pytest.approx(np.sqrt(12.0 / 8.0), rel=0.06)  # of a grid with diagonals
+    still, crumpled = int(0.8 * still / 60), int(np.ceil(crumpled / 60))  # of it what is linearly stable at rest
 
     def fastest(substeps):
         settings = Settings(method="verlet", substeps=substeps)

@@ -8,7 +8,7 @@ from cloth_sim_ros.sim import Cloth, Plane, Readback, Rope, Scene, Settings, Sim
 SETTINGS = [
     {},
     {"order": 2, "iterations": 2},
-    {"method": "verlet", "substeps": 60},
+    {"method": "verlet", "substeps": 80},
     {"schedule": "coloured"},
     {"schedule": "coloured", "order": 2, "iterations": 2},
 ]
