@@ -17,7 +17,7 @@ class Unstable(ValueError):
 # Of the limit of small motions. Springs that turn while they stretch are heated by leapfrog in resonances of third,
 # fourth, .. order, at omega h = sqrt(3), sqrt(2), .. (Schlick et al. 1998). Let go at 0.9, a whipping rope flies apart
 # within a minute, a soft hung sheet as well. Of a line of springs most modes are near the fastest, of a sheet few.
-_SHARE = 0.8
+_SHARE = 0.7
 _SHARE_OF_LINES = 0.5
 
 _ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS, of a length in float32
@@ -33,7 +33,7 @@ def explicit_substeps(
     is omega^2 (h^2 + 2 h tau) < 4 (Jury's criterion on one oscillator). omega^2 is the largest eigenvalue of M^-1 K of
     all springs, by power iteration from a fixed start: at rest, or the most of any shape where the body `crumples`, as
     in wind. A stretched spring along n is k (n n^T + (1 - rest / length) (1 - n n^T)), never more than k in every
-    direction; with that, K is the Laplacian of the springs' graph along each axis. Of that step a sheet may take 0.8
+    direction; with that, K is the Laplacian of the springs' graph along each axis. Of that step a sheet may take 0.7
     and a rope 0.5, against nonlinear resonances (Schlick, Mandziuk, Skeel and Srinivas 1998, Nonlinear resonance
     artifacts in molecular dynamics simulations).
 

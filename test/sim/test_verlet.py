@@ -87,7 +87,7 @@ def test_below_its_limit_it_flies_apart_which_is_why_it_is_refused(monkeypatch):
         final("cpu", int(needed) - 1)
     assert np.abs(final("cpu", int(needed), frames=120)).max() < 1.0
     monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_: 1)
-    sim = Simulation(Scene({"it": SHEET}), Settings(method="verlet", substeps=int(0.7 * needed)), "cpu")
+    sim = Simulation(Scene({"it": SHEET}), Settings(method="verlet", substeps=int(0.5 * needed)), "cpu")
     sim.step(120)
     assert sim.report()["it"]["recoveries"] > 0
 
@@ -99,7 +99,7 @@ def test_in_wind_it_needs_the_step_of_any_shape(monkeypatch):
         explicit_substeps(build(sheet, "it", False), (1e-3, 1e-3, 0.0), 0.0, 1.0, how) for how in (False, True)
     )
     assert crumpled / still == pytest.approx(np.sqrt(12.0 / 8.0), rel=0.06)  # of a grid with diagonals
-    still, crumpled = int(0.8 * still / 60), int(np.ceil(crumpled / 60))  # of it what is linearly stable at rest
+    still, crumpled = int(0.7 * still / 60), int(np.ceil(crumpled / 60))  # of it what is linearly stable at rest
 
     def fastest(substeps):
         settings = Settings(method="verlet", substeps=substeps)
