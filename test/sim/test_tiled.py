@@ -26,13 +26,14 @@ def busy_scene():
     )
 
 
-def simulation(device, size=None, depth=None, scene=None, substeps=45, **settings):
-    """A simulation whose tiles hold `size` particles and `depth` rings, or what the product chooses."""
+def simulation(device, size=None, depth=None, scene=None, substeps=45, waits=None, **settings):
+    """A simulation whose tiles hold `size` particles and `depth` rings and wait for one another, or what the product
+    chooses."""
     chosen = Settings(method="verlet", schedule="tiled", substeps=substeps, **settings)
     sim = Simulation(scene or busy_scene(), chosen, device=device)
     for batch in sim._batches:
         layouts = [sim._topologies[name].layout for name in batch.index]
-        batch.schedule = tiled.Tiled(batch.features, batch.worlds, layouts, batch.device, size, depth)
+        batch.schedule = tiled.Tiled(batch.features, batch.worlds, layouts, batch.device, size, depth, waits)
     return sim
 
 
@@ -88,6 +89,32 @@ def test_no_way_of_cutting_changes_a_bit(device, iterations):
     whole = states(simulation(device, 200, 1, iterations=iterations))
     for size, depth in ((16, 1), (16, 4), (50, 3), (None, None)):
         assert np.array_equal(whole, states(simulation(device, size, depth, iterations=iterations)))
+
+
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="tiles wait for one another on a GPU")
+@pytest.mark.parametrize("iterations", [1, 2])
+def test_tiles_that_wait_for_one_another_get_what_launches_give(iterations):
+    for size, depth in ((16, 2), (16, 4), (50, 4), (60, 6)):
+        found = [simulation("cuda:0", size, depth, waits=waits, iterations=iterations) for waits in (False, None)]
+        assert [sim._batches[0].schedule.waits for sim in found] == [False, True]
+        apart, together = (states(sim) for sim in found)
+        assert np.array_equal(apart, together)
+
+
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="tiles wait for one another on a GPU")
+def test_a_tile_that_is_never_heard_of_is_a_fault_and_not_a_hang():
+    sim = simulation("cuda:0", 16, 4, Scene({"it": Cloth(resolution=(12, 12), pins="top", **SPRINGS)}))
+    sim.step(3)
+    good, schedule = sim.positions("it"), sim._batches[0].schedule
+    schedule._count -= 1
+    sim.set("solver.substeps", 47)  # a new graph, of all tiles but the last
+    sim.step()
+    assert sim.report()["it"]["recoveries"] == 1
+    assert np.array_equal(sim.positions("it"), good)
+    schedule._count += 1
+    sim.set("solver.substeps", 49)
+    sim.step(3)
+    assert sim.report()["it"]["recoveries"] == 1 and np.abs(sim.positions("it") - good).max() > 1e-4
 
 
 def test_it_agrees_with_the_resident_schedule(device):
@@ -182,13 +209,14 @@ def test_a_rope_is_a_row_of_tiles(device):
     assert np.array_equal(whole, states(simulation(device, 20, 4, Scene({"it": rope}), 100), 20))
 
 
-@pytest.mark.parametrize("shapes", [(), ("sphere", "box")])
-def test_it_compiles_for_cuda_with_its_springs_in_registers(shapes, tmp_path):
+@pytest.mark.parametrize(("shapes", "waits"), [((), False), ((), True), (("sphere", "box"), True)])
+def test_it_compiles_for_cuda_with_its_springs_in_registers(shapes, waits, tmp_path):
     features = Features((), False, "", shapes, 1, "verlet")
-    for name, kernel in make_kernels.__wrapped__(features, 576, 256, 8, 0).items():
+    for name, kernel in make_kernels.__wrapped__(features, 576, 576, 8, 0, waits).items():
         wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / name, use_ptx=True)
     code = next((tmp_path / "advance").glob("*.ptx")).read_text()
     assert len(re.findall(r"ld\.shared\.v4", code)) >= 16  # both parts of eight neighbours, 16 bytes at a time
+    assert ("ld.relaxed.gpu.global.b128" in code) == waits
     if not shapes:
         assert ".local" not in code
         source = next(Path(tmp_path / "advance").glob("*.cu")).read_text()

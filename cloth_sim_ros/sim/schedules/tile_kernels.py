@@ -9,6 +9,7 @@ from cloth_sim_ros.sim.physics.integrate import Step, make_step, split_sum
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.buffers import make_buffer_of
 from cloth_sim_ros.sim.schedules.contact import make_contact
+from cloth_sim_ros.sim.schedules.exchange import Exchange, exchange_of, receive, send
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, xyz
 from cloth_sim_ros.sim.schedules.stages import (
     eased_by,
@@ -26,11 +27,14 @@ from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, give
 
 
 @lru_cache
-def make_kernels(features: Features, capacity: int, block: int, width: int, panels: int) -> dict[str, wp.Kernel]:
+def make_kernels(
+    features: Features, capacity: int, block: int, width: int, panels: int, waits: bool
+) -> dict[str, wp.Kernel]:
     """The kernels for tiles of `capacity` places, `width` springs and `panels` at a particle.
 
     With a thread for every member (block = capacity) it and its springs are read once a launch and stay in registers;
-    on a CPU, where one thread has them all (block = 1), they are read every substep.
+    on a CPU, where one thread has them all (block = 1), they are read every substep. Where a tile `waits` for its
+    neighbours, a launch is a whole frame.
     """
     contact = make_contact(features) if features.shapes else None
     tile_address = native.make_tile_address(6 * capacity)
@@ -155,13 +159,15 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
         there = wp.static(3 * capacity) - here
         sweep = (q * wp.static(SWEPT) + k % wp.static(SWEPT)) * colliders.shape[0]
         slot = q * wp.static(capacity)
-        then = now
         if wp.static(keeps):
             if k < turns:
                 then = move(
                     n, t, now, here, springs, sweep, slot + t, colliders, s, tiles, material, frame, step, still, shared
                 )
                 store(then, shared, there + t)
+                now.x = then.x
+                now.low = then.low
+                now.v = then.v
         else:
             for i in range(wp.static(capacity)):
                 if k < turns - tiles.rings[n * wp.static(capacity) + i]:
@@ -186,10 +192,11 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
                     )
                     store(then, shared, there + i)
         sync()
-        return then
+        return now
 
-    @wp.kernel(launch_bounds=block, **options)
-    def advance(given: argument, tiles: Tiles, side: int, first: int, count: int):
+    # One block a multiprocessor is enough: with its registers the springs of a member do not wait for one another.
+    @wp.kernel(launch_bounds=(block, 1), **options)
+    def advance(given: argument, tiles: Tiles, side: int, first: int, count: int, depth: int):
         q, t = wp.tid()
         w = q / tiles.body.shape[0]
         n = q - w * tiles.body.shape[0]
@@ -219,12 +226,35 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
             now.v = xyz(load4(before.velocities, g))
             store(now, shared, i)
         springs = gather(n, t, m, tiles, constants)
-        turns = count
+        ring = tiles.rings[n * wp.static(capacity) + t]
+        end = wp.min(count, depth)  # of the substeps for which the halo lasts
+        turns = end
         if wp.static(keeps):
-            turns -= tiles.rings[n * wp.static(capacity) + t]
+            turns -= ring
+        exchange = Exchange()
+        if wp.static(waits):
+            exchange = exchange_of(tiles.members[n * wp.static(capacity) + t], w, s, tiles)
         sync()
         still = eased_by(frame.global_damping, step)
         for k in range(0, count, wp.static(2 if keeps else 1)):
+            if wp.static(waits):
+                if k == end:
+                    end = wp.min(k + depth, count)
+                    if ring == 0:
+                        send(xyz(now.x), now.low, now.v, exchange, k)
+                    sync()  # what is sent does not wait behind what waits
+                    if 0 < ring and ring <= end - k:
+                        message = receive(exchange, k)
+                        now.x = pack(xyz(message.x), now.x[3])
+                        now.low = xyz(message.low)
+                        now.v = xyz(message.v)
+                        if message.late:
+                            exchange.patience = 0
+                            s.faulty[body] = 1
+                    exchange.side = 1 - exchange.side
+                    turns = end - ring
+                    store(now, shared, t)
+                    sync()
             if wp.static(bool(features.shapes)):
                 if k % wp.static(SWEPT) == 0:
                     sweep_colliders(q, t, first + k, colliders, tiles, frame)
@@ -287,7 +317,7 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
                     s.faulty[body] = 1
 
     @wp.kernel(**options)
-    def settle(given: argument, tiles: Tiles, side: int):
+    def settle(given: argument, tiles: Tiles, side: int, substeps: int):
         q, t = wp.tid()
         w = q / tiles.body.shape[0]
         n = q - w * tiles.body.shape[0]
@@ -297,6 +327,9 @@ def make_kernels(features: Features, capacity: int, block: int, width: int, pane
         else:
             m = given.model
             s = given.state
+        if wp.static(waits):
+            if q == 0 and t == 0:
+                tiles.sent[0] += substeps
         last = buffer_of(s, tiles, side, w)
         for i in range(t, wp.static(capacity), wp.static(block)):
             if tiles.rings[n * wp.static(capacity) + i] == 0:

@@ -14,11 +14,14 @@ from cloth_sim_ros.sim.tiling import Tiling, cut, surround
 PLACES = 4096  # a packed spoke is a place in the tile, below this, and this times a type
 WIDEST = 16  # springs around a particle: their places and numbers stay in registers
 THREADS = 1024  # of a block; each has one member of a tile
-DEEPEST = 8  # substeps a launch of tiles with halos
+DEEPEST = 8  # substeps for which a halo lasts
 SWEPT = 8  # substeps whose colliders' motion is computed at a time
 _TYPES = (1 << 31) // PLACES
-# Microseconds on an H200: a launch with its loads and stores, a substep of few particles, a warp's reads of a spring.
-_LAUNCH, _LEAST, _A_SPRING = 3.5, 0.5, 0.011
+# Microseconds on an H200: a launch with its loads and stores, an exchange within one, a substep however small, and a
+# spring of every warp, one on each of the four schedulers.
+_LAUNCH, _EXCHANGE, _LEAST, _A_SPRING = 3.5, 1.2, 0.2, 0.022
+_SCHEDULERS = 4
+_WHOLE_MESSAGES = 70  # compute capability of GPUs that read and write 16 bytes at once, times 10
 OUTSIDE = 1 << 30  # ring of a place without a member
 _WHOLE_FRAME = 1 << 30  # substeps a launch of bodies of one tile, which have no halo
 _BYTES_A_MEMBER = 96  # positions, low parts and velocities of two substeps
@@ -38,6 +41,8 @@ class Tiles:
     positions: wp.array(dtype=wp.vec4)  # (worlds N,)
     low: wp.array(dtype=wp.vec4)  # (worlds N,)
     velocities: wp.array(dtype=wp.vec4)  # (worlds N,)
+    messages: wp.array(dtype=wp.vec4)  # (2 x 3 worlds N,) where tiles wait for one another (see exchange.py)
+    sent: wp.array(dtype=int)  # (1,) substeps of all frames so far, by which messages are numbered
     sweeps: wp.array(dtype=Sweep)  # (worlds T SWEPT K,)
     contacts: wp.array(dtype=wp.vec4)  # (worlds T C K,)
 
@@ -64,13 +69,14 @@ class Around:
 
 @dataclass(frozen=True)
 class Plan:
-    """Tilings of all bodies and what lies around their particles, substeps a launch, estimated microseconds a
-    substep."""
+    """Tilings of all bodies and what lies around their particles, substeps for which a halo lasts, estimated
+    microseconds a substep, and whether tiles wait for one another within a launch instead of having one each time."""
 
     tilings: list[Tiling]
     around: list[Around]
     depth: int
     cost: float
+    waits: bool
 
     @property
     def capacity(self) -> int:
@@ -86,10 +92,11 @@ def plan(
     device: wp.Device,
     size: int | None = None,
     depth: int | None = None,
+    waits: bool | None = None,
 ) -> Plan:
     """The tiles of `size` particles and `depth` rings for bodies of `layouts`, or those estimated to be fastest.
 
-    Raises Unfit where there are none.
+    waits: within a launch for one another, an even depth; None: where they can. Raises Unfit where there are none.
     """
     if "edge" in features.constraints:
         raise Unfit("edge_contact", "contact of particles alone")
@@ -100,18 +107,24 @@ def plan(
         raise Unfit(f"more than {_TYPES} kinds of springs", "fewer")
     plans = [_whole(around, worlds, device)] if size is None and max(map(len, layouts)) <= THREADS else []
     tiles = [cut(layout, size or _usual_size(model, worlds, device)) for layout in layouts]
-    plans += _deep(tiles, around, depth, worlds, device) if not plans or max(tile.max() for tile in tiles) > 0 else []
+    if not plans or max(tile.max() for tile in tiles) > 0:
+        plans += _deep(tiles, around, depth, worlds, device, waits)
     return min(plans, key=lambda one: one.cost)
 
 
 def _whole(around: list[Around], worlds: int, device: wp.Device) -> Plan:
     """One tile a body."""
     tilings = [surround(np.zeros(len(each.others), dtype=np.int64), each.others, 1) for each in around]
-    return Plan(tilings, around, _WHOLE_FRAME, _substeps_cost(tilings, 1, worlds, device))
+    return Plan(tilings, around, _WHOLE_FRAME, _substeps_cost(tilings, 1, worlds, device), False)
 
 
 def _deep(
-    tiles: list[np.ndarray], around: list[Around], depth: int | None, worlds: int, device: wp.Device
+    tiles: list[np.ndarray],
+    around: list[Around],
+    depth: int | None,
+    worlds: int,
+    device: wp.Device,
+    waits: bool | None,
 ) -> list[Plan]:
     """Tiles with halos of `depth` rings or of any number that fits a block. Raises Unfit where none does."""
 
@@ -127,17 +140,28 @@ def _deep(
             f"tiles of {largest[0]} particles that have {largest[depth or 1]} with their halos",
             f"at most {min(room, THREADS)} on {device.alias}",
         )
-    costs = {d: (_LAUNCH + _substeps_cost(deepest, d, worlds, device)) / d for d in depths}
-    chosen = depth or min(costs, key=costs.get)
-    return [Plan(deepest if chosen == len(largest) - 1 else halos(chosen), around, chosen, costs[chosen])]
+    able = waits is not False and _run_at_once(worlds * sum(len(tiling.ends) for tiling in deepest), device)
+    ways = [(d, wait) for d in depths for wait in {False, able and d % 2 == 0} if depth in (None, d)]
+    costs = {
+        (d, wait): ((_EXCHANGE if wait else _LAUNCH) + _substeps_cost(deepest, d, worlds, device)) / d
+        for d, wait in ways
+    }
+    chosen, wait = min(costs, key=costs.get)
+    tilings = deepest if chosen == len(largest) - 1 else halos(chosen)
+    return [Plan(tilings, around, chosen, costs[chosen, wait], wait)]
+
+
+def _run_at_once(tiles: int, device: wp.Device) -> bool:
+    """Whether all `tiles` are on the device at once, as tiles must be that wait for one another."""
+    return device.is_cuda and device.arch >= _WHOLE_MESSAGES and tiles <= device.sm_count
 
 
 def _substeps_cost(tilings: list[Tiling], depth: int, worlds: int, device: wp.Device) -> float:
-    """Rough microseconds on an H200 that a launch of `depth` substeps computes, bound by shared memory or latency."""
+    """Rough microseconds on an H200 that `depth` substeps from one halo take, bound by latency and instructions."""
     width = max(tiling.spokes.shape[1] for tiling in tilings)
     warps = np.ceil(np.max([tiling.ends.max(axis=0) for tiling in tilings], axis=0)[:depth] / 32.0)
     load = max(1.0, worlds * sum(len(tiling.ends) for tiling in tilings) / _multiprocessors(device))
-    return float(np.maximum(_LEAST, load * warps * width * _A_SPRING).sum())
+    return float((_LEAST + width * _A_SPRING * np.ceil(load * warps / _SCHEDULERS)).sum())
 
 
 def _usual_size(model: Model, worlds: int, device: wp.Device) -> int:
@@ -188,7 +212,7 @@ def _panels_around(model: Model, starts: np.ndarray, most: int) -> tuple[np.ndar
 
 
 def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.Device) -> Tiles:
-    """The tiles of all bodies on the device, with the second buffer of all worlds behind one another."""
+    """The tiles of all bodies on the device, with the second buffer of all worlds behind one another, and messages."""
     arrays = worlds[0]
     capacity = chosen.capacity
     body, parts = [], {"members": [], "rings": [], "spokes": [], "panels": []}
@@ -219,6 +243,9 @@ def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.De
     for name in ("positions", "low", "velocities"):
         size = len(worlds) * getattr(arrays.state, name).shape[0]
         setattr(found, name, wp.zeros(size, dtype=wp.vec4, device=device))
+    messages = 6 * found.positions.shape[0] if chosen.waits else 0
+    found.messages = wp.zeros(messages, dtype=wp.vec4, device=device)
+    found.sent = wp.zeros(1, dtype=int, device=device)
     colliders = arrays.colliders.shape[0] if features.shapes else 0
     found.sweeps = wp.zeros(len(worlds) * len(body) * SWEPT * colliders, dtype=Sweep, device=device)
     found.contacts = wp.zeros(len(worlds) * len(body) * capacity * colliders, dtype=wp.vec4, device=device)
