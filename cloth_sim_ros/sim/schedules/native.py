@@ -104,6 +104,15 @@ return fmaf(fmaf(-b, q, a), inverse, q);
 return a / b;
 #endif
 """
+# Through a shuffle, or the compiler would compute the address anew, from a slow register, wherever it is used.
+_TILE_ADDRESS = """
+#if defined(__CUDA_ARCH__)
+unsigned address = __shfl_sync(0xffffffffu, (unsigned)__cvta_generic_to_shared(tile.data.ptr + {row}), 0);
+return (uint64_t)__cvta_shared_to_generic(address);
+#else
+return (uint64_t)(tile.data.ptr + {row});
+#endif
+"""
 _SYNC_ANY = """
 #if defined(__CUDA_ARCH__)
 return __syncthreads_or(value);
@@ -200,7 +209,7 @@ def xyz(v: wp.vec4) -> wp.vec3:
 def make_tile_address(capacity: int, row: int = 0):
     """A Warp function: a shared tile of `capacity` vec4 -> the address of a row of it. For CUDA kernels alone."""
 
-    @wp.func_native(f"return (uint64_t)(tile.data.ptr + {row});")
+    @wp.func_native(_TILE_ADDRESS.format(row=row))
     def tile_address(tile: wp.tile[wp.vec4, capacity]) -> wp.uint64: ...
 
     return tile_address

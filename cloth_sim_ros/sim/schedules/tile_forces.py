@@ -20,8 +20,8 @@ class Carried:
 
 
 def make_springs(width: int, capacity: int):
-    """A struct and three Warp functions: what fetches the `width` springs of a member of a tile, and what computes
-    their force [N], without and with dashpots.
+    """A struct and two Warp functions: what fetches the `width` springs of a member of a tile, and what computes their
+    force [N].
 
     The springs of one member do not wait for one another: no branch lies between them.
     """
@@ -51,7 +51,7 @@ def make_springs(width: int, capacity: int):
         return xyz((load4(shared, j) - now.x) + (load4(shared, capacity + j) - pack(now.low, 0.0)))
 
     @wp.func
-    def force(here: int, now: Carried, springs: Springs, shared: wp.uint64) -> wp.vec3:
+    def elastic_force(here: int, now: Carried, springs: Springs, shared: wp.uint64) -> wp.vec3:
         total = wp.vec3(0.0)
         for q in range(width):
             e = edge(here, now, springs.others[q], shared)
@@ -62,12 +62,18 @@ def make_springs(width: int, capacity: int):
     def damped_force(here: int, now: Carried, springs: Springs, damping: float, shared: wp.uint64) -> wp.vec3:
         total = wp.vec3(0.0)
         for q in range(width):
-            e = edge(here, now, springs.others[q], shared)
             apart = xyz(load4(shared, 2 * capacity + here + springs.others[q])) - now.v
+            e = edge(here, now, springs.others[q], shared)
             total += spoke_force(e, springs.rests[q], springs.constants[q], damping, apart)
         return total
 
-    return Springs, gather, force, damped_force
+    @wp.func
+    def force(here: int, now: Carried, springs: Springs, damping: float, shared: wp.uint64) -> wp.vec3:
+        if damping > 0.0:
+            return damped_force(here, now, springs, damping, shared)
+        return elastic_force(here, now, springs, shared)
+
+    return Springs, gather, force
 
 
 def make_drag(features: Features, panels: int, capacity: int):

@@ -21,7 +21,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.tile_forces import Carried, make_drag, make_springs
-from cloth_sim_ros.sim.schedules.tiles import SWEPT, Tiles
+from cloth_sim_ros.sim.schedules.tiles import OUTSIDE, SWEPT, Tiles
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, given_type
 
@@ -38,7 +38,7 @@ def make_kernels(
     """
     contact = make_contact(features) if features.shapes else None
     tile_address = native.make_tile_address(6 * capacity)
-    Springs, gather, force, damped_force = make_springs(width, capacity)
+    Springs, gather, force = make_springs(width, capacity)
     drag = make_drag(features, panels, capacity) if features.panels else None
     keeps = block > 1
     buffer_of = make_buffer_of(Tiles)
@@ -79,8 +79,6 @@ def make_kernels(
     ) -> Carried:
         """Member i of tile n one substep later."""
         w = now.x[3]
-        if w == 0.0:
-            return now
         there = wp.static(3 * capacity) - here
         a = frame.gravity - frame.global_damping * now.v
         eased = still
@@ -88,10 +86,7 @@ def make_kernels(
             push = drag(n, i, here, now, tiles, frame, material, shared)
             a += w * xyz(push)
             eased = eased_by(frame.global_damping + w * push[3], step)
-        if material.damping > 0.0:
-            a += w * damped_force(here, now, springs, material.damping, shared)
-        else:
-            a += w * force(here, now, springs, shared)
+        a += w * force(here, now, springs, material.damping, shared)
         total = kick(wp.vec3(0.0), now.v, a * first_share(step), eased, w, now.low, step)
         if wp.static(bool(features.shapes)):
             store4(shared, there + i, total)
@@ -171,26 +166,27 @@ def make_kernels(
         else:
             for i in range(wp.static(capacity)):
                 if k < turns - tiles.rings[n * wp.static(capacity) + i]:
-                    own = gather(n, i, m, tiles, constants)
-                    then = load(shared, here + i)
-                    then = move(
-                        n,
-                        i,
-                        then,
-                        here,
-                        own,
-                        sweep,
-                        slot + i,
-                        colliders,
-                        s,
-                        tiles,
-                        material,
-                        frame,
-                        step,
-                        still,
-                        shared,
-                    )
-                    store(then, shared, there + i)
+                    now = load(shared, here + i)
+                    if now.x[3] > 0.0:
+                        own = gather(n, i, m, tiles, constants)
+                        then = move(
+                            n,
+                            i,
+                            now,
+                            here,
+                            own,
+                            sweep,
+                            slot + i,
+                            colliders,
+                            s,
+                            tiles,
+                            material,
+                            frame,
+                            step,
+                            still,
+                            shared,
+                        )
+                        store(then, shared, there + i)
         sync()
         return now
 
@@ -225,12 +221,15 @@ def make_kernels(
             now.low = xyz(load4(before.low, g))
             now.v = xyz(load4(before.velocities, g))
             store(now, shared, i)
+            store(now, shared, wp.static(3 * capacity) + i)  # where what is pinned stays
         springs = gather(n, t, m, tiles, constants)
         ring = tiles.rings[n * wp.static(capacity) + t]
         end = wp.min(count, depth)  # of the substeps for which the halo lasts
         turns = end
         if wp.static(keeps):
-            turns -= ring
+            # What is pinned needs no turn: it lies in both halves of the memory.
+            lag = wp.where(now.x[3] > 0.0, ring, wp.static(OUTSIDE))
+            turns -= lag
         exchange = Exchange()
         if wp.static(waits):
             exchange = exchange_of(tiles.members[n * wp.static(capacity) + t], w, s, tiles)
@@ -252,7 +251,7 @@ def make_kernels(
                             exchange.patience = 0
                             s.faulty[body] = 1
                     exchange.side = 1 - exchange.side
-                    turns = end - ring
+                    turns = end - lag
                     store(now, shared, t)
                     sync()
             if wp.static(bool(features.shapes)):
@@ -282,27 +281,26 @@ def make_kernels(
             )
             step.second = True
             if wp.static(keeps):
-                if k + 1 < count:
-                    now = substep(
-                        q,
-                        n,
-                        t,
-                        k + 1,
-                        turns,
-                        now,
-                        wp.static(3 * capacity),
-                        springs,
-                        constants,
-                        colliders,
-                        m,
-                        s,
-                        tiles,
-                        material,
-                        frame,
-                        step,
-                        still,
-                        shared,
-                    )
+                now = substep(
+                    q,
+                    n,
+                    t,
+                    k + 1,
+                    turns,
+                    now,
+                    wp.static(3 * capacity),
+                    springs,
+                    constants,
+                    colliders,
+                    m,
+                    s,
+                    tiles,
+                    material,
+                    frame,
+                    step,
+                    still,
+                    shared,
+                )
         after = buffer_of(s, tiles, 1 - side, w)
         for i in range(t, wp.static(capacity), wp.static(block)):
             if tiles.rings[n * wp.static(capacity) + i] == 0:
