@@ -196,9 +196,8 @@ def test_wind_blows_through_tiles(device, kind):
         assert np.array_equal(whole, states(simulation(device, size, depth, scene), 20))
     resident = Simulation(scene, Settings(method="verlet", substeps=45, schedule="resident"), device=device)
     early = states(simulation(device, 16, 3, scene), 5)
-    assert (
-        np.abs(states(resident, 5) - early)[:, :3].max() < 2e-6
-    )  # later on what compilers round differently has grown
+    # What compilers round differently grows: after 5 frames in this wind to 2.3e-6 m on a GPU.
+    assert np.abs(states(resident, 5) - early)[:, :3].max() < 4e-6
     still = Simulation(Scene(scene.objects), Settings(method="verlet", substeps=45), device=device)
     assert np.abs(states(still, 5) - early)[:, :3].max() > 5e-4
 

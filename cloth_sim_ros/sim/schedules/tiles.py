@@ -19,7 +19,7 @@ SWEPT = 8  # substeps whose colliders' motion is computed at a time
 _TYPES = (1 << 31) // PLACES
 # Microseconds on an H200: a launch with its loads and stores, an exchange within one, a substep however small, and a
 # spring of every warp, one on each of the four schedulers.
-_LAUNCH, _EXCHANGE, _LEAST, _A_SPRING = 3.5, 1.2, 0.2, 0.022
+_LAUNCH, _EXCHANGE, _LEAST, _A_SPRING = 3.5, 0.65, 0.05, 0.028
 _SCHEDULERS = 4
 _WHOLE_MESSAGES = 70  # compute capability of GPUs that read and write 16 bytes at once, times 10
 OUTSIDE = 1 << 30  # ring of a place without a member
