@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+BANKS = 8  # of 16 bytes: as many threads of a GPU read shared memory at once if each reads from another
+
 
 @dataclass(frozen=True)
 class Tiling:
@@ -17,13 +19,17 @@ class Tiling:
 
     members (M,): particles of all tiles behind one another, in each tile its own first, then ring after ring;
     ends (T, depth + 1): how many members of a tile lie within distance r of its own; inner (M,): whether a member lies
-    within distance depth - 1; spokes (inner members, W): where the W neighbours of a member lie in its tile.
+    within distance depth - 1; spokes (inner members, W): which members of its tile the W neighbours of a member are.
+    places (M,): where a member lies in the memory of its tile; turns (M,): all members once more, in each tile in the
+    order in which threads take them.
     """
 
     members: np.ndarray
     ends: np.ndarray
     inner: np.ndarray
     spokes: np.ndarray
+    places: np.ndarray
+    turns: np.ndarray
 
 
 def cut(layout: np.ndarray, size: int) -> np.ndarray:
@@ -73,4 +79,31 @@ def surround(tile: np.ndarray, neighbours: np.ndarray, depth: int) -> Tiling:
     by_key = np.argsort(key)
     wanted = home[inner, None] * count + neighbours[members[inner]]
     spokes = place[by_key[np.searchsorted(key[by_key], wanted)]]
-    return Tiling(members, ends, inner, spokes)
+    places = _places(members, home)
+    return Tiling(members, ends, inner, spokes, places, _turns(places, ring, home))
+
+
+def _places(members: np.ndarray, home: np.ndarray) -> np.ndarray:
+    """Places (M,) by the order of particles, so that a neighbour in a grid is equally far from all, and rows begin an
+    odd number of places from one another, so that particles of a column lie in different banks."""
+    order = np.lexsort((members, home))
+    begins = np.r_[True, (np.diff(members[order]) != 1) | (np.diff(home[order]) != 0)]
+    row = np.cumsum(begins) - 1
+    length = np.bincount(row)
+    gap = (length % 2 == 0) & (length > 2)
+    place = np.arange(len(members)) + (np.cumsum(gap) - gap)[row]
+    first = np.searchsorted(home[order], home[order])
+    places = np.empty_like(place)
+    places[order] = place - place[first]
+    return places
+
+
+def _turns(places: np.ndarray, ring: np.ndarray, home: np.ndarray) -> np.ndarray:
+    """Members (M,) ring after ring, in each one of every bank after the other: their neighbours then lie in different
+    banks as well."""
+    bank = places % BANKS
+    order = np.lexsort((places, bank, ring, home))
+    alike = (home[order] * (ring.max() + 1) + ring[order]) * BANKS + bank[order]
+    nth = np.empty_like(places)
+    nth[order] = np.arange(len(order)) - np.searchsorted(alike, alike)
+    return np.lexsort((bank, nth, ring, home))

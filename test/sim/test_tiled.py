@@ -11,7 +11,7 @@ from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, S
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules import tiled
 from cloth_sim_ros.sim.schedules.tile_kernels import make_kernels
-from cloth_sim_ros.sim.tiling import cut, surround
+from cloth_sim_ros.sim.tiling import BANKS, cut, surround
 
 SPRINGS = {"stretch_compliance": 1e-3, "shear_compliance": 1e-3}
 
@@ -82,6 +82,33 @@ def test_a_halo_holds_what_is_within_so_many_springs_and_knows_its_neighbours():
         inner = members[: tiling.ends[one, depth - 1]]
         found = spokes[starts[one] : starts[one] + len(inner)]
         assert np.array_equal(members[found], neighbours[inner])
+
+
+@pytest.mark.parametrize(("size", "depth"), [(32, 4), (32, 6), (64, 4), (128, 4)])
+def test_eight_threads_read_neighbours_from_eight_banks(size, depth):
+    n = 64
+    row, column = np.divmod(np.arange(n * n), n)
+    moves = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]
+    beside = [np.clip(row + a, 0, n - 1) * n + np.clip(column + b, 0, n - 1) for a, b in moves]
+    tile = cut(np.stack([column, row, 0 * row], 1).astype(float), size)
+    tiling = surround(tile, np.stack(beside, 1), depth)
+    starts = np.concatenate([[0], np.cumsum(tiling.ends[:, -1])])
+    spokes = np.full((len(tiling.members), 8), -1)
+    spokes[tiling.inner] = tiling.spokes
+    waits, least = 0, 0
+    for one, (first, end) in enumerate(zip(starts[:-1], starts[1:], strict=True)):
+        places = tiling.places[first:end]
+        assert len(np.unique(places)) == end - first and places.max() < 1.25 * (end - first)
+        turns = tiling.turns[first:end]
+        assert np.array_equal(np.sort(turns), np.arange(first, end))
+        for ring in range(depth):
+            mine = turns[: tiling.ends[one, ring]]
+            assert set(mine) == set(range(first, first + len(mine)))
+            for group in np.split(mine, range(8, len(mine), 8)):
+                banks = tiling.places[first + spokes[group]] % BANKS
+                waits += sum(np.bincount(each).max() for each in banks.T)
+                least += 8
+    assert waits < 1.25 * least
 
 
 @pytest.mark.parametrize("iterations", [1, 2])

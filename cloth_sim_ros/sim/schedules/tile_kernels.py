@@ -32,8 +32,8 @@ def make_kernels(
 ) -> dict[str, wp.Kernel]:
     """The kernels for tiles of `capacity` places, `width` springs and `panels` at a particle.
 
-    With a thread for every member (block = capacity) it and its springs are read once a launch and stay in registers;
-    on a CPU, where one thread has them all (block = 1), they are read every substep. Where a tile `waits` for its
+    With a thread for every member (block > 1) it and its springs are read once a launch and stay in registers; on a
+    CPU, where one thread has them all (block = 1), they are read every substep. Where a tile `waits` for its
     neighbours, a launch is a whole frame.
     """
     contact = make_contact(features) if features.shapes else None
@@ -133,7 +133,7 @@ def make_kernels(
     def substep(
         q: int,
         n: int,
-        t: int,
+        mine: int,
         k: int,
         turns: int,
         now: Carried,
@@ -157,9 +157,23 @@ def make_kernels(
         if wp.static(keeps):
             if k < turns:
                 then = move(
-                    n, t, now, here, springs, sweep, slot + t, colliders, s, tiles, material, frame, step, still, shared
+                    n,
+                    mine,
+                    now,
+                    here,
+                    springs,
+                    sweep,
+                    slot + mine,
+                    colliders,
+                    s,
+                    tiles,
+                    material,
+                    frame,
+                    step,
+                    still,
+                    shared,
                 )
-                store(then, shared, there + t)
+                store(then, shared, there + mine)
                 now.x = then.x
                 now.low = then.low
                 now.v = then.v
@@ -215,15 +229,18 @@ def make_kernels(
         shared = tile_address(wp.tile_empty(shape=(wp.static(6 * capacity),), dtype=wp.vec4, storage="shared"))
         before = buffer_of(s, tiles, side, w)
         now = Carried()
-        for i in range(t, wp.static(capacity), wp.static(block)):
+        mine = t
+        if wp.static(keeps):
+            mine = tiles.places[n * wp.static(block) + t]
+        for i in range(mine, wp.static(capacity), wp.static(capacity if keeps else 1)):
             g = tiles.members[n * wp.static(capacity) + i]
             now.x = load4(before.positions, g)
             now.low = xyz(load4(before.low, g))
             now.v = xyz(load4(before.velocities, g))
             store(now, shared, i)
             store(now, shared, wp.static(3 * capacity) + i)  # where what is pinned stays
-        springs = gather(n, t, m, tiles, constants)
-        ring = tiles.rings[n * wp.static(capacity) + t]
+        springs = gather(n, mine, m, tiles, constants)
+        ring = tiles.rings[n * wp.static(capacity) + mine]
         end = wp.min(count, depth)  # of the substeps for which the halo lasts
         turns = end
         if wp.static(keeps):
@@ -232,7 +249,7 @@ def make_kernels(
             turns -= lag
         exchange = Exchange()
         if wp.static(waits):
-            exchange = exchange_of(tiles.members[n * wp.static(capacity) + t], w, s, tiles)
+            exchange = exchange_of(tiles.members[n * wp.static(capacity) + mine], w, s, tiles)
         sync()
         still = eased_by(frame.global_damping, step)
         for k in range(0, count, wp.static(2 if keeps else 1)):
@@ -252,7 +269,7 @@ def make_kernels(
                             s.faulty[body] = 1
                     exchange.side = 1 - exchange.side
                     turns = end - lag
-                    store(now, shared, t)
+                    store(now, shared, mine)
                     sync()
             if wp.static(bool(features.shapes)):
                 if k % wp.static(SWEPT) == 0:
@@ -262,7 +279,7 @@ def make_kernels(
             now = substep(
                 q,
                 n,
-                t,
+                mine,
                 k,
                 turns,
                 now,
@@ -284,7 +301,7 @@ def make_kernels(
                 now = substep(
                     q,
                     n,
-                    t,
+                    mine,
                     k + 1,
                     turns,
                     now,
@@ -302,7 +319,7 @@ def make_kernels(
                     shared,
                 )
         after = buffer_of(s, tiles, 1 - side, w)
-        for i in range(t, wp.static(capacity), wp.static(block)):
+        for i in range(mine, wp.static(capacity), wp.static(capacity if keeps else 1)):
             if tiles.rings[n * wp.static(capacity) + i] == 0:
                 g = tiles.members[n * wp.static(capacity) + i]
                 if wp.static(not keeps):

@@ -43,7 +43,7 @@ class Tiled:
         self.depth, self.waits = chosen.depth, chosen.waits
         self._tiles = upload(chosen, worlds, features, device)
         self._count = len(worlds) * self._tiles.body.shape[0]
-        self._block = 1 if device.is_cpu else chosen.capacity
+        self._block = 1 if device.is_cpu else chosen.threads
         widths = chosen.around[0].types.shape[1], chosen.around[0].corners.shape[1]
         self._kernels = make_kernels(features, chosen.capacity, self._block, *widths, chosen.waits)
         self._frames = Frames(self._launch_frame, device)

@@ -24,16 +24,18 @@ _SCHEDULERS = 4
 _WHOLE_MESSAGES = 70  # compute capability of GPUs that read and write 16 bytes at once, times 10
 OUTSIDE = 1 << 30  # ring of a place without a member
 _WHOLE_FRAME = 1 << 30  # substeps a launch of bodies of one tile, which have no halo
-_BYTES_A_MEMBER = 96  # positions, low parts and velocities of two substeps
+_BYTES_A_MEMBER = 120  # positions, low parts and velocities of two substeps, and a gap after every fourth member
 _RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 _ARENA = 1 << 18  # bytes of a CPU's stand-in for shared memory
 
 
 @wp.struct
 class Tiles:
-    """All T tiles of a batch, each of `capacity` C places, and the second buffer of what they exchange."""
+    """All T tiles of a batch, each of C places (`capacity`) and B threads, and the second buffer of what they
+    exchange."""
 
     body: wp.array(dtype=int)  # (T,)
+    places: wp.array(dtype=int)  # (T B,) the place of each thread
     members: wp.array(dtype=int)  # (T C,) particles, counted in the batch
     rings: wp.array(dtype=int)  # (T C,) distance of a member from the tile's own particles, OUTSIDE where there is none
     spokes: wp.array(dtype=int)  # (T W C,) place of the other particle + PLACES x type
@@ -79,9 +81,14 @@ class Plan:
     waits: bool
 
     @property
-    def capacity(self) -> int:
-        """Places of a tile: its members, rounded up to whole warps."""
+    def threads(self) -> int:
+        """Threads of a tile: one for each of its members, rounded up to whole warps."""
         return -(-max(int(tiling.ends[:, -1].max()) for tiling in self.tilings) // 32) * 32
+
+    @property
+    def capacity(self) -> int:
+        """Places of a tile; the last is for threads without a member."""
+        return max(int(tiling.places.max()) for tiling in self.tilings) + 2
 
 
 def plan(
@@ -214,26 +221,32 @@ def _panels_around(model: Model, starts: np.ndarray, most: int) -> tuple[np.ndar
 def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.Device) -> Tiles:
     """The tiles of all bodies on the device, with the second buffer of all worlds behind one another, and messages."""
     arrays = worlds[0]
-    capacity = chosen.capacity
-    body, parts = [], {"members": [], "rings": [], "spokes": [], "panels": []}
+    capacity, threads = chosen.capacity, chosen.threads
+    body, parts = [], {"places": [], "members": [], "rings": [], "spokes": [], "panels": []}
     starts = [body[2] for body in arrays.model.bodies.numpy().tolist()]
     for b, (tiling, around) in enumerate(zip(chosen.tilings, chosen.around, strict=True)):
         sizes, width = tiling.ends[:, -1], around.types.shape[1]
         tiles = len(sizes)
         body += [b] * tiles
-        place = np.arange(len(tiling.members)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+        first = np.repeat(np.cumsum(sizes) - sizes, sizes)
+        nth = np.arange(len(tiling.members)) - first
         tile = np.repeat(np.arange(tiles), sizes)
+        places = np.full((tiles, threads), capacity - 1)
+        places[tile, nth] = tiling.places[tiling.turns]
+        place = tiling.places
         members = np.repeat(tiling.members[np.cumsum(sizes) - sizes][:, None], capacity, axis=1)
         members[tile, place] = tiling.members
         rings = np.full((tiles, capacity), OUTSIDE)
-        rings[tile, place] = (place[:, None] >= tiling.ends[tile]).sum(axis=1)
+        rings[tile, place] = (nth[:, None] >= tiling.ends[tile]).sum(axis=1)
         inner, at = tiling.members[tiling.inner], (tile[tiling.inner], slice(None), place[tiling.inner])
+        around_them = place[first[tiling.inner][:, None] + tiling.spokes]
         spokes = np.zeros((tiles, width, capacity), dtype=np.int64)
-        spokes[at] = tiling.spokes[:, :width] + PLACES * around.types[inner]
+        spokes[at] = around_them[:, :width] + PLACES * around.types[inner]
         panels = np.full((tiles, around.corners.shape[1], capacity), 3 * PLACES**2)
-        panels[at] = tiling.spokes[:, width::2] + PLACES * (
-            tiling.spokes[:, width + 1 :: 2] + PLACES * around.corners[inner]
+        panels[at] = around_them[:, width::2] + PLACES * (
+            around_them[:, width + 1 :: 2] + PLACES * around.corners[inner]
         )
+        parts["places"].append(places.ravel())
         for name, rows in (("members", members + starts[b]), ("rings", rings), ("spokes", spokes), ("panels", panels)):
             parts[name].append(rows.ravel())
     found = Tiles()
