@@ -65,47 +65,32 @@ def springs_of(body: Body, material: Material, step: Step) -> Springs:
     return springs
 
 
-def make_corners(rows):
-    """How the corners of a cell come and go; `rows` are those of a block's shared memory (schedules/native.py), or None
-    where particles lie at addresses."""
+@wp.func
+def corner(i: int, x: wp.uint64, d: wp.uint64) -> Corner:
+    found = Corner()
+    found.i = i
+    found.x = load4(x, i)
+    found.d = load4(d, i)
+    return found
 
-    @wp.func
-    def corner(i: int, base: int, x: wp.uint64, d: wp.uint64) -> Corner:
-        found = Corner()
-        found.i = i
-        if wp.static(rows is not None):
-            found.x = rows.position(base + 16 * i)
-            found.d = rows.displacement(base + 16 * i)
-        else:
-            found.x = load4(x, i)
-            found.d = load4(d, i)
-        return found
 
-    @wp.func
-    def corners_of(record: wp.vec4i, base: int, x: wp.uint64, d: wp.uint64) -> Corners:
-        q = Corners()
-        q.a = corner(index_of(record[0]), base, x, d)
-        q.b = corner(index_of(record[1]), base, x, d)
-        q.c = corner(record[2], base, x, d)
-        q.e = corner(record[3], base, x, d)
-        return q
+@wp.func
+def corners_of(record: wp.vec4i, x: wp.uint64, d: wp.uint64) -> Corners:
+    q = Corners()
+    q.a = corner(index_of(record[0]), x, d)
+    q.b = corner(index_of(record[1]), x, d)
+    q.c = corner(record[2], x, d)
+    q.e = corner(record[3], x, d)
+    return q
 
-    @wp.func
-    def put(i: Corner, base: int, d: wp.uint64):
-        if wp.static(rows is not None):
-            rows.displace(base + 16 * i.i, i.d)
-        else:
-            store_xyz(d, i.i, i.d)
 
-    @wp.func
-    def put_corners(q: Corners, base: int, d: wp.uint64):
-        put(q.a, base, d)
-        put(q.b, base, d)
-        if q.c.i != q.a.i:  # a lone spring is a cell of two particles, each there twice
-            put(q.c, base, d)
-            put(q.e, base, d)
-
-    return corners_of, put_corners
+@wp.func
+def put_corners(q: Corners, d: wp.uint64):
+    store_xyz(d, q.a.i, q.a.d)
+    store_xyz(d, q.b.i, q.b.d)
+    if q.c.i != q.a.i:  # a lone spring is a cell of two particles, each there twice
+        store_xyz(d, q.c.i, q.c.d)
+        store_xyz(d, q.e.i, q.e.d)
 
 
 @wp.func
@@ -329,10 +314,9 @@ def is_plain(material: Material, step: Step) -> bool:
     return not (step.store or step.collapsed or material.damping > 0.0)
 
 
-def make_project_plainly(order: int, rows=None):
+def make_project_plainly(order: int):
     """The projection of cell k, whose record the schedule has fetched, where all that is_plain."""
     project_corners = make_project_corners(order, "quick")
-    corners_of, put_corners = make_corners(rows)
 
     @wp.func
     def project_plainly(
@@ -344,25 +328,23 @@ def make_project_plainly(order: int, rows=None):
         body: Body,
         material: Material,
         step: Step,
-        base: int,
         x: wp.uint64,
         low: wp.uint64,
         d: wp.uint64,
     ):
-        q = corners_of(record, base, x, d)
-        put_corners(project_corners(q, record, k, springs, m, s, body, material, step, low), base, d)
+        q = corners_of(record, x, d)
+        put_corners(project_corners(q, record, k, springs, m, s, body, material, step, low), d)
 
     return project_plainly
 
 
-def make_project(order: int, rows=None, stores: bool = True):
+def make_project(order: int, stores: bool = True):
     """The projection of cell k, whose record the schedule has fetched, in every case.
 
     Unless it `stores`, for a sweep that is the only one of its substep, without multipliers and collapsed springs.
     """
     plainly, repeatedly = make_project_corners(order, "quick"), make_project_corners(order, "repeated")
     damped, carefully = make_project_corners(order, "damped"), make_project_corners(order, "careful")
-    corners_of, put_corners = make_corners(rows)
 
     @wp.func
     def project_cell(
@@ -374,22 +356,21 @@ def make_project(order: int, rows=None, stores: bool = True):
         body: Body,
         material: Material,
         step: Step,
-        base: int,
         x: wp.uint64,
         low: wp.uint64,
         d: wp.uint64,
     ):
-        q = corners_of(record, base, x, d)
+        q = corners_of(record, x, d)
         if wp.static(stores):
             if step.collapsed or (material.damping > 0.0 and step.store):
-                put_corners(carefully(q, record, k, springs, m, s, body, material, step, low), base, d)
+                put_corners(carefully(q, record, k, springs, m, s, body, material, step, low), d)
                 return
             if step.store:
-                put_corners(repeatedly(q, record, k, springs, m, s, body, material, step, low), base, d)
+                put_corners(repeatedly(q, record, k, springs, m, s, body, material, step, low), d)
                 return
         if material.damping > 0.0:
-            put_corners(damped(q, record, k, springs, m, s, body, material, step, low), base, d)
+            put_corners(damped(q, record, k, springs, m, s, body, material, step, low), d)
         else:
-            put_corners(plainly(q, record, k, springs, m, s, body, material, step, low), base, d)
+            put_corners(plainly(q, record, k, springs, m, s, body, material, step, low), d)
 
     return project_cell

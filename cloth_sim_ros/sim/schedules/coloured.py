@@ -383,7 +383,6 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
                 here.body,
                 arrays.materials[b],
                 here.step,
-                0,
                 here.x,
                 here.low,
                 here.d,

@@ -20,22 +20,6 @@ return wp::vec4(f.x, f.y, f.z, f.w);
 return ((const wp::vec4*)address)[i];
 #endif
 """
-_LOAD_ROW = """
-#if defined(__CUDA_ARCH__)
-float a, b, c, d;
-asm volatile("ld.shared.v4.f32 {{%0, %1, %2, %3}}, [%4 + {offset}];"
-             : "=f"(a), "=f"(b), "=f"(c), "=f"(d) : "r"(row) : "memory");
-return wp::vec4(a, b, c, d);
-#else
-return wp::vec4();
-#endif
-"""
-_STORE_ROW = """
-#if defined(__CUDA_ARCH__)
-asm volatile("st.shared.v4.f32 [%0 + {offset}], {{%1, %2, %3, %4}};"
-             :: "r"(row), "f"(v[0]), "f"(v[1]), "f"(v[2]), "f"(v[3]) : "memory");
-#endif
-"""
 _LOAD_PAIR = """
 #if defined(__CUDA_ARCH__)
 int2 pair = ((const int2*)values.data)[i];
@@ -213,31 +197,3 @@ def make_tile_address(capacity: int, row: int = 0):
     def tile_address(tile: wp.tile[wp.vec4, capacity]) -> wp.uint64: ...
 
     return tile_address
-
-
-class SharedRows:
-    """Warp functions for a shared tile that holds `parts` times a vec4 of `count` particles: `addresses` gives where
-    each part begins. For CUDA kernels alone.
-
-    The hottest loops read and write the first two parts, positions and displacements, by rows: one is 16 bytes behind
-    the one before. The compiler would compute the base of shared memory anew for every cell, through a slow special
-    register: `base` is a number of which it does not see whence it comes.
-    """
-
-    def __init__(self, count: int, parts: int) -> None:
-        self.size = capacity = parts * count
-        self.addresses = [make_tile_address(capacity, part * count) for part in range(parts)]
-
-        @wp.func_native("return __shfl_sync(0xffffffffu, (int)__cvta_generic_to_shared(tile.data.ptr), 0);")
-        def base(tile: wp.tile[wp.vec4, capacity]) -> int: ...
-
-        @wp.func_native(_LOAD_ROW.format(offset=0))
-        def position(row: int) -> wp.vec4: ...
-
-        @wp.func_native(_LOAD_ROW.format(offset=16 * count))
-        def displacement(row: int) -> wp.vec4: ...
-
-        @wp.func_native(_STORE_ROW.format(offset=16 * count))
-        def displace(row: int, v: wp.vec4): ...
-
-        self.base, self.position, self.displacement, self.displace = base, position, displacement, displace

@@ -185,9 +185,8 @@ def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kern
     the last of them."""
     predict, finish = make_predict(features), make_finish(features)
     contact = make_contact(features) if features.shapes else None
-    rows = native.SharedRows(capacity, 3)
-    x_address, d_address, low_address = rows.addresses
-    project = make_sweep_cells(features.order, rows if block > 1 else None, stores=False)
+    x_address, d_address, low_address = (native.make_tile_address(3 * capacity, part * capacity) for part in range(3))
+    project = make_sweep_cells(features.order, stores=False)
     buffer_of = make_buffer_of(Patches)
     argument = given_type(features)
     options = {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
@@ -224,13 +223,10 @@ def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kern
         body.cells_end = patches.cells[n][1]
         before = buffer_of(s, patches, substep % 2, w)
         after = buffer_of(s, patches, 1 - substep % 2, w)
-        tile = wp.tile_empty(shape=(wp.static(rows.size),), dtype=wp.vec4, storage="shared")
+        tile = wp.tile_empty(shape=(wp.static(3 * capacity),), dtype=wp.vec4, storage="shared")
         x = x_address(tile)
         d = d_address(tile)
         low = low_address(tile)
-        base = int(0)
-        if wp.static(block > 1):
-            base = rows.base(tile)
         # What the stages look up by particle they find by place: order 2 needs more than fits the shared memory.
         here = s
         if wp.static(features.order == 2):
@@ -265,7 +261,7 @@ def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kern
                     colliders[c], float(substep) / count, float(substep + 1) / count
                 )
         sync()
-        project(t, wp.static(block), m, here, body, material, step, base, x, low, d)
+        project(t, wp.static(block), m, here, body, material, step, x, low, d)
         for i in range(t, wp.static(capacity), wp.static(block)):
             g = patches.members[n * wp.static(capacity) + i]
             if g >= 0:

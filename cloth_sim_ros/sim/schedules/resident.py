@@ -112,9 +112,11 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     turn = make_turn(features.order) if features.winch else None
     # What every particle reads and writes once a substep lies in shared memory too where there is room.
     all_shared = "cell" in features.constraints and 0 < 3 * 16 * shared <= most_shared
-    rows = native.SharedRows(shared, 3 if all_shared else 2) if shared else None
-    x_address, other_address, low_address = (*rows.addresses, None)[:3] if shared else (None, None, None)
-    project_springs = make_sweep(features, shared > 0, rows)
+    tile_size = (3 if all_shared else 2) * shared
+    x_address, other_address, low_address = (
+        native.make_tile_address(tile_size, part * shared) if part * shared < tile_size else None for part in range(3)
+    )
+    project_springs = make_sweep(features, shared > 0)
     slots = 2 * SLOTS * block if shared and features.chain else 0
     span_address = native.make_tile_address(slots) if slots else None
     argument = given_type(features)
@@ -146,10 +148,9 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         x = native.array_address(s.positions, body.particles)
         d = native.array_address(s.displacements, body.particles)
         low = native.array_address(s.low, body.particles)
-        base = int(0)
         if wp.static(shared > 0):
             # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
-            tile = wp.tile_empty(shape=(wp.static(rows.size),), dtype=wp.vec4, storage="shared")
+            tile = wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared")
             x = x_address(tile)
             if wp.static(features.method == "verlet"):
                 low = other_address(tile)
@@ -157,7 +158,6 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 d = other_address(tile)
             if wp.static(all_shared):
                 low = low_address(tile)
-            base = rows.base(tile)
             for i in range(last - t, -1, -width):
                 store4(x, i, s.positions[body.particles + i])
                 if wp.static(all_shared or features.method == "verlet"):
@@ -219,7 +219,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                         step.torn = True
                     sync()
                 if wp.static(project_springs is not None):
-                    project_springs(t, width, m, s, body, material, step, base, x, low, d)
+                    project_springs(t, width, m, s, body, material, step, x, low, d)
                 if wp.static(project_tuple is not None):
                     for q in range(body.tuple_groups, body.groups_end):
                         group = m.groups[in_turn(q, body.tuple_groups, body.groups_end, step)]

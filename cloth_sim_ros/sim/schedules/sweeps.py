@@ -16,13 +16,10 @@ from cloth_sim_ros.sim.schedules.stages import in_turn
 from cloth_sim_ros.sim.state import Material, State
 
 
-def make_sweep(features: Features, shared: bool, rows=None):
-    """A Warp function: thread t of `width` projects its share of all colours or passes; None without springs.
-
-    rows: of the shared memory where particles lie (schedules/native.py), from `base`; None where they lie elsewhere.
-    """
+def make_sweep(features: Features, shared: bool):
+    """A Warp function: thread t of `width` projects its share of all colours or passes; None without springs."""
     if "cell" in features.constraints:
-        return make_sweep_cells(features.order, rows)
+        return make_sweep_cells(features.order)
     return make_sweep_springs(features.order, shared) if "spring" in features.constraints else None
 
 
@@ -39,7 +36,6 @@ def make_sweep_springs(order: int, shared: bool):
         body: Body,
         material: Material,
         step: Step,
-        base: int,
         x: wp.uint64,
         low: wp.uint64,
         d: wp.uint64,
@@ -74,12 +70,12 @@ def make_sweep_springs(order: int, shared: bool):
     return sweep_springs
 
 
-def make_sweep_cells(order: int, rows=None, stores: bool = True):
+def make_sweep_cells(order: int, stores: bool = True):
     """The sweep over cells of springs; unless it `stores`, with no regard to multipliers and collapsed springs.
 
     Passes hold multiples of `width` records, so that a barrier is due where a thread's next record is of another pass.
     """
-    plainly, in_every_case = make_project_plainly(order, rows), make_project_cell(order, rows, stores)
+    plainly, in_every_case = make_project_plainly(order), make_project_cell(order, stores)
 
     def make_loop(project):
         @wp.func
@@ -91,7 +87,6 @@ def make_sweep_cells(order: int, rows=None, stores: bool = True):
             body: Body,
             material: Material,
             step: Step,
-            base: int,
             x: wp.uint64,
             low: wp.uint64,
             d: wp.uint64,
@@ -107,7 +102,7 @@ def make_sweep_cells(order: int, rows=None, stores: bool = True):
             while left > 0:
                 record = ahead
                 ahead = load4i(m.cells, wp.clamp(k + stride, body.cells, body.cells_end - 1))
-                project(record, k, springs, m, s, body, material, step, base, x, low, d)
+                project(record, k, springs, m, s, body, material, step, x, low, d)
                 k += stride
                 left -= width
                 if has(record[1] ^ ahead[1], wp.static(ODD)):
@@ -127,15 +122,14 @@ def make_sweep_cells(order: int, rows=None, stores: bool = True):
         body: Body,
         material: Material,
         step: Step,
-        base: int,
         x: wp.uint64,
         low: wp.uint64,
         d: wp.uint64,
     ):
         if is_plain(material, step):
-            loop_plainly(t, width, m, s, body, material, step, base, x, low, d)
+            loop_plainly(t, width, m, s, body, material, step, x, low, d)
         else:
-            loop_in_every_case(t, width, m, s, body, material, step, base, x, low, d)
+            loop_in_every_case(t, width, m, s, body, material, step, x, low, d)
 
     return sweep_cells
 
