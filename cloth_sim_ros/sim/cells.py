@@ -19,6 +19,7 @@ SIDES, DIAGONALS = 1, 2  # what the cells of a pass hold, as flags
 INDEX = 24  # bits of an index
 DOUBLED, ALONE, TURNED = INDEX, INDEX + 4, INDEX + 5  # of its first number; DOUBLED of side 0, then the others
 HAS_SIDES, HAS_DIAGONALS, FAR, ODD = range(INDEX, INDEX + 4)  # of its second
+EMPTY = -1  # the last number of a record without a cell
 
 
 @dataclass(frozen=True)
@@ -54,12 +55,12 @@ class Pass:
         records = np.where(mirrored, self.particles[:, [1, 0, 3, 2]], self.particles)
         doubled = np.where(mirrored, self.doubled[:, [0, 1, 3, 2]], self.doubled)
         flags = doubled @ (1 << DOUBLED + np.arange(4)) + ((place >= self.whole) << ALONE) + (self.turned << TURNED)
-        records = np.pad(records, ((0, -len(records) % width), (0, 0)))
-        records[: len(flags), 0] += flags
-        records[: len(flags), 1] += (bool(self.holds & SIDES) << HAS_SIDES) + (
-            bool(self.holds & DIAGONALS) << HAS_DIAGONALS
-        )
-        records[:, 1] += ((self.kind == "bending") << FAR) + (odd << ODD)
+        records[:, 0] += flags
+        records[:, 1] += bool(self.holds & SIDES) << HAS_SIDES
+        records[:, 1] += bool(self.holds & DIAGONALS) << HAS_DIAGONALS
+        records[:, 1] += (self.kind == "bending") << FAR
+        records = np.concatenate([records, np.tile([0, 0, 0, EMPTY], (-len(records) % width, 1))])
+        records[:, 1] += odd << ODD
         return records.astype(np.int32)
 
 

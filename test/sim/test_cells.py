@@ -8,6 +8,7 @@ from cloth_sim_ros.sim.cells import (
     ALONE,
     DIAGONALS,
     DOUBLED,
+    EMPTY,
     FAR,
     HAS_DIAGONALS,
     HAS_SIDES,
@@ -29,8 +30,7 @@ def springs_of(one: Pass, grid_lengths) -> dict[tuple[str, int, int], tuple[floa
     """What the device makes of a pass: (kind, i, j) -> rest length and scale, from its records alone."""
     found = {}
     for record in one.records(odd=False, width=4):
-        if not record[1] >> HAS_SIDES & 3:  # there to fill up
-            assert not record[[0, 2, 3]].any()
+        if record[3] == EMPTY:  # there to fill up
             continue
         assert [record[1] >> flag & 1 for flag in (HAS_SIDES, HAS_DIAGONALS, FAR)] == [
             bool(one.holds & SIDES),

@@ -3,7 +3,7 @@ keep branches out of it, so that the roots and divisions of two springs are unde
 
 import warp as wp
 
-from cloth_sim_ros.sim.cells import ALONE, DOUBLED, FAR, HAS_DIAGONALS, HAS_SIDES, INDEX, TURNED
+from cloth_sim_ros.sim.cells import ALONE, DOUBLED, EMPTY, FAR, HAS_DIAGONALS, HAS_SIDES, INDEX, TURNED
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.distance import SHORTEST, elongation, opened, pull_along
 from cloth_sim_ros.sim.physics.integrate import Step
@@ -18,6 +18,11 @@ _SOFT = wp.constant(1.0e-20)  # [1/kg] keeps the divisor of a rigid spring betwe
 def has(number: int, flag: int) -> bool:
     """Whether a number of a record has a flag."""
     return (number >> flag) & 1 == 1
+
+
+@wp.func
+def is_empty(record: wp.vec4i) -> bool:
+    return record[3] == wp.static(EMPTY)
 
 
 @wp.func
@@ -110,7 +115,7 @@ class Pull:
 @wp.func
 def is_collapsed(record: wp.vec4i, x: wp.uint64) -> bool:
     """Whether a spring of the cell has no length, as it may after a start from a point."""
-    if not (has(record[1], wp.static(HAS_SIDES)) or has(record[1], wp.static(HAS_DIAGONALS))):
+    if is_empty(record):
         return False
     a = xyz(load4(x, index_of(record[0])))
     b = xyz(load4(x, index_of(record[1]))) - a
@@ -332,6 +337,8 @@ def make_project_plainly(order: int):
         low: wp.uint64,
         d: wp.uint64,
     ):
+        if is_empty(record):
+            return
         q = corners_of(record, x, d)
         put_corners(project_corners(q, record, k, springs, m, s, body, material, step, low), d)
 
@@ -360,6 +367,8 @@ def make_project(order: int, stores: bool = True):
         low: wp.uint64,
         d: wp.uint64,
     ):
+        if is_empty(record):
+            return
         q = corners_of(record, x, d)
         if wp.static(stores):
             if step.collapsed or (material.damping > 0.0 and step.store):
