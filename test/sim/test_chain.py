@@ -145,7 +145,10 @@ def test_wild_starts_never_gain_energy(device, load, name):
 
 @pytest.mark.parametrize(("substeps", "load"), [(1, 1.0), (1, 10.0), (5, 1e3), (20, 1e5), (80, 1e5)])
 def test_a_load_on_a_rigid_rope_swings_without_gain_in_one_iteration(device, substeps, load):
-    """The light particles turn far under it in a substep: what a linear solve leaves of that must not jerk the load."""
+    """The light particles turn far under it in a substep: what a linear solve leaves of that must not jerk the load.
+
+    Nor must a micrometre by which the start is not straight, beside which the rounding of any device is small.
+    """
     segments = 24
     masses = np.full(segments + 1, 0.2 / segments)
     masses[-1] += 0.2 * load
@@ -154,11 +157,13 @@ def test_a_load_on_a_rigid_rope_swings_without_gain_in_one_iteration(device, sub
     )
     for order in (1, 2):
         sim = Simulation(Scene(objects={"it": rope}), Settings(order=order, substeps=substeps), device=device)
+        crooked = np.random.default_rng(1).normal(0.0, 1e-6, (segments + 1, 3)) * (np.arange(segments + 1) > 0)[:, None]
+        sim.set_positions("it", sim.positions("it") + crooked)
         start = (masses * sim.positions("it")[:, 2]).sum()
         for _ in range(60):
             sim.step()
             speeds, heights = sim.velocities("it").astype(float), sim.positions("it")[:, 2]
             energy = 0.5 * (masses * (speeds**2).sum(1)).sum() + 9.81 * ((masses * heights).sum() - start)
-            assert energy < 0.02 * 9.81 * masses.sum(), order
+            assert energy < 1e-3 * 9.81 * masses.sum(), order
             lengths = np.linalg.norm(np.diff(sim.positions("it"), axis=0), axis=1)
             assert lengths == pytest.approx(np.full(segments, 0.7 * 2**0.5 / segments), rel=0.05), order

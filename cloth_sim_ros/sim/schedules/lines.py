@@ -32,10 +32,10 @@ from cloth_sim_ros.sim.state import Material, Segment, State
 LARGEST_TURN = wp.constant(0.09)
 ATTEMPTS = wp.constant(5)
 
-# Across, a linear solve leaves a segment too long by half the square of its turn. Left to the next substep, that would
-# jerk a load that outweighs the chain by far. Where the square is more than this [rad^2], another Newton step follows
-# at once, so that there are this many at most.
-SETTLED_TURN = wp.constant(2.0e-4)
+# Across, a linear solve leaves a segment too long by half the square of its turn. The next substep would take that back
+# at once: a load that outweighs the chain by far hops at that speed, falls into the slack, and gains energy. Where the
+# speed is more than this [m/s], another Newton step follows at once instead, so that there are this many at most.
+SETTLED_SPEED = wp.constant(1.0e-3)
 NEWTON_STEPS = wp.constant(8)
 
 # A chain was torn where a segment needs several attempts or changes its length by this share of it in a substep.
@@ -153,7 +153,7 @@ def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
 
 
 @wp.func
-def backward(segment: Segment, u: wp.vec3):
+def backward(segment: Segment, u: wp.vec3, h: float):
     """How the particle before a segment moves when the one behind it moves by u, and the segment with its new pull
     and turn, negative where it turns too far."""
     segment.moved = u
@@ -162,7 +162,7 @@ def backward(segment: Segment, u: wp.vec3):
     turned = segment.frame * (u - before)
     turn = quotient(turned[1] * turned[1] + turned[2] * turned[2], segment.reach * segment.reach)
     segment.too_far = wp.where(turn > LARGEST_TURN and turn > 2.0 * segment.turn, 1, 0)
-    segment.unsettled = wp.where(turn > SETTLED_TURN, 1, 0)
+    segment.unsettled = wp.where(0.5 * turn * segment.reach > SETTLED_SPEED * h, 1, 0)
     segment.turn = wp.max(turn, segment.turn)
     segment.torn = wp.where(wp.abs(turned[0]) > TORN * segment.reach, 1, 0)
     segment.pull = force[0]
@@ -269,7 +269,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                     k = share.end - 1 - r
                     if wp.static(stored):
                         segment = s.segments[body.segments + k]
-                    segment, u = backward(segment, u)
+                    segment, u = backward(segment, u, step.effective)
                     too_far += segment.too_far
                     torn += segment.torn
                     unsettled += segment.unsettled
