@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.sim.constraints.cell_lanes import LANES
 from cloth_sim_ros.sim.model import Features, Model, ModelArrays
 from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.patched import Patched, plan_patches
@@ -57,7 +58,7 @@ class Batch:
         self._reels = {name: _wound(topology) for name, topology in topologies.items() if topology.reel is not None}
         largest = max(len(topology.masses) for topology in topologies.values())
         self._threads = threads_for(features, largest, len(topologies) * worlds, device)
-        collected = ModelArrays(spokes=features.method == "verlet", width=self._threads)
+        collected = ModelArrays(spokes=features.method == "verlet", width=LANES if device.is_cpu else self._threads)
         for topology in topologies.values():
             collected.add(topology)
         self.spring_groups = collected.spring_groups

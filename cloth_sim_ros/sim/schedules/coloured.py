@@ -9,7 +9,8 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring, make_project_tuple
-from cloth_sim_ros.sim.constraints.cell import is_collapsed, springs_of
+from cloth_sim_ros.sim.constraints.cell import is_collapsed, is_plain, springs_of
+from cloth_sim_ros.sim.constraints.cell_lanes import LANES, project_lanes
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules.contact import make_contact
@@ -38,7 +39,8 @@ class Coloured:
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device):
         self._features, self._device = features, device
-        self._kernels = make_kernels(features)
+        self._kernels = make_kernels(features, device.is_cpu)
+        self._lanes = LANES if device.is_cpu else 1  # cells at a time
         self._worlds, self._given = len(worlds), gathered(worlds, device)
         arrays = worlds[0]
         self._colliders = arrays.colliders.shape[0]
@@ -124,8 +126,9 @@ class Coloured:
         for stage, (begin, end) in kinds.items():
             if stage in self._kernels:
                 sizes = [self._groups[g][3] - self._groups[g][2] for g in range(body[begin], body[end])]
+                each = self._lanes if stage == "cells" else 1
                 for g, size in enumerate(map(max, sizes, reversed(sizes)), body[begin]):
-                    self._launch(stage, size, b, iteration=turn, store=store, g=g)
+                    self._launch(stage, size // each, b, iteration=turn, store=store, g=g)
         if "edge" in self._features.constraints:
             for g in range(body["groups_end"], body["edge_groups_end"]):
                 self._launch("edges", self._groups[g][3] - self._groups[g][2], b, iteration=turn, g=g)
@@ -145,8 +148,8 @@ class Here:
 
 
 @lru_cache
-def make_kernels(features: Features) -> dict[str, wp.Kernel]:
-    """The kernels of the stages that `features` need, in one module of their own."""
+def make_kernels(features: Features, lanes: bool) -> dict[str, wp.Kernel]:
+    """The kernels of the stages that `features` need, in one module of their own; `lanes`: cells LANES at a time."""
     predict_particle, finish_particle = make_predict(features), make_finish(features)
     panel_force = make_panel(features) if features.panels else None
     contact_particle = make_contact(features) if features.shapes else None
@@ -155,7 +158,7 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
     project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features, 1, True) if features.chain else None
     turn = make_turn(features.order) if features.winch else None
-    module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}")
+    module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}{'.lanes' if lanes else ''}")
     wp.set_module_options(CPU_FLAGS, module)
     kernels: dict[str, wp.Kernel] = {}
     argument = given_type(features)
@@ -371,22 +374,30 @@ def make_kernels(features: Features) -> dict[str, wp.Kernel]:
         def cells(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             here = look(arrays, b, iteration, store)
             group = arrays.model.groups[in_turn(g, here.body.groups, here.body.tuple_groups, here.step)]
-            k = group[2] + i
+            k = group[2] + i * wp.static(LANES if lanes else 1)
             if k >= group[3]:
                 return
-            project_one_cell(
-                load4i(arrays.model.cells, k),
-                k,
-                springs_of(here.body, arrays.materials[b], here.step),
-                arrays.model,
-                arrays.state,
-                here.body,
-                arrays.materials[b],
-                here.step,
-                here.x,
-                here.low,
-                here.d,
-            )
+            material = arrays.materials[b]
+            springs = springs_of(here.body, material, here.step)
+            m = arrays.model
+            if wp.static(lanes):
+                if is_plain(material, here.step):
+                    project_lanes(k, springs, m, here.x, here.d)
+                    return
+            for n in range(k, wp.min(k + wp.static(LANES if lanes else 1), group[3])):
+                project_one_cell(
+                    load4i(m.cells, n),
+                    n,
+                    springs,
+                    m,
+                    arrays.state,
+                    here.body,
+                    material,
+                    here.step,
+                    here.x,
+                    here.low,
+                    here.d,
+                )
 
     if project_one_tuple is not None:
 

@@ -14,6 +14,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim import cells, patches
+from cloth_sim_ros.sim.constraints.cell_lanes import LANES
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules import native
@@ -23,7 +24,7 @@ from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, xyz
 from cloth_sim_ros.sim.schedules.resident import CELL_THREADS, shared_memory
 from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_collider
-from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells
+from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells, make_sweep_lanes
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
 from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, Sweep, gathered, given_type
@@ -111,7 +112,7 @@ class Patched:
         self._whole = Coloured(features, worlds, device)
         largest = max(len(one.particles) for body in chosen.bodies for patch in body for one in patch.passes)
         self._block = 1 if device.is_cpu else min(CELL_THREADS, -(-largest // 32) * 32)
-        self._patches = _upload(chosen, worlds, self._block, device)
+        self._patches = _upload(chosen, worlds, LANES if device.is_cpu else self._block, device)
         self._count = len(worlds) * self._patches.body.shape[0]
         self._kernel, self._hand_over = make_kernels(features, chosen.capacity, self._block)
         self._looks_back, self._bodies = features.looks_back, len(worlds) * len(chosen.bodies)
@@ -186,7 +187,7 @@ def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kern
     predict, finish = make_predict(features), make_finish(features)
     contact = make_contact(features) if features.shapes else None
     x_address, d_address, low_address = (native.make_tile_address(3 * capacity, part * capacity) for part in range(3))
-    project = make_sweep_cells(features.order, stores=False)
+    project = make_sweep_lanes(features.order) if block == 1 else make_sweep_cells(features.order, stores=False)
     buffer_of = make_buffer_of(Patches)
     argument = given_type(features)
     options = {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}

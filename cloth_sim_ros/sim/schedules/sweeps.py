@@ -9,6 +9,7 @@ import warp as wp
 from cloth_sim_ros.sim.cells import ODD
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring
 from cloth_sim_ros.sim.constraints.cell import has, is_collapsed, is_plain, make_project_plainly, springs_of
+from cloth_sim_ros.sim.constraints.cell_lanes import LANES, project_lanes
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.native import array_address, load4, load4i, sync, sync_any
@@ -19,7 +20,7 @@ from cloth_sim_ros.sim.state import Material, State
 def make_sweep(features: Features, shared: bool):
     """A Warp function: thread t of `width` projects its share of all colours or passes; None without springs."""
     if "cell" in features.constraints:
-        return make_sweep_cells(features.order)
+        return make_sweep_cells(features.order) if shared else make_sweep_lanes(features.order)
     return make_sweep_springs(features.order, shared) if "spring" in features.constraints else None
 
 
@@ -70,8 +71,45 @@ def make_sweep_springs(order: int, shared: bool):
     return sweep_springs
 
 
+def make_sweep_lanes(order: int):
+    """The sweep over cells of springs on a CPU, LANES at a time."""
+    project_cell = make_project_cell(order)
+
+    @wp.func
+    def sweep_lanes(
+        t: int,
+        width: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        low: wp.uint64,
+        d: wp.uint64,
+    ):
+        springs = springs_of(body, material, step)
+        backward = goes_backward(body, step)
+        if is_plain(material, step):
+            for n in range(0, body.cells_end - body.cells, wp.static(LANES)):
+                k = wp.where(backward, body.cells_end - wp.static(LANES) - n, body.cells + n)
+                project_lanes(k, springs, m, x, d)
+        else:
+            for n in range(body.cells_end - body.cells):
+                k = wp.where(backward, body.cells_end - 1 - n, body.cells + n)
+                project_cell(load4i(m.cells, k), k, springs, m, s, body, material, step, x, low, d)
+
+    return sweep_lanes
+
+
+@wp.func
+def goes_backward(body: Body, step: Step) -> bool:
+    """Whether passes come in the opposite order (see in_turn)."""
+    return step.backward and body.tuple_groups - body.groups > 2
+
+
 def make_sweep_cells(order: int, stores: bool = True):
-    """The sweep over cells of springs; unless it `stores`, with no regard to multipliers and collapsed springs.
+    """The sweep over cells of springs on a GPU; unless it `stores`, without multipliers and collapsed springs.
 
     Passes hold multiples of `width` records, so that a barrier is due where a thread's next record is of another pass.
     """
@@ -94,7 +132,7 @@ def make_sweep_cells(order: int, stores: bool = True):
             springs = springs_of(body, material, step)
             k = body.cells + t
             stride = width
-            if step.backward and body.tuple_groups - body.groups > 2:  # see in_turn
+            if goes_backward(body, step):
                 k = body.cells_end - width + t
                 stride = -width
             ahead = load4i(m.cells, k)

@@ -1,0 +1,136 @@
+"""Eight cells at a time in the vector registers of a CPU: the projection of cell.py where nobody reads multipliers.
+
+Cells of a pass share no particle, so that eight of them go through the same instructions side by side; only rows of
+memory have to be turned into vectors and back. Compilers do not find this by themselves.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.cells import ALONE, DOUBLED, FAR, HAS_DIAGONALS, HAS_SIDES, INDEX, TURNED
+from cloth_sim_ros.sim.constraints.cell import Springs
+from cloth_sim_ros.sim.model import Model
+
+LANES = 8
+
+_PROJECT = f"""
+#if !defined(__CUDA_ARCH__)
+typedef float Lanes __attribute__((ext_vector_type({LANES})));
+typedef int Flags __attribute__((ext_vector_type({LANES})));
+struct Corner {{
+    int at[{LANES}];
+    Lanes x[4], d[4];  // the fourth of d is the inverse mass
+}};
+const int* records = (const int*)(cells.data + first);
+Flags flags;
+Corner corners[4];
+int count = 0;
+for (int lane = 0; lane < {LANES}; ++lane) {{
+    const int* record = records + 4 * lane;
+    const bool empty = record[3] < 0;
+    count += !empty;
+    if (empty) record = records;  // any that is there: what comes of it is not stored
+    flags[lane] = record[0];
+    for (int c = 0; c < 4; ++c) corners[c].at[lane] = record[c] & {(1 << INDEX) - 1};
+}}
+// Rows of four numbers to four vectors, and back.
+auto turn = [](uint64_t address, const int* at, Lanes* to) {{
+    typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
+    const Row* rows = (const Row*)address;
+    auto two = [&](int lane) {{
+        return __builtin_shufflevector(rows[at[lane]], rows[at[lane + 4]], 0, 1, 2, 3, 4, 5, 6, 7);
+    }};
+    const Lanes a = two(0), b = two(1), c = two(2), e = two(3);
+    const Lanes ab = __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13);
+    const Lanes AB = __builtin_shufflevector(a, b, 2, 10, 3, 11, 6, 14, 7, 15);
+    const Lanes ce = __builtin_shufflevector(c, e, 0, 8, 1, 9, 4, 12, 5, 13);
+    const Lanes CE = __builtin_shufflevector(c, e, 2, 10, 3, 11, 6, 14, 7, 15);
+    to[0] = __builtin_shufflevector(ab, ce, 0, 1, 8, 9, 4, 5, 12, 13);
+    to[1] = __builtin_shufflevector(ab, ce, 2, 3, 10, 11, 6, 7, 14, 15);
+    to[2] = __builtin_shufflevector(AB, CE, 0, 1, 8, 9, 4, 5, 12, 13);
+    to[3] = __builtin_shufflevector(AB, CE, 2, 3, 10, 11, 6, 7, 14, 15);
+}};
+for (int c = 0; c < 4; ++c) {{
+    turn(x, corners[c].at, corners[c].x);
+    turn(d, corners[c].at, corners[c].d);
+}}
+const Lanes there = (flags >> {ALONE} & 1) != 0 ? Lanes(0.0f) : Lanes(1.0f);  // of springs that lone ones lack
+auto pull = [](Corner& i, Corner& j, Lanes rest, Lanes alpha, Lanes there) {{
+    Lanes e[3];
+    for (int axis = 0; axis < 3; ++axis) e[axis] = (j.x[axis] - i.x[axis]) + (j.d[axis] - i.d[axis]);
+    const Lanes square = e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + 1.0e-24f;
+    const Lanes length = __builtin_elementwise_sqrt(square);
+    const Lanes share = there * (length - rest) / (((i.d[3] + j.d[3]) + alpha) * length);
+    for (int axis = 0; axis < 3; ++axis) {{
+        i.d[axis] += i.d[3] * share * e[axis];
+        j.d[axis] -= j.d[3] * share * e[axis];
+    }}
+}};
+auto compliance = [&](float alpha, int side) {{
+    const Flags doubled = (flags >> ({DOUBLED} + side) & 1) != 0;
+    return doubled ? Lanes(2.0f * alpha) : Lanes(alpha);
+}};
+Corner &a = corners[0], &b = corners[1], &c = corners[2], &e = corners[3];
+if (records[1] >> {HAS_SIDES} & 1) {{
+    const bool far_apart = records[1] >> {FAR} & 1;
+    const float stride = far_apart ? 2.0f : 1.0f, alpha = far_apart ? far : near;
+    const Lanes across = stride * spacing[1];
+    const Flags turned = (flags >> {TURNED} & 1) != 0;
+    const Lanes along = turned ? across : Lanes(stride * spacing[0]);
+    pull(a, b, along, compliance(alpha, 0), 1.0f);
+    pull(c, e, along, compliance(alpha, 1), 1.0f);
+    pull(a, c, across, compliance(alpha, 2), there);
+    pull(b, e, across, compliance(alpha, 3), there);
+}}
+if (records[1] >> {HAS_DIAGONALS} & 1) {{
+    pull(a, e, spacing[2], diagonal, there);
+    pull(b, c, spacing[2], diagonal, there);
+}}
+const bool whole = count == {LANES} && !__builtin_reduce_or(flags >> {ALONE} & 1);
+for (int n = 0; n < 4; ++n) {{
+    typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
+    const Lanes* from = corners[n].d;
+    Lanes low = __builtin_shufflevector(from[0], from[1], 0, 8, 1, 9, 4, 12, 5, 13);
+    Lanes LOW = __builtin_shufflevector(from[0], from[1], 2, 10, 3, 11, 6, 14, 7, 15);
+    Lanes high = __builtin_shufflevector(from[2], from[3], 0, 8, 1, 9, 4, 12, 5, 13);
+    Lanes HIGH = __builtin_shufflevector(from[2], from[3], 2, 10, 3, 11, 6, 14, 7, 15);
+    const Lanes rows[4] = {{
+        __builtin_shufflevector(low, high, 0, 1, 8, 9, 4, 5, 12, 13),
+        __builtin_shufflevector(low, high, 2, 3, 10, 11, 6, 7, 14, 15),
+        __builtin_shufflevector(LOW, HIGH, 0, 1, 8, 9, 4, 5, 12, 13),
+        __builtin_shufflevector(LOW, HIGH, 2, 3, 10, 11, 6, 7, 14, 15)
+    }};
+    Row* to = (Row*)d;
+    const int* at = corners[n].at;
+    if (whole) {{
+        for (int lane = 0; lane < 4; ++lane) {{
+            to[at[lane]] = rows[lane].lo;
+            to[at[lane + 4]] = rows[lane].hi;
+        }}
+        continue;
+    }}
+    for (int lane = 0; lane < count; ++lane) {{
+        if (n > 1 && c.at[lane] == a.at[lane]) continue;  // a lone spring: two particles, each there twice
+        to[at[lane]] = lane < 4 ? rows[lane].lo : rows[lane - 4].hi;
+    }}
+}}
+#endif
+"""
+
+
+@wp.func_native(_PROJECT)
+def _project(
+    cells: wp.array(dtype=wp.vec4i),
+    first: int,
+    near: float,
+    far: float,
+    diagonal: float,
+    spacing: wp.vec3,
+    x: wp.uint64,
+    d: wp.uint64,
+): ...
+
+
+@wp.func
+def project_lanes(k: int, springs: Springs, m: Model, x: wp.uint64, d: wp.uint64):
+    """Project the LANES cells from k on, of which the last of a pass may be empty, where all is_plain."""
+    _project(m.cells, k, springs.near, springs.far, springs.diagonal, springs.cell, x, d)
