@@ -431,7 +431,7 @@ def make_kernels(features: Features, lanes: bool) -> dict[str, wp.Kernel]:
             m, s, material = arrays.model, arrays.state, arrays.materials[b]
             if wp.static(features.twist):
                 ask_for(arrays.ends[b].turn, b, s)
-            if solve_chain(0, m, s, here.body, material, here.step, here.x, here.d, here.x):
+            if solve_chain(0, m, s, here.body, material, here.step, here.x, here.low, here.d, here.x):
                 arrays.state.torn[b] = 1
 
     if turn is not None:

@@ -86,6 +86,7 @@ def make_prepare(order: int, winch: bool):
         material: Material,
         step: Step,
         x: wp.uint64,
+        low: wp.uint64,
         d: wp.uint64,
     ) -> Segment:
         index = body.segments + k
@@ -107,7 +108,7 @@ def make_prepare(order: int, winch: bool):
         segment.tension = segment.held * (step.effective * step.effective)
         gap = length - rest - alpha * segment.tension
         if gamma > 0.0:
-            slip = elongation(e, de - xyz(s.low[g + 1] - s.low[g]))
+            slip = elongation(e, de - xyz(load4(low, k + 1) - load4(low, k)))
             if wp.static(order == 2):
                 if step.second:
                     slip -= wp.dot(n, carried(s.last_displacements[g + 1] - s.last_displacements[g], step))
@@ -191,6 +192,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
         material: Material,
         step: Step,
         x: wp.uint64,
+        low: wp.uint64,
         d: wp.uint64,
         shared: wp.uint64,
     ) -> bool:
@@ -202,7 +204,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
             if step.first:
                 if wp.static(twist):
                     if t == 0:
-                        find_twist(m, s, body, material, step, x)
+                        find_twist(m, s, body, material, step, x, low)
                     sync()
                 for i in range(t, body.count, threads):
                     bend_by_moments(i, m, s, body, step, d)
@@ -225,7 +227,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                     lag = wp.transpose(segment.frame) * segment.missing - segment.moved
                 else:
                     lag = missing_of(k + 1, s, body, step, d)
-                segment = prepare(k, lag, m, s, body, material, step, x, d)
+                segment = prepare(k, lag, m, s, body, material, step, x, low, d)
                 if k == share.begin:
                     first = segment.frame
                 if wp.static(stored):

@@ -126,6 +126,31 @@ return values.data[i];
 def load4i(values: wp.array(dtype=wp.vec4i), i: int) -> wp.vec4i: ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+int4 f = ((const int4*)address)[i];
+return wp::vec_t<4, wp::int32>(f.x, f.y, f.z, f.w);
+#else
+return ((const wp::vec_t<4, wp::int32>*)address)[i];
+#endif
+""")
+def load_record(address: wp.uint64, i: int) -> wp.vec4i: ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+((int4*)address)[i] = make_int4(v[0], v[1], v[2], v[3]);
+#else
+((wp::vec_t<4, wp::int32>*)address)[i] = v;
+#endif
+""")
+def store_record(address: wp.uint64, i: int, v: wp.vec4i): ...
+
+
+@wp.func_native("return (uint64_t)(values.data + offset);")
+def record_address(values: wp.array(dtype=wp.vec4i), offset: int) -> wp.uint64: ...
+
+
 @wp.func_native(_STORE)
 def store4(address: wp.uint64, i: int, v: wp.vec4): ...
 

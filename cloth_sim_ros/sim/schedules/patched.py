@@ -255,6 +255,7 @@ def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kern
                         here.last_velocities[place] = patches.last_velocities[second]
                         here.last_displacements[place] = patches.last_displacements[second]
                 predict(i, moving, m, here, body, material, frame, step, x, low, d)
+        records = native.record_address(m.cells, body.cells)
         if wp.static(bool(features.shapes)):
             for c in range(t, colliders.shape[0], wp.static(block)):
                 count = float(frame.substeps)
@@ -262,7 +263,7 @@ def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kern
                     colliders[c], float(substep) / count, float(substep + 1) / count
                 )
         sync()
-        project(t, wp.static(block), m, here, body, material, step, x, low, d)
+        project(t, wp.static(block), m, here, body, material, step, records, x, low, d)
         for i in range(t, wp.static(capacity), wp.static(block)):
             g = patches.members[n * wp.static(capacity) + i]
             if g >= 0:

@@ -54,7 +54,8 @@ class Resident:
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int, block: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
-        kernel = make_frame(features, shared, block, shared_memory(device))
+        staged = 0 if device.is_cpu else staged_cells(features, worlds[0], shared, block, shared_memory(device))
+        kernel = make_frame(features, shared, block, shared_memory(device), staged)
         bodies = worlds[0].model.bodies.shape[0]
         self._launch = wp.launch(
             kernel,
@@ -95,10 +96,18 @@ def bounds_for(features: Features, block: int) -> tuple[int, int]:
     return block, max(1, CELL_THREADS // block) if "cell" in features.constraints else 1
 
 
+def staged_cells(features: Features, arrays: Arrays, particles: int, block: int, shared: int) -> int:
+    """The records of cells that a block holds beside so many particles in `shared` bytes; 0 where they do not fit."""
+    bodies = arrays.model.bodies.numpy()
+    most = int((bodies["cells_end"] - bodies["cells"]).max())
+    size = 16 * (3 * particles + most)
+    return most if size <= shared // bounds_for(features, block)[1] else 0
+
+
 @lru_cache
-def make_frame(features: Features, shared: int, block: int, most_shared: int = 0):
-    """The kernel of a whole frame for `features`; `shared` particles in shared memory of `most_shared` bytes; 0 is
-    plain arrays.
+def make_frame(features: Features, shared: int, block: int, most_shared: int = 0, staged: int = 0):
+    """The kernel of a whole frame for `features`; `shared` particles and `staged` cells in shared memory of
+    `most_shared` bytes; 0 is plain arrays.
 
     The compiler knows that a block has `block` threads, so that their registers fit the multiprocessor.
     """
@@ -111,13 +120,15 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     solve_chain = make_solve_chain(features, block, stored) if features.chain else None
     turn = make_turn(features.order) if features.winch else None
     # What every particle reads and writes once a substep lies in shared memory too where there is room.
-    all_shared = "cell" in features.constraints and 0 < 3 * 16 * shared <= most_shared
+    slots = 2 * SLOTS * block if shared and features.chain else 0
+    keeps_low = "cell" in features.constraints or features.chain
+    all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
     tile_size = (3 if all_shared else 2) * shared
     x_address, other_address, low_address = (
         native.make_tile_address(tile_size, part * shared) if part * shared < tile_size else None for part in range(3)
     )
     project_springs = make_sweep(features, shared > 0)
-    slots = 2 * SLOTS * block if shared and features.chain else 0
+    staged_address = native.make_tile_address(staged) if staged else None
     span_address = native.make_tile_address(slots) if slots else None
     argument = given_type(features)
     bounds = bounds_for(features, block)
@@ -162,6 +173,13 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 store4(x, i, s.positions[body.particles + i])
                 if wp.static(all_shared or features.method == "verlet"):
                     store4(low, i, s.low[body.particles + i])
+        records = native.record_address(m.cells, body.cells)
+        if wp.static(staged > 0):
+            # Each thread takes to its side what it alone reads: from afar it comes later than a pass takes.
+            afar = records
+            records = staged_address(wp.tile_empty(shape=(wp.static(staged),), dtype=wp.vec4, storage="shared"))
+            for k in range(t, body.cells_end - body.cells, width):
+                native.store_record(records, k, native.load_record(afar, k))
         spans = x
         if wp.static(slots > 0):
             span_tile = wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared")
@@ -215,11 +233,11 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 step.repeats = frame.iterations > 1
                 step.store = frame.iterations > 1 or substep == frame.substeps - 1
                 if wp.static(features.chain):
-                    if solve_chain(t, m, s, body, material, step, x, d, spans):
+                    if solve_chain(t, m, s, body, material, step, x, low, d, spans):
                         step.torn = True
                     sync()
                 if wp.static(project_springs is not None):
-                    project_springs(t, width, m, s, body, material, step, x, low, d)
+                    project_springs(t, width, m, s, body, material, step, records, x, low, d)
                 if wp.static(project_tuple is not None):
                     for q in range(body.tuple_groups, body.groups_end):
                         group = m.groups[in_turn(q, body.tuple_groups, body.groups_end, step)]

@@ -12,13 +12,16 @@ from cloth_sim_ros.sim.constraints.cell import has, is_collapsed, is_plain, make
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES, project_lanes
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import array_address, load4, load4i, sync, sync_any
+from cloth_sim_ros.sim.schedules.native import array_address, load4, load4i, load_record, sync, sync_any
 from cloth_sim_ros.sim.schedules.stages import in_turn
 from cloth_sim_ros.sim.state import Material, State
 
 
 def make_sweep(features: Features, shared: bool):
-    """A Warp function: thread t of `width` projects its share of all colours or passes; None without springs."""
+    """A Warp function: thread t of `width` projects its share of all colours or passes; None without springs.
+
+    records: address of the body's first cell, where there are cells.
+    """
     if "cell" in features.constraints:
         return make_sweep_cells(features.order) if shared else make_sweep_lanes(features.order)
     return make_sweep_springs(features.order, shared) if "spring" in features.constraints else None
@@ -37,6 +40,7 @@ def make_sweep_springs(order: int, shared: bool):
         body: Body,
         material: Material,
         step: Step,
+        records: wp.uint64,
         x: wp.uint64,
         low: wp.uint64,
         d: wp.uint64,
@@ -84,6 +88,7 @@ def make_sweep_lanes(order: int):
         body: Body,
         material: Material,
         step: Step,
+        records: wp.uint64,
         x: wp.uint64,
         low: wp.uint64,
         d: wp.uint64,
@@ -125,22 +130,24 @@ def make_sweep_cells(order: int, stores: bool = True):
             body: Body,
             material: Material,
             step: Step,
+            records: wp.uint64,
             x: wp.uint64,
             low: wp.uint64,
             d: wp.uint64,
         ):
             springs = springs_of(body, material, step)
-            k = body.cells + t
+            left = body.cells_end - body.cells
+            last = left - 1
+            k = t
             stride = width
             if goes_backward(body, step):
-                k = body.cells_end - width + t
+                k = left - width + t
                 stride = -width
-            ahead = load4i(m.cells, k)
-            left = body.cells_end - body.cells
+            ahead = load_record(records, k)
             while left > 0:
                 record = ahead
-                ahead = load4i(m.cells, wp.clamp(k + stride, body.cells, body.cells_end - 1))
-                project(record, k, springs, m, s, body, material, step, x, low, d)
+                ahead = load_record(records, wp.clamp(k + stride, 0, last))
+                project(record, body.cells + k, springs, m, s, body, material, step, x, low, d)
                 k += stride
                 left -= width
                 if has(record[1] ^ ahead[1], wp.static(ODD)):
@@ -160,14 +167,15 @@ def make_sweep_cells(order: int, stores: bool = True):
         body: Body,
         material: Material,
         step: Step,
+        records: wp.uint64,
         x: wp.uint64,
         low: wp.uint64,
         d: wp.uint64,
     ):
         if is_plain(material, step):
-            loop_plainly(t, width, m, s, body, material, step, x, low, d)
+            loop_plainly(t, width, m, s, body, material, step, records, x, low, d)
         else:
-            loop_in_every_case(t, width, m, s, body, material, step, x, low, d)
+            loop_in_every_case(t, width, m, s, body, material, step, records, x, low, d)
 
     return sweep_cells
 

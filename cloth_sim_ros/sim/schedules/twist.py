@@ -20,9 +20,9 @@ def make_tangent(order: int):
     """A Warp function: the unit tangent of segment k of the body, where the substep begins; order 2 looks ahead."""
 
     @wp.func
-    def tangent_at(k: int, s: State, body: Body, step: Step, x: wp.uint64) -> wp.vec3:
+    def tangent_at(k: int, s: State, body: Body, step: Step, x: wp.uint64, low: wp.uint64) -> wp.vec3:
         g = body.particles + k
-        e = xyz(load4(x, k + 1) - load4(x, k)) + xyz(s.low[g + 1] - s.low[g])
+        e = xyz(load4(x, k + 1) - load4(x, k)) + xyz(load4(low, k + 1) - load4(low, k))
         if wp.static(order == 2):
             if step.second:
                 e += s.last_displacements[g + 1] - s.last_displacements[g]
@@ -68,14 +68,16 @@ def make_find_twist(order: int):
     tangent_at = make_tangent(order)
 
     @wp.func
-    def twist_anew(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64) -> float:
+    def twist_anew(
+        m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, low: wp.uint64
+    ) -> float:
         """The torsional moment [N m] from where the particles are, and in State.twists what belongs to it.
 
         At first, and whenever positions were set, the rope is without twist but for what its end is turned by.
         """
         twist = s.twists[body.index]
         last = body.count - 2
-        before = tangent_at(0, s, body, step, x)
+        before = tangent_at(0, s, body, step, x, low)
         if twist.known == 0:
             twist.start = any_across(before)
             twist.angle = twist.wanted
@@ -83,7 +85,7 @@ def make_find_twist(order: int):
         u = twist.start
         length = float(0.0)
         for k in range(1, last + 1):
-            after = tangent_at(k, s, body, step, x)
+            after = tangent_at(k, s, body, step, x, low)
             u = carried_across(u, before, after)
             before = after
             if k < last:
@@ -100,11 +102,11 @@ def make_find_twist(order: int):
         return twist.moment
 
     @wp.func
-    def find_twist(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64):
-        moment = twist_anew(m, s, body, material, step, x)
-        before = tangent_at(0, s, body, step, x)
+    def find_twist(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, low: wp.uint64):
+        moment = twist_anew(m, s, body, material, step, x, low)
+        before = tangent_at(0, s, body, step, x, low)
         for j in range(body.count - 2):
-            after = tangent_at(j + 1, s, body, step, x)
+            after = tangent_at(j + 1, s, body, step, x, low)
             s.couples[body.segments + j] = moment * half_binormal(before, after)
             before = after
 
