@@ -123,7 +123,8 @@ class Model:
     # inverse lengths [1/m] of the segments before and behind it; nothing behind the last
     spokes: wp.array(dtype=wp.vec2i)  # springs around each particle, for method verlet: other particle and type, the
     # first spring of all particles of a body, then the second of all, padded with type 0 up to the body's spoke_width
-    spoke_types: wp.array(dtype=wp.vec4)  # (T, 4) rest length [m], 1/scale, kind; type 0 pulls nothing
+    spoke_types: wp.array(dtype=wp.vec4)  # (T, 4) rest length [m], 1/scale, kind, and what float32 lost of the rest
+    # length, over it; type 0 pulls nothing
     panels: wp.array(dtype=wp.vec3i)  # (P, 3) particles, -1 for none
     panel_start: wp.array(dtype=int)  # (N + 1,) into particle_panels
     particle_panels: wp.array(dtype=int)  # panels around each particle, counted in the batch
@@ -256,9 +257,8 @@ class ModelArrays:
             for k, e in springs.items()
         ]
         table, types = np.unique(np.concatenate([np.stack(k, 1) for k in kinds]), axis=0, return_inverse=True)
-        start = self._append(
-            "spoke_types", np.column_stack([np.concatenate([[[0.0, 0.0, 0.0]], table]), np.zeros(len(table) + 1)])
-        )
+        lost = 1.0 - table[:, 0].astype(np.float32) / table[:, 0]
+        start = self._append("spoke_types", np.concatenate([np.zeros((1, 4)), np.column_stack([table, lost])]))
         hub, rim = pairs.ravel(), pairs[:, ::-1].ravel()
         types = np.repeat(types.ravel() + start + 1, 2)
         order = np.argsort(hub, kind="stable")

@@ -222,11 +222,11 @@ def test_wind_blows_through_tiles(device, kind):
     for size, depth in ((16, 3), (7, 1), (None, None)):
         assert np.array_equal(whole, states(simulation(device, size, depth, scene), 20))
     resident = Simulation(scene, Settings(method="verlet", substeps=45, schedule="resident"), device=device)
-    early = states(simulation(device, 16, 3, scene), 5)
-    # What compilers round differently grows: after 5 frames in this wind to 2.3e-6 m on a GPU.
-    assert np.abs(states(resident, 5) - early)[:, :3].max() < 4e-6
+    early = states(simulation(device, 16, 3, scene), 4)
+    # In the fifth frame the sheet buckles, and what compilers round differently grows a hundredfold.
+    assert np.abs(states(resident, 4) - early)[:, :3].max() < 1e-6
     still = Simulation(Scene(scene.objects), Settings(method="verlet", substeps=45), device=device)
-    assert np.abs(states(still, 5) - early)[:, :3].max() > 5e-4
+    assert np.abs(states(still, 4) - early)[:, :3].max() > 5e-4
 
 
 def test_a_rope_is_a_row_of_tiles(device):

@@ -6,6 +6,8 @@ import pytest
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.sim.limits import explicit_substeps
 from cloth_sim_ros.sim.topology import build
+from cloth_sim_ros.study.implicit import equilibrium
+from cloth_sim_ros.study.springs import SpringSystem
 
 SHEET = Cloth(resolution=(9, 9), pins="edges", stretch_compliance=1e-3, shear_compliance=1e-3)
 
@@ -153,3 +155,19 @@ def test_springs_too_stiff_for_float32_are_refused_and_why(monkeypatch):
         heat(1e-9)
     monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_: 1)
     assert heat(1e-9) > 1e-3
+
+
+def test_what_float32_loses_of_rest_lengths_does_not_slacken_a_taut_rope(device):
+    """Strained by 3e-5 only: segments of 1 m / 15, which float32 makes 5e-8 longer, would sag 5e-4 further."""
+    rope = Rope(start=(-0.5, 0, 0), end=(0.5, 0, 0), segments=15, mass=0.2, pins="both", stretch_compliance=5e-7)
+    settings = Settings(method="verlet", substeps=1600, global_damping=20.0)
+    sim = Simulation(Scene({"it": rope}), settings, device=device)
+    system = SpringSystem.from_springs(sim.masses("it"), (0, 15), sim.springs("it"))
+    start = sim.rest_positions("it").astype(np.float64)
+    wanted = equilibrium(system, start - 3e-3 * np.outer(1.0 - 4.0 * start[:, 0] ** 2, (0, 0, 1)))
+    sim.step(70)
+    sags = []
+    for _ in range(20):
+        sim.step()
+        sags.append(-sim.positions("it")[:, 2].min())
+    assert np.mean(sags) == pytest.approx(-wanted[:, 2].min(), rel=2e-4)

@@ -33,6 +33,7 @@ def make_springs(width: int, capacity: int):
         others: places
         rests: numbers
         constants: numbers
+        lost: numbers
 
     @wp.func
     def gather(n: int, i: int, m: Model, tiles: Tiles, constants: wp.vec3) -> Springs:
@@ -43,6 +44,7 @@ def make_springs(width: int, capacity: int):
             springs.others[q] = packed & wp.static(PLACES - 1)
             springs.rests[q] = kind[0]
             springs.constants[q] = spoke_constant(kind, constants)
+            springs.lost[q] = kind[3]
         return springs
 
     @wp.func
@@ -55,7 +57,7 @@ def make_springs(width: int, capacity: int):
         total = wp.vec3(0.0)
         for q in range(width):
             e = edge(here, now, springs.others[q], shared)
-            total += spoke_force(e, springs.rests[q], springs.constants[q], 0.0, wp.vec3(0.0))
+            total += spoke_force(e, springs.rests[q], springs.constants[q], springs.lost[q], 0.0, wp.vec3(0.0))
         return total
 
     @wp.func
@@ -64,7 +66,7 @@ def make_springs(width: int, capacity: int):
         for q in range(width):
             apart = xyz(load4(shared, 2 * capacity + here + springs.others[q])) - now.v
             e = edge(here, now, springs.others[q], shared)
-            total += spoke_force(e, springs.rests[q], springs.constants[q], damping, apart)
+            total += spoke_force(e, springs.rests[q], springs.constants[q], springs.lost[q], damping, apart)
         return total
 
     @wp.func
