@@ -104,6 +104,19 @@ def edge_between(i: Corner, j: Corner) -> wp.vec3:
     return wp.vec3(e[0], e[1], e[2])
 
 
+Six = wp.types.vector(6, wp.float32)
+
+
+@wp.func
+def multipliers_of(k: int, m: Model, s: State, step: Step) -> Six:
+    """Those of the springs of cell k so far in this substep, all under way at once."""
+    found = Six()
+    if not step.first:
+        for q in range(6):
+            found[q] = s.cell_multipliers[q * m.cells.shape[0] + k]
+    return found
+
+
 @wp.struct
 class Pull:
     """What a spring asks for: along e [m], its particles move by their inverse masses times `share` [kg]."""
@@ -136,11 +149,6 @@ def make_pull(order: int, path: str):
     """
 
     @wp.func
-    def before(slot: int, s: State, step: Step) -> float:
-        """The spring's multiplier so far in this substep."""
-        return wp.where(step.first, 0.0, s.cell_multipliers[slot])
-
-    @wp.func
     def slip_of(e: wp.vec3, i: Corner, j: Corner, s: State, body: Body, step: Step, low: wp.uint64) -> float:
         """By how much the spring became longer in this substep [m], as its dashpot sees it."""
         # A dashpot must not see the rounding that displacements carry: divided by a small step it is a speed.
@@ -157,6 +165,7 @@ def make_pull(order: int, path: str):
     def pull_of(
         q: int,
         cell: int,
+        before: Six,
         i: Corner,
         j: Corner,
         rest: float,
@@ -178,7 +187,7 @@ def make_pull(order: int, path: str):
         multiplier = float(0.0)
         held = float(0.0)
         if wp.static(path in ("repeated", "careful")):
-            multiplier = before(slot, s, step)
+            multiplier = before[q]
             held = alpha * multiplier
         if wp.static(path in ("damped", "careful")):
             gamma = material.damping * step.inverse
@@ -222,6 +231,7 @@ def make_project_corners(order: int, path: str):
         q: Corners,
         record: wp.vec4i,
         k: int,
+        before: Six,
         alpha: float,
         rest: float,
         m: Model,
@@ -234,8 +244,8 @@ def make_project_corners(order: int, path: str):
         """The sides along y."""
         if has(record[0], wp.static(ALONE)):
             return q
-        ac = pull_of(2, k, q.a, q.c, rest, side_compliance(alpha, 2, record), m, s, body, material, step, low)
-        be = pull_of(3, k, q.b, q.e, rest, side_compliance(alpha, 3, record), m, s, body, material, step, low)
+        ac = pull_of(2, k, before, q.a, q.c, rest, side_compliance(alpha, 2, record), m, s, body, material, step, low)
+        be = pull_of(3, k, before, q.b, q.e, rest, side_compliance(alpha, 3, record), m, s, body, material, step, low)
         q.a.d = pulled(q.a, ac)
         q.c.d = pushed(q.c, ac)
         q.b.d = pulled(q.b, be)
@@ -247,6 +257,7 @@ def make_project_corners(order: int, path: str):
         q: Corners,
         record: wp.vec4i,
         k: int,
+        before: Six,
         springs: Springs,
         m: Model,
         s: State,
@@ -262,19 +273,20 @@ def make_project_corners(order: int, path: str):
         stride = wp.where(far, 2.0, 1.0)
         across = stride * springs.cell[1]
         rest = wp.where(has(record[0], wp.static(TURNED)), across, stride * springs.cell[0])
-        ab = pull_of(0, k, q.a, q.b, rest, side_compliance(alpha, 0, record), m, s, body, material, step, low)
-        ce = pull_of(1, k, q.c, q.e, rest, side_compliance(alpha, 1, record), m, s, body, material, step, low)
+        ab = pull_of(0, k, before, q.a, q.b, rest, side_compliance(alpha, 0, record), m, s, body, material, step, low)
+        ce = pull_of(1, k, before, q.c, q.e, rest, side_compliance(alpha, 1, record), m, s, body, material, step, low)
         q.a.d = pulled(q.a, ab)
         q.b.d = pushed(q.b, ab)
         q.c.d = pulled(q.c, ce)
         q.e.d = pushed(q.e, ce)
-        return project_across(q, record, k, alpha, across, m, s, body, material, step, low)
+        return project_across(q, record, k, before, alpha, across, m, s, body, material, step, low)
 
     @wp.func
     def project_diagonals(
         q: Corners,
         record: wp.vec4i,
         k: int,
+        before: Six,
         springs: Springs,
         m: Model,
         s: State,
@@ -286,8 +298,8 @@ def make_project_corners(order: int, path: str):
         if not has(record[1], wp.static(HAS_DIAGONALS)) or has(record[0], wp.static(ALONE)):
             return q
         rest, alpha = springs.cell[2], springs.diagonal
-        ae = pull_of(4, k, q.a, q.e, rest, alpha, m, s, body, material, step, low)
-        bc = pull_of(5, k, q.b, q.c, rest, alpha, m, s, body, material, step, low)
+        ae = pull_of(4, k, before, q.a, q.e, rest, alpha, m, s, body, material, step, low)
+        bc = pull_of(5, k, before, q.b, q.c, rest, alpha, m, s, body, material, step, low)
         q.a.d = pulled(q.a, ae)
         q.e.d = pushed(q.e, ae)
         q.b.d = pulled(q.b, bc)
@@ -307,8 +319,11 @@ def make_project_corners(order: int, path: str):
         step: Step,
         low: wp.uint64,
     ) -> Corners:
-        q = project_sides(q, record, k, springs, m, s, body, material, step, low)
-        return project_diagonals(q, record, k, springs, m, s, body, material, step, low)
+        before = Six()
+        if wp.static(path in ("repeated", "careful")):
+            before = multipliers_of(k, m, s, step)
+        q = project_sides(q, record, k, before, springs, m, s, body, material, step, low)
+        return project_diagonals(q, record, k, before, springs, m, s, body, material, step, low)
 
     return project_corners
 
