@@ -116,6 +116,11 @@ def in_pairs(springs: np.ndarray) -> np.ndarray:
     return np.concatenate([springs, springs[-1:]] if len(springs) % 2 else [springs]).reshape(-1, 4)
 
 
+def width_of(sweep: list[Pass], most: int) -> int:
+    """How many cells a block projects at a time: whole warps for its largest pass, and `most` at most."""
+    return min(most, -(-max((len(one.particles) for one in sweep), default=0) // 32) * 32)
+
+
 class _Lookup:
     """Finds springs by their particles."""
 

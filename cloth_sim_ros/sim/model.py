@@ -90,6 +90,7 @@ class Body:
     edge_groups_end: int
     cells: int
     cells_end: int
+    cell_width: int  # of which passes hold multiples
     segments: int
     segments_end: int
     panels: int
@@ -142,7 +143,7 @@ class ModelArrays:
 
     spring_groups[b]: "spring" or "cell", and the groups of these in body b. spring_order[b][kind] is (first, order),
     for springs that lie in no cell: element `order[i]` of that kind lies at first + i;
-    tuple_order[b][constraint] the same of the tuples. Passes of cells are filled up to multiples of `width`.
+    tuple_order[b][constraint] the same of the tuples. Of cells, at most `width` are projected at a time.
     """
 
     def __init__(self, spokes: bool, width: int) -> None:
@@ -173,10 +174,11 @@ class ModelArrays:
         groups, first_cell = len(self.groups), self.size["cells"]
         self.spring_order.append({})
         self.tuple_order.append({})
+        width = 0
         if topology.grid is None:
             self._add_springs(topology)
         else:
-            self._add_cells(topology)
+            width = self._add_cells(topology)
         tuple_groups = len(self.groups)
         self.spring_groups.append(("spring" if topology.grid is None else "cell", self.groups[groups:]))
         for constraint, elements, extra in topology.others():
@@ -211,6 +213,7 @@ class ModelArrays:
             len(self.groups),
             first_cell,
             self.size["cells"],
+            width,
             segments,
             segments + len(chain),
             panels,
@@ -230,11 +233,14 @@ class ModelArrays:
             self.spring_order[-1][kind] = (start, order)
             self._append_groups("spring", KINDS.index(kind), start, spans)
 
-    def _add_cells(self, topology: Topology) -> None:
-        for n, one in enumerate(cells.passes(topology)):
-            records = one.records(n % 2 == 1, self._width)
+    def _add_cells(self, topology: Topology) -> int:
+        sweep = cells.passes(topology)
+        width = cells.width_of(sweep, self._width)
+        for n, one in enumerate(sweep):
+            records = one.records(n % 2 == 1, width)
             start = self._append("cells", records)
             self.groups.append((one.holds, KINDS.index(one.kind), start, start + len(records)))
+        return width
 
     def _add_panels(self, topology: Topology) -> int:
         start = self._append("panels", topology.panels)

@@ -32,7 +32,7 @@ from cloth_sim_ros.sim.topology import Topology
 
 _BYTES_A_MEMBER = 48  # position, low part and displacement
 _ARENA = 1 << 18  # bytes of a CPU's stand-in for shared memory
-_SIZES = (8, 12, 16, 24, 32, 48)  # particles along a side that a patch owns
+_SIZES = (6, 8, 12, 16, 24, 32, 48)  # particles along a side that a patch owns
 _NOBODY = -1  # in place of a member
 # Microseconds on an H200: a launch with its loads and stores, a pass however small, and 1024 cells of a pass.
 _LAUNCH, _LEAST, _THOUSAND_CELLS = 5.0, 0.4, 2.3
@@ -110,11 +110,12 @@ class Patched:
     def __init__(self, features: Features, worlds: list[Arrays], chosen: Plan, device: wp.Device):
         self._device, self._given = device, gathered(worlds, device)
         self._whole = Coloured(features, worlds, device)
-        largest = max(len(one.particles) for body in chosen.bodies for patch in body for one in patch.passes)
-        self._block = 1 if device.is_cpu else min(CELL_THREADS, -(-largest // 32) * 32)
-        self._patches = _upload(chosen, worlds, LANES if device.is_cpu else self._block, device)
+        width = cells.width_of(sum((patch.passes for patch in sum(chosen.bodies, [])), []), CELL_THREADS)
+        width = LANES if device.is_cpu else width
+        self._block = 1 if device.is_cpu else min(CELL_THREADS, chosen.capacity)
+        self._patches = _upload(chosen, worlds, width, device)
         self._count = len(worlds) * self._patches.body.shape[0]
-        self._kernel, self._hand_over = make_kernels(features, chosen.capacity, self._block)
+        self._kernel, self._hand_over = make_kernels(features, chosen.capacity, self._block, width)
         self._looks_back, self._bodies = features.looks_back, len(worlds) * len(chosen.bodies)
         self._frames = Frames(self._launch_frame, device)
 
@@ -181,9 +182,9 @@ def _upload(chosen: Plan, worlds: list[Arrays], width: int, device: wp.Device) -
 
 
 @lru_cache
-def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kernel, wp.Kernel]:
+def make_kernels(features: Features, capacity: int, block: int, width: int) -> tuple[wp.Kernel, wp.Kernel]:
     """The kernel of a substep of patches of `capacity` places, and that which says what was smooth to the substep after
-    the last of them."""
+    the last of them; `width` cells are projected at a time."""
     predict, finish = make_predict(features), make_finish(features)
     contact = make_contact(features) if features.shapes else None
     x_address, d_address, low_address = (native.make_tile_address(3 * capacity, part * capacity) for part in range(3))
@@ -222,6 +223,7 @@ def make_kernels(features: Features, capacity: int, block: int) -> tuple[wp.Kern
         step.first = True
         body.cells = patches.cells[n][0]
         body.cells_end = patches.cells[n][1]
+        body.cell_width = wp.static(width)
         before = buffer_of(s, patches, substep % 2, w)
         after = buffer_of(s, patches, 1 - substep % 2, w)
         tile = wp.tile_empty(shape=(wp.static(3 * capacity),), dtype=wp.vec4, storage="shared")

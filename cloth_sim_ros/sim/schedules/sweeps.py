@@ -116,7 +116,7 @@ def goes_backward(body: Body, step: Step) -> bool:
 def make_sweep_cells(order: int, stores: bool = True):
     """The sweep over cells of springs on a GPU; unless it `stores`, without multipliers and collapsed springs.
 
-    Passes hold multiples of `width` records, so that a barrier is due where a thread's next record is of another pass.
+    Passes hold multiples of the cell_width, so that a barrier is due where the next record of a thread is of another one.
     """
     plainly, in_every_case = make_project_plainly(order), make_project_cell(order, stores)
 
@@ -124,7 +124,6 @@ def make_sweep_cells(order: int, stores: bool = True):
         @wp.func
         def loop(
             t: int,
-            width: int,
             m: Model,
             s: State,
             body: Body,
@@ -138,18 +137,20 @@ def make_sweep_cells(order: int, stores: bool = True):
             springs = springs_of(body, material, step)
             left = body.cells_end - body.cells
             last = left - 1
-            k = t
-            stride = width
+            idle = t >= body.cell_width  # and comes along for the barriers
+            k = wp.min(t, body.cell_width - 1)
+            stride = body.cell_width
             if goes_backward(body, step):
-                k = left - width + t
-                stride = -width
+                k += left - stride
+                stride = -stride
             ahead = load_record(records, k)
             while left > 0:
                 record = ahead
                 ahead = load_record(records, wp.clamp(k + stride, 0, last))
-                project(record, body.cells + k, springs, m, s, body, material, step, x, low, d)
+                if not idle:
+                    project(record, body.cells + k, springs, m, s, body, material, step, x, low, d)
                 k += stride
-                left -= width
+                left -= body.cell_width
                 if has(record[1] ^ ahead[1], wp.static(ODD)):
                     sync()
             sync()
@@ -173,9 +174,9 @@ def make_sweep_cells(order: int, stores: bool = True):
         d: wp.uint64,
     ):
         if is_plain(material, step):
-            loop_plainly(t, width, m, s, body, material, step, records, x, low, d)
+            loop_plainly(t, m, s, body, material, step, records, x, low, d)
         else:
-            loop_in_every_case(t, width, m, s, body, material, step, records, x, low, d)
+            loop_in_every_case(t, m, s, body, material, step, records, x, low, d)
 
     return sweep_cells
 
