@@ -116,7 +116,7 @@ def goes_backward(body: Body, step: Step) -> bool:
 def make_sweep_cells(order: int, stores: bool = True):
     """The sweep over cells of springs on a GPU; unless it `stores`, without multipliers and collapsed springs.
 
-    Passes hold multiples of the cell_width, so that a barrier is due where the next record of a thread is of another one.
+    Passes hold multiples of the cell_width: a barrier is due where the next record of a thread is of another one.
     """
     plainly, in_every_case = make_project_plainly(order), make_project_cell(order, stores)
 
