@@ -98,6 +98,7 @@ class Body:
     spokes: int
     spoke_width: int
     cell: wp.vec3  # rest lengths [m] along x, along y and of diagonals of a grid
+    yielding: float  # the inverse of its mass [1/kg]
     lightness: wp.vec3  # the most inverse mass at a spring of each kind, over its share of the compliance [1/kg]
 
 
@@ -222,7 +223,10 @@ class ModelArrays:
             spoke_width,
         )
         cell = (0.0, 0.0, 0.0) if topology.grid is None else cells.lengths(topology)
-        self.bodies.append((len(self.bodies), spacing, first, len(topology.masses), *spans, cell, _lightness(topology)))
+        yielding = 1.0 / float(topology.masses.sum())
+        self.bodies.append(
+            (len(self.bodies), spacing, first, len(topology.masses), *spans, cell, yielding, _lightness(topology))
+        )
 
     def _add_springs(self, topology: Topology) -> None:
         for kind, elements in topology.springs.items():

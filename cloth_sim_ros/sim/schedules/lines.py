@@ -38,6 +38,9 @@ ATTEMPTS = wp.constant(5)
 SETTLED_SPEED = wp.constant(1.0e-3)
 NEWTON_STEPS = wp.constant(8)
 
+# Of what a rope's whole mass yields, what the tangent of a rigid segment yields along it.
+STIFFEST = wp.constant(1.0e-4)
+
 # A chain was torn where a segment needs several attempts or changes its length by this share of it in a substep.
 TORN = wp.constant(0.02)
 
@@ -118,9 +121,9 @@ def make_prepare(order: int, winch: bool):
         segment.frame = edge_frame(n)
         eased = quotient(1.0, 1.0 + gamma)
         segment.gap = gap * eased
-        # Between a rigid edge and a pinned particle nothing would be left to divide by. Much softer, a load of 1e5
-        # times the mass stretches the tangent; much stiffer, rounding across the edge reaches it.
-        segment.along = wp.max(alpha * eased, 1.0e-9 * wp.max(p[3], q[3]))
+        # Between a rigid edge and a pinned particle nothing would be left to divide by, and rounding across the edge
+        # reaches a tangent that is much stiffer: the rope trembles. Much softer than all that hangs on it, it lags.
+        segment.along = wp.max(alpha * eased, wp.max(1.0e-9 * wp.max(p[3], q[3]), STIFFEST * body.yielding))
         segment.across = quotient(wp.max(segment.tension, 0.0), wp.max(length, 1.0e-3 * rest))
         segment.reach = wp.max(length, rest)
         segment.near = p[3]
