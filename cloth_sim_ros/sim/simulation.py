@@ -19,6 +19,7 @@ from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.ropes import Ropes
 from cloth_sim_ros.sim.scene import Rope, Scene, Settings, finite_array
 from cloth_sim_ros.sim.schedules.resident import capacity
+from cloth_sim_ros.sim.starts import off_symmetry
 from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
 
 _LOG = logging.getLogger(__name__)
@@ -261,10 +262,16 @@ class Simulation(Ropes, Live):
             batch.write_body("twists", name, source.read_body("twists", name, 0), None)
 
     def set_positions(self, name: str, positions: Any, world: int | None = None) -> None:
-        """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew."""
+        """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew.
+
+        Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
+        """
         rows = self._rows(name, positions, "positions", _FAR)
-        if self.settings.method == "auto" and is_strained(self._elastic[name], rows):
-            self._leave_to_implicit(name)
+        topology = self._elastic[name]
+        if is_strained(topology, rows):
+            if self.settings.method == "auto":
+                self._leave_to_implicit(name)
+            rows = off_symmetry(topology, rows)
         self._batch[name].write_positions(name, rows, self._some(world))
 
     def set_velocities(self, name: str, velocities: Any, world: int | None = None) -> None:

@@ -100,18 +100,28 @@ def test_what_was_refused_must_have_changed_nothing(monkeypatch):
     assert "changed by what was refused" in judge.keeps_state(sim, 1)
 
 
-def test_a_shape_counts_as_recovered_only_where_it_is_or_springs_or_the_report_explain_it():
-    """A hung sheet at rest; one with a particle pulled out of its place; one folded onto itself, as springs allow."""
+def test_a_shape_counts_as_recovered_only_where_it_is():
+    """A hung sheet at rest; one with particles pulled out of their places, which its springs do not hold there."""
     trial = CASES["degenerate"].trial("sheet", {}, np.random.default_rng(0))
     sim = Simulation(trial.scene, Settings(substeps=20, iterations=10), device="cpu")
     energy, x = Energy(sim), sim.rest_positions(BODY).astype(float)
-    assert judge._shape(sim, trial, energy, x, residual=0.0)[0] == ""
+    assert judge._shape(sim, trial, energy, x) == ("", 0.0)
     torn = x.copy()
     torn[44:56, 2] += 0.1
-    assert "strain" in judge._shape(sim, trial, energy, torn, residual=0.0)[0]
-    wrong, fold, left = judge._shape(sim, trial, energy, torn, residual=0.1)
-    assert wrong == "" and fold == 0.0 and left == energy.strain(torn) > 0.02
+    assert "strain" in judge._shape(sim, trial, energy, torn)[0]
     assert energy.fold(torn) < 1e-2
+
+
+def test_a_tangle_that_few_sweeps_hold_gets_more_of_them():
+    """A fifth of a second of one sweep a frame leaves a sheet thrown together strained; report() tells, a calm one has
+    nothing to tell."""
+    trial = CASES["bad start"].trial("sheet", {"start": "random"}, np.random.default_rng(0))
+    for begin, helped in ((trial.begin, True), (lambda sim: None, False)):
+        sim = Simulation(trial.scene, Settings(substeps=1 if helped else 40, iterations=1), device="cpu")
+        begin(sim)
+        sim.step(12)
+        assert judge._help(sim, Energy(sim)) == helped
+        assert (sim.settings.substeps, sim.settings.iterations) == ((20, 4) if helped else (40, 1))
 
 
 def test_energy_is_what_the_equations_say():

@@ -82,14 +82,6 @@ class Energy:
         """How far structural and shear springs are from their rest lengths, RMS over all of them."""
         return float(np.sqrt((self._strains(x) ** 2).mean()))
 
-    def usual_strain(self, x: np.ndarray) -> float:
-        """The same of the spring in the middle of all."""
-        return float(np.median(self._strains(x)))
-
-    def largest_change(self, x: np.ndarray) -> float:
-        """How much longer or shorter any of these springs is than at rest [m]."""
-        return float((self._strains(x) * self.rest[self._stretch]).max())
-
     def _strains(self, x: np.ndarray) -> np.ndarray:
         return np.abs(self.lengths(x) / self.rest - 1.0)[self._stretch]
 
@@ -100,8 +92,9 @@ class Energy:
         springs hold one another strained, as a sheet of real springs would. 0 if nothing but the rest shape holds it.
         """
         free = self.inverse_mass > 0.0
-        stiffest = self._constant[~self._rigid].max(initial=0.0) or math.inf
-        constant = np.where(self._rigid, 1.0, self._constant / stiffest)
+        finite = np.where(self._rigid, 0.0, self._constant)
+        stiffest = max(1e3 * finite.max(), 1e5) if self._rigid.any() else finite.max()
+        constant = np.where(self._rigid, 1.0, finite / stiffest)
         weight = self._masses[:, None] * np.asarray(self._sim.scene.gravity) / stiffest
 
         def energy(moved: np.ndarray) -> tuple[float, np.ndarray]:
