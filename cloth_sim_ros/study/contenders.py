@@ -38,7 +38,8 @@ class Contender:
     """`simulate` a run -> frames (F + 1, N, 3) [m], not finite from where it blew up, and milliseconds of every frame.
 
     iterations: the numbers of them to try in place of the command line's, (1,) where there are none; numpy: a reference
-    in NumPy, timed on one core of the host; ropes_only: differs from another row only there.
+    in NumPy, timed on one core of the host; ropes_only: differs from another row only there; own_limit: is not made of
+    springs, knows sheets alone, and is judged by what it converges to itself.
     """
 
     label: str
@@ -46,6 +47,13 @@ class Contender:
     iterations: tuple[int, ...] = ()
     numpy: bool = False
     ropes_only: bool = False
+    own_limit: bool = False
+
+    def takes(self, case: Case) -> bool:
+        """Whether it has a run to make of `case`."""
+        if self.own_limit:
+            return case.springs_alone and not case.is_rope
+        return (case.is_rope or not self.ropes_only) and (case.springs_alone or not self.numpy)
 
 
 def product(**settings: object) -> Simulate:

@@ -18,6 +18,7 @@ from cloth_sim_ros.study.cases import CASES
 from cloth_sim_ros.study.contenders import CONTENDERS, Contender, Run
 from cloth_sim_ros.study.exact import Reference, reference
 from cloth_sim_ros.study.figures import draw_error, usable
+from cloth_sim_ros.study.other_models import OTHER_MODELS, Limit, limit
 from cloth_sim_ros.study.peers import PEERS
 from cloth_sim_ros.study.timing import machine
 
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--iterations", type=int, nargs="+", default=[1, 2, 4, 8])
     parser.add_argument("--sweeps", type=int, default=640, help="most substeps x iterations a frame")
     parser.add_argument("--numpy-sweeps", type=int, default=320, help="the same for the methods in NumPy; 0: none")
-    parser.add_argument("--peers", action="store_true", help="also Newton and pyPBD on the same springs, if installed")
+    parser.add_argument("--peers", action="store_true", help="also Newton, pyPBD and MuJoCo's flex, if installed")
     parser.add_argument("--output", type=Path, default=Path("study"), help="folder of the JSON, PNG and SVG")
 
 
@@ -54,12 +55,13 @@ def peers_on(device: str) -> list[Contender]:
     """The peers that can run on `device`, and on standard error why the others cannot."""
     chosen = wp.get_device(None if device == "auto" else device).alias
     found = []
-    for peer in PEERS:
+    for peer in (*PEERS, *OTHER_MODELS):
         problem = peer.why_not(chosen)
         if problem:
             print(problem, file=sys.stderr)
         else:
-            found.append(Contender(peer.label, peer.simulate))
+            iterations = () if peer.iterates else (1,)
+            found.append(Contender(peer.label, peer.simulate, iterations, own_limit=peer in OTHER_MODELS))
     return found
 
 
@@ -86,17 +88,32 @@ def sweep(case: Case, exact: Reference, resolution: int, constant: float, argume
     """One row for every contender, number of substeps and of iterations."""
     rows = []
     for contender in arguments.contenders:
-        if (contender.ropes_only and not case.is_rope) or (contender.numpy and not case.springs_alone):
+        if not contender.takes(case):
             continue
+        own = own_limit(contender, case, resolution, constant, arguments) if contender.own_limit else None
         for iterations in contender.iterations or arguments.iterations:
             for substeps in arguments.substeps:
                 if substeps * iterations > (arguments.numpy_sweeps if contender.numpy else arguments.sweeps):
                     continue
                 print(f"\33[2K{contender.label}: {substeps} x {iterations}", end="\r", file=sys.stderr, flush=True)
                 wanted = Run(case, resolution, constant, arguments.device, substeps, iterations)
-                rows.append(measure(contender, wanted, exact))
+                if own is None:
+                    rows.append(measure(contender, wanted, exact))
+                elif own.judges(substeps, iterations):
+                    judge_by = dataclasses.replace(exact, frames=own.frames)
+                    told = {"limit": f"{own.substeps} x {own.iterations}", "limit_known": own.known}
+                    rows.append({**measure(contender, wanted, judge_by), **told})
     mark_front(rows)
     return rows
+
+
+def own_limit(
+    contender: Contender, case: Case, resolution: int, constant: float, arguments: argparse.Namespace
+) -> Limit:
+    """What a contender of another model converges to with the most of its iterations."""
+    print(f"computing what it converges to: {contender.label}", file=sys.stderr, flush=True)
+    iterations = max(contender.iterations or arguments.iterations)
+    return limit(contender.simulate, Run(case, resolution, constant, arguments.device, 1, iterations), arguments.sweeps)
 
 
 def measure(contender: Contender, wanted: Run, exact: Reference) -> dict:
@@ -136,6 +153,11 @@ def table(rows: list[dict]) -> str:
             f"{'*' if row['front'] else ' '} {row['method']:<31} {row['substeps']:>8} {row['iterations']:>10}"
             f" {row['ms']:>9.3f} {row['ms_p95']:>9.3f} {row['position']:>10.2e}"
             + "".join(f" {row[key]:>9.2e}" for key, _ in EXACT if key in row)
+        )
+    for row in {row["method"]: row for row in rows if "limit" in row}.values():
+        lines.append(
+            f"  {row['method']}: another model than springs, judged by its own run of {row['limit']}, which is"
+            f" {row['limit_known']:.1e} m from the next coarser one"
         )
     lost = [row for row in rows if not usable(row)]
     if lost:

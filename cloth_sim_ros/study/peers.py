@@ -1,8 +1,8 @@
 """Peers on the same springs, where they are installed: NVIDIA Newton (XPBD, VBD) and PositionBasedDynamics (pyPBD).
 
 They come with `pip install cloth_sim_ros[peers]`. Each gets the masses, springs and fixed particles of the case's
-SpringSystem, substeps and iterations of the run, and is judged against the same exact motion. MuJoCo's flex has no such
-springs and is compared in speed alone. To add a peer, add a function from a run to its frames and times, and its row.
+SpringSystem, substeps and iterations of the run, and is judged against the same exact motion. Those that have no such
+springs are in other_models.py. To add a peer, add a function from a run to its frames and times, and its row.
 """
 
 from __future__ import annotations
@@ -29,12 +29,14 @@ Frames = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Peer:
-    """`simulate`(run) -> frames (F + 1, N, 3) [m] and milliseconds (F,); `package` is what it imports."""
+    """`simulate`(run) -> frames (F + 1, N, 3) [m] and milliseconds (F,); `package` is what it imports; whether it
+    `iterates` in a substep."""
 
     label: str
     package: str
     simulate: Callable[[Run], Frames]
     on_gpu: bool
+    iterates: bool = True
 
     def why_not(self, device: str) -> str:
         """One sentence why it cannot stand in the figure on `device`, or nothing."""
@@ -54,27 +56,32 @@ def newton(method: str) -> Callable[[Run], Frames]:
         system, start = run.case.system(run.resolution, run.constant)
         model = _newton_model(system, start, run.device)
         kind = {"xpbd": solvers.SolverXPBD, "vbd": solvers.SolverVBD}[method]
-        solver, control = kind(model, iterations=run.iterations), model.control()
-        states = [model.state(), model.state()]
-        substeps = run.substeps + run.substeps % 2  # both states take turns and must be back in place for a graph
-
-        def advance() -> None:
-            for _ in range(substeps):
-                states[0].clear_forces()
-                solver.step(states[0], states[1], control, None, FRAME_DT / substeps)
-                states.reverse()
-
-        device, step = wp.get_device(model.device), advance
-        advance()  # compiles
-        if device.is_cuda:
-            with wp.ScopedCapture(device=device) as capture:
-                advance()
-            step = partial(wp.capture_launch, capture.graph)
-        states[0].particle_q.assign(start.astype(np.float32))
-        states[0].particle_qd.zero_()
-        return _record(step, lambda: states[0].particle_q.numpy(), start, run.case.frames, device)
+        return run_newton(kind(model, iterations=run.iterations), start, run)
 
     return simulate
+
+
+def run_newton(solver, start: np.ndarray, run: Run) -> Frames:
+    """Frames and times of a solver of Newton's from rest at `start` (N, 3) [m]."""
+    model = solver.model
+    states, control = [model.state(), model.state()], model.control()
+    substeps = run.substeps + run.substeps % 2  # both states take turns and must be back in place for a graph
+
+    def advance() -> None:
+        for _ in range(substeps):
+            states[0].clear_forces()
+            solver.step(states[0], states[1], control, None, FRAME_DT / substeps)
+            states.reverse()
+
+    device, step = wp.get_device(model.device), advance
+    advance()  # compiles
+    if device.is_cuda:
+        with wp.ScopedCapture(device=device) as capture:
+            advance()
+        step = partial(wp.capture_launch, capture.graph)
+    states[0].particle_q.assign(start.astype(np.float32))
+    states[0].particle_qd.zero_()
+    return record(step, lambda: states[0].particle_q.numpy(), start, run.case.frames, device)
 
 
 def _newton_model(system: SpringSystem, start: np.ndarray, device: str):
@@ -127,7 +134,7 @@ def pypbd(run: Run) -> Frames:
     controller.setValueUInt(library.TimeStepController.NUM_SUB_STEPS, run.substeps)
     controller.setValueUInt(library.TimeStepController.MAX_ITERATIONS, run.iterations)
     library.TimeManager.getCurrent().setTimeStepSize(FRAME_DT)
-    return _record(
+    return record(
         lambda: controller.step(model),
         lambda: np.array(particles.getVertices())[:, [0, 2, 1]],
         start,
@@ -136,7 +143,7 @@ def pypbd(run: Run) -> Frames:
     )
 
 
-def _record(step: Callable, positions: Callable, start: np.ndarray, frames: int, device: wp.Device) -> Frames:
+def record(step: Callable, positions: Callable, start: np.ndarray, frames: int, device: wp.Device) -> Frames:
     """Frames and times of `step`, measured as study/timing.py measures the product's."""
     found, times = [start], []
     stream = wp.get_stream(device) if device.is_cuda else None
@@ -187,7 +194,7 @@ def flex_times(resolution: int, frames: int, steps: int = 4) -> np.ndarray:
             mujoco.mj_step(model, data)
 
     frame()
-    return _record(frame, lambda: data.flexvert_xpos, data.flexvert_xpos, frames, wp.get_device("cpu"))[1]
+    return record(frame, lambda: data.flexvert_xpos, data.flexvert_xpos, frames, wp.get_device("cpu"))[1]
 
 
 PEERS = (

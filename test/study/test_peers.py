@@ -8,6 +8,7 @@ from cloth_sim_ros.study import norms
 from cloth_sim_ros.study.cases import BODY, CASES
 from cloth_sim_ros.study.contenders import Run
 from cloth_sim_ros.study.exact import reference
+from cloth_sim_ros.study.other_models import OTHER_MODELS, limit
 from cloth_sim_ros.study.peers import PEERS, Peer, colours
 
 CASE, RESOLUTION, SUBSTEPS = CASES["clamped_sheet"], 8, 40
@@ -47,3 +48,31 @@ def test_no_spring_joins_particles_of_one_colour():
     assert sorted(np.concatenate(groups)) == list(range(len(colour)))
     assert (colour[system.pairs[:, 0]] != colour[system.pairs[:, 1]]).all()
     assert len(groups) <= 1 + np.bincount(system.pairs.ravel()).max()
+
+
+def test_a_limit_is_where_runs_draw_no_nearer():
+    """A method of first order that blows up below 20 substeps and whose rounding grows with their number."""
+    start, way = np.zeros((4, 3)), np.ones((4, 3))
+
+    def simulate(run):
+        error = (
+            1e9 if run.substeps < 20 else 1.0 / run.substeps + (-1.0) ** run.substeps.bit_length() * 3e-5 * run.substeps
+        )
+        return np.stack([start, (1.0 + error) * way]), np.ones(1)
+
+    found = limit(simulate, Run(CASE, RESOLUTION, CASE.constant, "cpu", 1, 2), 5000)
+    assert (found.substeps, found.iterations) == (160, 2)
+    assert 1e-3 < found.known < 2e-2
+    assert found.judges(80, 2) and found.judges(160, 1) and not found.judges(160, 2) and not found.judges(320, 1)
+    assert limit(simulate, Run(CASE, RESOLUTION, CASE.constant, "cpu", 1, 2), 100).substeps == 40
+
+
+@pytest.mark.parametrize("peer", OTHER_MODELS, ids=lambda peer: peer.label)
+def test_another_model_converges_and_hangs_as_low_as_springs(peer):
+    pytest.importorskip(peer.package)
+    first = 6 if peer.iterates else 20  # Style3D's rounding takes over beyond 24, flex blows up below 20
+    runs = [Run(CASE, RESOLUTION, CASE.constant, "cpu", substeps, 4) for substeps in (first, 2 * first, 4 * first)]
+    coarse, middle, fine = (peer.simulate(run)[0] for run in runs)
+    assert norms.rms(fine - middle) < 0.7 * norms.rms(middle - coarse)
+    exact = reference(CASE, RESOLUTION, CASE.constant)
+    assert fine[:, :, 2].min() == pytest.approx(exact.frames[:, :, 2].min(), rel=0.4)

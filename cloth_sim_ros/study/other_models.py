@@ -1,0 +1,156 @@
+"""Peers whose cloth is another model than springs: Newton's Style3D and MuJoCo's flex, where they are installed.
+
+No exact motion of ours is theirs, so each is judged by its own limit: what it converges to with ever smaller steps, as
+far as it does. Both get masses, fixed particles and triangles of the case's sheet, and the moduli of its square grid of
+springs k, as many across its cells as along them: C11 = 2 k, C66 = k, E = 1.5 k [N/m], Poisson's ratio 1/2. To add one,
+add a function from a run to its frames and times, and its row.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.topology import build
+from cloth_sim_ros.study import norms
+from cloth_sim_ros.study.case import BODY, FRAME_DT
+from cloth_sim_ros.study.peers import Frames, Peer, record, run_newton
+
+if TYPE_CHECKING:
+    from cloth_sim_ros.study.contenders import Run, Simulate
+
+_COARSEST = 10  # substeps from which a limit is looked for
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What a method converges to: frames (F + 1, N, 3) [m] of its run of so many substeps and iterations, which are
+    `known` [m] from those of the next coarser run, RMS; infinite where it does not converge."""
+
+    frames: np.ndarray
+    known: float
+    substeps: int
+    iterations: int
+
+    def judges(self, substeps: int, iterations: int) -> bool:
+        """Whether a run is coarser than what it would be judged by."""
+        other = (substeps, iterations) != (self.substeps, self.iterations)
+        return other and substeps <= self.substeps and iterations <= self.iterations
+
+
+def limit(simulate: Simulate, run: Run, most: int) -> Limit:
+    """The limit of `simulate` with the iterations of `run`: its substeps are doubled as long as runs draw nearer to one
+    another, which rounding ends, and sweeps a frame are at most `most`."""
+
+    def frames_of(substeps: int) -> np.ndarray:
+        return simulate(dataclasses.replace(run, substeps=substeps))[0]
+
+    substeps, change, frames = _COARSEST, np.inf, frames_of(_COARSEST)
+    while 2 * substeps * run.iterations <= most:
+        finer = frames_of(2 * substeps)
+        moved, apart = norms.rms(finer[1:] - finer[0]), norms.rms(finer - frames)
+        if apart >= change:
+            break
+        substeps, frames = 2 * substeps, finer
+        change = apart if apart < moved else np.inf  # where one of both blew up, they tell nothing
+    return Limit(frames, change, substeps, run.iterations)
+
+
+def style3d(run: Run) -> Frames:
+    """Newton's Style3D (projective dynamics), of at most 10 linear iterations in each of its iterations."""
+    from newton import Axis, ModelBuilder, solvers  # an optional package, imported where it is used
+
+    system, start = run.case.system(run.resolution, run.constant)
+    sheet = build(run.case.body(run.resolution, run.constant), BODY, False)
+    builder = ModelBuilder(up_axis=Axis.Z, gravity=system.gravity)
+    solvers.SolverStyle3D.register_custom_attributes(builder)
+    corners = sheet.triangles.ravel().tolist()
+    solvers.style3d.add_cloth_mesh(
+        builder,
+        pos=wp.vec3(0.0, 0.0, 0.0),
+        rot=wp.quat_identity(),
+        vel=wp.vec3(0.0, 0.0, 0.0),
+        vertices=[wp.vec3(*position) for position in start],
+        indices=corners,
+        density=1.0,
+        panel_verts=sheet.layout[:, :2].tolist(),
+        panel_indices=corners,
+        tri_aniso_ke=wp.vec3(2.0 * run.constant, 2.0 * run.constant, run.constant),
+        edge_aniso_ke=wp.vec3(0.0, 0.0, 0.0),
+    )
+    builder.particle_mass[:] = np.where(system.fixed, 0.0, system.masses).tolist()
+    model = builder.finalize(device=None if run.device == "auto" else run.device)
+    config = solvers.SolverStyle3D.Config(iterations=run.iterations, linear_iterations=10)
+    solver = solvers.SolverStyle3D(model, config=config)
+    solver.collision = None
+    return run_newton(solver, start, run)
+
+
+_FLEX = """
+<mujoco>
+  <option timestep="{dt}" gravity="{gravity}" integrator="Euler"><flag contact="disable"/></option>
+  <size memory="400M"/>
+  <worldbody>
+    <flexcomp name="cloth" type="direct" dim="2" radius="0.0005" mass="0.2" point="{points}" element="{triangles}">
+      <edge damping="0"/>
+      <elasticity young="{young}" poisson="0.49" thickness="0.001" elastic2d="stretch"/>
+      <contact selfcollide="none"/>
+      <pin id="{pins}"/>
+    </flexcomp>
+  </worldbody>
+</mujoco>
+"""
+
+
+def flex(run: Run) -> Frames:
+    """MuJoCo's flex, an elastic membrane by finite elements, by the integrator that MuJoCo asks for with small steps.
+
+    It takes no iterations. Elastic forces are explicit, so that too few substeps blow up.
+    """
+    import mujoco
+
+    system, start = run.case.system(run.resolution, run.constant)
+    sheet = build(run.case.body(run.resolution, run.constant), BODY, False)
+    mujoco.set_mju_user_warning(lambda text: None)  # runs that blow up are part of the study
+    text = _FLEX.format(
+        dt=FRAME_DT / run.substeps,
+        gravity=_listed(system.gravity),
+        points=_listed(start),
+        triangles=_listed(sheet.triangles),
+        young=1.5 * run.constant / 0.001,
+        pins=_listed(np.flatnonzero(system.fixed)),
+    )
+    model = mujoco.MjModel.from_xml_string(text)
+    model.body_mass[model.flex_vertbodyid[~system.fixed]] = system.masses[~system.fixed]
+    data = mujoco.MjData(model)
+    mujoco.mj_setConst(model, data)
+    mujoco.mj_resetData(model, data)
+
+    kinds = mujoco.mjtWarning
+    bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
+
+    def frame() -> None:
+        for _ in range(run.substeps):
+            mujoco.mj_step(model, data)
+
+    def positions() -> np.ndarray:
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_flex(model, data)
+        blown_up = any(data.warning[kind].number for kind in bad)  # MuJoCo then starts again from rest
+        return np.where(blown_up, np.nan, data.flexvert_xpos)
+
+    return record(frame, positions, start, run.case.frames, wp.get_device("cpu"))
+
+
+def _listed(numbers: np.ndarray) -> str:
+    return " ".join(f"{number:.9g}" for number in np.ravel(numbers))
+
+
+OTHER_MODELS = (
+    Peer("Style3D, from its own limit", "newton", style3d, on_gpu=True),
+    Peer("MuJoCo flex, from its own limit", "mujoco", flex, on_gpu=False, iterates=False),
+)
