@@ -8,7 +8,9 @@ add a function from a run to its frames and times, and its row.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -85,7 +87,8 @@ def style3d(run: Run) -> Frames:
     builder.particle_mass[:] = np.where(system.fixed, 0.0, system.masses).tolist()
     model = builder.finalize(device=None if run.device == "auto" else run.device)
     config = solvers.SolverStyle3D.Config(iterations=run.iterations, linear_iterations=10)
-    solver = solvers.SolverStyle3D(model, config=config)
+    with contextlib.redirect_stdout(io.StringIO()):  # it tells how long it takes, into the study's table
+        solver = solvers.SolverStyle3D(model, config=config)
     solver.collision = None
     return run_newton(solver, start, run)
 
