@@ -256,7 +256,9 @@ class Simulation(Ropes, Live):
         batch, source = self._batch[name], other._batch[name]
         if batch.features.winch:
             batch.write_body("reels", name, source.read_body("reels", name, 0), None)
-        self.set_positions(name, other.positions(name))
+        rows = other.positions(name)
+        self._is_strained(name, rows)
+        self._batch[name].write_positions(name, rows, None)
         self.set_velocities(name, other.velocities(name))
         if batch.features.twist:
             batch.write_body("twists", name, source.read_body("twists", name, 0), None)
@@ -267,12 +269,16 @@ class Simulation(Ropes, Live):
         Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
         """
         rows = self._rows(name, positions, "positions", _FAR)
-        topology = self._elastic[name]
-        if is_strained(topology, rows):
-            if self.settings.method == "auto":
-                self._leave_to_implicit(name)
-            rows = off_symmetry(topology, rows)
+        if self._is_strained(name, rows) and self._elastic[name].reel is None:  # what is on a drum stays there
+            rows = off_symmetry(self._elastic[name], rows)
         self._batch[name].write_positions(name, rows, self._some(world))
+
+    def _is_strained(self, name: str, rows: np.ndarray) -> bool:
+        """Whether positions strain a spring by more than half; then explicit steps are no longer chosen for it."""
+        strained = is_strained(self._elastic[name], rows)
+        if strained and self.settings.method == "auto":
+            self._leave_to_implicit(name)
+        return strained
 
     def set_velocities(self, name: str, velocities: Any, world: int | None = None) -> None:
         """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start
