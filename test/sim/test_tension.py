@@ -57,8 +57,8 @@ def test_tension_is_the_weight_below(device, compliance, order, solver):
     assert np.mean(found, axis=0) == pytest.approx(expected, rel=rounding)
     assert np.array(found) == pytest.approx(np.tile(expected, (20, 1)), rel=5e-3)
     report = sim.report()["it"]
-    assert report["start_tension"] == report["max_tension"] == pytest.approx(expected[0], rel=1e-3)
-    assert report["end_tension"] == pytest.approx(expected[-1], rel=1e-3)
+    assert report["start_tension"] == report["max_tension"] == pytest.approx(expected[0], rel=2.0 * rounding)
+    assert report["end_tension"] == pytest.approx(expected[-1], rel=2.0 * rounding)
     sim.reset()
     assert np.array_equal(sim.tensions("it"), np.zeros(segments))
 
