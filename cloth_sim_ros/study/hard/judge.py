@@ -213,6 +213,10 @@ def watch(sim: Simulation, trial: Trial) -> Verdict:
     for frame in range(trial.frames):
         if rests and frame == trial.frames - LATEST:
             helped = _help(sim, energy)
+            if helped and trial.conserves:
+                # What is too long for a rigid spring is taken back within a substep, and that is shorter now.
+                energy = Energy(sim)
+                stored = max(stored, energy.at_start(x, v)[0])
         trial.drive(sim, frame)
         sim.step()
         x, v = (read(BODY).astype(np.float64) for read in (sim.positions, sim.velocities))
