@@ -32,7 +32,7 @@ for (int lane = 0; lane < {LANES}; ++lane) {{
     flags[lane] = record[0];
     for (int c = 0; c < 4; ++c) corners[c].at[lane] = record[c] & {(1 << INDEX) - 1};
 }}
-// Rows of four numbers to four vectors, and back.
+// The rows of eight particles, of four numbers each, to four vectors.
 auto turn = [](uint64_t address, const int* at, Lanes* to) {{
     typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
     const Row* rows = (const Row*)address;
@@ -85,6 +85,7 @@ if (records[1] >> {HAS_DIAGONALS} & 1) {{
     pull(a, e, spacing[2], diagonal, there);
     pull(b, c, spacing[2], diagonal, there);
 }}
+// And back: where a cell is missing or has two springs alone, row by row.
 const bool whole = count == {LANES} && !__builtin_reduce_or(flags >> {ALONE} & 1);
 for (int n = 0; n < 4; ++n) {{
     typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
