@@ -32,26 +32,29 @@ for (int lane = 0; lane < {LANES}; ++lane) {{
     flags[lane] = record[0];
     for (int c = 0; c < 4; ++c) corners[c].at[lane] = record[c] & {(1 << INDEX) - 1};
 }}
-// The rows of eight particles, of four numbers each, to four vectors.
-auto turn = [](uint64_t address, const int* at, Lanes* to) {{
-    typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
-    const Row* rows = (const Row*)address;
-    auto two = [&](int lane) {{
-        return __builtin_shufflevector(rows[at[lane]], rows[at[lane + 4]], 0, 1, 2, 3, 4, 5, 6, 7);
-    }};
-    const Lanes a = two(0), b = two(1), c = two(2), e = two(3);
-    const Lanes ab = __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13);
-    const Lanes AB = __builtin_shufflevector(a, b, 2, 10, 3, 11, 6, 14, 7, 15);
-    const Lanes ce = __builtin_shufflevector(c, e, 0, 8, 1, 9, 4, 12, 5, 13);
-    const Lanes CE = __builtin_shufflevector(c, e, 2, 10, 3, 11, 6, 14, 7, 15);
+typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
+// Four rows of four numbers to their columns, in both halves of the lanes; twice it is what it was.
+auto turn = [](const Lanes* from, Lanes* to) {{
+    const Lanes ab = __builtin_shufflevector(from[0], from[1], 0, 8, 1, 9, 4, 12, 5, 13);
+    const Lanes AB = __builtin_shufflevector(from[0], from[1], 2, 10, 3, 11, 6, 14, 7, 15);
+    const Lanes ce = __builtin_shufflevector(from[2], from[3], 0, 8, 1, 9, 4, 12, 5, 13);
+    const Lanes CE = __builtin_shufflevector(from[2], from[3], 2, 10, 3, 11, 6, 14, 7, 15);
     to[0] = __builtin_shufflevector(ab, ce, 0, 1, 8, 9, 4, 5, 12, 13);
     to[1] = __builtin_shufflevector(ab, ce, 2, 3, 10, 11, 6, 7, 14, 15);
     to[2] = __builtin_shufflevector(AB, CE, 0, 1, 8, 9, 4, 5, 12, 13);
     to[3] = __builtin_shufflevector(AB, CE, 2, 3, 10, 11, 6, 7, 14, 15);
 }};
+auto load = [&](uint64_t address, const int* at, Lanes* to) {{
+    const Row* row = (const Row*)address;
+    Lanes rows[4];
+    for (int lane = 0; lane < 4; ++lane) {{
+        rows[lane] = __builtin_shufflevector(row[at[lane]], row[at[lane + 4]], 0, 1, 2, 3, 4, 5, 6, 7);
+    }}
+    turn(rows, to);
+}};
 for (int c = 0; c < 4; ++c) {{
-    turn(x, corners[c].at, corners[c].x);
-    turn(d, corners[c].at, corners[c].d);
+    load(x, corners[c].at, corners[c].x);
+    load(d, corners[c].at, corners[c].d);
 }}
 const Lanes there = (flags >> {ALONE} & 1) != 0 ? Lanes(0.0f) : Lanes(1.0f);  // of springs that lone ones lack
 auto pull = [](Corner& i, Corner& j, Lanes rest, Lanes alpha, Lanes there) {{
@@ -85,21 +88,11 @@ if (records[1] >> {HAS_DIAGONALS} & 1) {{
     pull(a, e, spacing[2], diagonal, there);
     pull(b, c, spacing[2], diagonal, there);
 }}
-// And back: where a cell is missing or has two springs alone, row by row.
+// Row by row where a cell is missing or has two springs alone.
 const bool whole = count == {LANES} && !__builtin_reduce_or(flags >> {ALONE} & 1);
 for (int n = 0; n < 4; ++n) {{
-    typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
-    const Lanes* from = corners[n].d;
-    Lanes low = __builtin_shufflevector(from[0], from[1], 0, 8, 1, 9, 4, 12, 5, 13);
-    Lanes LOW = __builtin_shufflevector(from[0], from[1], 2, 10, 3, 11, 6, 14, 7, 15);
-    Lanes high = __builtin_shufflevector(from[2], from[3], 0, 8, 1, 9, 4, 12, 5, 13);
-    Lanes HIGH = __builtin_shufflevector(from[2], from[3], 2, 10, 3, 11, 6, 14, 7, 15);
-    const Lanes rows[4] = {{
-        __builtin_shufflevector(low, high, 0, 1, 8, 9, 4, 5, 12, 13),
-        __builtin_shufflevector(low, high, 2, 3, 10, 11, 6, 7, 14, 15),
-        __builtin_shufflevector(LOW, HIGH, 0, 1, 8, 9, 4, 5, 12, 13),
-        __builtin_shufflevector(LOW, HIGH, 2, 3, 10, 11, 6, 7, 14, 15)
-    }};
+    Lanes rows[4];
+    turn(corners[n].d, rows);
     Row* to = (Row*)d;
     const int* at = corners[n].at;
     if (whole) {{
