@@ -257,7 +257,7 @@ class Simulation(Ropes, Live):
         if batch.features.winch:
             batch.write_body("reels", name, source.read_body("reels", name, 0), None)
         rows = other.positions(name)
-        self._is_strained(name, rows)
+        self._leave_if_strained(name, rows)
         self._batch[name].write_positions(name, rows, None)
         self.set_velocities(name, other.velocities(name))
         if batch.features.twist:
@@ -269,12 +269,12 @@ class Simulation(Ropes, Live):
         Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
         """
         rows = self._rows(name, positions, "positions", _FAR)
-        if self._is_strained(name, rows) and self._elastic[name].reel is None:  # what is on a drum stays there
+        if self._leave_if_strained(name, rows) and self._elastic[name].reel is None:  # what is on a drum stays there
             rows = off_symmetry(self._elastic[name], rows)
         self._batch[name].write_positions(name, rows, self._some(world))
 
-    def _is_strained(self, name: str, rows: np.ndarray) -> bool:
-        """Whether positions strain a spring by more than half; then explicit steps are no longer chosen for it."""
+    def _leave_if_strained(self, name: str, rows: np.ndarray) -> bool:
+        """Whether positions strain a spring by more than half; `auto` then leaves the object to implicit steps."""
         strained = is_strained(self._elastic[name], rows)
         if strained and self.settings.method == "auto":
             self._leave_to_implicit(name)

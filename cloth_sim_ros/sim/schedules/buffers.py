@@ -1,5 +1,5 @@
-"""What schedules that cut bodies into pieces share: the two buffers between which a launch takes its particles, and the
-graphs of frames."""
+"""What schedules that cut bodies into pieces share: the two buffers between which a launch takes its particles, the
+memory that a piece has, and the graphs of frames."""
 
 from collections.abc import Callable
 
@@ -7,7 +7,15 @@ import warp as wp
 
 from cloth_sim_ros.sim.schedules.coloured import GRAPHS
 from cloth_sim_ros.sim.schedules.native import array_address
+from cloth_sim_ros.sim.schedules.resident import shared_memory
 from cloth_sim_ros.sim.state import State
+
+_ARENA = 1 << 18  # bytes of a CPU's stand-in for shared memory
+
+
+def piece_memory(device: wp.Device) -> int:
+    """Bytes in which a piece of a body has to find room."""
+    return _ARENA if device.is_cpu else shared_memory(device)
 
 
 @wp.struct

@@ -18,11 +18,11 @@ from cloth_sim_ros.sim.constraints.cell_lanes import LANES
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules import native
-from cloth_sim_ros.sim.schedules.buffers import Frames, make_buffer_of
+from cloth_sim_ros.sim.schedules.buffers import Frames, make_buffer_of, piece_memory
 from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, xyz
-from cloth_sim_ros.sim.schedules.resident import CELL_THREADS, shared_memory
+from cloth_sim_ros.sim.schedules.resident import CELL_THREADS
 from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_collider
 from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells, make_sweep_lanes
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
@@ -31,7 +31,6 @@ from cloth_sim_ros.sim.state import Arrays, Sweep, gathered, given_type
 from cloth_sim_ros.sim.topology import Topology
 
 _BYTES_A_MEMBER = 48  # position, low part and displacement
-_ARENA = 1 << 18  # bytes of a CPU's stand-in for shared memory
 _SIZES = (6, 8, 12, 16, 24, 32, 48)  # particles along a side that a patch owns
 _NOBODY = -1  # in place of a member
 # Microseconds on an H200: a launch with its loads and stores, a pass however small, and 1024 cells of a pass.
@@ -83,7 +82,7 @@ def plan_patches(
         raise Unfit("wind", "a scene without wind, method verlet")
     sweeps = [cells.passes(topology) for topology in topologies]
     grids = [topology.grid for topology in topologies]
-    shared = _ARENA if device.is_cpu else shared_memory(device)
+    shared = piece_memory(device)
     costs = {}
     for side in _SIZES if size is None else (size,):
         pieces = [patches.largest(grid, sweep, side) for grid, sweep in zip(grids, sweeps, strict=True)]

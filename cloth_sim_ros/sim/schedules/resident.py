@@ -175,7 +175,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     store4(low, i, s.low[body.particles + i])
         records = native.record_address(m.cells, body.cells)
         if wp.static(staged > 0):
-            # Each thread takes to its side what it alone reads: from afar it comes later than a pass takes.
+            # From afar they come later than a pass takes.
             afar = records
             records = staged_address(wp.tile_empty(shape=(wp.static(staged),), dtype=wp.vec4, storage="shared"))
             for k in range(t, body.cells_end - body.cells, width):

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.schedules.buffers import piece_memory
 from cloth_sim_ros.sim.state import Arrays, Sweep
 from cloth_sim_ros.sim.tiling import Tiling, cut, surround
 
@@ -25,8 +26,6 @@ _WHOLE_MESSAGES = 70  # compute capability of GPUs that read and write 16 bytes 
 OUTSIDE = 1 << 30  # ring of a place without a member
 _WHOLE_FRAME = 1 << 30  # substeps a launch of bodies of one tile, which have no halo
 _BYTES_A_MEMBER = 120  # positions, low parts and velocities of two substeps, and a gap after every fourth member
-_RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
-_ARENA = 1 << 18  # bytes of a CPU's stand-in for shared memory
 
 
 @wp.struct
@@ -140,7 +139,7 @@ def _deep(
 
     deepest = halos(depth or DEEPEST)
     largest = np.max([tiling.ends.max(axis=0) for tiling in deepest], axis=0)
-    room = (_ARENA if device.is_cpu else device.max_shared_memory_per_block - _RESERVED) // _BYTES_A_MEMBER
+    room = piece_memory(device) // _BYTES_A_MEMBER
     depths = [d for d in range(1, len(largest)) if largest[d] <= min(room, THREADS)]
     if not depths or depth not in (None, *depths):
         raise Unfit(
