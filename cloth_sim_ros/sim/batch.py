@@ -9,8 +9,9 @@ import warp as wp
 
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES
 from cloth_sim_ros.sim.model import Features, Model, ModelArrays
+from cloth_sim_ros.sim.schedules import patches
 from cloth_sim_ros.sim.schedules.coloured import Coloured
-from cloth_sim_ros.sim.schedules.patched import Patched, plan_patches
+from cloth_sim_ros.sim.schedules.patched import Patched
 from cloth_sim_ros.sim.schedules.resident import Resident, capacity, threads_for
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
@@ -107,7 +108,7 @@ class Batch:
             return Tiled(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
         if self.features.order == 2 and not forced:  # run on CPUs alone so far
             raise Unfit("order 2", "schedule 'tiled' by name")
-        chosen = plan_patches(self.features, topologies, len(self.worlds), self.device)
+        chosen = patches.plan(self.features, topologies, len(self.worlds), self.device)
         if resident and not forced and chosen.cost > chosen.whole:
             raise Unfit("bodies that are faster whole", "schedule 'resident'")
         return Patched(self.features, self.worlds, chosen, self.device)

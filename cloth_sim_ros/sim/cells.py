@@ -116,6 +116,17 @@ def in_pairs(springs: np.ndarray) -> np.ndarray:
     return np.concatenate([springs, springs[-1:]] if len(springs) % 2 else [springs]).reshape(-1, 4)
 
 
+def springs_of(records: np.ndarray) -> np.ndarray:
+    """(6, C, 2) the particles of the springs PAIRS of `records` (C, 4), -1 for what is not there or there again."""
+    first, second = records[:, 0], records[:, 1]
+    corners = np.column_stack([first & ((1 << INDEX) - 1), second & ((1 << INDEX) - 1), records[:, 2], records[:, 3]])
+    sides, diagonals = second >> HAS_SIDES & 1 == 1, second >> HAS_DIAGONALS & 1 == 1
+    whole, there = first >> ALONE & 1 == 0, records[:, 3] != EMPTY
+    again = corners[:, 2] == corners[:, 0]
+    held = np.array([sides, sides & ~again, *[sides & whole] * 2, *[diagonals & whole] * 2]) & there
+    return np.where(held[..., None], corners[:, PAIRS].swapaxes(0, 1), -1)
+
+
 def width_of(sweep: list[Pass], most: int) -> int:
     """How many cells a block projects at a time: whole warps for its largest pass, and `most` at most."""
     return min(most, -(-max((len(one.particles) for one in sweep), default=0) // 32) * 32)

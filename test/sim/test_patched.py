@@ -5,8 +5,9 @@ import pytest
 
 from cloth_sim_ros.sim import Cloth, Plane, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.sim.cells import passes
-from cloth_sim_ros.sim.patches import cut, margin
-from cloth_sim_ros.sim.schedules.patched import Patched, plan_patches
+from cloth_sim_ros.sim.patching import cut, margin
+from cloth_sim_ros.sim.schedules.patched import Patched
+from cloth_sim_ros.sim.schedules.patches import plan
 from cloth_sim_ros.sim.topology import build
 
 BALL = {"ball": Sphere(radius=0.2, position=(0, 0, -0.22)), "floor": Plane(position=(0, 0, -0.3))}
@@ -23,7 +24,7 @@ def states(device, schedule, size=None, objects=None, colliders=None, worlds=1, 
     for batch in sim._batches:
         if size is not None:
             topologies = [sim._topologies[name] for name in batch.index]
-            chosen = plan_patches(batch.features, topologies, worlds, batch.device, size)
+            chosen = plan(batch.features, topologies, worlds, batch.device, size)
             batch.schedule = Patched(batch.features, batch.worlds, chosen, batch.device)
     for frame in range(6):
         if colliders:
@@ -50,7 +51,7 @@ def test_patches_own_every_particle_once_and_have_all_cells_of_their_own(strippe
 
 
 @pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("substeps", [3, 8])
+@pytest.mark.parametrize("substeps", [2, 3, 8])
 @pytest.mark.parametrize("size", [8, 13, 64])
 def test_no_cut_changes_a_bit(device, size, substeps, order):
     wanted, report = states(device, "coloured", substeps=substeps, order=order)
@@ -77,7 +78,7 @@ def test_worlds_in_patches_are_those_alone(device):
         assert np.array_equal(rows, np.concatenate([alone, alone]))
 
 
-@pytest.mark.parametrize("settings", [{"iterations": 2}, {"substeps": 2}])
+@pytest.mark.parametrize("settings", [{"iterations": 2}, {"substeps": 1}])
 def test_frames_that_patches_do_not_serve_are_still_right(device, settings):
     assert np.array_equal(states(device, "tiled", 13, **settings)[0], states(device, "coloured", **settings)[0])
 

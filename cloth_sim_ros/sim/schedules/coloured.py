@@ -28,7 +28,7 @@ from cloth_sim_ros.sim.schedules.stages import (
 )
 from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
 from cloth_sim_ros.sim.schedules.twist import ask_for
-from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
+from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, compliance_of, gathered, given_type
 
 GRAPHS = 4  # frames kept at a time, for as many pairs of substeps and iterations
@@ -64,14 +64,9 @@ class Coloured:
         for launch in frame:
             launch.launch()
 
-    def launches(self, first: int, substeps: int, iterations: int = 1) -> list[wp.Launch]:
-        """Those of a frame from substep `first` on."""
-        self._frame = []
-        self._launch_frame(first, substeps, iterations)
-        return self._frame
-
     def _record(self, substeps: int, iterations: int) -> list[wp.Launch] | wp.Graph:
-        self.launches(0, substeps, iterations)
+        self._frame = []
+        self._launch_frame(substeps, iterations)
         if not self._device.is_cuda:
             return self._frame
         with wp.ScopedCapture(device=self._device) as capture:
@@ -91,12 +86,12 @@ class Coloured:
             self._recorded[key] = wp.launch(kernel, dim=dim, inputs=inputs, device=device, record_cmd=True)
         self._frame.append(self._recorded[key])
 
-    def _launch_frame(self, first: int, substeps: int, iterations: int) -> None:
+    def _launch_frame(self, substeps: int, iterations: int) -> None:
         if "cell" in self._features.constraints:
             for b, body in enumerate(self._bodies):
                 begin, end = self._groups[body["groups"]][2], self._groups[body["tuple_groups"] - 1][3]
                 self._launch("find_collapsed", end - begin, b)
-        for substep in range(first, substeps):
+        for substep in range(substeps):
             for b, body in enumerate(self._bodies):
                 if self._colliders:
                     self._launch("sweep", self._colliders, b, substep)
@@ -267,10 +262,7 @@ def make_kernels(features: Features, lanes: bool) -> dict[str, wp.Kernel]:
                 arrays.state.reels[i] = arrays.state.good_reels[i]
             else:
                 arrays.state.good_reels[i] = arrays.state.reels[i]
-        arrays.state.relapses[i] = wp.where(arrays.state.faulty[i] == 1, arrays.state.relapses[i] + 1, 0)
-        if arrays.state.faulty[i] == 1:
-            arrays.state.recoveries[i] += 1
-            arrays.state.faulty[i] = 0
+        if count_fault(i, arrays.state):
             if wp.static(features.looks_back):
                 arrays.state.history[i] = 0
         if wp.static("cell" in features.constraints):

@@ -1,17 +1,16 @@
-"""Particles exchanged between tiles that are all on a GPU at once, within one launch.
+"""Particles exchanged between pieces of bodies that are all on a GPU at once, within one launch.
 
 A particle is three messages of 16 bytes, each with its own number. A message is written and read whole (a 128-bit
 access is atomic in PTX's memory model), so that who finds the number that it waits for has the rest as well: no flag,
-no fence, once through the cache. Two sides alternate: a tile sends a round only after it has received the one before
+no fence, once through the cache. Two sides alternate: a piece sends a round only after it has received the one before
 from all its neighbours, which sent that after they had read the one before it.
 """
 
 import warp as wp
 
 from cloth_sim_ros.sim.schedules.native import array_address, as_index
-from cloth_sim_ros.sim.schedules.tiles import Tiles
-from cloth_sim_ros.sim.state import State
 
+_WHOLE_MESSAGES = 70  # compute capability of GPUs that read and write 16 bytes at once, times 10
 # Reads of a message that does not come, about a second. Blocks of one launch that all fit run at once unless another
 # stream fills the GPU for as long; the body is then put back, as after any other fault.
 _PATIENCE = wp.constant(1 << 21)
@@ -48,6 +47,11 @@ return wp::vec4();
 """
 
 
+def run_at_once(pieces: int, device: wp.Device) -> bool:
+    """Whether all `pieces`, of a block each, are on the device at once, as those must be that wait for one another."""
+    return device.is_cuda and device.arch >= _WHOLE_MESSAGES and pieces <= device.sm_count
+
+
 @wp.func_native(_SEND)
 def send_message(address: wp.uint64, i: int, v: wp.vec3, number: int): ...
 
@@ -80,13 +84,13 @@ class Message:
 
 
 @wp.func
-def exchange_of(g: int, w: int, s: State, tiles: Tiles) -> Exchange:
-    """The exchange of particle g of world w."""
+def exchange_of(particle: int, count: int, messages: wp.array(dtype=wp.vec4), sent: wp.array(dtype=int)) -> Exchange:
+    """The exchange of one of the `count` particles of all worlds."""
     found = Exchange()
-    found.messages = array_address(tiles.messages, 0)
-    found.first = w * s.positions.shape[0] + g
-    found.apart = tiles.positions.shape[0]
-    found.number = tiles.sent[0]
+    found.messages = array_address(messages, 0)
+    found.first = particle
+    found.apart = count
+    found.number = sent[0]
     found.patience = _PATIENCE
     return found
 

@@ -22,7 +22,7 @@ from cloth_sim_ros.sim.schedules.stages import (
 )
 from cloth_sim_ros.sim.schedules.tile_forces import Carried, make_drag, make_springs
 from cloth_sim_ros.sim.schedules.tiles import OUTSIDE, SWEPT, Tiles
-from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
+from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, given_type
 
 
@@ -249,7 +249,8 @@ def make_kernels(
             turns -= lag
         exchange = Exchange()
         if wp.static(waits):
-            exchange = exchange_of(tiles.members[n * wp.static(capacity) + mine], w, s, tiles)
+            particle = w * s.positions.shape[0] + tiles.members[n * wp.static(capacity) + mine]
+            exchange = exchange_of(particle, tiles.positions.shape[0], tiles.messages, tiles.sent)
         sync()
         still = eased_by(frame.global_damping, step)
         for k in range(0, count, wp.static(2 if keeps else 1)):
@@ -365,9 +366,6 @@ def make_kernels(
             s = given[w].state
         else:
             s = given.state
-        s.history[b] = 1 - s.faulty[b]
-        s.recoveries[b] += s.faulty[b]
-        s.relapses[b] = s.faulty[b] * (s.relapses[b] + 1)
-        s.faulty[b] = 0
+        s.history[b] = wp.where(count_fault(b, s), 0, 1)
 
     return {"advance": advance, "settle": settle, "count_faults": count_faults}

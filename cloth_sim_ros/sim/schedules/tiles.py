@@ -9,6 +9,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.schedules.buffers import piece_memory
+from cloth_sim_ros.sim.schedules.exchange import run_at_once
 from cloth_sim_ros.sim.state import Arrays, Sweep
 from cloth_sim_ros.sim.tiling import Tiling, cut, surround
 
@@ -22,7 +23,6 @@ _TYPES = (1 << 31) // PLACES
 # spring of every warp, one on each of the four schedulers.
 _LAUNCH, _EXCHANGE, _LEAST, _A_SPRING = 3.5, 0.65, 0.05, 0.028
 _SCHEDULERS = 4
-_WHOLE_MESSAGES = 70  # compute capability of GPUs that read and write 16 bytes at once, times 10
 OUTSIDE = 1 << 30  # ring of a place without a member
 _WHOLE_FRAME = 1 << 30  # substeps a launch of bodies of one tile, which have no halo
 _BYTES_A_MEMBER = 120  # positions, low parts and velocities of two substeps, and a gap after every fourth member
@@ -146,7 +146,7 @@ def _deep(
             f"tiles of {largest[0]} particles that have {largest[depth or 1]} with their halos",
             f"at most {min(room, THREADS)} on {device.alias}",
         )
-    able = waits is not False and _run_at_once(worlds * sum(len(tiling.ends) for tiling in deepest), device)
+    able = waits is not False and run_at_once(worlds * sum(len(tiling.ends) for tiling in deepest), device)
     ways = [(d, wait) for d in depths for wait in {False, able and d % 2 == 0} if depth in (None, d)]
     costs = {
         (d, wait): ((_EXCHANGE if wait else _LAUNCH) + _substeps_cost(deepest, d, worlds, device)) / d
@@ -155,11 +155,6 @@ def _deep(
     chosen, wait = min(costs, key=costs.get)
     tilings = deepest if chosen == len(largest) - 1 else halos(chosen)
     return [Plan(tilings, around, chosen, costs[chosen, wait], wait)]
-
-
-def _run_at_once(tiles: int, device: wp.Device) -> bool:
-    """Whether all `tiles` are on the device at once, as tiles must be that wait for one another."""
-    return device.is_cuda and device.arch >= _WHOLE_MESSAGES and tiles <= device.sm_count
 
 
 def _substeps_cost(tilings: list[Tiling], depth: int, worlds: int, device: wp.Device) -> float:

@@ -33,6 +33,16 @@ def keep(g: int, position: wp.vec4, low: wp.vec4, s: State):
 
 
 @wp.func
+def count_fault(b: int, s: State) -> bool:
+    """Whether body b was put back in this frame, counted; the next one starts without a fault."""
+    faulty = s.faulty[b]
+    s.recoveries[b] += faulty
+    s.relapses[b] = faulty * (s.relapses[b] + 1)
+    s.faulty[b] = 0
+    return faulty == 1
+
+
+@wp.func
 def put_back(g: int, relapses: int, m: Model, s: State):
     """Particle g of the batch goes back to where it was last good, at rest, or was at first after too many
     `relapses`."""

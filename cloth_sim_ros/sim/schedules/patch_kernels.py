@@ -1,0 +1,309 @@
+"""The kernels of the patched schedule: substeps of patches, and the watch at the end of a frame (see patched.py)."""
+
+from functools import lru_cache
+
+import warp as wp
+
+from cloth_sim_ros.sim.constraints.cell import is_collapsed
+from cloth_sim_ros.sim.model import Body, Features
+from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.schedules import native
+from cloth_sim_ros.sim.schedules.buffers import make_buffer_of
+from cloth_sim_ros.sim.schedules.contact import make_contact
+from cloth_sim_ros.sim.schedules.exchange import Exchange, exchange_of, receive, send
+from cloth_sim_ros.sim.schedules.native import load4, load_record, store4, sync, xyz
+from cloth_sim_ros.sim.schedules.patches import NOBODY, SENT, Patches
+from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_collider
+from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells, make_sweep_lanes
+from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
+from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
+from cloth_sim_ros.sim.state import ColliderMotion, Material, State, given_type
+
+
+@lru_cache
+def make_kernels(features: Features, capacity: int, block: int, width: int, waits: bool) -> dict[str, wp.Kernel]:
+    """The kernels for patches of `capacity` places, of which `width` cells are projected at a time."""
+    return {
+        "advance": _make_advance(features, capacity, block, width, waits, False),
+        "finish": _make_advance(features, capacity, block, width, False, True),
+        "settle": _make_settle(features, capacity, block),
+        "count_faults": _make_count_faults(features),
+    }
+
+
+def _options() -> dict:
+    return {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
+
+
+def _make_advance(features: Features, capacity: int, block: int, width: int, waits: bool, last: bool) -> wp.Kernel:
+    """The kernel of `count` substeps from substep `first` on: of one, unless patches wait for one another.
+
+    The last substep of a frame stores multipliers and looks for faults.
+    """
+    predict, finish = make_predict(features), make_finish(features)
+    contact = make_contact(features) if features.shapes else None
+    x_address, d_address, low_address = (native.make_tile_address(3 * capacity, part * capacity) for part in range(3))
+    project = make_sweep_lanes(features.order) if block == 1 else make_sweep_cells(features.order, stores=last)
+    buffer_of = make_buffer_of(Patches)
+    argument = given_type(features)
+    alone = block >= capacity  # a thread has one place at most
+
+    @wp.func
+    def finish_own(
+        i: int,
+        q: int,
+        substep: int,
+        colliders: wp.array(dtype=ColliderMotion),
+        patches: Patches,
+        s: State,
+        here: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        low: wp.uint64,
+        d: wp.uint64,
+    ) -> Moving:
+        """What own place i carries on after all passes of a substep."""
+        if wp.static(bool(features.shapes)):
+            contact(
+                i,
+                q * colliders.shape[0],
+                body.particles + i,
+                material,
+                colliders,
+                patches.sweeps,
+                s.contacts,
+                here.velocities,
+                here.last_displacements,
+                step,
+                x,
+                low,
+                d,
+            )
+        moving = Moving()
+        if load4(x, i)[3] != 0.0:
+            moving = finish(i, substep, False, here, body, step, x, low, d)
+        else:
+            moving.low = xyz(load4(low, i))
+        return moving
+
+    # One block a multiprocessor is enough, and has its registers.
+    @wp.kernel(launch_bounds=(block, 1), **_options())
+    def advance(given: argument, patches: Patches, side: int, first: int, count: int):
+        q, t = wp.tid()
+        w = q / patches.body.shape[0]
+        n = q - w * patches.body.shape[0]
+        b = patches.body[n]
+        # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
+        if wp.static(features.worlds):
+            s = given[w].state
+            body = given[w].model.bodies[b]
+            frame = given[w].frames[0]
+            material = given[w].materials[b]
+            colliders = given[w].colliders
+        else:
+            s = given.state
+            body = given.model.bodies[b]
+            frame = given.frames[0]
+            material = given.materials[b]
+            colliders = given.colliders
+        m = patches.model
+        smooth = bool(False)
+        rough = 2 * (w * s.history.shape[0] + b)
+        if wp.static(features.order == 2):
+            smooth = s.history[b] > 0
+            if first > 0:
+                smooth = patches.rough[rough + (first - 1) % 2] != first
+        step = make_step(frame.dt, smooth, wp.static(features.order), parts_of_motion(body, material, frame))
+        step.first = True
+        body.cells = patches.cells[n][0]
+        body.cells_end = patches.cells[n][1]
+        body.cell_width = wp.static(width)
+        before = buffer_of(s, patches, side, w)
+        after = buffer_of(s, patches, 1 - side, w)
+        tile = wp.tile_empty(shape=(wp.static(3 * capacity),), dtype=wp.vec4, storage="shared")
+        x = x_address(tile)
+        d = d_address(tile)
+        low = low_address(tile)
+        # What the stages look up by particle they find by place: order 2 needs more than fits the shared memory.
+        here = s
+        if wp.static(features.order == 2):
+            body.particles = q * wp.static(capacity)
+            here.velocities = patches.here
+            here.last_velocities = patches.last_here
+            here.last_displacements = patches.moved_here
+        if wp.static(last):
+            here.cell_multipliers = patches.multipliers[w]
+            step.store = True
+            step.collapsed = s.collapsed[b] > 0
+        mine = int(wp.static(NOBODY))
+        if t < wp.static(capacity):
+            mine = patches.members[n * wp.static(capacity) + t]
+        for i in range(t, wp.static(capacity), wp.static(block)):
+            member = mine
+            if wp.static(not alone):
+                member = patches.members[n * wp.static(capacity) + i]
+            if member != wp.static(NOBODY):
+                g = wp.where(member < 0, -2 - member, member & wp.static(SENT - 1))
+                moving = Moving()
+                moving.velocity = xyz(load4(before.velocities, g))
+                moving.low = xyz(load4(before.low, g))
+                store4(x, i, load4(before.positions, g))
+                store4(low, i, pack(moving.low, 0.0))
+                if wp.static(features.order == 2):
+                    place = body.particles + i
+                    here.velocities[place] = pack(moving.velocity, 0.0)
+                    if side == 0:
+                        here.last_velocities[place] = s.last_velocities[g]
+                        here.last_displacements[place] = s.last_displacements[g]
+                    else:
+                        second = w * s.positions.shape[0] + g
+                        here.last_velocities[place] = patches.last_velocities[second]
+                        here.last_displacements[place] = patches.last_displacements[second]
+                predict(i, moving, m, here, body, material, frame, step, x, low, d)
+        records = native.record_address(m.cells, body.cells)
+        exchange = Exchange()
+        if wp.static(waits):
+            exchange = exchange_of(0, patches.positions.shape[0], patches.messages, patches.sent)
+        sync()
+        if wp.static(not last):
+            if first == 0:
+                for k in range(t, body.cells_end - body.cells, wp.static(block)):
+                    if is_collapsed(load_record(records, k), x):
+                        s.collapsed[b] = 1
+        for k in range(count):
+            if wp.static(waits):
+                if k > 0:
+                    exchange.side = k % 2
+                    for i in range(t, wp.static(capacity), wp.static(block)):
+                        member = mine
+                        if wp.static(not alone):
+                            member = patches.members[n * wp.static(capacity) + i]
+                        if member >= 0:
+                            moving = finish_own(
+                                i, q, first + k - 1, colliders, patches, s, here, body, material, step, x, low, d
+                            )
+                            if member >= wp.static(SENT):
+                                exchange.first = w * s.positions.shape[0] + (member & wp.static(SENT - 1))
+                                send(xyz(load4(x, i)), moving.low, moving.velocity, exchange, k)
+                            predict(i, moving, m, here, body, material, frame, step, x, low, d)
+                    for i in range(t, wp.static(capacity), wp.static(block)):
+                        member = mine
+                        if wp.static(not alone):
+                            member = patches.members[n * wp.static(capacity) + i]
+                        if member < wp.static(NOBODY):
+                            exchange.first = w * s.positions.shape[0] - 2 - member
+                            message = receive(exchange, k)
+                            if message.late:
+                                exchange.patience = 0
+                                s.faulty[b] = 1
+                            moving = Moving()
+                            moving.velocity = xyz(message.v)
+                            moving.low = xyz(message.low)
+                            store4(x, i, pack(xyz(message.x), load4(x, i)[3]))
+                            store4(low, i, pack(moving.low, 0.0))
+                            predict(i, moving, m, here, body, material, frame, step, x, low, d)
+                    sync()
+            if wp.static(bool(features.shapes)):
+                # Seen by all after the barriers of the passes.
+                for c in range(t, colliders.shape[0], wp.static(block)):
+                    begin = float(first + k)
+                    patches.sweeps[q * colliders.shape[0] + c] = sweep_collider(
+                        colliders[c], begin / float(frame.substeps), (begin + 1.0) / float(frame.substeps)
+                    )
+            project(t, wp.static(block), m, here, body, material, step, records, x, low, d)
+        substep = first + count - 1
+        for i in range(t, wp.static(capacity), wp.static(block)):
+            member = mine
+            if wp.static(not alone):
+                member = patches.members[n * wp.static(capacity) + i]
+            if member >= 0:
+                g = member & wp.static(SENT - 1)
+                moving = finish_own(i, q, substep, colliders, patches, s, here, body, material, step, x, low, d)
+                if wp.static(features.order == 2):
+                    if moving.rough > 0:
+                        patches.rough[rough + substep % 2] = substep + 1
+                    place = body.particles + i
+                    if side == 0:
+                        second = w * s.positions.shape[0] + g
+                        patches.last_velocities[second] = here.last_velocities[place]
+                        patches.last_displacements[second] = here.last_displacements[place]
+                    else:
+                        s.last_velocities[g] = here.last_velocities[place]
+                        s.last_displacements[g] = here.last_displacements[place]
+                position = load4(x, i)
+                velocity = pack(moving.velocity, 0.0)
+                store4(after.positions, g, position)
+                store4(after.low, g, pack(moving.low, 0.0))
+                store4(after.velocities, g, velocity)
+                if wp.static(last):
+                    if not is_good(position, velocity):
+                        s.faulty[b] = 1
+
+    return advance
+
+
+def _make_settle(features: Features, capacity: int, block: int) -> wp.Kernel:
+    """The kernel that keeps what the last substep of a frame left in a buffer, or puts back what is faulty."""
+    buffer_of = make_buffer_of(Patches)
+    argument = given_type(features)
+
+    @wp.kernel(**_options())
+    def settle(given: argument, patches: Patches, side: int, substeps: int):
+        q, t = wp.tid()
+        count = patches.body.shape[0]
+        w = q / count
+        n = q - w * count
+        b = patches.body[n]
+        if wp.static(features.worlds):
+            m = given[w].model
+            s = given[w].state
+        else:
+            m = given.model
+            s = given.state
+        if q == 0 and t == 0:
+            patches.sent[0] += substeps
+        last = buffer_of(s, patches, side, w)
+        for i in range(t, wp.static(capacity), wp.static(block)):
+            member = patches.members[n * wp.static(capacity) + i]
+            if member >= 0:
+                g = member & wp.static(SENT - 1)
+                if s.faulty[b] == 1:
+                    put_back(g, s.relapses[b], m, s)
+                else:
+                    keep(g, load4(last.positions, g), load4(last.low, g), s)
+                    s.velocities[g] = load4(last.velocities, g)
+                if wp.static(features.order == 2):
+                    if side == 1:
+                        second = w * s.positions.shape[0] + g
+                        s.last_velocities[g] = patches.last_velocities[second]
+                        s.last_displacements[g] = patches.last_displacements[second]
+        for j in range(n * wp.static(block) + t, patches.sources.shape[0], count * wp.static(block)):
+            if patches.sources[j] >= 0:
+                s.cell_multipliers[j] = patches.multipliers[w, patches.sources[j]]
+
+    return settle
+
+
+def _make_count_faults(features: Features) -> wp.Kernel:
+    """The kernel that tells the next frame of every body what became of it in this one."""
+    argument = given_type(features)
+
+    @wp.kernel(**_options())
+    def count_faults(given: argument, patches: Patches, substeps: int):
+        i = wp.tid()
+        b = i
+        if wp.static(features.worlds):
+            bodies = given[0].model.bodies.shape[0]
+            b = i % bodies
+            s = given[i / bodies].state
+        else:
+            s = given.state
+        faulty = count_fault(b, s)
+        s.collapsed[b] = 0
+        if wp.static(features.order == 2):
+            smooth = patches.rough[2 * i + (substeps - 1) % 2] != substeps
+            s.history[b] = wp.where(smooth and not faulty, 1, 0)
+
+    return count_faults

@@ -1,0 +1,182 @@
+"""The patches of a batch on the device, and how large they are best (see patched.py)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim import cells, patching
+from cloth_sim_ros.sim.constraints.cell_lanes import LANES
+from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.schedules.buffers import piece_memory
+from cloth_sim_ros.sim.schedules.exchange import run_at_once
+from cloth_sim_ros.sim.schedules.resident import CELL_THREADS
+from cloth_sim_ros.sim.schedules.tiles import Unfit
+from cloth_sim_ros.sim.state import Arrays, Sweep
+from cloth_sim_ros.sim.topology import Topology
+
+_BYTES_A_MEMBER = 48  # position, low part and displacement
+_SIZES = (6, 8, 12, 16, 24, 32, 48)  # particles along a side that a patch owns
+NOBODY = -1  # in place of a member
+SENT = 1 << 30  # on top of an own particle that other patches need
+# Microseconds on an H200: a launch with its loads and stores, an exchange within one, a pass however small, and 1024
+# cells of a pass.
+_LAUNCH, _EXCHANGE, _LEAST, _THOUSAND_CELLS = 5.0, 1.5, 0.25, 2.3
+
+
+@wp.struct
+class Patches:
+    """All T patches of a batch, each of `capacity` C places, and the second buffer of what they exchange."""
+
+    body: wp.array(dtype=int)  # (T,)
+    members: wp.array(dtype=int)  # (T C,) particles counted in the batch, + SENT; those of the margin as -2 - particle
+    cells: wp.array(dtype=wp.vec2i)  # (T,) where a patch's records begin and end in those of `model`
+    model: Model  # cells as in the Model of the batch, R in all, with places for particles
+    multipliers: wp.array2d(dtype=float)  # (worlds, 6 R) of a frame's last substep
+    sources: wp.array(dtype=int)  # (6 Q,) where State.cell_multipliers are found among them, -1 for none
+    positions: wp.array(dtype=wp.vec4)  # (worlds N,)
+    low: wp.array(dtype=wp.vec4)  # (worlds N,)
+    velocities: wp.array(dtype=wp.vec4)  # (worlds N,)
+    messages: wp.array(dtype=wp.vec4)  # (2 x 3 worlds N,) where patches wait for one another (see exchange.py)
+    sent: wp.array(dtype=int)  # (1,) substeps of all frames so far, by which messages are numbered
+    last_velocities: wp.array(dtype=wp.vec3)  # (worlds N,) order 2 alone, as all below
+    last_displacements: wp.array(dtype=wp.vec3)  # (worlds N,)
+    here: wp.array(dtype=wp.vec4)  # (worlds T C,) velocities of the places of all patches
+    last_here: wp.array(dtype=wp.vec3)  # (worlds T C,) their last velocities
+    moved_here: wp.array(dtype=wp.vec3)  # (worlds T C,) their last displacements
+    rough: wp.array(dtype=int)  # (2 worlds B,) 1 + the even and the odd substep whose motion was last not smooth
+    sweeps: wp.array(dtype=Sweep)  # (worlds T K,)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Patches of every body; whether they wait for one another within a launch instead of having one a substep; the
+    estimated microseconds of a substep in them, and with a block for each whole body."""
+
+    bodies: list[list[patching.Patch]]
+    waits: bool
+    cost: float
+    whole: float
+
+    @property
+    def capacity(self) -> int:
+        """Places of a patch."""
+        return -(-max(len(patch.members) for patch in sum(self.bodies, [])) // 32) * 32
+
+
+def plan(
+    features: Features,
+    topologies: list[Topology],
+    worlds: int,
+    device: wp.Device,
+    size: int | None = None,
+    waits: bool | None = None,
+) -> Plan:
+    """The patches that own `size` x `size` particles, or those estimated to be fastest.
+
+    waits: within a launch for one another; None: where all are on the device at once. Raises Unfit where there are
+    none.
+    """
+    if features.constraints != ("cell",):
+        raise Unfit("xpbd of other than the springs of a grid", "method verlet or grids that bend by springs or not")
+    if features.panels:
+        raise Unfit("wind", "a scene without wind, method verlet")
+    sweeps = [cells.passes(topology) for topology in topologies]
+    grids = [topology.grid for topology in topologies]
+    shared = piece_memory(device)
+    costs = {}
+    for side in _SIZES if size is None else (size,):
+        pieces = [patching.largest(grid, sweep, side) for grid, sweep in zip(grids, sweeps, strict=True)]
+        if max(len(patch.members) for patch, _ in pieces) * _BYTES_A_MEMBER > shared:
+            break
+        count = worlds * sum(number for _, number in pieces)
+        # Whether a substep was smooth, as order 2 asks, all patches of a body decide, not neighbours alone.
+        wait = waits is not False and features.order == 1 and run_at_once(count, device)
+        cost = _cost([patch.passes for patch, _ in pieces], count, device) + (_EXCHANGE if wait else _LAUNCH)
+        costs[side] = (cost, wait)
+    if not costs:
+        raise Unfit("sweeps that reach too far", "fewer passes")
+    side = min(costs, key=costs.get)
+    bodies = [patching.cut(grid, sweep, side) for grid, sweep in zip(grids, sweeps, strict=True)]
+    cost, wait = costs[side]
+    return Plan(bodies, wait, cost, _cost(sweeps, len(sweeps) * worlds, device))
+
+
+def _cost(pieces: list[list[cells.Pass]], count: int, device: wp.Device) -> float:
+    """The estimated microseconds of the passes of `count` blocks, of which the largest are among `pieces`."""
+    rounds = -(-count // (device.sm_count if device.is_cuda else 1))
+    return rounds * max(sum(_LEAST + _THOUSAND_CELLS * len(one.particles) / 1024 for one in piece) for piece in pieces)
+
+
+def width_of(chosen: Plan, device: wp.Device) -> int:
+    """How many cells a block projects at a time."""
+    sweep = sum((patch.passes for patch in sum(chosen.bodies, [])), [])
+    return LANES if device.is_cpu else cells.width_of(sweep, CELL_THREADS)
+
+
+def upload(chosen: Plan, worlds: list[Arrays], width: int, device: wp.Device) -> Patches:
+    """The patches of all bodies on the device, and what they exchange in all worlds."""
+    arrays, count = worlds[0], len(worlds)
+    bodies = [dict(zip(Body.vars, row, strict=True)) for row in arrays.model.bodies.numpy().tolist()]
+    body, members, records, springs = [], [], [], []
+    for b, cut in enumerate(chosen.bodies):
+        margins = np.concatenate([patch.members[~patch.own] for patch in cut])
+        needed = np.bincount(margins, minlength=bodies[b]["count"]) > 0
+        for patch in cut:
+            mine = patch.members + bodies[b]["particles"]
+            row = np.full(chosen.capacity, NOBODY)
+            row[: len(mine)] = np.where(patch.own, mine + SENT * needed[patch.members], -2 - mine)
+            found = np.concatenate([one.records(n % 2 == 1, width) for n, one in enumerate(patch.passes)])
+            pairs = cells.springs_of(found)
+            right = (pairs[..., 0] >= 0) & patch.own[pairs].any(axis=-1)  # others are not solved to their end
+            body.append(b)
+            members.append(row)
+            records.append(found)
+            springs.append(np.where(right[..., None], mine[pairs], -1))
+    ends = np.cumsum([len(rows) for rows in records])
+    found = Patches()
+    found.model = Model()
+    found.model.cells = wp.array(np.concatenate(records), dtype=wp.vec4i, device=device)
+    for name, values in (
+        ("body", np.array(body)),
+        ("members", np.concatenate(members)),
+        ("sources", _sources(arrays.model.cells.numpy(), bodies, np.concatenate(springs, axis=1))),
+    ):
+        setattr(found, name, wp.array(values.astype(np.int32), dtype=int, device=device))
+    spans = np.column_stack([np.concatenate([[0], ends[:-1]]), ends])
+    found.cells = wp.array(spans.astype(np.int32), dtype=wp.vec2i, device=device)
+    found.multipliers = wp.zeros((count, 6 * ends[-1]), dtype=float, device=device)
+    particles, second = arrays.state.positions.shape[0], arrays.state.last_displacements.shape[0]
+    places = len(members) * chosen.capacity * (second > 0)
+    for name, size, dtype in (
+        ("positions", particles, wp.vec4),
+        ("low", particles, wp.vec4),
+        ("velocities", particles, wp.vec4),
+        ("messages", 6 * particles * chosen.waits, wp.vec4),
+        ("last_velocities", second, wp.vec3),
+        ("last_displacements", second, wp.vec3),
+        ("here", places, wp.vec4),
+        ("last_here", places, wp.vec3),
+        ("moved_here", places, wp.vec3),
+        ("rough", 2 * len(bodies) * (second > 0), int),
+        ("sweeps", len(members) * arrays.colliders.shape[0], Sweep),
+    ):
+        setattr(found, name, wp.zeros(count * size, dtype=dtype, device=device))
+    found.sent = wp.zeros(1, dtype=int, device=device)
+    return found
+
+
+def _sources(records: np.ndarray, bodies: list[dict], springs: np.ndarray) -> np.ndarray:
+    """Where the springs of the cells `records` (Q, 4) of all bodies lie, (6 Q,), among `springs` (6, R, 2) of patches,
+    by their particles; -1 for places without a spring."""
+    start = np.zeros(len(records), np.int64)
+    for body in bodies:
+        start[body["cells"] : body["cells_end"]] = body["particles"]
+    wanted = cells.springs_of(records)
+    wanted = np.where(wanted >= 0, wanted + start[:, None], -1)
+    keys, others = ((each.min(-1) * (1 << 31) + each.max(-1)).ravel() for each in (springs, wanted))
+    order = np.argsort(keys, kind="stable")
+    at = np.searchsorted(keys, others, sorter=order)
+    return np.where(others >= 0, order[np.minimum(at, len(order) - 1)], -1)
