@@ -10,11 +10,11 @@ from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.buffers import make_buffer_of
 from cloth_sim_ros.sim.schedules.contact import make_contact
-from cloth_sim_ros.sim.schedules.exchange import Exchange, exchange_of, receive, send
-from cloth_sim_ros.sim.schedules.native import load4, load_record, store4, sync, xyz
+from cloth_sim_ros.sim.schedules.exchange import Exchange, exchange_of, hear, receive, send, tell
+from cloth_sim_ros.sim.schedules.native import load4, load_record, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.patches import NOBODY, SENT, Patches
 from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_collider
-from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells, make_sweep_lanes
+from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep_cells, make_sweep_lanes
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import ColliderMotion, Material, State, given_type
@@ -22,9 +22,14 @@ from cloth_sim_ros.sim.state import ColliderMotion, Material, State, given_type
 
 @lru_cache
 def make_kernels(features: Features, capacity: int, block: int, width: int, waits: bool) -> dict[str, wp.Kernel]:
-    """The kernels for patches of `capacity` places, of which `width` cells are projected at a time."""
+    """The kernels for patches of `capacity` places, of which `width` cells are projected at a time.
+
+    Where patches wait for one another, one makes a frame.
+    """
+    if waits:
+        return {"advance": _make_advance(features, capacity, block, width, True, True)}
     return {
-        "advance": _make_advance(features, capacity, block, width, waits, False),
+        "advance": _make_advance(features, capacity, block, width, False, False),
         "finish": _make_advance(features, capacity, block, width, False, True),
         "settle": _make_settle(features, capacity, block),
         "count_faults": _make_count_faults(features),
@@ -38,7 +43,7 @@ def _options() -> dict:
 def _make_advance(features: Features, capacity: int, block: int, width: int, waits: bool, last: bool) -> wp.Kernel:
     """The kernel of `count` substeps from substep `first` on: of one, unless patches wait for one another.
 
-    The last substep of a frame stores multipliers and looks for faults.
+    last: with the frame's last substep, which stores multipliers and looks for faults.
     """
     predict, finish = make_predict(features), make_finish(features)
     contact = make_contact(features) if features.shapes else None
@@ -98,12 +103,14 @@ def _make_advance(features: Features, capacity: int, block: int, width: int, wai
         # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
         if wp.static(features.worlds):
             s = given[w].state
+            constants = given[w].model
             body = given[w].model.bodies[b]
             frame = given[w].frames[0]
             material = given[w].materials[b]
             colliders = given[w].colliders
         else:
             s = given.state
+            constants = given.model
             body = given.model.bodies[b]
             frame = given.frames[0]
             material = given.materials[b]
@@ -135,6 +142,7 @@ def _make_advance(features: Features, capacity: int, block: int, width: int, wai
             here.last_displacements = patches.moved_here
         if wp.static(last):
             here.cell_multipliers = patches.multipliers[w]
+        if wp.static(last and not waits):
             step.store = True
             step.collapsed = s.collapsed[b] > 0
         mine = int(wp.static(NOBODY))
@@ -164,10 +172,15 @@ def _make_advance(features: Features, capacity: int, block: int, width: int, wai
                 predict(i, moving, m, here, body, material, frame, step, x, low, d)
         records = native.record_address(m.cells, body.cells)
         exchange = Exchange()
+        account = w * constants.bodies.shape[0] + b
+        relapses = s.relapses[b]
         if wp.static(waits):
-            exchange = exchange_of(0, patches.positions.shape[0], patches.messages, patches.sent)
+            exchange = exchange_of(0, patches.positions.shape[0], patches.messages, patches.sent[account])
+        bad = int(0)
         sync()
-        if wp.static(not last):
+        if wp.static(waits):
+            step.collapsed = any_collapsed(t, wp.static(block), m, body, x)
+        elif wp.static(not last):
             if first == 0:
                 for k in range(t, body.cells_end - body.cells, wp.static(block)):
                     if is_collapsed(load_record(records, k), x):
@@ -197,7 +210,7 @@ def _make_advance(features: Features, capacity: int, block: int, width: int, wai
                             message = receive(exchange, k)
                             if message.late:
                                 exchange.patience = 0
-                                s.faulty[b] = 1
+                                bad = 1
                             moving = Moving()
                             moving.velocity = xyz(message.v)
                             moving.low = xyz(message.low)
@@ -205,6 +218,7 @@ def _make_advance(features: Features, capacity: int, block: int, width: int, wai
                             store4(low, i, pack(moving.low, 0.0))
                             predict(i, moving, m, here, body, material, frame, step, x, low, d)
                     sync()
+                step.store = k == count - 1
             if wp.static(bool(features.shapes)):
                 # Seen by all after the barriers of the passes.
                 for c in range(t, colliders.shape[0], wp.static(block)):
@@ -234,12 +248,44 @@ def _make_advance(features: Features, capacity: int, block: int, width: int, wai
                         s.last_displacements[g] = here.last_displacements[place]
                 position = load4(x, i)
                 velocity = pack(moving.velocity, 0.0)
-                store4(after.positions, g, position)
-                store4(after.low, g, pack(moving.low, 0.0))
-                store4(after.velocities, g, velocity)
+                if wp.static(waits):
+                    s.velocities[g] = velocity
+                else:
+                    store4(after.positions, g, position)
+                    store4(after.low, g, pack(moving.low, 0.0))
+                    store4(after.velocities, g, velocity)
                 if wp.static(last):
                     if not is_good(position, velocity):
-                        s.faulty[b] = 1
+                        bad = 1
+        if wp.static(waits):
+            bad = sync_any(bad)
+            if t == 0:
+                tell(q, float(bad), exchange, count)
+        elif wp.static(last):
+            if bad > 0:
+                s.faulty[b] = 1
+        if wp.static(last):
+            told = patches.tells[n]
+            for j in range(told[0] + t, told[1], wp.static(block)):
+                s.cell_multipliers[patches.told[j][1]] = here.cell_multipliers[patches.told[j][0]]
+        if wp.static(waits):
+            peers = patches.peers[n]
+            for other in range(peers[0] + t, peers[1], wp.static(block)):
+                bad += int(hear(q - n + other, 1.0, exchange, count))
+            bad = sync_any(bad)
+            for i in range(t, wp.static(capacity), wp.static(block)):
+                member = mine
+                if wp.static(not alone):
+                    member = patches.members[n * wp.static(capacity) + i]
+                if member >= 0:
+                    if bad > 0:
+                        put_back(member & wp.static(SENT - 1), relapses, constants, s)
+                    else:
+                        keep(member & wp.static(SENT - 1), load4(x, i), load4(low, i), s)
+            if n == peers[0] and t == 0:
+                patches.sent[account] += count
+                s.faulty[b] = wp.where(bad > 0, 1, 0)
+                count_fault(b, s)
 
     return advance
 
@@ -250,11 +296,10 @@ def _make_settle(features: Features, capacity: int, block: int) -> wp.Kernel:
     argument = given_type(features)
 
     @wp.kernel(**_options())
-    def settle(given: argument, patches: Patches, side: int, substeps: int):
+    def settle(given: argument, patches: Patches, side: int):
         q, t = wp.tid()
-        count = patches.body.shape[0]
-        w = q / count
-        n = q - w * count
+        w = q / patches.body.shape[0]
+        n = q - w * patches.body.shape[0]
         b = patches.body[n]
         if wp.static(features.worlds):
             m = given[w].model
@@ -262,8 +307,6 @@ def _make_settle(features: Features, capacity: int, block: int) -> wp.Kernel:
         else:
             m = given.model
             s = given.state
-        if q == 0 and t == 0:
-            patches.sent[0] += substeps
         last = buffer_of(s, patches, side, w)
         for i in range(t, wp.static(capacity), wp.static(block)):
             member = patches.members[n * wp.static(capacity) + i]
@@ -279,9 +322,6 @@ def _make_settle(features: Features, capacity: int, block: int) -> wp.Kernel:
                         second = w * s.positions.shape[0] + g
                         s.last_velocities[g] = patches.last_velocities[second]
                         s.last_displacements[g] = patches.last_displacements[second]
-        for j in range(n * wp.static(block) + t, patches.sources.shape[0], count * wp.static(block)):
-            if patches.sources[j] >= 0:
-                s.cell_multipliers[j] = patches.multipliers[w, patches.sources[j]]
 
     return settle
 

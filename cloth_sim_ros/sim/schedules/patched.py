@@ -3,10 +3,9 @@
 A block loads its patch with the margin that one sweep reaches into shared memory, predicts, projects all passes,
 touches colliders, and hands its own particles to its neighbours: what they need of each other in between is computed
 twice instead of waited for. Every particle's arithmetic is the same, in the same order, as in the other schedules.
-Where all patches are on the GPU at once, all substeps but a frame's last are one launch, in which patches wait for what
-their neighbours send (exchange.py); elsewhere each is a launch, between two buffers. The last one also stores what
-reports read. Frames of several iterations are those of the coloured schedule. The launches of a frame are captured in
-one CUDA graph.
+Where all patches are on the GPU at once, a frame is one launch, in which patches wait for what their neighbours send
+(exchange.py); elsewhere a substep is a launch, between two buffers. Frames of several iterations are those of the
+coloured schedule. The launches of a frame are captured in one CUDA graph.
 """
 
 import warp as wp
@@ -43,14 +42,15 @@ class Patched:
         self._frames.run(substeps)
 
     def _launch_frame(self, substeps: int) -> None:
+        if self.waits:
+            self._launch("advance", 0, 0, substeps)
+            return
         if self._looks_back:
             self._patches.rough.zero_()
-        several = substeps - 1 if self.waits else 1
-        turns = range(0, substeps - 1, several)
-        for turn, first in enumerate(turns):
-            self._launch("advance", turn % 2, first, several)
-        self._launch("finish", len(turns) % 2, substeps - 1, 1)
-        self._launch("settle", 1 - len(turns) % 2, substeps)
+        for substep in range(substeps - 1):
+            self._launch("advance", substep % 2, substep, 1)
+        self._launch("finish", (substeps - 1) % 2, substeps - 1, 1)
+        self._launch("settle", substeps % 2)
         inputs = [self._given, self._patches, substeps]
         wp.launch(self._kernels["count_faults"], dim=self._bodies, inputs=inputs, device=self._device)
 

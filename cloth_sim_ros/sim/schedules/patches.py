@@ -34,13 +34,15 @@ class Patches:
     members: wp.array(dtype=int)  # (T C,) particles counted in the batch, + SENT; those of the margin as -2 - particle
     cells: wp.array(dtype=wp.vec2i)  # (T,) where a patch's records begin and end in those of `model`
     model: Model  # cells as in the Model of the batch, R in all, with places for particles
+    peers: wp.array(dtype=wp.vec2i)  # (T,) first patch and end of those of the same body
     multipliers: wp.array2d(dtype=float)  # (worlds, 6 R) of a frame's last substep
-    sources: wp.array(dtype=int)  # (6 Q,) where State.cell_multipliers are found among them, -1 for none
+    told: wp.array(dtype=wp.vec2i)  # (S,) which of these a patch tells, and where in State.cell_multipliers, by patch
+    tells: wp.array(dtype=wp.vec2i)  # (T,) where those of a patch begin and end
     positions: wp.array(dtype=wp.vec4)  # (worlds N,)
     low: wp.array(dtype=wp.vec4)  # (worlds N,)
     velocities: wp.array(dtype=wp.vec4)  # (worlds N,)
-    messages: wp.array(dtype=wp.vec4)  # (2 x 3 worlds N,) where patches wait for one another (see exchange.py)
-    sent: wp.array(dtype=int)  # (1,) substeps of all frames so far, by which messages are numbered
+    messages: wp.array(dtype=wp.vec4)  # (2 x 3 worlds N + worlds T,) where patches wait for one another (exchange.py)
+    sent: wp.array(dtype=int)  # (worlds B,) substeps of all frames so far, by which messages are numbered
     last_velocities: wp.array(dtype=wp.vec3)  # (worlds N,) order 2 alone, as all below
     last_displacements: wp.array(dtype=wp.vec3)  # (worlds N,)
     here: wp.array(dtype=wp.vec4)  # (worlds T C,) velocities of the places of all patches
@@ -135,26 +137,30 @@ def upload(chosen: Plan, worlds: list[Arrays], width: int, device: wp.Device) ->
             members.append(row)
             records.append(found)
             springs.append(np.where(right[..., None], mine[pairs], -1))
-    ends = np.cumsum([len(rows) for rows in records])
+    sizes = [len(rows) for rows in records]
+    told, of = _told(arrays.model.cells.numpy(), bodies, np.concatenate(springs, axis=1), sizes)
+    first = np.searchsorted(body, body)
     found = Patches()
     found.model = Model()
     found.model.cells = wp.array(np.concatenate(records), dtype=wp.vec4i, device=device)
-    for name, values in (
-        ("body", np.array(body)),
-        ("members", np.concatenate(members)),
-        ("sources", _sources(arrays.model.cells.numpy(), bodies, np.concatenate(springs, axis=1))),
+    found.body = wp.array(np.array(body, np.int32), dtype=int, device=device)
+    found.members = wp.array(np.concatenate(members).astype(np.int32), dtype=int, device=device)
+    for name, pairs in (
+        ("cells", _spans(sizes)),
+        ("peers", np.column_stack([first, np.searchsorted(body, body, side="right")])),
+        ("told", told),
+        ("tells", _spans(np.bincount(of, minlength=len(members)))),
     ):
-        setattr(found, name, wp.array(values.astype(np.int32), dtype=int, device=device))
-    spans = np.column_stack([np.concatenate([[0], ends[:-1]]), ends])
-    found.cells = wp.array(spans.astype(np.int32), dtype=wp.vec2i, device=device)
-    found.multipliers = wp.zeros((count, 6 * ends[-1]), dtype=float, device=device)
+        setattr(found, name, wp.array(pairs.astype(np.int32), dtype=wp.vec2i, device=device))
+    found.multipliers = wp.zeros((count, 6 * sum(sizes)), dtype=float, device=device)
     particles, second = arrays.state.positions.shape[0], arrays.state.last_displacements.shape[0]
     places = len(members) * chosen.capacity * (second > 0)
     for name, size, dtype in (
         ("positions", particles, wp.vec4),
         ("low", particles, wp.vec4),
         ("velocities", particles, wp.vec4),
-        ("messages", 6 * particles * chosen.waits, wp.vec4),
+        ("messages", (6 * particles + len(members)) * chosen.waits, wp.vec4),
+        ("sent", len(bodies), int),
         ("last_velocities", second, wp.vec3),
         ("last_displacements", second, wp.vec3),
         ("here", places, wp.vec4),
@@ -164,13 +170,20 @@ def upload(chosen: Plan, worlds: list[Arrays], width: int, device: wp.Device) ->
         ("sweeps", len(members) * arrays.colliders.shape[0], Sweep),
     ):
         setattr(found, name, wp.zeros(count * size, dtype=dtype, device=device))
-    found.sent = wp.zeros(1, dtype=int, device=device)
     return found
 
 
-def _sources(records: np.ndarray, bodies: list[dict], springs: np.ndarray) -> np.ndarray:
-    """Where the springs of the cells `records` (Q, 4) of all bodies lie, (6 Q,), among `springs` (6, R, 2) of patches,
-    by their particles; -1 for places without a spring."""
+def _spans(sizes: list[int] | np.ndarray) -> np.ndarray:
+    """(T, 2) first and end of what lies behind one another."""
+    ends = np.cumsum(sizes)
+    return np.column_stack([ends - sizes, ends])
+
+
+def _told(
+    records: np.ndarray, bodies: list[dict], springs: np.ndarray, sizes: list[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where springs of the cells `records` (Q, 4) of all bodies lie among `springs` (6, R, 2) of patches of `sizes`
+    records, by their particles: (S, 2) places among 6 R and 6 Q numbers, and the patch (S,), in order of patches."""
     start = np.zeros(len(records), np.int64)
     for body in bodies:
         start[body["cells"] : body["cells_end"]] = body["particles"]
@@ -178,5 +191,8 @@ def _sources(records: np.ndarray, bodies: list[dict], springs: np.ndarray) -> np
     wanted = np.where(wanted >= 0, wanted + start[:, None], -1)
     keys, others = ((each.min(-1) * (1 << 31) + each.max(-1)).ravel() for each in (springs, wanted))
     order = np.argsort(keys, kind="stable")
-    at = np.searchsorted(keys, others, sorter=order)
-    return np.where(others >= 0, order[np.minimum(at, len(order) - 1)], -1)
+    targets = np.flatnonzero(others >= 0)
+    sources = order[np.searchsorted(keys, others[targets], sorter=order)]
+    patch = np.repeat(np.arange(len(sizes)), sizes)[sources % sum(sizes)]
+    by_patch = np.argsort(patch, kind="stable")
+    return np.column_stack([sources, targets])[by_patch], patch[by_patch]

@@ -250,7 +250,7 @@ def make_kernels(
         exchange = Exchange()
         if wp.static(waits):
             particle = w * s.positions.shape[0] + tiles.members[n * wp.static(capacity) + mine]
-            exchange = exchange_of(particle, tiles.positions.shape[0], tiles.messages, tiles.sent)
+            exchange = exchange_of(particle, tiles.positions.shape[0], tiles.messages, tiles.sent[0])
         sync()
         still = eased_by(frame.global_damping, step)
         for k in range(0, count, wp.static(2 if keeps else 1)):
