@@ -21,16 +21,18 @@ from cloth_sim_ros.sim.state import ColliderMotion, Material, State, given_type
 
 
 @lru_cache
-def make_kernels(features: Features, capacity: int, block: int, width: int, waits: bool) -> dict[str, wp.Kernel]:
+def make_kernels(
+    features: Features, capacity: int, block: int, width: int, waits: bool, staged: int
+) -> dict[str, wp.Kernel]:
     """The kernels for patches of `capacity` places, of which `width` cells are projected at a time.
 
-    Where patches wait for one another, one makes a frame.
+    Where patches wait for one another, one makes a frame, and `staged` records of cells lie in shared memory.
     """
     if waits:
-        return {"advance": _make_advance(features, capacity, block, width, True, True)}
+        return {"advance": _make_advance(features, capacity, block, width, True, True, staged)}
     return {
-        "advance": _make_advance(features, capacity, block, width, False, False),
-        "finish": _make_advance(features, capacity, block, width, False, True),
+        "advance": _make_advance(features, capacity, block, width, False, False, 0),
+        "finish": _make_advance(features, capacity, block, width, False, True, 0),
         "settle": _make_settle(features, capacity, block),
         "count_faults": _make_count_faults(features),
     }
@@ -40,7 +42,9 @@ def _options() -> dict:
     return {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
 
 
-def _make_advance(features: Features, capacity: int, block: int, width: int, waits: bool, last: bool) -> wp.Kernel:
+def _make_advance(
+    features: Features, capacity: int, block: int, width: int, waits: bool, last: bool, staged: int
+) -> wp.Kernel:
     """The kernel of `count` substeps from substep `first` on: of one, unless patches wait for one another.
 
     last: with the frame's last substep, which stores multipliers and looks for faults.
@@ -49,6 +53,7 @@ def _make_advance(features: Features, capacity: int, block: int, width: int, wai
     contact = make_contact(features) if features.shapes else None
     x_address, d_address, low_address = (native.make_tile_address(3 * capacity, part * capacity) for part in range(3))
     project = make_sweep_lanes(features.order) if block == 1 else make_sweep_cells(features.order, stores=last)
+    staged_address = native.make_tile_address(staged) if staged else None
     buffer_of = make_buffer_of(Patches)
     argument = given_type(features)
     alone = block >= capacity  # a thread has one place at most
@@ -171,6 +176,12 @@ def _make_advance(features: Features, capacity: int, block: int, width: int, wai
                         here.last_displacements[place] = patches.last_displacements[second]
                 predict(i, moving, m, here, body, material, frame, step, x, low, d)
         records = native.record_address(m.cells, body.cells)
+        if wp.static(staged > 0):
+            # From afar they come later than a pass takes.
+            afar = records
+            records = staged_address(wp.tile_empty(shape=(wp.static(staged),), dtype=wp.vec4, storage="shared"))
+            for k in range(t, body.cells_end - body.cells, wp.static(block)):
+                native.store_record(records, k, load_record(afar, k))
         exchange = Exchange()
         account = w * constants.bodies.shape[0] + b
         relapses = s.relapses[b]

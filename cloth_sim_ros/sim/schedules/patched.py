@@ -14,7 +14,7 @@ from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules.buffers import Frames
 from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.patch_kernels import make_kernels
-from cloth_sim_ros.sim.schedules.patches import Plan, upload, width_of
+from cloth_sim_ros.sim.schedules.patches import Plan, staged_records, upload, width_of
 from cloth_sim_ros.sim.schedules.resident import CELL_THREADS
 from cloth_sim_ros.sim.state import Arrays, gathered
 
@@ -30,7 +30,8 @@ class Patched:
         self._block = 1 if device.is_cpu else min(CELL_THREADS, chosen.capacity)
         self._patches = upload(chosen, worlds, width, device)
         self._count, self._bodies = len(worlds) * self._patches.body.shape[0], len(worlds) * len(chosen.bodies)
-        self._kernels = make_kernels(features, chosen.capacity, self._block, width, chosen.waits)
+        staged = staged_records(self._patches, chosen.capacity, device)
+        self._kernels = make_kernels(features, chosen.capacity, self._block, width, chosen.waits, staged)
         self._looks_back = features.looks_back
         self._frames = Frames(self._launch_frame, device)
 

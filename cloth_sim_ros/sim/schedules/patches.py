@@ -118,6 +118,12 @@ def width_of(chosen: Plan, device: wp.Device) -> int:
     return LANES if device.is_cpu else cells.width_of(sweep, CELL_THREADS)
 
 
+def staged_records(patches: Patches, capacity: int, device: wp.Device) -> int:
+    """The records of cells that a block holds beside `capacity` places in shared memory; 0 where they do not fit."""
+    most = int(np.diff(patches.cells.numpy()).max())
+    return most if capacity * _BYTES_A_MEMBER + 16 * most <= piece_memory(device) else 0
+
+
 def upload(chosen: Plan, worlds: list[Arrays], width: int, device: wp.Device) -> Patches:
     """The patches of all bodies on the device, and what they exchange in all worlds."""
     arrays, count = worlds[0], len(worlds)
