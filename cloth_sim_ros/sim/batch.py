@@ -106,8 +106,6 @@ class Batch:
         """Bodies cut into pieces. Raises Unfit where they cannot be, or, unless `forced`, need not where `resident`."""
         if self.features.method == "verlet":
             return Tiled(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
-        if self.features.order == 2 and not forced:  # run on CPUs alone so far
-            raise Unfit("order 2", "schedule 'tiled' by name")
         chosen = patches.plan(self.features, topologies, len(self.worlds), self.device)
         if resident and not forced and chosen.cost > chosen.whole:
             raise Unfit("bodies that are faster whole", "schedule 'resident'")

@@ -95,3 +95,27 @@ def test_what_patches_cannot_serve_is_said(words, change):
     scene = Scene({"cloth": cloth}, wind=change.get("wind"))
     with pytest.raises(ValueError, match=f"solver.schedule is 'tiled' with {words}; allowed is"):
         Simulation(scene, Settings(schedule="tiled"), device="cpu")
+
+
+@pytest.mark.parametrize("settings", [{}, {"order": 2}, {"substeps": 7}])
+@pytest.mark.parametrize("value", [np.nan, 1e30])
+def test_a_bad_body_is_put_back_alone_and_goes_on(device, settings, value):
+    """One bad particle in a corner: patches that it never reaches have to be put back as well."""
+    sims = [Simulation(Scene(SHEETS), Settings(schedule="tiled", **settings), device=device) for _ in range(2)]
+    for sim in sims:
+        sim.step(3)
+    good = sims[0].positions("sheet")
+    arrays, span, _ = sims[0].device_arrays("sheet")
+    rows = arrays.state.velocities[span].numpy()
+    rows[3, 1] = value
+    arrays.state.velocities[span].assign(rows)
+    for sim in sims:
+        sim.step()
+    assert np.array_equal(sims[0].positions("sheet"), good)
+    assert (sims[0].velocities("sheet") == 0).all()
+    for sim in sims:
+        sim.step(3)
+    assert [sims[0].report()[name]["recoveries"] for name in SHEETS] == [1, 0]
+    assert np.array_equal(sims[0].positions("strip"), sims[1].positions("strip"))
+    assert np.isfinite(sims[0].positions("sheet")).all()
+    assert np.abs(sims[0].velocities("sheet")).max() > 0.1
