@@ -13,11 +13,13 @@ from cloth_sim_ros.sim.schedules import patches
 from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.patched import Patched
 from cloth_sim_ros.sim.schedules.resident import Resident, capacity, threads_for
+from cloth_sim_ros.sim.schedules.rows import Rows
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, LiveArray, Material, Reel, make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
+Schedule = Resident | Coloured | Tiled | Patched | Rows
 KEPT = ("positions", "low", "good_positions", "good_low", "velocities")
 
 
@@ -35,7 +37,8 @@ class BodyState:
 class Batch:
     """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
-    The model is there once; `states` has a row a world, and `worlds[w]` is what kernels know of world w. Raises
+    schedule: one of Settings, or "rows". The model is there once; `states` has a row a world, and `worlds[w]` is what
+    kernels know of world w. Raises
     ValueError where schedule "resident" is asked for and a body does not fit a block of the device.
     """
 
@@ -59,7 +62,8 @@ class Batch:
         self._reels = {name: _wound(topology) for name, topology in topologies.items() if topology.reel is not None}
         largest = max(len(topology.masses) for topology in topologies.values())
         self._threads = threads_for(features, largest, len(topologies) * worlds, device)
-        collected = ModelArrays(spokes=features.method == "verlet", width=LANES if device.is_cpu else self._threads)
+        spokes = features.method == "verlet" and schedule != "rows"  # which lays out its own
+        collected = ModelArrays(spokes, width=LANES if device.is_cpu else self._threads)
         for topology in topologies.values():
             collected.add(topology)
         self.spring_groups = collected.spring_groups
@@ -85,7 +89,9 @@ class Batch:
         arrays.ends = row_of(self.ends.array, w)
         return arrays
 
-    def _make_schedule(self, wanted: str, topologies: list[Topology]) -> Resident | Coloured | Tiled | Patched:
+    def _make_schedule(self, wanted: str, topologies: list[Topology]) -> Schedule:
+        if wanted == "rows":
+            return Rows(self.features, self.worlds, topologies, self.device)
         largest, limit = max(self.counts), capacity(self.device, self.features)
         if wanted in ("auto", "tiled") and (wanted == "tiled" or self.device.is_cuda):
             try:

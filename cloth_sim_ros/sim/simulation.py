@@ -19,6 +19,7 @@ from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.ropes import Ropes
 from cloth_sim_ros.sim.scene import Rope, Scene, Settings, finite_array
 from cloth_sim_ros.sim.schedules.resident import capacity
+from cloth_sim_ros.sim.schedules.rows import fits_rows
 from cloth_sim_ros.sim.starts import off_symmetry
 from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
 
@@ -97,14 +98,16 @@ class Simulation(Ropes, Live):
     def _make_batches(self) -> list[Batch]:
         shapes = tuple(sorted({shape_of(collider) for collider in self.scene.colliders.values()}))
         wind = self.scene.wind is not None
-        alike: dict[Features, dict[str, topology.Topology]] = {}
+        alike: dict[tuple[Features, str], dict[str, topology.Topology]] = {}
         for name, topo in self._topologies.items():
-            choice = self._choices[name]
+            choice, schedule = self._choices[name], self.settings.schedule
             features = Features.of(topo, wind, shapes, choice.order, choice.method, self.worlds > 1)
-            alike.setdefault(features, {})[name] = topo
+            if schedule == "auto" and fits_rows(features, topo, self._device):
+                schedule = "rows"
+            alike.setdefault((features, schedule), {})[name] = topo
         return [
-            Batch(bodies, features, self.settings.schedule, self._frame, self._colliders, self.worlds, self._device)
-            for features, bodies in alike.items()
+            Batch(bodies, features, schedule, self._frame, self._colliders, self.worlds, self._device)
+            for (features, schedule), bodies in alike.items()
         ]
 
     # -- what the scene holds ------------------------------------------------------------------------------------

@@ -209,6 +209,10 @@ def sync_any(value: int) -> int:
 def array_address(values: wp.array(dtype=wp.vec4), offset: int) -> wp.uint64: ...
 
 
+@wp.func_native("return (uint64_t)(values.data + offset);")
+def number_address(values: wp.array(dtype=float), offset: int) -> wp.uint64: ...
+
+
 @wp.func
 def xyz(v: wp.vec4) -> wp.vec3:
     """The first three of the four numbers that are loaded at a time."""

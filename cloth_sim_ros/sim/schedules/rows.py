@@ -1,0 +1,257 @@
+"""Method verlet for grids on a CPU: one launch a frame like the resident schedule, with the springs of eight particles
+at a time (see row_lanes.py). What air and colliders do is done particle by particle, as elsewhere.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.constraints.cell_lanes import LANES
+from cloth_sim_ros.sim.model import Features, Model
+from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.schedules import row_lanes
+from cloth_sim_ros.sim.schedules.contact import make_contact
+from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, number_address, store4, xyz
+from cloth_sim_ros.sim.schedules.row_lanes import finish_lanes, predict_lanes, read3, read4, write3, write4
+from cloth_sim_ros.sim.schedules.stages import (
+    eased_by,
+    first_share,
+    make_panel,
+    pack,
+    spring_constants,
+    sweep_collider,
+)
+from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
+from cloth_sim_ros.sim.state import Arrays, Frame, State, gathered, given_type
+from cloth_sim_ros.sim.topology import KINDS, Topology
+
+
+@wp.struct
+class Grid:
+    """Where one body lies in the planes (see row_lanes.py)."""
+
+    width: int  # particles of a row
+    height: int
+    stride: int  # places from row to row
+    end: int  # places of all rows
+    size: int  # places of a plane
+    first: int  # the first particle's first number
+    weights: int  # the weight of its first spoke
+    spokes: int
+    spoke_count: int
+
+
+@wp.struct
+class Planes:
+    """The grids of a batch; numbers of all worlds behind one another.
+
+    Spokes are springs around every particle, as far as it has them.
+    """
+
+    grids: wp.array(dtype=Grid)  # (B,)
+    size: int  # of a world's numbers
+    numbers: wp.array(dtype=float)
+    spokes: wp.array(dtype=wp.vec2i)  # places to the other end, and kind in KINDS
+    rests: wp.array(dtype=wp.vec2)  # rest length [m], and what float32 lost of it, over it
+    weights: wp.array(dtype=float)  # a plane of each spoke: 1/scale, 0 where a particle has none
+
+
+class Rows:
+    """The launch of one batch of bodies that fit. `advance()` simulates one frame of every body in every world."""
+
+    def __init__(self, features: Features, worlds: list[Arrays], topologies: list[Topology], device: wp.Device):
+        planes = lay_out(topologies, len(worlds), device)
+        self._launch = wp.launch(
+            make_frame(features),
+            dim=len(worlds) * len(topologies),
+            inputs=[gathered(worlds, device), planes],
+            device=device,
+            record_cmd=True,
+        )
+
+    def advance(self, substeps: int, iterations: int) -> None:
+        """Launch one frame; both numbers are read from the device's Frame, where they are already."""
+        self._launch.launch()
+
+
+def fits_rows(features: Features, topology: Topology, device: wp.Device) -> bool:
+    """Whether a body can be computed in rows."""
+    return device.is_cpu and features.method == "verlet" and topology.grid is not None
+
+
+def spokes_of(topology: Topology) -> tuple[int, list[tuple[int, int, float, np.ndarray]]]:
+    """Places from row to row, and spokes in the order of Model.spokes, each as (places to the other end, kind, rest
+    length [m], weights of the places of all rows)."""
+    nx, ny = topology.grid
+    reach = max(int(np.abs(np.diff(e.particles % nx)).max()) for e in topology.springs.values())
+    stride = nx + reach
+    row, column = np.divmod(np.arange(nx * ny), nx)
+    place, found = row * stride + column, []
+    for kind, elements in topology.springs.items():
+        ends = place[elements.particles]
+        steps = ends[:, 1] - ends[:, 0]
+        for step in dict.fromkeys(steps.tolist()):
+            chosen = steps == step
+            rest = float(np.round(elements.rest[chosen][0], 12))
+            for sign, hub in ((-1, 1), (1, 0)):
+                weights = np.zeros(ny * stride)
+                weights[ends[chosen, hub]] = np.round(1.0 / elements.scale[chosen], 9)
+                found.append((sign * step, KINDS.index(kind), rest, weights))
+    return stride, found
+
+
+def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Planes:
+    """The planes of all bodies of a batch, with room around each for the farthest spokes and the last lanes.
+
+    An odd number of cache lines is a plane, or equal places of all would fall into the same few places of the cache,
+    which takes twice as long.
+    """
+    grids, spokes, rests, weights, size, weighed = [], [], [], [], 0, 0
+    for topology in topologies:
+        nx, ny = topology.grid
+        stride, around = spokes_of(topology)
+        margin, end = max(abs(step) for step, *_ in around), ny * stride
+        places = 16 * (-(-(end + LANES + 2 * margin) // 16) | 1)
+        grids.append((nx, ny, stride, end, places, size + margin, weighed + margin, len(spokes), len(around)))
+        for step, kind, rest, each in around:
+            spokes.append((step, kind))
+            rests.append((rest, 1.0 - float(np.float32(rest)) / rest))
+            weights.append(np.pad(each, (margin, places - margin - end)))
+        size += row_lanes.PLANES * places
+        weighed += len(around) * places
+    planes = Planes()
+    planes.size = size
+    planes.grids = wp.array(np.array(grids, dtype=Grid.numpy_dtype()), dtype=Grid, device=device)
+    planes.numbers = wp.zeros(worlds * size, dtype=float, device=device)
+    planes.spokes = wp.array(np.array(spokes, dtype=np.int32), dtype=wp.vec2i, device=device)
+    planes.rests = wp.array(np.array(rests, dtype=np.float32), dtype=wp.vec2, device=device)
+    planes.weights = wp.array(np.concatenate(weights).astype(np.float32), dtype=float, device=device)
+    return planes
+
+
+@wp.func
+def accelerate(g: int, w: float, v: wp.vec3, m: Model, s: State, frame: Frame, step: Step) -> wp.vec4:
+    """Acceleration [m/s^2] of particle g of the batch by gravity, drag and the panels around it, and what their drag
+    leaves of a velocity."""
+    a = frame.gravity - frame.global_damping * v
+    rate = frame.global_damping
+    for k in range(m.panel_start[g], m.panel_start[g + 1]):
+        force = s.panel_forces[m.particle_panels[k]]
+        a += w * xyz(force)
+        rate += w * force[3]
+    return pack(a, eased_by(rate, step))
+
+
+@lru_cache
+def make_frame(features: Features):
+    """The kernel of a whole frame for `features`."""
+    panel = make_panel(features) if features.panels else None
+    contact = make_contact(features) if features.shapes else None
+    argument = given_type(features)
+
+    @wp.kernel(enable_backward=False, module="unique", module_options=CPU_FLAGS)
+    def simulate_rows(given: argument, planes: Planes):
+        w = wp.tid() / planes.grids.shape[0]
+        b = wp.tid() - w * planes.grids.shape[0]
+        if wp.static(features.worlds):
+            m = given[w].model
+            s = given[w].state
+            frame = given[w].frames[0]
+            material = given[w].materials[b]
+            colliders = given[w].colliders
+        else:
+            m = given.model
+            s = given.state
+            frame = given.frames[0]
+            material = given.materials[b]
+            colliders = given.colliders
+        body = m.bodies[b]
+        grid = planes.grids[b]
+        size, nx, ny, stride = grid.size, grid.width, grid.height, grid.stride
+        x = array_address(s.positions, body.particles)
+        low = array_address(s.low, body.particles)
+        v = array_address(s.velocities, body.particles)
+        d = array_address(s.displacements, body.particles)
+        numbers = number_address(planes.numbers, w * planes.size + grid.first)
+        weights = number_address(planes.weights, grid.weights)
+        read4(numbers, size, wp.static(row_lanes.X), nx, ny, stride, x)
+        read3(numbers, size, wp.static(row_lanes.LOW), nx, ny, stride, low)
+        read3(numbers, size, wp.static(row_lanes.V), nx, ny, stride, v)
+        constants = spring_constants(material)
+        step = make_step(frame.dt, s.history[b] > 0, 1, 0.0)
+        for substep in range(frame.substeps):
+            if wp.static(panel is not None):
+                write4(numbers, size, wp.static(row_lanes.X), nx, ny, stride, x)
+                write3(numbers, size, wp.static(row_lanes.V), nx, ny, stride, v)
+                for k in range(body.panels, body.panels_end):
+                    panel(k, m, s, body, material, frame, x)
+                for i in range(body.count):
+                    store4(d, i, accelerate(body.particles + i, load4(x, i)[3], xyz(load4(v, i)), m, s, frame, step))
+                read4(numbers, size, wp.static(row_lanes.D), nx, ny, stride, d)
+            predict_lanes(
+                numbers,
+                size,
+                grid.end,
+                planes.spokes,
+                planes.rests,
+                weights,
+                grid.spokes,
+                grid.spoke_count,
+                constants,
+                material.damping,
+                frame.gravity,
+                frame.global_damping,
+                eased_by(frame.global_damping, step),
+                wp.static(panel is not None),
+                first_share(step),
+                step.effective,
+            )
+            if wp.static(bool(features.shapes)):
+                for c in range(colliders.shape[0]):
+                    count = float(frame.substeps)
+                    s.sweeps[b * colliders.shape[0] + c] = sweep_collider(
+                        colliders[c], float(substep) / count, float(substep + 1) / count
+                    )
+                write4(numbers, size, wp.static(row_lanes.X), nx, ny, stride, x)
+                write3(numbers, size, wp.static(row_lanes.LOW), nx, ny, stride, low)
+                write4(numbers, size, wp.static(row_lanes.D), nx, ny, stride, d)
+                for iteration in range(frame.iterations):
+                    step.first = iteration == 0
+                    step.repeats = frame.iterations > 1
+                    for i in range(body.count):
+                        contact(
+                            i,
+                            b * colliders.shape[0],
+                            body.particles + i,
+                            material,
+                            colliders,
+                            s.sweeps,
+                            s.contacts,
+                            s.velocities,
+                            s.last_displacements,
+                            step,
+                            x,
+                            low,
+                            d,
+                        )
+                read3(numbers, size, wp.static(row_lanes.D), nx, ny, stride, d)
+            finish_lanes(numbers, size, grid.end, step.effective)
+            step.second = True
+        write4(numbers, size, wp.static(row_lanes.X), nx, ny, stride, x)
+        write3(numbers, size, wp.static(row_lanes.LOW), nx, ny, stride, low)
+        write3(numbers, size, wp.static(row_lanes.V), nx, ny, stride, v)
+        faulty = bool(False)
+        for g in range(body.particles, body.particles + body.count):
+            if not is_good(s.positions[g], s.velocities[g]):
+                faulty = True
+        for g in range(body.particles, body.particles + body.count):
+            if faulty:
+                put_back(g, s.relapses[b], m, s)
+            else:
+                keep(g, s.positions[g], s.low[g], s)
+        s.history[b] = wp.where(faulty, 0, 1)
+        s.recoveries[b] += wp.where(faulty, 1, 0)
+        s.relapses[b] = wp.where(faulty, s.relapses[b] + 1, 0)
+
+    return simulate_rows
