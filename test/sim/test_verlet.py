@@ -157,12 +157,17 @@ def test_springs_too_stiff_for_float32_are_refused_and_why(monkeypatch):
     assert heat(1e-9) > 1e-3
 
 
-def test_what_float32_loses_of_rest_lengths_does_not_slacken_a_taut_rope(device):
-    """Strained by 3e-5 only: segments of 1 m / 15, which float32 makes 5e-8 longer, would sag 5e-4 further."""
-    rope = Rope(start=(-0.5, 0, 0), end=(0.5, 0, 0), segments=15, mass=0.2, pins="both", stretch_compliance=5e-7)
+@pytest.mark.parametrize("kind", ["rope", "strip"])
+def test_what_float32_loses_of_rest_lengths_does_not_slacken_what_is_taut(kind, device):
+    """Strained by 3e-5 only: springs of 1 m / 15, which float32 makes 5e-8 longer, would sag 5e-4 further."""
+    thing = Rope(start=(-0.5, 0, 0), end=(0.5, 0, 0), segments=15, mass=0.2, pins="both", stretch_compliance=5e-7)
+    if kind == "strip":  # two such ropes beside one another
+        strip = {"resolution": (16, 2), "size": (1.0, 0.1), "pins": (0, 15, 16, 31)}
+        thing = Cloth(mass=0.4, stretch_compliance=0.5 / 3e7, shear_compliance=None, **strip)
     settings = Settings(method="verlet", substeps=1600, global_damping=20.0)
-    sim = Simulation(Scene({"it": rope}), settings, device=device)
-    system = SpringSystem.from_springs(sim.masses("it"), (0, 15), sim.springs("it"))
+    sim = Simulation(Scene({"it": thing}), settings, device=device)
+    pins = (0, 15, 16, 31)[: 2 if kind == "rope" else 4]
+    system = SpringSystem.from_springs(sim.masses("it"), pins, sim.springs("it"))
     start = sim.rest_positions("it").astype(np.float64)
     wanted = equilibrium(system, start - 3e-3 * np.outer(1.0 - 4.0 * start[:, 0] ** 2, (0, 0, 1)))
     sim.step(70)

@@ -209,8 +209,8 @@ def sync_any(value: int) -> int:
 def array_address(values: wp.array(dtype=wp.vec4), offset: int) -> wp.uint64: ...
 
 
-@wp.func_native("return (uint64_t)(values.data + offset);")
-def number_address(values: wp.array(dtype=float), offset: int) -> wp.uint64: ...
+@wp.func_native("return (uint64_t)(values.data + (size_t)row * width + offset);")
+def number_address(values: wp.array(dtype=float), row: int, width: int, offset: int) -> wp.uint64: ...
 
 
 @wp.func

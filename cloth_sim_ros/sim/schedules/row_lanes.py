@@ -1,8 +1,8 @@
 """Method verlet on a grid, eight particles at a time in the vector registers of a CPU.
 
-Every number of a particle has a plane of its own, in which particles lie row by row with a gap behind each row, so that
-the other end of a spring is equally far away for eight in a row: nothing is gathered. In gaps and around the grid lie
-particles that are pinned and have no springs. Compilers do not find this by themselves.
+Every number of a particle has a plane of its own, in which particles lie one behind the other, row by row. The other
+end of a spring is equally far away for all, so that nothing is gathered; at the border, where one is missing, a spring
+of weight 0 goes to whatever lies there. Compilers do not find this by themselves.
 
 The arithmetic is that of stages.py, term by term in the same order; which products and sums are rounded as one is the
 compiler's choice.
@@ -28,7 +28,7 @@ _PREDICT = f"""
 {_LANES}
 const float* all_weights = (const float*)weights;
 auto dot = [](const Lanes* a, const Lanes* b) {{ return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }};
-for (int i = 0; i < end; i += {LANES}) {{
+for (int i = 0; i < count; i += {LANES}) {{
     Lanes x[3], low[3], v[3], force[3];
     for (int axis = 0; axis < 3; ++axis) {{
         x[axis] = at({X} + axis, i);
@@ -36,7 +36,7 @@ for (int i = 0; i < end; i += {LANES}) {{
         v[axis] = at({V} + axis, i);
         force[axis] = 0.0f;
     }}
-    for (int q = 0; q < count; ++q) {{
+    for (int q = 0; q < spoke_count; ++q) {{
         const int j = i + spokes.data[first + q][0];
         const float rest = rests.data[first + q][0], lost = rests.data[first + q][1];
         Lanes e[3];
@@ -71,7 +71,7 @@ for (int i = 0; i < end; i += {LANES}) {{
 _FINISH = f"""
 #if !defined(__CUDA_ARCH__)
 {_LANES}
-for (int i = 0; i < end; i += {LANES}) {{
+for (int i = 0; i < count; i += {LANES}) {{
     const auto pinned = at({X} + 3, i) == 0.0f;
     for (int axis = 0; axis < 3; ++axis) {{
         const Lanes x = at({X} + axis, i), low = at({LOW} + axis, i), total = at({D} + axis, i);
@@ -88,30 +88,24 @@ _MOVE = """
 #if !defined(__CUDA_ARCH__)
 float* __restrict numbers = (float*)planes + (size_t)plane * size;
 float* __restrict particles = (float*)address;
-for (int row = 0; row < height; ++row) {{
-    float* number = numbers + (size_t)row * stride;
-    float* particle = particles + (size_t)4 * row * width;
-    for (int column = 0; column < width; ++column) {{
-        for (int k = 0; k < {count}; ++k) {{
-            {move};
-        }}
-    }}
+for (int i = 0; i < count; ++i) {{
+    for (int k = 0; k < {numbers}; ++k) {move};
 }}
 #endif
 """
-_PARTICLE, _NUMBER = "particle[4 * column + k]", "number[(size_t)k * size + column]"
+_PARTICLE, _NUMBER = "particles[4 * i + k]", "numbers[(size_t)k * size + i]"
 
 
 @wp.func_native(_PREDICT)
 def predict_lanes(
     planes: wp.uint64,
     size: int,
-    end: int,
+    count: int,
     spokes: wp.array(dtype=wp.vec2i),
     rests: wp.array(dtype=wp.vec2),
     weights: wp.uint64,
     first: int,
-    count: int,
+    spoke_count: int,
     constants: wp.vec3,
     damping: float,
     gravity: wp.vec3,
@@ -121,28 +115,29 @@ def predict_lanes(
     first_share: float,
     h: float,
 ):
-    """Every particle's displacement in a substep `h` by `count` spokes from `first` on, gravity and drag, see
+    """Every particle's displacement in a substep `h` by its springs (see rows.Planes), gravity and drag, see
     stages.make_predict; `accelerated`: by what lies in the planes of displacements instead of gravity and drag.
 
-    planes, weights: addresses of what belongs to the first particle; size: places of a plane; end: of all rows.
+    planes, weights: addresses of what belongs to the first particle; size: places of a plane.
     """
     ...
 
 
 @wp.func_native(_FINISH)
-def finish_lanes(planes: wp.uint64, size: int, end: int, h: float):
+def finish_lanes(planes: wp.uint64, size: int, count: int, h: float):
     """Every particle's velocity and position after its displacement, see stages.make_finish."""
     ...
 
 
-def _make_move(count: int, into: str, out_of: str):
-    """A Warp function: from `plane` on, that many numbers of the particles of a grid go to or from rows of four."""
+def _make_move(numbers: int, into: str, out_of: str):
+    """A Warp function: so many numbers of `count` particles go from rows of four to the planes from `plane` on, or
+    back."""
 
-    @wp.func_native(_MOVE.format(count=count, move=f"{into} = {out_of}"))
-    def move(planes: wp.uint64, size: int, plane: int, width: int, height: int, stride: int, address: wp.uint64): ...
+    @wp.func_native(_MOVE.format(numbers=numbers, move=f"{into} = {out_of}"))
+    def move(planes: wp.uint64, size: int, plane: int, count: int, address: wp.uint64): ...
 
     return move
 
 
-read3, read4 = (_make_move(count, _NUMBER, _PARTICLE) for count in (3, 4))
-write3, write4 = (_make_move(count, _PARTICLE, _NUMBER) for count in (3, 4))
+read3, read4 = (_make_move(numbers, _NUMBER, _PARTICLE) for numbers in (3, 4))
+write3, write4 = (_make_move(numbers, _PARTICLE, _NUMBER) for numbers in (3, 4))

@@ -31,10 +31,6 @@ from cloth_sim_ros.sim.topology import KINDS, Topology
 class Grid:
     """Where one body lies in the planes (see row_lanes.py)."""
 
-    width: int  # particles of a row
-    height: int
-    stride: int  # places from row to row
-    end: int  # places of all rows
     size: int  # places of a plane
     first: int  # the first particle's first number
     weights: int  # the weight of its first spoke
@@ -80,25 +76,19 @@ def fits_rows(features: Features, topology: Topology, device: wp.Device) -> bool
     return device.is_cpu and features.method == "verlet" and topology.grid is not None
 
 
-def spokes_of(topology: Topology) -> tuple[int, list[tuple[int, int, float, np.ndarray]]]:
-    """Places from row to row, and spokes in the order of Model.spokes, each as (places to the other end, kind, rest
-    length [m], weights of the places of all rows)."""
-    nx, ny = topology.grid
-    reach = max(int(np.abs(np.diff(e.particles % nx)).max()) for e in topology.springs.values())
-    stride = nx + reach
-    row, column = np.divmod(np.arange(nx * ny), nx)
-    place, found = row * stride + column, []
+def spokes_of(topology: Topology) -> list[tuple[int, int, float, np.ndarray]]:
+    """Spokes in the order of Model.spokes, each as (places to the other end, kind, rest length [m], weights (N,))."""
+    found = []
     for kind, elements in topology.springs.items():
-        ends = place[elements.particles]
-        steps = ends[:, 1] - ends[:, 0]
+        steps = elements.particles[:, 1] - elements.particles[:, 0]
         for step in dict.fromkeys(steps.tolist()):
             chosen = steps == step
             rest = float(np.round(elements.rest[chosen][0], 12))
             for sign, hub in ((-1, 1), (1, 0)):
-                weights = np.zeros(ny * stride)
-                weights[ends[chosen, hub]] = np.round(1.0 / elements.scale[chosen], 9)
+                weights = np.zeros(len(topology.masses))
+                weights[elements.particles[chosen, hub]] = np.round(1.0 / elements.scale[chosen], 9)
                 found.append((sign * step, KINDS.index(kind), rest, weights))
-    return stride, found
+    return found
 
 
 def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Planes:
@@ -109,15 +99,14 @@ def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Plane
     """
     grids, spokes, rests, weights, size, weighed = [], [], [], [], 0, 0
     for topology in topologies:
-        nx, ny = topology.grid
-        stride, around = spokes_of(topology)
-        margin, end = max(abs(step) for step, *_ in around), ny * stride
-        places = 16 * (-(-(end + LANES + 2 * margin) // 16) | 1)
-        grids.append((nx, ny, stride, end, places, size + margin, weighed + margin, len(spokes), len(around)))
+        around, count = spokes_of(topology), len(topology.masses)
+        margin = max(abs(step) for step, *_ in around)
+        places = 16 * (-(-(count + LANES + 2 * margin) // 16) | 1)
+        grids.append((places, size + margin, weighed + margin, len(spokes), len(around)))
         for step, kind, rest, each in around:
             spokes.append((step, kind))
             rests.append((rest, 1.0 - float(np.float32(rest)) / rest))
-            weights.append(np.pad(each, (margin, places - margin - end)))
+            weights.append(np.pad(each, (margin, places - margin - count)))
         size += row_lanes.PLANES * places
         weighed += len(around) * places
     planes = Planes()
@@ -168,31 +157,31 @@ def make_frame(features: Features):
             colliders = given.colliders
         body = m.bodies[b]
         grid = planes.grids[b]
-        size, nx, ny, stride = grid.size, grid.width, grid.height, grid.stride
+        size, count = grid.size, body.count
         x = array_address(s.positions, body.particles)
         low = array_address(s.low, body.particles)
         v = array_address(s.velocities, body.particles)
         d = array_address(s.displacements, body.particles)
-        numbers = number_address(planes.numbers, w * planes.size + grid.first)
-        weights = number_address(planes.weights, grid.weights)
-        read4(numbers, size, wp.static(row_lanes.X), nx, ny, stride, x)
-        read3(numbers, size, wp.static(row_lanes.LOW), nx, ny, stride, low)
-        read3(numbers, size, wp.static(row_lanes.V), nx, ny, stride, v)
+        numbers = number_address(planes.numbers, w, planes.size, grid.first)
+        weights = number_address(planes.weights, 0, 0, grid.weights)
+        read4(numbers, size, wp.static(row_lanes.X), count, x)
+        read3(numbers, size, wp.static(row_lanes.LOW), count, low)
+        read3(numbers, size, wp.static(row_lanes.V), count, v)
         constants = spring_constants(material)
         step = make_step(frame.dt, s.history[b] > 0, 1, 0.0)
         for substep in range(frame.substeps):
             if wp.static(panel is not None):
-                write4(numbers, size, wp.static(row_lanes.X), nx, ny, stride, x)
-                write3(numbers, size, wp.static(row_lanes.V), nx, ny, stride, v)
+                write4(numbers, size, wp.static(row_lanes.X), count, x)
+                write3(numbers, size, wp.static(row_lanes.V), count, v)
                 for k in range(body.panels, body.panels_end):
                     panel(k, m, s, body, material, frame, x)
-                for i in range(body.count):
+                for i in range(count):
                     store4(d, i, accelerate(body.particles + i, load4(x, i)[3], xyz(load4(v, i)), m, s, frame, step))
-                read4(numbers, size, wp.static(row_lanes.D), nx, ny, stride, d)
+                read4(numbers, size, wp.static(row_lanes.D), count, d)
             predict_lanes(
                 numbers,
                 size,
-                grid.end,
+                count,
                 planes.spokes,
                 planes.rests,
                 weights,
@@ -209,17 +198,17 @@ def make_frame(features: Features):
             )
             if wp.static(bool(features.shapes)):
                 for c in range(colliders.shape[0]):
-                    count = float(frame.substeps)
+                    substeps = float(frame.substeps)
                     s.sweeps[b * colliders.shape[0] + c] = sweep_collider(
-                        colliders[c], float(substep) / count, float(substep + 1) / count
+                        colliders[c], float(substep) / substeps, float(substep + 1) / substeps
                     )
-                write4(numbers, size, wp.static(row_lanes.X), nx, ny, stride, x)
-                write3(numbers, size, wp.static(row_lanes.LOW), nx, ny, stride, low)
-                write4(numbers, size, wp.static(row_lanes.D), nx, ny, stride, d)
+                write4(numbers, size, wp.static(row_lanes.X), count, x)
+                write3(numbers, size, wp.static(row_lanes.LOW), count, low)
+                write4(numbers, size, wp.static(row_lanes.D), count, d)
                 for iteration in range(frame.iterations):
                     step.first = iteration == 0
                     step.repeats = frame.iterations > 1
-                    for i in range(body.count):
+                    for i in range(count):
                         contact(
                             i,
                             b * colliders.shape[0],
@@ -235,17 +224,17 @@ def make_frame(features: Features):
                             low,
                             d,
                         )
-                read3(numbers, size, wp.static(row_lanes.D), nx, ny, stride, d)
-            finish_lanes(numbers, size, grid.end, step.effective)
+                read3(numbers, size, wp.static(row_lanes.D), count, d)
+            finish_lanes(numbers, size, count, step.effective)
             step.second = True
-        write4(numbers, size, wp.static(row_lanes.X), nx, ny, stride, x)
-        write3(numbers, size, wp.static(row_lanes.LOW), nx, ny, stride, low)
-        write3(numbers, size, wp.static(row_lanes.V), nx, ny, stride, v)
+        write4(numbers, size, wp.static(row_lanes.X), count, x)
+        write3(numbers, size, wp.static(row_lanes.LOW), count, low)
+        write3(numbers, size, wp.static(row_lanes.V), count, v)
         faulty = bool(False)
-        for g in range(body.particles, body.particles + body.count):
+        for g in range(body.particles, body.particles + count):
             if not is_good(s.positions[g], s.velocities[g]):
                 faulty = True
-        for g in range(body.particles, body.particles + body.count):
+        for g in range(body.particles, body.particles + count):
             if faulty:
                 put_back(g, s.relapses[b], m, s)
             else:
