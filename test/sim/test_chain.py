@@ -8,7 +8,7 @@ import warp as wp
 
 from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
 from cloth_sim_ros.sim.physics.chain import Span, edge_frame, join, span_of, turn_frame, turned_end
-from cloth_sim_ros.sim.schedules.lines import forward
+from cloth_sim_ros.sim.schedules.segments import forward
 from cloth_sim_ros.sim.state import Segment
 
 SEGMENTS = 16
@@ -23,7 +23,7 @@ def walk(segments: wp.array(dtype=Segment), w0: float, found: wp.array(dtype=wp.
     old = segments[0].frame
     for k in range(segments.shape[0]):
         y = turn_frame(y, old, segments[k].frame)
-        segment, y, q = forward(segments[k], y, q)
+        segment, y, q, pull = forward(segments[k], y, q)
         old = segments[k].frame
     found[0] = y
     moved[0] = old * q

@@ -110,7 +110,7 @@ ALL_FUNCTIONS = {
     "bends": "turn_residual",
     "chain": "series_admittance",
     "edges": "deepest edge_contact",
-    "winch": "next_rate rest_of share_out",
+    "winch": "next_rate rest_of first_out",
     "twist": "carried_across half_binormal push_by_couples",
 }
 

@@ -18,14 +18,14 @@ smoother (Sarkka and Garcia-Fernandez 2021), again by adding positive matrices a
 
 import warp as wp
 
-from cloth_sim_ros.sim.schedules.native import inverse_root, quick_inverse_root, quotient, root
+from cloth_sim_ros.sim.schedules.native import inverse_root, quick_inverse_root, quick_quotient, root
 
 
 @wp.func
 def edge_frame(n: wp.vec3) -> wp.mat33:
     """An orthonormal frame with rows n and two tangents, continuous in n but at n = -z (Duff et al. 2017)."""
     sign = wp.where(n[2] < 0.0, -1.0, 1.0)
-    a = quotient(-1.0, sign + n[2])
+    a = quick_quotient(-1.0, sign + n[2])
     b = n[0] * n[1] * a
     return wp.mat33(
         n[0], n[1], n[2],
@@ -40,9 +40,9 @@ def _unit_inverse(a: float, b: float, c: float, scale: wp.vec3) -> wp.mat33:
 
     As a sum of squares, M^-1 = sum of r r^T / pivot (LDL^T), so that rounding never makes it indefinite.
     """
-    second = quotient(1.0, wp.max(1.0 - a * a, 1.0e-7))
+    second = quick_quotient(1.0, wp.max(1.0 - a * a, 1.0e-7))
     l = (c - a * b) * second
-    third = quotient(1.0, wp.max(1.0 - b * b - l * (c - a * b), 1.0e-7))
+    third = quick_quotient(1.0, wp.max(1.0 - b * b - l * (c - a * b), 1.0e-7))
     r1 = wp.vec3(scale[0], 0.0, 0.0)
     r2 = wp.vec3(-a * scale[0], scale[1], 0.0)
     r3 = wp.vec3((a * l - b) * scale[0], -l * scale[1], scale[2])
@@ -56,8 +56,8 @@ def series_admittance(y: wp.mat33, alpha: float, g: float) -> wp.mat33:
     y0 = wp.max(y[0, 0], 0.0)
     y1 = wp.max(y[1, 1], 0.0)
     y2 = wp.max(y[2, 2], 0.0)
-    g1 = wp.max(quotient(g, 1.0 + g * y1), 1.0e-30)
-    g2 = wp.max(quotient(g, 1.0 + g * y2), 1.0e-30)
+    g1 = wp.max(quick_quotient(g, 1.0 + g * y1), 1.0e-30)
+    g2 = wp.max(quick_quotient(g, 1.0 + g * y2), 1.0e-30)
     s = wp.vec3(inverse_root(alpha + y0), root(g1), root(g2))
     return _unit_inverse(s[0] * s[1] * y[0, 1], s[0] * s[2] * y[0, 2], s[1] * s[2] * y[1, 2], s)
 
@@ -67,7 +67,7 @@ def particle_compliance(w: float, admittance: wp.mat33) -> wp.mat33:
     """Y = (m + Z^-1)^-1 [1/kg] of a particle of inverse mass w behind an edge; 0 where it is pinned."""
     if w == 0.0:
         return wp.mat33(0.0)
-    return inverse_beside(1.0 / w, admittance)
+    return inverse_beside(quick_quotient(1.0, w), admittance)
 
 
 @wp.func
@@ -108,8 +108,8 @@ def span_of(w: float, along: float, across: float, tension: float, gap: float, m
     where it would be without the chain, in the segment's frame.
     """
     span = Span()
-    a = quotient(1.0, along + w)
-    t = quotient(1.0, 1.0 + across * w)
+    a = quick_quotient(1.0, along + w)
+    t = quick_quotient(1.0, 1.0 + across * w)
     span.passed = wp.diag(wp.vec3(w * a, across * w * t, across * w * t))
     span.compliance = wp.diag(wp.vec3(along * w * a, w * t, w * t))
     span.inertia = wp.diag(wp.vec3(a, across * t, across * t))
@@ -141,6 +141,81 @@ def _inverse_root(value: float) -> float:
 
 
 @wp.func
+def symmetric(diagonal: wp.vec3, beside: wp.vec3) -> wp.mat33:
+    """The symmetric matrix of this diagonal and of its entries 01, 02 and 12."""
+    return wp.mat33(
+        diagonal[0], beside[0], beside[1], beside[0], diagonal[1], beside[2], beside[1], beside[2], diagonal[2]
+    )
+
+
+# Of products with a lower triangular L, what is not 0: a compiler that must care for infinities leaves none out.
+
+
+@wp.func
+def _before(l: wp.mat33, a: wp.mat33) -> wp.mat33:
+    """L^T A."""
+    return wp.matrix_from_rows(
+        l[0, 0] * a[0] + l[1, 0] * a[1] + l[2, 0] * a[2], l[1, 1] * a[1] + l[2, 1] * a[2], l[2, 2] * a[2]
+    )
+
+
+@wp.func
+def _behind(a: wp.mat33, l: wp.mat33) -> wp.mat33:
+    """A L."""
+    return wp.transpose(_before(l, wp.transpose(a)))
+
+
+@wp.func
+def _without(a: wp.mat33, l: wp.mat33, b: wp.mat33) -> wp.mat33:
+    """A - L B."""
+    return wp.matrix_from_rows(
+        a[0] - l[0, 0] * b[0],
+        (a[1] - l[1, 0] * b[0]) - l[1, 1] * b[1],
+        ((a[2] - l[2, 0] * b[0]) - l[2, 1] * b[1]) - l[2, 2] * b[2],
+    )
+
+
+@wp.func
+def _lower(l: wp.mat33, v: wp.vec3) -> wp.vec3:
+    """L v."""
+    return wp.vec3(l[0, 0] * v[0], l[1, 0] * v[0] + l[1, 1] * v[1], l[2, 0] * v[0] + l[2, 1] * v[1] + l[2, 2] * v[2])
+
+
+@wp.func
+def _upper(l: wp.mat33, v: wp.vec3) -> wp.vec3:
+    """L^T v."""
+    return wp.vec3(l[0, 0] * v[0] + l[1, 0] * v[1] + l[2, 0] * v[2], l[1, 1] * v[1] + l[2, 1] * v[2], l[2, 2] * v[2])
+
+
+@wp.func
+def _symmetric_product(a: wp.mat33, b: wp.mat33) -> wp.mat33:
+    """A B^T where it is symmetric."""
+    return symmetric(
+        wp.vec3(wp.dot(a[0], b[0]), wp.dot(a[1], b[1]), wp.dot(a[2], b[2])),
+        wp.vec3(wp.dot(a[0], b[1]), wp.dot(a[0], b[2]), wp.dot(a[1], b[2])),
+    )
+
+
+@wp.func
+def _between(first: Span, second: Span):
+    """L, X and M^-1 of `join`."""
+    l = semidefinite_root(first.compliance)
+    x = _before(l, second.inertia)
+    return l, x, inverse_beside(1.0, _behind(x, l))
+
+
+@wp.func
+def _beyond(first: Span, second: Span, l: wp.mat33, x: wp.mat33, inverse: wp.mat33):
+    """How the end of two joined spans yields and moves; and how far the first one's is held, D b = b - L h."""
+    u = _behind(second.passed, l)
+    held = inverse * (x * first.free)
+    kept = first.free - _lower(l, held)
+    pushed = inverse * _upper(l, second.pull)
+    compliance = second.compliance + _symmetric_product(u * inverse, u)
+    return compliance, second.free + second.passed * kept + u * pushed, kept, held
+
+
+@wp.func
 def join(first: Span, second: Span) -> Span:
     """Two spans one behind the other, the first ending in the frame in which the second begins.
 
@@ -149,22 +224,32 @@ def join(first: Span, second: Span) -> Span:
 
         (C^-1 + J)^-1 = L M^-1 L^T    and    (J^-1 + C)^-1 = D^T J D + N^T N.
     """
-    l = semidefinite_root(first.compliance)
-    x = wp.transpose(l) * second.inertia
-    inverse = inverse_beside(1.0, x * l)
-    n = inverse * x
-    v = n * first.passed
-    e = first.passed - l * v
-    u = second.passed * l
-    along = n * first.free
-    kept = first.free - l * along
-    pushed = inverse * (wp.transpose(l) * second.pull)
+    l, x, inverse = _between(first, second)
+    compliance, free, kept, held = _beyond(first, second, l, x, inverse)
+    v = inverse * (x * first.passed)
+    e = _without(first.passed, l, v)
+    turned = wp.transpose(e)
+    back = wp.transpose(v)
     span = Span()
     span.passed = second.passed * e
-    span.compliance = second.compliance + u * inverse * wp.transpose(u)
-    span.inertia = first.inertia + wp.transpose(e) * second.inertia * e + wp.transpose(v) * v
-    span.free = second.free + second.passed * kept + u * pushed
-    span.pull = first.pull + wp.transpose(e) * (second.pull - second.inertia * kept) - wp.transpose(v) * along
+    span.compliance = compliance
+    # What yields little hardly counts beside what yields much: summed among themselves first.
+    span.inertia = first.inertia + (
+        _symmetric_product(turned * second.inertia, turned) + _symmetric_product(back, back)
+    )
+    span.free = free
+    span.pull = first.pull + turned * (second.pull - second.inertia * kept) - back * held
+    return span
+
+
+@wp.func
+def close(first: Span, second: Span) -> Span:
+    """The same where the first begins at an end of the chain, which nothing moves: how its end yields and moves."""
+    l, x, inverse = _between(first, second)
+    compliance, free, kept, held = _beyond(first, second, l, x, inverse)
+    span = Span()
+    span.compliance = compliance
+    span.free = free
     return span
 
 

@@ -19,7 +19,6 @@ from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.integrate import split_sum
 from cloth_sim_ros.sim.physics.winch import next_rate
 from cloth_sim_ros.sim.schedules.native import load4, store4, xyz
-from cloth_sim_ros.sim.schedules.scan import Share
 from cloth_sim_ros.sim.state import Drive, Reel, State
 
 BORN = wp.constant(0.5)  # of the next segment on the drum: with so much more than its own, a segment is two
@@ -174,15 +173,6 @@ def make_fed(order: int):
 
 
 @wp.func
-def share_out(t: int, width: int, s: State, body: Body) -> Share:
-    """The part of thread t of `width` of the segments that are out (see scan.share_of)."""
-    first = s.reels[body.index].index
-    out = body.segments_end - body.segments - first
-    each = (out + width - 1) / width
-    share = Share()
-    share.count = first + out
-    share.lane = t
-    share.lanes = (out + each - 1) / each
-    share.begin = first + wp.min(t * each, out)
-    share.end = wp.min(share.begin + each, share.count)
-    return share
+def first_out(s: State, body: Body) -> int:
+    """The first segment of the body that is out."""
+    return s.reels[body.index].index

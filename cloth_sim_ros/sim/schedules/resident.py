@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
 from cloth_sim_ros.sim.schedules.reel import make_turn
-from cloth_sim_ros.sim.schedules.scan import SLOTS, THREADS
+from cloth_sim_ros.sim.schedules.scan import THREADS, scan_size
 from cloth_sim_ros.sim.schedules.stages import (
     in_turn,
     make_finish,
@@ -40,7 +40,7 @@ def capacity(device: wp.Device, features: Features) -> int:
     """The most particles of a body that one block can hold."""
     if device.is_cpu:
         return 1 << 30
-    spans = 16 * 2 * SLOTS * THREADS if features.chain else 0
+    spans = 16 * scan_size(THREADS) if features.chain else 0
     return (shared_memory(device) - spans) // native.BYTES_A_PARTICLE
 
 
@@ -120,7 +120,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     solve_chain = make_solve_chain(features, block, stored) if features.chain else None
     turn = make_turn(features.order) if features.winch else None
     # What every particle reads and writes once a substep lies in shared memory too where there is room.
-    slots = 2 * SLOTS * block if shared and features.chain else 0
+    slots = scan_size(block) if shared and features.chain else 0
     keeps_low = "cell" in features.constraints or features.chain
     all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
     tile_size = (3 if all_shared else 2) * shared

@@ -1,159 +1,203 @@
-"""The threads of a block scan a chain: from spans of their own segments to what lies before and behind them.
+"""The threads of a block scan a chain from both its ends: from spans of their own segments to what lies before them.
 
-Both scans take log2(lanes) steps (Hillis and Steele 1986). Lanes show one another their spans in shared memory.
+The first half of the threads walks from the start of the chain to its middle, the other from its end, as if it began
+there. Where they meet, one particle is moved by both sides. Both ways take log2 of the threads of a side (Hillis and
+Steele 1986). Threads show one another their spans in shared memory, in two copies that take turns: what a step stores
+in one was last read two steps ago, so that each step needs one barrier. A side of at most half a warp, or a whole one,
+never waits for another warp.
 """
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Body
-from cloth_sim_ros.sim.physics.chain import Span, join, turned_end
-from cloth_sim_ros.sim.schedules.native import load4, store4, sync, xyz
+from cloth_sim_ros.sim.physics.chain import (
+    Span,
+    close,
+    inverse_beside,
+    join,
+    symmetric,
+    turn_frame,
+    turned_end,
+)
+from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, sync_warp, xyz
+from cloth_sim_ros.sim.schedules.shares import Reach, Share
+from cloth_sim_ros.sim.state import Segment
 
 THREADS = 256  # most that share a chain
-SLOTS = wp.constant(10)  # vec4 by which a lane hands on its span and a frame, in each of two copies
+SLOTS = wp.constant(9)  # vec4 by which a thread hands on its span and a frame: odd, so that no two meet in a bank
+MEETING = wp.constant(5)  # vec4 by which a side hands on how it pulls where both meet
 
 
-@wp.struct
-class Share:
-    """A thread's part of a chain: its place among the `lanes` that take part, and its segments of the body."""
-
-    lane: int
-    lanes: int
-    begin: int
-    end: int
-    count: int
+def scan_size(threads: int) -> int:
+    """The vec4 of shared memory that `threads` threads need."""
+    return 2 * SLOTS * threads + 2 * MEETING
 
 
 @wp.func
-def share_of(t: int, width: int, body: Body) -> Share:
-    """The part of thread t of `width`."""
-    share = Share()
-    share.count = body.segments_end - body.segments
-    each = (share.count + width - 1) / width
-    share.lane = t
-    share.lanes = (share.count + each - 1) / each
-    share.begin = wp.min(t * each, share.count)
-    share.end = wp.min(share.begin + each, share.count)
-    return share
-
-
-@wp.func
-def _post(lane: int, span: Span, shared: wp.uint64):
-    """Show a lane's span to the others; symmetric matrices as six numbers."""
-    a = span.passed
+def _post_end(at: int, span: Span, shared: wp.uint64):
+    """Show how the end of a span yields and moves."""
     c = span.compliance
     j = span.inertia
-    at = SLOTS * lane
-    store4(shared, at, wp.vec4(a[0, 0], a[0, 1], a[0, 2], span.free[0]))
-    store4(shared, at + 1, wp.vec4(a[1, 0], a[1, 1], a[1, 2], span.free[1]))
-    store4(shared, at + 2, wp.vec4(a[2, 0], a[2, 1], a[2, 2], span.free[2]))
-    store4(shared, at + 3, wp.vec4(c[0, 0], c[1, 1], c[2, 2], span.pull[0]))
-    store4(shared, at + 4, wp.vec4(c[0, 1], c[0, 2], c[1, 2], span.pull[1]))
-    store4(shared, at + 5, wp.vec4(j[0, 0], j[1, 1], j[2, 2], span.pull[2]))
-    store4(shared, at + 6, wp.vec4(j[0, 1], j[0, 2], j[1, 2], 0.0))
+    store4(shared, at, wp.vec4(c[0, 0], c[1, 1], c[2, 2], span.free[0]))
+    store4(shared, at + 1, wp.vec4(c[0, 1], c[0, 2], c[1, 2], span.free[1]))
+    store4(shared, at + 2, wp.vec4(j[0, 0], j[1, 1], j[2, 2], span.free[2]))
 
 
 @wp.func
-def _span_at(lane: int, shared: wp.uint64) -> Span:
-    at = SLOTS * lane
-    a0 = load4(shared, at)
-    a1 = load4(shared, at + 1)
-    a2 = load4(shared, at + 2)
-    c0 = load4(shared, at + 3)
-    c1 = load4(shared, at + 4)
-    j0 = load4(shared, at + 5)
-    j1 = load4(shared, at + 6)
+def _post(at: int, span: Span, beside: float, shared: wp.uint64):
+    """Show a span, and a number."""
+    a = span.passed
+    j = span.inertia
+    _post_end(at, span, shared)
+    store4(shared, at + 3, wp.vec4(j[0, 1], j[0, 2], j[1, 2], span.pull[0]))
+    store4(shared, at + 4, wp.vec4(a[0, 0], a[0, 1], a[0, 2], span.pull[1]))
+    store4(shared, at + 5, wp.vec4(a[1, 0], a[1, 1], a[1, 2], span.pull[2]))
+    store4(shared, at + 6, wp.vec4(a[2, 0], a[2, 1], a[2, 2], beside))
+
+
+@wp.func
+def _end_at(at: int, shared: wp.uint64) -> Span:
+    c = load4(shared, at)
+    beside = load4(shared, at + 1)
     span = Span()
-    span.passed = wp.matrix_from_rows(xyz(a0), xyz(a1), xyz(a2))
-    span.compliance = _symmetric(c0, c1)
-    span.inertia = _symmetric(j0, j1)
-    span.free = wp.vec3(a0[3], a1[3], a2[3])
-    span.pull = wp.vec3(c0[3], c1[3], j0[3])
+    span.compliance = symmetric(xyz(c), xyz(beside))
+    span.free = wp.vec3(c[3], beside[3], load4(shared, at + 2)[3])
     return span
 
 
 @wp.func
-def _symmetric(diagonal: wp.vec4, beside: wp.vec4) -> wp.mat33:
-    return wp.mat33(
-        diagonal[0], beside[0], beside[1], beside[0], diagonal[1], beside[2], beside[1], beside[2], diagonal[2]
-    )
+def _span_at(at: int, shared: wp.uint64) -> Span:
+    span = _end_at(at, shared)
+    beside = load4(shared, at + 3)
+    a0 = load4(shared, at + 4)
+    a1 = load4(shared, at + 5)
+    span.inertia = symmetric(xyz(load4(shared, at + 2)), xyz(beside))
+    span.passed = wp.matrix_from_rows(xyz(a0), xyz(a1), xyz(load4(shared, at + 6)))
+    span.pull = wp.vec3(beside[3], a0[3], a1[3])
+    return span
 
 
 @wp.func
-def _post_matrix(at: int, a: wp.mat33, b: wp.vec3, shared: wp.uint64):
-    store4(shared, at, wp.vec4(a[0, 0], a[0, 1], a[0, 2], b[0]))
-    store4(shared, at + 1, wp.vec4(a[1, 0], a[1, 1], a[1, 2], b[1]))
-    store4(shared, at + 2, wp.vec4(a[2, 0], a[2, 1], a[2, 2], b[2]))
+def _post_reach(at: int, reach: Reach, shared: wp.uint64):
+    a = reach.passed
+    store4(shared, at, wp.vec4(reach.moved[0], reach.moved[1], reach.moved[2], a[2, 2]))
+    store4(shared, at + 1, wp.vec4(a[0, 0], a[0, 1], a[0, 2], a[1, 0]))
+    store4(shared, at + 2, wp.vec4(a[1, 1], a[1, 2], a[2, 0], a[2, 1]))
 
 
 @wp.func
 def _matrix_at(at: int, shared: wp.uint64) -> wp.mat33:
-    return wp.matrix_from_rows(xyz(load4(shared, at)), xyz(load4(shared, at + 1)), xyz(load4(shared, at + 2)))
+    first = load4(shared, at + 1)
+    last = load4(shared, at + 2)
+    return wp.mat33(first[0], first[1], first[2], first[3], last[0], last[1], last[2], last[3], load4(shared, at)[3])
 
 
-@wp.func
-def _vector_at(at: int, shared: wp.uint64) -> wp.vec3:
-    return wp.vec3(load4(shared, at)[3], load4(shared, at + 1)[3], load4(shared, at + 2)[3])
+def make_scans(threads: int):
+    """Three Warp functions that all of `threads` threads call together: scan_forward, meet and scan_backward."""
+    sync_side = sync_warp if threads <= 64 else sync
+    copy = SLOTS * threads
+    own_meeting = 2 * SLOTS * threads
 
+    @wp.func
+    def scan_forward(
+        t: int, share: Share, start: Span, own: Span, first: wp.mat33, last: wp.mat33, shared: wp.uint64
+    ) -> Span:
+        """How what lies before a thread's segments yields and moves at its end, `start` before the first thread's.
 
-@wp.struct
-class Reach:
-    """How the particle before some segments follows the one behind them: passed u + moved [m], in the world."""
-
-    passed: wp.mat33
-    moved: wp.vec3
-
-
-@wp.func
-def scan_forward(share: Share, start: Span, own: Span, first: wp.mat33, last: wp.mat33, shared: wp.uint64) -> Span:
-    """All that lies before a lane's segments, `start` before the first lane's, in the frame of its first segment.
-
-    own: the lane's segments; first, last: frames of the first and the last of them. Two copies of the slots take
-    turns, so that each step needs one barrier (Hillis and Steele 1986).
-    """
-    takes_part = share.lane < share.lanes
-    if share.lane + 1 < share.lanes:
-        _post(share.lane + 1, own, shared)
-        _post_matrix(SLOTS * (share.lane + 1) + 7, last, wp.vec3(0.0), shared)
-    sync()
-    span = start
-    if takes_part and share.lane > 0:
-        behind = _matrix_at(SLOTS * share.lane + 7, shared)
-        span = turned_end(_span_at(share.lane, shared), first * wp.transpose(behind))
-    offset = int(1)
-    half = wp.block_dim()
-    while offset < share.lanes:
+        own: its segments; first, last: frames of the first and the last of them; the result is in `first`.
+        """
+        at = SLOTS * t
+        takes_part = share.lane < share.lanes
         if takes_part:
-            _post(half + share.lane, span, shared)
+            _post(at, own, last[2, 2], shared)
+            store4(shared, at + 7, wp.vec4(last[0, 0], last[0, 1], last[0, 2], last[1, 0]))
+            store4(shared, at + 8, wp.vec4(last[1, 1], last[1, 2], last[2, 0], last[2, 1]))
+        sync_side()
+        span = start
+        if takes_part and share.lane > 0:
+            before = at - SLOTS
+            f = load4(shared, before + 7)
+            l = load4(shared, before + 8)
+            behind = wp.mat33(f[0], f[1], f[2], f[3], l[0], l[1], l[2], l[3], load4(shared, before + 6)[3])
+            span = turned_end(_span_at(before, shared), first * wp.transpose(behind))
+        offset = int(1)
+        half = int(copy)
+        while 2 * offset < share.most:
+            if takes_part:
+                _post(half + at, span, 0.0, shared)
+            sync_side()
+            if takes_part and share.lane >= offset:
+                span = join(_span_at(half + at - SLOTS * offset, shared), span)
+            half = copy - half
+            offset *= 2
+        # In the last step all that a thread takes on begins at an end of the chain.
+        if offset < share.most:
+            if takes_part:
+                _post_end(half + at, span, shared)
+            sync_side()
+            if takes_part and share.lane >= offset:
+                span = close(_end_at(half + at - SLOTS * offset, shared), span)
+        return span
+
+    @wp.func
+    def meet(share: Share, segment: Segment, pull: wp.vec3, shared: wp.uint64) -> wp.vec3:
+        """How the particle moves where both sides meet; `segment` is the last one that the thread has passed, and
+        `pull` what moves its far particle, in its frame.
+
+        Every thread finds it from the same numbers in the same way, to the bit.
+        """
+        if share.lane + 1 == share.lanes:
+            f = segment.frame
+            a = segment.admittance
+            at = wp.where(share.way > 0, own_meeting, own_meeting + MEETING)
+            store4(shared, at, wp.vec4(a[0, 0], a[1, 1], a[2, 2], pull[0]))
+            store4(shared, at + 1, wp.vec4(a[0, 1], a[0, 2], a[1, 2], pull[1]))
+            store4(shared, at + 2, wp.vec4(f[0, 0], f[0, 1], f[0, 2], pull[2]))
+            store4(shared, at + 3, wp.vec4(f[1, 0], f[1, 1], f[1, 2], segment.far))
+            store4(shared, at + 4, wp.vec4(f[2, 0], f[2, 1], f[2, 2], 0.0))
+        # No thread is still in the scan forward when the scan back stores its first, nor is it in this function at the
+        # next meeting: a vote of the whole block lies in between.
         sync()
-        if takes_part and share.lane >= offset:
-            span = join(_span_at(half + share.lane - offset, shared), span)
-        half = wp.block_dim() - half
-        offset *= 2
-    return span
+        here = load4(shared, own_meeting)
+        here_beside = load4(shared, own_meeting + 1)
+        f0 = load4(shared, own_meeting + 2)
+        f1 = load4(shared, own_meeting + 3)
+        there = load4(shared, own_meeting + MEETING)
+        there_beside = load4(shared, own_meeting + MEETING + 1)
+        g0 = load4(shared, own_meeting + MEETING + 2)
+        g1 = load4(shared, own_meeting + MEETING + 3)
+        frame = wp.matrix_from_rows(xyz(f0), xyz(f1), xyz(load4(shared, own_meeting + 4)))
+        other = wp.matrix_from_rows(xyz(g0), xyz(g1), xyz(load4(shared, own_meeting + MEETING + 4)))
+        if f1[3] == 0.0:
+            return wp.vec3(0.0)
+        pulled = wp.transpose(other) * wp.vec3(there[3], there_beside[3], g0[3])
+        pulled = wp.vec3(here[3], here_beside[3], f0[3]) + frame * pulled
+        both = symmetric(xyz(here), xyz(here_beside))
+        both += turn_frame(symmetric(xyz(there), xyz(there_beside)), other, frame)
+        return wp.transpose(frame) * (inverse_beside(quick_quotient(1.0, f1[3]), both) * pulled)
 
-
-@wp.func
-def scan_backward(share: Share, reach: Reach, shared: wp.uint64, last: wp.vec3) -> wp.vec3:
-    """How the last particle of a lane's segments moves; `last` is that of the chain, and known to the last lane."""
-    takes_part = share.lane < share.lanes
-    offset = int(1)
-    half = int(0)
-    sync()
-    while offset < share.lanes:
-        at = SLOTS * (half + share.lane)
+    @wp.func
+    def scan_backward(t: int, share: Share, reach: Reach, last: wp.vec3, shared: wp.uint64) -> wp.vec3:
+        """How the last particle of a thread's segments moves; `last` is that of its side."""
+        at = SLOTS * t
+        takes_part = share.lane < share.lanes
+        offset = int(1)
+        half = int(0)
+        while offset < share.most:
+            if takes_part:
+                _post_reach(half + at, reach, shared)
+            sync_side()
+            if takes_part and share.lane + offset < share.lanes:
+                after = half + at + SLOTS * offset
+                reach.moved += reach.passed * xyz(load4(shared, after))
+                if 2 * offset < share.most:  # the last step leaves nothing to follow
+                    reach.passed = reach.passed * _matrix_at(after, shared)
+            half = copy - half
+            offset *= 2
         if takes_part:
-            _post_matrix(at, reach.passed, reach.moved, shared)
-        sync()
-        if takes_part and share.lane + offset < share.lanes:
-            after = at + SLOTS * offset
-            reach.moved += reach.passed * _vector_at(after, shared)
-            reach.passed = reach.passed * _matrix_at(after, shared)
-        half = wp.block_dim() - half
-        offset *= 2
-    if takes_part:
-        _post_matrix(SLOTS * (half + share.lane), reach.passed, reach.moved, shared)
-    sync()
-    if share.lane + 1 < share.lanes:
-        return _vector_at(SLOTS * (half + share.lane + 1), shared)
-    return last
+            store4(shared, half + at, wp.vec4(reach.moved[0], reach.moved[1], reach.moved[2], 0.0))
+        sync_side()
+        if share.lane + 1 < share.lanes:
+            return xyz(load4(shared, half + at + SLOTS))
+        return last
+
+    return scan_forward, meet, scan_backward
