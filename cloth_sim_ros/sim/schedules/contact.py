@@ -39,22 +39,23 @@ def make_meet(shapes: tuple[str, ...]):
     signed_distance = make_signed_distance(shapes)
 
     @wp.func
-    def enter(shape: int, size: wp.vec3, start: wp.vec3, path: wp.vec3, thickness: float) -> wp.vec4:
-        """Normal and fraction of `path` at which it enters the surface, by sphere tracing; -1 if it does not."""
+    def enter(shape: int, size: wp.vec3, start: wp.vec3, path: wp.vec3, before: wp.vec4, thickness: float) -> wp.vec4:
+        """Normal and fraction of `path` at which it enters the surface, by sphere tracing; -1 if it does not.
+
+        before: normal and signed distance [m] at its start.
+        """
         length = wp.length(path)
-        reached = float(0.0)
-        gap = float(1.0)
-        surface = wp.vec4()
+        surface = before
+        gap = surface[3] - thickness
+        reached = wp.where(surface[3] < 0.0 or length <= 0.0, 2.0, 0.0)
         count = int(0)
         # A loop that Warp does not unroll: next to no particle ever comes here, and all would carry its registers.
-        while count < 17 and gap > 1.0e-3 * thickness:
-            surface = signed_distance(shape, start + reached * path, size)
-            gap = surface[3] - thickness
-            if (count == 0 and surface[3] < 0.0) or length <= 0.0:
-                reached = 2.0
-            if gap > 1.0e-3 * thickness and count < 16:
-                reached += gap / wp.max(length, 1.0e-30)
-            count = wp.where(reached > 1.0, 17, count + 1)
+        while count < 16 and gap > 1.0e-3 * thickness and reached <= 1.0:
+            reached += gap / wp.max(length, 1.0e-30)
+            if reached <= 1.0:
+                surface = signed_distance(shape, start + reached * path, size)
+                gap = surface[3] - thickness
+            count += 1
         return pack(xyz(surface), wp.where(reached > 1.0, -1.0, reached))
 
     @wp.func
@@ -63,6 +64,8 @@ def make_meet(shapes: tuple[str, ...]):
 
         Of an overlap that was there before it came, no more than `apart` [m] counts.
         """
+        # Both at once, though few need where they came from: a GPU waits for the one as long as for both.
+        before = signed_distance(shape, p - slip, size)
         surface = signed_distance(shape, p, size)
         gap = surface[3] - thickness
         n = xyz(surface)
@@ -70,12 +73,12 @@ def make_meet(shapes: tuple[str, ...]):
         if square > gap * gap:
             # Fast enough to have come through the surface: find where it entered, and stay on that side. A particle
             # that merely touches is also better off where it entered: a third of the error of the way straight out.
-            entry = enter(shape, size, p - slip, slip, thickness)
+            entry = enter(shape, size, p - slip, slip, before, thickness)
             if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
                 n = xyz(entry)
                 gap = wp.dot(n, slip) * (1.0 - entry[3])
         if gap < -apart:
-            gap -= wp.min(signed_distance(shape, p - slip, size)[3] - thickness + apart, 0.0)
+            gap -= wp.min(before[3] - thickness + apart, 0.0)
         return pack(n, gap)
 
     return meet

@@ -111,7 +111,8 @@ def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
     """Past a segment, from the particle before it with compliance y, in the segment's frame, and free displacement q.
 
     Returns the segment with what the way back needs, compliance and free displacement of its far particle, and what
-    moves that, in units of mass times length, in the segment's frame. Displacements are in the world: differences of turned ones would lose digits.
+    moves that, in units of mass times length, in the segment's frame. Displacements are in the world: differences of
+    turned ones would lose digits.
     """
     # The edge's present tension pulls its first particle; the rest of the pull is solved for.
     q += wp.transpose(segment.frame) * (y * wp.vec3(segment.tension, 0.0, 0.0))
