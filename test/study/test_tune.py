@@ -46,7 +46,16 @@ def test_plan_is_what_the_file_says(scene):
     assert plan.scene.colliders["ball"].radius == 0.1 and plan.scene.wind is None
 
 
-@pytest.mark.parametrize("path", ["config/curtain.yaml", "config/rope.yaml"])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "config/curtain.yaml",
+        "config/rope.yaml",
+        "docs/scenes/flag.yaml",
+        "docs/scenes/sheet_under_ball.yaml",
+        "docs/scenes/rope_over_ball.yaml",
+    ],
+)
 def test_examples_of_the_package_are_read(path):
     assert scene_file.read_plan(path).scene.objects
 
