@@ -38,8 +38,8 @@ class Batch:
     """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
     schedule: one of Settings, or "rows". The model is there once; `states` has a row a world, and `worlds[w]` is what
-    kernels know of world w. Raises
-    ValueError where schedule "resident" is asked for and a body does not fit a block of the device.
+    kernels know of world w. Raises ValueError where schedule "resident" is asked for and a body does not fit a
+    block of the device.
     """
 
     def __init__(

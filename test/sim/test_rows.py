@@ -50,9 +50,13 @@ def test_rows_are_one_schedule_of_many_in_a_busy_scene(iterations):
         "sheet": Cloth(resolution=(12, 11), pins="top", damping=1e-4, bending="springs", **SPRINGS),
         "rope": Rope(segments=20, start=(0, 2, 0), end=(1, 2, 0), pins="both", stretch_compliance=1e-2),
         "mesh": MESH,
-        "small": Cloth(resolution=(5, 4), position=(0, 5, 0), pins="corners", **SPRINGS),
+        "small": Cloth(resolution=(5, 4), position=(0, 5, 0), pins="corners", edge_contact=True, **SPRINGS),
     }
-    colliders = {"ball": Sphere(radius=0.2, position=(0, 0, -0.22)), "box": Box(position=(0.3, 2, -0.3))}
+    colliders = {
+        "ball": Sphere(radius=0.2, position=(0, 0, -0.22)),
+        "box": Box(position=(0.3, 2, -0.3)),
+        "pole": Sphere(radius=0.02, position=(0.125, 5.167, -0.0255)),  # just below a spring
+    }
     sims = both(things, iterations=iterations, colliders=colliders, wind=Wind((1, 2, 0)))
     for frame in range(4):
         for sim in sims:

@@ -12,6 +12,7 @@ from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules import row_lanes
 from cloth_sim_ros.sim.schedules.contact import make_contact
+from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, number_address, store4, xyz
 from cloth_sim_ros.sim.schedules.row_lanes import finish_lanes, predict_lanes, read3, read4, write3, write4
 from cloth_sim_ros.sim.schedules.stages import (
@@ -137,6 +138,7 @@ def make_frame(features: Features):
     """The kernel of a whole frame for `features`."""
     panel = make_panel(features) if features.panels else None
     contact = make_contact(features) if features.shapes else None
+    edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     argument = given_type(features)
 
     @wp.kernel(enable_backward=False, module="unique", module_options=CPU_FLAGS)
@@ -208,6 +210,10 @@ def make_frame(features: Features):
                 for iteration in range(frame.iterations):
                     step.first = iteration == 0
                     step.repeats = frame.iterations > 1
+                    if wp.static(edge_contact is not None):
+                        for g in range(body.groups_end, body.edge_groups_end):
+                            for k in range(m.groups[g][2], m.groups[g][3]):
+                                edge_contact(k, b, body, material, colliders, m, s, step, x, low, d)
                     for i in range(count):
                         contact(
                             i,
