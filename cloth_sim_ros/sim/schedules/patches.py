@@ -18,12 +18,12 @@ from cloth_sim_ros.sim.state import Arrays, Sweep
 from cloth_sim_ros.sim.topology import Topology
 
 _BYTES_A_MEMBER = 48  # position, low part and displacement
-_SIZES = (6, 8, 12, 16, 24, 32, 48)  # particles along a side that a patch owns
+_SIZES = (4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48)  # particles along a side that a patch owns
 NOBODY = -1  # in place of a member
 SENT = 1 << 30  # on top of an own particle that other patches need
-# Microseconds on an H200: a launch with its loads and stores, an exchange within one, a pass however small, and 1024
+# Microseconds on an H200: a launch, an exchange within one, 1024 places around either, a pass however small, and 1024
 # cells of a pass.
-_LAUNCH, _EXCHANGE, _LEAST, _THOUSAND_CELLS = 5.0, 1.5, 0.25, 2.3
+_LAUNCH, _EXCHANGE, _THOUSAND_PLACES, _LEAST, _THOUSAND_CELLS = 3.5, 0.1, 1.8, 0.25, 1.8
 
 
 @wp.struct
@@ -91,25 +91,28 @@ def plan(
     costs = {}
     for side in _SIZES if size is None else (size,):
         pieces = [patching.largest(grid, sweep, side) for grid, sweep in zip(grids, sweeps, strict=True)]
-        if max(len(patch.members) for patch, _ in pieces) * _BYTES_A_MEMBER > shared:
+        places = max(len(patch.members) for patch, _ in pieces)
+        if places * _BYTES_A_MEMBER > shared:
             break
         count = worlds * sum(number for _, number in pieces)
         # Whether a substep was smooth, as order 2 asks, all patches of a body decide, not neighbours alone.
         wait = waits is not False and features.order == 1 and run_at_once(count, device)
-        cost = _cost([patch.passes for patch, _ in pieces], count, device) + (_EXCHANGE if wait else _LAUNCH)
-        costs[side] = (cost, wait)
+        cost = _cost([patch.passes for patch, _ in pieces], places, count, device)
+        costs[side] = (cost + (_EXCHANGE if wait else _LAUNCH), wait)
     if not costs:
         raise Unfit("sweeps that reach too far", "fewer passes")
     side = min(costs, key=costs.get)
     bodies = [patching.cut(grid, sweep, side) for grid, sweep in zip(grids, sweeps, strict=True)]
     cost, wait = costs[side]
-    return Plan(bodies, wait, cost, _cost(sweeps, len(sweeps) * worlds, device))
+    return Plan(bodies, wait, cost, _cost(sweeps, 0, len(sweeps) * worlds, device))
 
 
-def _cost(pieces: list[list[cells.Pass]], count: int, device: wp.Device) -> float:
-    """The estimated microseconds of the passes of `count` blocks, of which the largest are among `pieces`."""
+def _cost(pieces: list[list[cells.Pass]], places: int, count: int, device: wp.Device) -> float:
+    """The estimated microseconds of the passes of `count` blocks, of which the largest are among `pieces`, and of what
+    they do for so many places besides."""
     rounds = -(-count // (device.sm_count if device.is_cuda else 1))
-    return rounds * max(sum(_LEAST + _THOUSAND_CELLS * len(one.particles) / 1024 for one in piece) for piece in pieces)
+    longest = max(sum(_LEAST + _THOUSAND_CELLS * len(one.particles) / 1024 for one in piece) for piece in pieces)
+    return rounds * (longest + _THOUSAND_PLACES * places / 1024)
 
 
 def width_of(chosen: Plan, device: wp.Device) -> int:
