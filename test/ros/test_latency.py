@@ -16,6 +16,7 @@ def test_latency_counts_every_topic_and_what_is_lost(tmp_path):
     command += ["--seconds", "3", "--set", "rate:=30.0"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=dict(os.environ), timeout=120)
     assert done.returncode == 0, done.stderr
+    assert 0.0 < float(done.stdout.removeprefix("first message ").split()[0]) < 120.0
     for topic in ("cloth/particles", "cloth/mesh", "rope/particles", "rope/mesh"):
         row = next(line for line in done.stdout.splitlines() if topic in line).split()
         assert 20 < int(row[1]) < 130 and 0.0 < float(row[3]) <= float(row[4]) <= float(row[5])
