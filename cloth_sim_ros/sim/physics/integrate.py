@@ -11,6 +11,8 @@ and predict d~ = b + h_e v* + h_e^2 a, with compliances divided by h_e^2 (BDF2 s
 
 import warp as wp
 
+from cloth_sim_ros.sim.schedules.native import quotient
+
 
 @wp.func
 def effective_step(h: float, second: bool, parts: float) -> float:
@@ -42,6 +44,7 @@ class Step:
     effective: float
     inverse: float
     inverse_square: float
+    eased: float  # what linear drag leaves of a velocity in it, where there is no wind
     second: bool  # a smooth substep lies behind this one
     parts: float  # of which order 2 carries on one of the last displacement
     first: bool  # first iteration: multipliers start from zero
@@ -63,12 +66,20 @@ def carried(change: wp.vec3, step: Step) -> wp.vec3:
 
 
 @wp.func
-def make_step(h: float, second: bool, order: int, parts: float) -> Step:
-    """The part of a Step that lasts for the substep; `second`: a smooth substep lies behind it."""
+def eased_by(rate: float, effective: float) -> float:
+    """What a step [s] of implicit drag of `rate` [1/s] leaves of a velocity."""
+    return quotient(1.0, 1.0 + effective * rate)
+
+
+@wp.func
+def make_step(h: float, second: bool, order: int, parts: float, drag: float) -> Step:
+    """The part of a Step that lasts for the substep, under linear `drag` [1/s]; `second`: a smooth substep lies behind
+    it."""
     step = Step()
     step.parts = parts
     step.effective = effective_step(h, second and order == 2, parts)
     step.inverse = 1.0 / step.effective
     step.inverse_square = step.inverse * step.inverse
+    step.eased = eased_by(drag, step.effective)
     step.second = second
     return step

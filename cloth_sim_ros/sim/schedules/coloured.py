@@ -184,8 +184,9 @@ def make_kernels(features: Features, lanes: bool) -> dict[str, wp.Kernel]:
         smooth = bool(False)
         if wp.static(features.looks_back):
             smooth = arrays.state.history[b] > 0
-        parts = parts_of_motion(here.body, arrays.materials[b], arrays.frames[0])
-        here.step = make_step(arrays.frames[0].dt, smooth, wp.static(features.order), parts)
+        frame = arrays.frames[0]
+        parts = parts_of_motion(here.body, arrays.materials[b], frame)
+        here.step = make_step(frame.dt, smooth, wp.static(features.order), parts, frame.global_damping)
         here.step.first = iteration == 0
         if wp.static(features.order == 2):
             here.step.backward = goes_back(iteration, here.body, arrays.materials[b], arrays.frames[0])
@@ -203,7 +204,7 @@ def make_kernels(features: Features, lanes: bool) -> dict[str, wp.Kernel]:
         if wp.static(features.chain):
             if i == 0:
                 arrays.state.torn[b] = 0
-        moving = moving_of(i, arrays.state, here.body, here.low)
+        moving = moving_of(i, arrays.state, here.body, here.x, here.low)
         material, frame = arrays.materials[b], arrays.frames[0]
         predict_particle(
             i,

@@ -91,12 +91,7 @@ def _make_advance(
                 low,
                 d,
             )
-        moving = Moving()
-        if load4(x, i)[3] != 0.0:
-            moving = finish(i, substep, False, here, body, step, x, low, d)
-        else:
-            moving.low = xyz(load4(low, i))
-        return moving
+        return finish(i, substep, False, here, body, step, x, low, d)
 
     # One block a multiprocessor is enough, and has its registers.
     @wp.kernel(launch_bounds=(block, 1), **_options())
@@ -127,7 +122,8 @@ def _make_advance(
             smooth = s.history[b] > 0
             if first > 0:
                 smooth = patches.rough[rough + (first - 1) % 2] != first
-        step = make_step(frame.dt, smooth, wp.static(features.order), parts_of_motion(body, material, frame))
+        parts = parts_of_motion(body, material, frame)
+        step = make_step(frame.dt, smooth, wp.static(features.order), parts, frame.global_damping)
         step.first = True
         body.cells = patches.cells[n][0]
         body.cells_end = patches.cells[n][1]
@@ -162,7 +158,9 @@ def _make_advance(
                 moving = Moving()
                 moving.velocity = xyz(load4(before.velocities, g))
                 moving.low = xyz(load4(before.low, g))
-                store4(x, i, load4(before.positions, g))
+                position = load4(before.positions, g)
+                moving.w = position[3]
+                store4(x, i, position)
                 store4(low, i, pack(moving.low, 0.0))
                 if wp.static(features.order == 2):
                     place = body.particles + i
@@ -225,7 +223,8 @@ def _make_advance(
                             moving = Moving()
                             moving.velocity = xyz(message.v)
                             moving.low = xyz(message.low)
-                            store4(x, i, pack(xyz(message.x), load4(x, i)[3]))
+                            moving.w = load4(x, i)[3]
+                            store4(x, i, pack(xyz(message.x), moving.w))
                             store4(low, i, pack(moving.low, 0.0))
                             predict(i, moving, m, here, body, material, frame, step, x, low, d)
                     sync()

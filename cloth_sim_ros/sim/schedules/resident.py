@@ -191,7 +191,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             s.faulty[b] = 0
         sync()
         parts = parts_of_motion(body, material, frame)
-        step = make_step(frame.dt, history > 0, wp.static(features.order), parts)
+        step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
         if wp.static(features.twist):
             if t == 0:
                 if wp.static(features.worlds):
@@ -211,7 +211,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 panel(k, m, s, body, material, frame, x)
             sync()
         for i in range(last - t, -1, -width):
-            predict(i, moving_of(i, s, body, low), m, s, body, material, frame, step, x, low, d)
+            predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
         collapsed = bool(False)
         if wp.static("cell" in features.constraints):
             collapsed = any_collapsed(t, width, m, body, x)
@@ -286,7 +286,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             if wp.static(features.looks_back):
                 history = wp.where(rough == 0, 1, 0)
                 if step.second != (history > 0):
-                    step = make_step(frame.dt, history > 0, wp.static(features.order), parts)
+                    step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
             # A thread owns its particles from the end of one substep to the next prediction; only methods that look
             # back or around need a barrier in between.
             ends = substep + 1 == frame.substeps
@@ -295,7 +295,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 if wp.static(features.panels == "" and not features.looks_back and not features.winch):
                     moving = finish(i, substep, ends, s, body, step, x, low, d)
                 else:
-                    moving = moving_of(i, s, body, low)
+                    moving = moving_of(i, s, body, x, low)
                 if not ends:
                     predict(i, moving, m, s, body, material, frame, step, x, low, d)
                 i -= width

@@ -9,14 +9,13 @@ import warp as wp
 
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES
 from cloth_sim_ros.sim.model import Features, Model
-from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.physics.integrate import Step, eased_by, make_step
 from cloth_sim_ros.sim.schedules import row_lanes
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, number_address, store4, xyz
 from cloth_sim_ros.sim.schedules.row_lanes import finish_lanes, predict_lanes, read3, read4, write3, write4
 from cloth_sim_ros.sim.schedules.stages import (
-    eased_by,
     first_share,
     make_panel,
     pack,
@@ -130,7 +129,7 @@ def accelerate(g: int, w: float, v: wp.vec3, m: Model, s: State, frame: Frame, s
         force = s.panel_forces[m.particle_panels[k]]
         a += w * xyz(force)
         rate += w * force[3]
-    return pack(a, eased_by(rate, step))
+    return pack(a, eased_by(rate, step.effective))
 
 
 @lru_cache
@@ -170,7 +169,7 @@ def make_frame(features: Features):
         read3(numbers, size, wp.static(row_lanes.LOW), count, low)
         read3(numbers, size, wp.static(row_lanes.V), count, v)
         constants = spring_constants(material)
-        step = make_step(frame.dt, s.history[b] > 0, 1, 0.0)
+        step = make_step(frame.dt, s.history[b] > 0, 1, 0.0, frame.global_damping)
         for substep in range(frame.substeps):
             if wp.static(panel is not None):
                 write4(numbers, size, wp.static(row_lanes.X), count, x)
@@ -193,7 +192,7 @@ def make_frame(features: Features):
                 material.damping,
                 frame.gravity,
                 frame.global_damping,
-                eased_by(frame.global_damping, step),
+                step.eased,
                 wp.static(panel is not None),
                 first_share(step),
                 step.effective,

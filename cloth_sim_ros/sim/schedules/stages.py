@@ -10,14 +10,13 @@ import warp as wp
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.sim.physics.distance import SHORTEST
-from cloth_sim_ros.sim.physics.integrate import Step, carried, predict_displacement, split_sum
+from cloth_sim_ros.sim.physics.integrate import Step, carried, eased_by, predict_displacement, split_sum
 from cloth_sim_ros.sim.schedules.native import (
     array_address,
     divide,
     inverse_root,
     load4,
     load_pair,
-    quotient,
     store4,
     xyz,
 )
@@ -157,20 +156,23 @@ def spring_force(
 
 @wp.struct
 class Moving:
-    """What a particle carries from one substep to the next: velocity [m/s] and the low part of its position [m].
+    """What a particle carries from one substep to the next: velocity [m/s], the low part of its position [m] and its
+    inverse mass [1/kg].
 
     rough: whether its motion was not smooth, order 2.
     """
 
     velocity: wp.vec3
     low: wp.vec3
+    w: float
     rough: int
 
 
 @wp.func
-def moving_of(i: int, s: State, body: Body, low_address: wp.uint64) -> Moving:
+def moving_of(i: int, s: State, body: Body, x: wp.uint64, low_address: wp.uint64) -> Moving:
     """What particle i carries, from memory."""
     moving = Moving()
+    moving.w = load4(x, i)[3]
     moving.velocity = xyz(load4(array_address(s.velocities, 0), body.particles + i))
     moving.low = xyz(load4(low_address, i))
     return moving
@@ -180,12 +182,6 @@ def moving_of(i: int, s: State, body: Body, low_address: wp.uint64) -> Moving:
 def first_share(step: Step) -> float:
     """Leapfrog: velocities live half a step before the positions, so the first kick is half a kick."""
     return wp.where(step.second, 1.0, 0.5)
-
-
-@wp.func
-def eased_by(rate: float, step: Step) -> float:
-    """What a substep of implicit drag of `rate` [1/s] leaves of a velocity."""
-    return quotient(1.0, 1.0 + step.effective * rate)
 
 
 @wp.func
@@ -214,11 +210,7 @@ def make_predict(features: Features):
         d: wp.uint64,
     ):
         g = body.particles + i
-        w = load4(x, i)[3]
-        low = moving.low
-        if w == 0.0:
-            store4(d, i, pack(low, 0.0))
-            return
+        w = moving.w
         v = moving.velocity
         base = wp.vec3(0.0)
         if wp.static(features.order == 2):
@@ -226,16 +218,20 @@ def make_predict(features: Features):
                 base = carried(s.last_displacements[g], step)
                 v += carried(v - s.last_velocities[g], step)
         a = frame.gravity - frame.global_damping * v
-        rate = frame.global_damping
+        eased = step.eased
         if wp.static(features.panels != ""):
+            rate = frame.global_damping
             for k in range(m.panel_start[g], m.panel_start[g + 1]):
                 force = s.panel_forces[m.particle_panels[k]]
                 a += w * xyz(force)
                 rate += w * force[3]
+            eased = eased_by(rate, step.effective)
         if wp.static(features.method == "verlet"):
             a += w * spring_force(i, m, s, body, material, v, x, low_address)
             a *= first_share(step)
-        store4(d, i, kick(base, v, a, eased_by(rate, step), w, low, step))
+        # Chosen, not branched to, or a warp with a pinned particle would go both ways.
+        moved = kick(base, v, a, eased, w, moving.low, step)
+        store4(d, i, wp.where(w == 0.0, pack(moving.low, 0.0), moved))
 
     return predict
 
@@ -282,11 +278,9 @@ def make_finish(features: Features):
         moving = Moving()
         moving.low = xyz(load4(low_address, i))
         old = load4(x, i)
-        if old[3] == 0.0:
-            s.velocities[g] = wp.vec4(0.0)
-            return moving
+        moving.w = old[3]
         total = xyz(load4(d, i))
-        displacement = total - moving.low
+        displacement = total - moving.low  # 0 of what is pinned
         # Divided, not multiplied by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
         velocity = rate_of(displacement, step)
         if wp.static(features.order == 2):

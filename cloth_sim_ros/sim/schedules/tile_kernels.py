@@ -5,14 +5,13 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim.model import Features, Model
-from cloth_sim_ros.sim.physics.integrate import Step, make_step, split_sum
+from cloth_sim_ros.sim.physics.integrate import Step, eased_by, make_step, split_sum
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.buffers import make_buffer_of
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.exchange import Exchange, exchange_of, receive, send
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, xyz
 from cloth_sim_ros.sim.schedules.stages import (
-    eased_by,
     first_share,
     kick,
     pack,
@@ -74,18 +73,17 @@ def make_kernels(
         material: Material,
         frame: Frame,
         step: Step,
-        still: float,
         shared: wp.uint64,
     ) -> Carried:
         """Member i of tile n one substep later."""
         w = now.x[3]
         there = wp.static(3 * capacity) - here
         a = frame.gravity - frame.global_damping * now.v
-        eased = still
+        eased = step.eased
         if wp.static(features.panels != ""):
             push = drag(n, i, here, now, tiles, frame, material, shared)
             a += w * xyz(push)
-            eased = eased_by(frame.global_damping + w * push[3], step)
+            eased = eased_by(frame.global_damping + w * push[3], step.effective)
         a += w * force(here, now, springs, material.damping, shared)
         total = kick(wp.vec3(0.0), now.v, a * first_share(step), eased, w, now.low, step)
         if wp.static(bool(features.shapes)):
@@ -147,7 +145,6 @@ def make_kernels(
         material: Material,
         frame: Frame,
         step: Step,
-        still: float,
         shared: wp.uint64,
     ) -> Carried:
         """Substep k of the launch for all members that are still valid; from half `here` of the memory to the other."""
@@ -170,7 +167,6 @@ def make_kernels(
                     material,
                     frame,
                     step,
-                    still,
                     shared,
                 )
                 store(then, shared, there + mine)
@@ -197,7 +193,6 @@ def make_kernels(
                             material,
                             frame,
                             step,
-                            still,
                             shared,
                         )
                         store(then, shared, there + i)
@@ -224,7 +219,7 @@ def make_kernels(
             frame = given.frames[0]
             material = given.materials[body]
             colliders = given.colliders
-        step = make_step(frame.dt, first > 0 or s.history[body] > 0, 1, 0.0)
+        step = make_step(frame.dt, first > 0 or s.history[body] > 0, 1, 0.0, frame.global_damping)
         constants = spring_constants(material)
         shared = tile_address(wp.tile_empty(shape=(wp.static(6 * capacity),), dtype=wp.vec4, storage="shared"))
         before = buffer_of(s, tiles, side, w)
@@ -252,7 +247,6 @@ def make_kernels(
             particle = w * s.positions.shape[0] + tiles.members[n * wp.static(capacity) + mine]
             exchange = exchange_of(particle, tiles.positions.shape[0], tiles.messages, tiles.sent[0])
         sync()
-        still = eased_by(frame.global_damping, step)
         for k in range(0, count, wp.static(2 if keeps else 1)):
             if wp.static(waits):
                 if k == end:
@@ -294,7 +288,6 @@ def make_kernels(
                 material,
                 frame,
                 step,
-                still,
                 shared,
             )
             step.second = True
@@ -316,7 +309,6 @@ def make_kernels(
                     material,
                     frame,
                     step,
-                    still,
                     shared,
                 )
         after = buffer_of(s, tiles, 1 - side, w)
