@@ -164,8 +164,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                         s.segments[body.segments + k] = segment
                 u = q
                 if wp.static(threads > 1):
-                    if share.meets:
-                        u = meet(share, segment, pull, shared)
+                    u = meet(share, segment, pull, shared)
                     u = scan_backward(t, share, reach_back(share, segment, u, s, body), u, shared)
                 too_far = int(0)
                 torn = int(0)

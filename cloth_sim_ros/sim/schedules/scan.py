@@ -85,17 +85,44 @@ def _post_reach(at: int, reach: Reach, shared: wp.uint64):
 
 
 @wp.func
-def _matrix_at(at: int, shared: wp.uint64) -> wp.mat33:
+def _reach_at(at: int, shared: wp.uint64) -> Reach:
+    moved = load4(shared, at)
     first = load4(shared, at + 1)
     last = load4(shared, at + 2)
-    return wp.mat33(first[0], first[1], first[2], first[3], last[0], last[1], last[2], last[3], load4(shared, at)[3])
+    reach = Reach()
+    reach.moved = xyz(moved)
+    reach.passed = wp.mat33(first[0], first[1], first[2], first[3], last[0], last[1], last[2], last[3], moved[3])
+    return reach
+
+
+@wp.func
+def _post_side(at: int, segment: Segment, pull: wp.vec3, shared: wp.uint64):
+    """Show how the last segment of a side holds and pulls its far particle, in its frame."""
+    f = segment.frame
+    a = segment.admittance
+    store4(shared, at, wp.vec4(a[0, 0], a[1, 1], a[2, 2], pull[0]))
+    store4(shared, at + 1, wp.vec4(a[0, 1], a[0, 2], a[1, 2], pull[1]))
+    store4(shared, at + 2, wp.vec4(f[0, 0], f[0, 1], f[0, 2], pull[2]))
+    store4(shared, at + 3, wp.vec4(f[1, 0], f[1, 1], f[1, 2], segment.far))
+    store4(shared, at + 4, wp.vec4(f[2, 0], f[2, 1], f[2, 2], 0.0))
+
+
+@wp.func
+def _side_at(at: int, shared: wp.uint64):
+    diagonal = load4(shared, at)
+    beside = load4(shared, at + 1)
+    f0 = load4(shared, at + 2)
+    f1 = load4(shared, at + 3)
+    frame = wp.matrix_from_rows(xyz(f0), xyz(f1), xyz(load4(shared, at + 4)))
+    return frame, symmetric(xyz(diagonal), xyz(beside)), wp.vec3(diagonal[3], beside[3], f0[3]), f1[3]
 
 
 def make_scans(threads: int):
     """Three Warp functions that all of `threads` threads call together: scan_forward, meet and scan_backward."""
     sync_side = sync_warp if threads <= 64 else sync
     copy = SLOTS * threads
-    own_meeting = 2 * SLOTS * threads
+    meeting = 2 * SLOTS * threads
+    steps = (threads // 2 - 1).bit_length()
 
     @wp.func
     def scan_forward(
@@ -107,10 +134,9 @@ def make_scans(threads: int):
         """
         at = SLOTS * t
         takes_part = share.lane < share.lanes
-        if takes_part:
-            _post(at, own, last[2, 2], shared)
-            store4(shared, at + 7, wp.vec4(last[0, 0], last[0, 1], last[0, 2], last[1, 0]))
-            store4(shared, at + 8, wp.vec4(last[1, 1], last[1, 2], last[2, 0], last[2, 1]))
+        _post(at, own, last[2, 2], shared)
+        store4(shared, at + 7, wp.vec4(last[0, 0], last[0, 1], last[0, 2], last[1, 0]))
+        store4(shared, at + 8, wp.vec4(last[1, 1], last[1, 2], last[2, 0], last[2, 1]))
         sync_side()
         span = start
         if takes_part and share.lane > 0:
@@ -146,58 +172,39 @@ def make_scans(threads: int):
         Every thread finds it from the same numbers in the same way, to the bit.
         """
         if share.lane + 1 == share.lanes:
-            f = segment.frame
-            a = segment.admittance
-            at = wp.where(share.way > 0, own_meeting, own_meeting + MEETING)
-            store4(shared, at, wp.vec4(a[0, 0], a[1, 1], a[2, 2], pull[0]))
-            store4(shared, at + 1, wp.vec4(a[0, 1], a[0, 2], a[1, 2], pull[1]))
-            store4(shared, at + 2, wp.vec4(f[0, 0], f[0, 1], f[0, 2], pull[2]))
-            store4(shared, at + 3, wp.vec4(f[1, 0], f[1, 1], f[1, 2], segment.far))
-            store4(shared, at + 4, wp.vec4(f[2, 0], f[2, 1], f[2, 2], 0.0))
-        # No thread is still in the scan forward when the scan back stores its first, nor is it in this function at the
-        # next meeting: a vote of the whole block lies in between.
+            place = wp.where(share.way > 0, meeting, meeting + MEETING)
+            _post_side(place, segment, pull, shared)
+        # A vote of the whole block lies between this and the next meeting, or scan forward, which would store anew.
         sync()
-        here = load4(shared, own_meeting)
-        here_beside = load4(shared, own_meeting + 1)
-        f0 = load4(shared, own_meeting + 2)
-        f1 = load4(shared, own_meeting + 3)
-        there = load4(shared, own_meeting + MEETING)
-        there_beside = load4(shared, own_meeting + MEETING + 1)
-        g0 = load4(shared, own_meeting + MEETING + 2)
-        g1 = load4(shared, own_meeting + MEETING + 3)
-        frame = wp.matrix_from_rows(xyz(f0), xyz(f1), xyz(load4(shared, own_meeting + 4)))
-        other = wp.matrix_from_rows(xyz(g0), xyz(g1), xyz(load4(shared, own_meeting + MEETING + 4)))
-        if f1[3] == 0.0:
+        frame, both, pulled, w = _side_at(meeting, shared)
+        if w == 0.0:
             return wp.vec3(0.0)
-        pulled = wp.transpose(other) * wp.vec3(there[3], there_beside[3], g0[3])
-        pulled = wp.vec3(here[3], here_beside[3], f0[3]) + frame * pulled
-        both = symmetric(xyz(here), xyz(here_beside))
-        both += turn_frame(symmetric(xyz(there), xyz(there_beside)), other, frame)
-        return wp.transpose(frame) * (inverse_beside(quick_quotient(1.0, f1[3]), both) * pulled)
+        if share.meets:
+            other, admittance, push, there = _side_at(meeting + MEETING, shared)
+            both += turn_frame(admittance, other, frame)
+            pulled += frame * (wp.transpose(other) * push)
+        return wp.transpose(frame) * (inverse_beside(quick_quotient(1.0, w), both) * pulled)
 
     @wp.func
     def scan_backward(t: int, share: Share, reach: Reach, last: wp.vec3, shared: wp.uint64) -> wp.vec3:
         """How the last particle of a thread's segments moves; `last` is that of its side."""
         at = SLOTS * t
-        takes_part = share.lane < share.lanes
-        offset = int(1)
-        half = int(0)
-        while offset < share.most:
-            if takes_part:
-                _post_reach(half + at, reach, shared)
+        ends = at + SLOTS * (wp.max(share.lanes, 1) - 1 - share.lane)
+        for step in range(wp.static(steps)):
+            here = wp.static(copy) * (step % 2)
+            _post_reach(here + at, reach, shared)
             sync_side()
-            if takes_part and share.lane + offset < share.lanes:
-                after = half + at + SLOTS * offset
-                reach.moved += reach.passed * xyz(load4(shared, after))
-                if 2 * offset < share.most:  # the last step leaves nothing to follow
-                    reach.passed = reach.passed * _matrix_at(after, shared)
-            half = copy - half
-            offset *= 2
-        if takes_part:
-            store4(shared, half + at, wp.vec4(reach.moved[0], reach.moved[1], reach.moved[2], 0.0))
+            # A thread that reaches the end of its side follows nothing: what it takes from there counts for 0.
+            after = here + wp.min(at + SLOTS * (1 << step), ends)
+            behind = _reach_at(after, shared)
+            reach.moved += reach.passed * behind.moved
+            if wp.static(step + 1 < steps):
+                reach.passed = reach.passed * behind.passed
+        there = wp.static(copy * (steps % 2))
+        store4(shared, there + at, wp.vec4(reach.moved[0], reach.moved[1], reach.moved[2], 0.0))
         sync_side()
         if share.lane + 1 < share.lanes:
-            return xyz(load4(shared, half + at + SLOTS))
+            return xyz(load4(shared, there + at + SLOTS))
         return last
 
     return scan_forward, meet, scan_backward

@@ -58,6 +58,8 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
     ) -> Segment:
         index = body.segments + k
         g = body.particles + k
+        held = s.tensions[index]  # from afar: first
+        rest = m.segment_length[index]
         p = load4(d, k)
         q = load4(d, k + 1)
         de = xyz(q) - xyz(p)
@@ -65,13 +67,12 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
         square = wp.dot(e, e)
         length = root(square)  # as exact as can be: it is what the stretch is told from
         n = inverse_root(square) * e
-        rest = m.segment_length[index]
         if wp.static(winch):
             rest = rest_of(k, m, s, body)
         alpha = material.compliance[0] * rest * step.inverse_square
         gamma = material.damping * step.inverse
         segment = Segment()
-        segment.held = s.tensions[index]
+        segment.held = held
         segment.tension = segment.held * (step.effective * step.effective)
         gap = length - rest - alpha * segment.tension
         if gamma > 0.0:

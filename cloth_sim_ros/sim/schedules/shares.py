@@ -111,7 +111,10 @@ def make_reach_back(stored: bool):
             if wp.static(stored):
                 segment = s.segments[body.segments + share.first + (share.count - 1 - r) * share.way]
             held = wp.transpose(segment.frame) * segment.compliance * segment.admittance
-            reach.passed = held * segment.frame * reach.passed
+            if wp.static(stored):
+                reach.passed = held * segment.frame * reach.passed
+            elif share.lane + 1 < share.lanes:
+                reach.passed = held * segment.frame
             moved = segment.frame * (reach.moved - segment.free) + wp.vec3(segment.gap, 0.0, 0.0)
             reach.moved = segment.free + held * moved
         return reach
