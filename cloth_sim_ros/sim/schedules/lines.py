@@ -13,9 +13,10 @@ from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.chain import Span, turn_frame
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.beam import bend_by_moments, solve_beam
+from cloth_sim_ros.sim.schedules.beam_rows import ROWS, make_solve_beam
 from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.reel import first_out
-from cloth_sim_ros.sim.schedules.scan import make_scans
+from cloth_sim_ros.sim.schedules.scan import make_scans, scan_size
 from cloth_sim_ros.sim.schedules.segments import backward, forward, make_prepare
 from cloth_sim_ros.sim.schedules.shares import Share, make_gather, make_reach_back, make_share
 from cloth_sim_ros.sim.schedules.twist import make_find_twist, push_by_couples
@@ -72,6 +73,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
     """
     prepare = make_prepare(features.order, features.winch, threads > 1)
     beam, winch, twist = features.beam, features.winch, features.twist
+    solve_beam_together = make_solve_beam(threads) if beam else None
     find_twist = make_find_twist(features.order) if twist else None
     gather = make_gather(stored)
     reach_back = make_reach_back(stored)
@@ -206,7 +208,12 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                     again = sync_any(unsettled)
         if wp.static(beam):
             sync()
-            if t == 0:
+            if wp.static(threads > 1):
+                if body.count <= wp.static(scan_size(threads) // ROWS):
+                    solve_beam_together(t, m, s, body, material, step, x, d, shared)
+                elif t == 0:
+                    solve_beam(m, s, body, material, step, x, d)
+            else:
                 solve_beam(m, s, body, material, step, x, d)
         return placed
 
