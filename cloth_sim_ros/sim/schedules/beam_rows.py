@@ -60,28 +60,11 @@ def _row_of(w: float, begun: Joint, near: Joint, far: Joint):
 
 
 @wp.func
-def _reduced(row: wp.vec4, pull: wp.vec3, one: BeamRow, two: BeamRow) -> BeamRow:
-    """A row of L D L^T from the two before it."""
-    here = BeamRow()
-    if row[3] > 0.0:
-        here.second = row[2] * two.inverse
-        here.first = (row[1] - here.second * two.pivot * one.first) * one.inverse
-        left = here.first * here.first * one.pivot + here.second * here.second * two.pivot
-        here.pivot = wp.max(row[0] - left, row[3])
-        here.inverse = quick_quotient(1.0, here.pivot)
-        here.move = pull - here.first * one.move - here.second * two.move
-    return here
-
-
-@wp.func
-def _store(i: int, row: BeamRow, rows: wp.uint64):
-    store4(rows, ROWS * i, wp.vec4(row.inverse, row.first, row.second, 0.0))
-    store4(rows, ROWS * i + 1, wp.vec4(row.move[0], row.move[1], row.move[2], 0.0))
-
-
-@wp.func
 def _eliminate(count: int, rows: wp.uint64):
-    """From the first particle to the last, of rows that are told."""
+    """From the first particle to the last: L D L^T, and what it makes of the pulls.
+
+    In a row that is pinned all is 0, and so is what couples the next two to it.
+    """
     one = BeamRow()
     two = BeamRow()
     row = load4(rows, 0)
@@ -91,8 +74,16 @@ def _eliminate(count: int, rows: wp.uint64):
         after = ROWS * wp.min(i + 1, count - 1)
         next_row = load4(rows, after)
         next_pull = load4(rows, after + 1)
-        here = _reduced(row, xyz(pull), one, two)
-        _store(i, here, rows)
+        here = BeamRow()
+        here.second = row[2] * two.inverse
+        here.first = (row[1] - here.second * two.pivot * one.first) * one.inverse
+        left = here.first * here.first * one.pivot + here.second * here.second * two.pivot
+        here.pivot = wp.max(row[0] - left, row[3])
+        here.inverse = wp.where(row[3] > 0.0, quick_quotient(1.0, wp.max(here.pivot, 1.0e-30)), 0.0)
+        here.move = xyz(pull) - here.first * one.move - here.second * two.move
+        move = here.inverse * here.move
+        store4(rows, ROWS * i, wp.vec4(move[0], move[1], move[2], here.first))
+        store4(rows, ROWS * i + 1, wp.vec4(here.second, 0.0, 0.0, 0.0))
         two = one
         one = here
         row = next_row
@@ -100,26 +91,29 @@ def _eliminate(count: int, rows: wp.uint64):
 
 
 @wp.func
-def _move_back(count: int, d: wp.uint64, rows: wp.uint64):
-    """Substitute from the last particle to the first, and move them."""
+def _substitute(count: int, rows: wp.uint64):
+    """From the last particle to the first: how they move."""
     one = wp.vec3(0.0)
     two = wp.vec3(0.0)
     first = float(0.0)
     second = float(0.0)
     ahead = float(0.0)
+    row = load4(rows, ROWS * (count - 1))
+    coupled = load4(rows, ROWS * (count - 1) + 1)[0]
     for r in range(count):
         i = count - 1 - r
-        row = load4(rows, ROWS * i)
-        move = wp.vec3(0.0)
-        p = load4(d, i)
-        if p[3] > 0.0:
-            move = row[0] * xyz(load4(rows, ROWS * i + 1)) - first * one - second * two
-            store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+        before = ROWS * wp.max(i - 1, 0)
+        next_row = load4(rows, before)
+        next_coupled = load4(rows, before + 1)[0]
+        move = xyz(row) - first * one - second * two
+        store4(rows, ROWS * i, wp.vec4(move[0], move[1], move[2], 0.0))
         two = one
         one = move
         second = ahead
-        first = row[1]
-        ahead = row[2]
+        first = row[3]
+        ahead = coupled
+        row = next_row
+        coupled = next_coupled
 
 
 def make_solve_beam(threads: int):
@@ -154,7 +148,11 @@ def make_solve_beam(threads: int):
         sync()
         if t == 0:
             _eliminate(body.count, rows)
-            _move_back(body.count, d, rows)
+            _substitute(body.count, rows)
+        sync()
+        for i in range(t, body.count, threads):
+            move = load4(rows, ROWS * i)
+            store4(d, i, load4(d, i) + wp.vec4(move[0], move[1], move[2], 0.0))
         sync()
         for j in range(t, joints, threads):
             stiff = stiffness_at(j, m, body, material, step, d)
