@@ -49,7 +49,8 @@ def rows(peers: bool, device: str) -> list[tuple[Contender, int]]:
     """(method, iterations) in the order of the figure: the product's, the classic ones, the peers."""
     own = [each for each in CONTENDERS if not each.numpy and not each.ropes_only]
     classic = [each for each in CONTENDERS if each.label in CLASSIC]
-    every = own + classic + (list(peers_on(device)) if peers else [])
+    others = peers_on(device) if peers else []
+    every = own + classic + [each for each in others if each.takes(chain(RATIOS[0]))]
     return [(each, iterations) for each in every for iterations in each.iterations or ITERATIONS]
 
 

@@ -185,3 +185,12 @@ def test_the_map_is_drawn(monkeypatch, tmp_path, capsys):
     assert (tmp_path / "map_cpu.png").stat().st_size > 5_000 and (tmp_path / "map_cpu.svg").exists()
     monkeypatch.setattr(sys, "argv", ["study", "report", "--folder", str(tmp_path), "--images", str(tmp_path)])
     assert __main__.main() == 0 and "flies apart" in (tmp_path / "report.html").read_text()
+
+
+def test_the_map_is_of_those_that_know_chains(monkeypatch):
+    sheets_alone = dataclasses.replace(pass_map.CONTENDERS[0], label="a cloth alone", own_limit=True)
+    both = [dataclasses.replace(sheets_alone, label="springs", own_limit=False), sheets_alone]
+    monkeypatch.setattr(pass_map, "peers_on", lambda device: both)
+    labels = {each.label for each, _ in pass_map.rows(True, "cpu")}
+    assert "springs" in labels
+    assert "a cloth alone" not in labels
