@@ -22,7 +22,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     spring_constants,
     sweep_collider,
 )
-from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
+from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, Frame, State, gathered, given_type
 from cloth_sim_ros.sim.topology import KINDS, Topology
 
@@ -235,17 +235,14 @@ def make_frame(features: Features):
         write4(numbers, size, wp.static(row_lanes.X), count, x)
         write3(numbers, size, wp.static(row_lanes.LOW), count, low)
         write3(numbers, size, wp.static(row_lanes.V), count, v)
-        faulty = bool(False)
         for g in range(body.particles, body.particles + count):
             if not is_good(s.positions[g], s.velocities[g]):
-                faulty = True
+                s.faulty[b] = 1
         for g in range(body.particles, body.particles + count):
-            if faulty:
+            if s.faulty[b] == 1:
                 put_back(g, s.relapses[b], m, s)
             else:
                 keep(g, s.positions[g], s.low[g], s)
-        s.history[b] = wp.where(faulty, 0, 1)
-        s.recoveries[b] += wp.where(faulty, 1, 0)
-        s.relapses[b] = wp.where(faulty, s.relapses[b] + 1, 0)
+        s.history[b] = wp.where(count_fault(b, s), 0, 1)
 
     return simulate_rows
