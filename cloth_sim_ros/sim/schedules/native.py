@@ -103,10 +103,10 @@ return a / b;
 # Through a shuffle, or the compiler would compute the address anew, from a slow register, wherever it is used.
 _TILE_ADDRESS = """
 #if defined(__CUDA_ARCH__)
-unsigned address = __shfl_sync(0xffffffffu, (unsigned)__cvta_generic_to_shared(tile.data.ptr + {row}), 0);
+unsigned address = __shfl_sync(0xffffffffu, (unsigned)__cvta_generic_to_shared(tile.data.ptr), 0);
 return (uint64_t)__cvta_shared_to_generic(address);
 #else
-return (uint64_t)(tile.data.ptr + {row});
+return (uint64_t)tile.data.ptr;
 #endif
 """
 _SYNC_ANY = """
@@ -166,6 +166,18 @@ def store_record(address: wp.uint64, i: int, v: wp.vec4i): ...
 
 @wp.func_native("return (uint64_t)(values.data + offset);")
 def record_address(values: wp.array(dtype=wp.vec4i), offset: int) -> wp.uint64: ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+return (uint64_t)((const float4*)address + rows);
+#else
+return (uint64_t)((const wp::vec4*)address + rows);
+#endif
+""")
+def beside(address: wp.uint64, rows: int) -> wp.uint64:
+    """The address so many vec4 on; a constant number of them costs no instruction where it is read from."""
+    ...
 
 
 @wp.func_native(_STORE)
@@ -248,10 +260,10 @@ def xyz(v: wp.vec4) -> wp.vec3:
     return wp.vec3(v[0], v[1], v[2])
 
 
-def make_tile_address(capacity: int, row: int = 0):
-    """A Warp function: a shared tile of `capacity` vec4 -> the address of a row of it. For CUDA kernels alone."""
+def make_tile_address(capacity: int):
+    """A Warp function: a shared tile of `capacity` vec4 -> the address of its first. For CUDA kernels alone."""
 
-    @wp.func_native(_TILE_ADDRESS.format(row=row))
+    @wp.func_native(_TILE_ADDRESS)
     def tile_address(tile: wp.tile[wp.vec4, capacity]) -> wp.uint64: ...
 
     return tile_address

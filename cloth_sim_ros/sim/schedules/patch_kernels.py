@@ -51,7 +51,7 @@ def _make_advance(
     """
     predict, finish = make_predict(features), make_finish(features)
     contact = make_contact(features) if features.shapes else None
-    x_address, d_address, low_address = (native.make_tile_address(3 * capacity, part * capacity) for part in range(3))
+    tile_address = native.make_tile_address(3 * capacity)
     project = make_sweep_lanes(features.order) if block == 1 else make_sweep_cells(features.order, stores=last)
     staged_address = native.make_tile_address(staged) if staged else None
     buffer_of = make_buffer_of(Patches)
@@ -131,9 +131,9 @@ def _make_advance(
         before = buffer_of(s, patches, side, w)
         after = buffer_of(s, patches, 1 - side, w)
         tile = wp.tile_empty(shape=(wp.static(3 * capacity),), dtype=wp.vec4, storage="shared")
-        x = x_address(tile)
-        d = d_address(tile)
-        low = low_address(tile)
+        x = tile_address(tile)
+        d = native.beside(x, wp.static(capacity))
+        low = native.beside(x, wp.static(2 * capacity))
         # What the stages look up by particle they find by place: order 2 needs more than fits the shared memory.
         here = s
         if wp.static(features.order == 2):
@@ -188,7 +188,7 @@ def _make_advance(
         bad = int(0)
         sync()
         if wp.static(waits):
-            step.collapsed = any_collapsed(t, wp.static(block), m, body, x)
+            step.collapsed = any_collapsed(t, wp.static(block), body, records, x)
         elif wp.static(not last):
             if first == 0:
                 for k in range(t, body.cells_end - body.cells, wp.static(block)):

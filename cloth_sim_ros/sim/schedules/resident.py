@@ -24,6 +24,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     make_panel,
     make_predict,
     moving_of,
+    pack,
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep
@@ -124,10 +125,10 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     keeps_low = "cell" in features.constraints or features.chain
     all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
     tile_size = (3 if all_shared else 2) * shared
-    x_address, other_address, low_address = (
-        native.make_tile_address(tile_size, part * shared) if part * shared < tile_size else None for part in range(3)
-    )
+    tile_address = native.make_tile_address(tile_size) if shared else None
     project_springs = make_sweep(features, shared > 0)
+    # Where a prediction needs no other particle, it does not wait for those that others fetch.
+    at_once = shared > 0 and features.method == "xpbd" and not (features.panels or features.winch)
     staged_address = native.make_tile_address(staged) if staged else None
     span_address = native.make_tile_address(slots) if slots else None
     argument = given_type(features)
@@ -154,6 +155,12 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             colliders = given.colliders
         width = wp.block_dim()
         body = m.bodies[b]
+        relapses = s.relapses[b]
+        history = int(0)
+        if wp.static(features.looks_back):
+            history = s.history[b]
+        parts = parts_of_motion(body, material, frame)
+        step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
         # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
         last = body.count - 1
         x = native.array_address(s.positions, body.particles)
@@ -162,17 +169,19 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         if wp.static(shared > 0):
             # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
             tile = wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared")
-            x = x_address(tile)
+            x = tile_address(tile)
             if wp.static(features.method == "verlet"):
-                low = other_address(tile)
+                low = native.beside(x, wp.static(shared))
             else:
-                d = other_address(tile)
+                d = native.beside(x, wp.static(shared))
             if wp.static(all_shared):
-                low = low_address(tile)
+                low = native.beside(x, wp.static(2 * shared))
             for i in range(last - t, -1, -width):
                 store4(x, i, s.positions[body.particles + i])
                 if wp.static(all_shared or features.method == "verlet"):
                     store4(low, i, s.low[body.particles + i])
+                if wp.static(at_once):
+                    predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
         records = native.record_address(m.cells, body.cells)
         if wp.static(staged > 0):
             # From afar they come later than a pass takes.
@@ -184,14 +193,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         if wp.static(slots > 0):
             span_tile = wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared")
             spans = span_address(span_tile)
-        history = int(0)
-        if wp.static(features.looks_back):
-            history = s.history[b]
-        if t == 0:
-            s.faulty[b] = 0
         sync()
-        parts = parts_of_motion(body, material, frame)
-        step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
         if wp.static(features.twist):
             if t == 0:
                 if wp.static(features.worlds):
@@ -210,11 +212,13 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             for k in range(body.panels + t, body.panels_end, width):
                 panel(k, m, s, body, material, frame, x)
             sync()
-        for i in range(last - t, -1, -width):
-            predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
+        if wp.static(not at_once):
+            for i in range(last - t, -1, -width):
+                predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
+        bad = int(0)
         collapsed = bool(False)
         if wp.static("cell" in features.constraints):
-            collapsed = any_collapsed(t, width, m, body, x)
+            collapsed = any_collapsed(t, width, body, records, x)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 for c in range(t, colliders.shape[0], width):
@@ -298,13 +302,10 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     moving = moving_of(i, s, body, x, low)
                 if not ends:
                     predict(i, moving, m, s, body, material, frame, step, x, low, d)
+                elif not is_good(load4(x, i), pack(moving.velocity, 0.0)):
+                    bad = 1
                 i -= width
-        for i in range(last - t, -1, -width):
-            if not is_good(load4(x, i), s.velocities[body.particles + i]):
-                s.faulty[b] = 1
-        relapses = s.relapses[b]
-        sync()
-        faulty = s.faulty[b] == 1
+        faulty = sync_any(bad) > 0
         for i in range(last - t, -1, -width):
             if faulty:
                 put_back(body.particles + i, relapses, m, s)

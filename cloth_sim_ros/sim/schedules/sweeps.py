@@ -182,9 +182,9 @@ def make_sweep_cells(order: int, stores: bool = True):
 
 
 @wp.func
-def any_collapsed(t: int, width: int, m: Model, body: Body, x: wp.uint64) -> bool:
-    """Whether a spring of a cell of the body has no length now."""
+def any_collapsed(t: int, width: int, body: Body, records: wp.uint64, x: wp.uint64) -> bool:
+    """Whether a spring of a cell of the body, whose first record lies at `records`, has no length now."""
     found = int(0)
-    for k in range(body.cells + t, body.cells_end, width):
-        found += int(is_collapsed(load4i(m.cells, k), x))
+    for k in range(t, body.cells_end - body.cells, width):
+        found += int(is_collapsed(load_record(records, k), x))
     return sync_any(found) > 0
