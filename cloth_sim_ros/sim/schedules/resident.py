@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
+from cloth_sim_ros.sim.schedules.past import copy_past, with_past_at
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.scan import THREADS, scan_size
 from cloth_sim_ros.sim.schedules.stages import (
@@ -126,6 +127,10 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
     tile_size = (3 if all_shared else 2) * shared
     tile_address = native.make_tile_address(tile_size) if shared else None
+    # Velocities and what order 2 looks back at, 10 floats a particle, which a rope would fetch from afar every substep.
+    past = 5 * shared // 2 if all_shared and features.chain and features.order == 2 else 0
+    past = past if 16 * (tile_size + slots + past) <= most_shared else 0
+    past_address = native.make_tile_address(past) if past else None
     project_springs = make_sweep(features, shared > 0)
     # Where a prediction needs no other particle, it does not wait for those that others fetch.
     at_once = shared > 0 and features.method == "xpbd" and not (features.panels or features.winch)
@@ -182,6 +187,12 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     store4(low, i, s.low[body.particles + i])
                 if wp.static(at_once):
                     predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
+        if wp.static(past > 0):
+            home = s
+            begin = past_address(wp.tile_empty(shape=(wp.static(past),), dtype=wp.vec4, storage="shared"))
+            s = with_past_at(begin, wp.static(shared), body, home)
+            for i in range(last - t, -1, -width):
+                copy_past(body.particles + i, home, s)
         records = native.record_address(m.cells, body.cells)
         if wp.static(staged > 0):
             # From afar they come later than a pass takes.
@@ -313,6 +324,12 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     s.chain_forces[body.particles + i] = wp.vec3(0.0)
             else:
                 keep(body.particles + i, load4(x, i), load4(low, i), s)
+            if wp.static(past > 0):
+                # Told anew, or its addresses would take registers all the time.
+                if wp.static(features.worlds):
+                    copy_past(body.particles + i, s, given[w].state)
+                else:
+                    copy_past(body.particles + i, s, given.state)
         if faulty:
             history = 0
             for k in range(body.segments + t, body.segments_end, width):
