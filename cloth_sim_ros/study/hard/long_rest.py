@@ -32,7 +32,7 @@ SETTINGS = {
     "xpbd 1, 20 x 1": Settings(global_damping=AIR),
     "xpbd 2, 20 x 1": Settings(global_damping=AIR, order=2),
     "xpbd 2, 20 x 2": Settings(global_damping=AIR, order=2, iterations=2),
-    "verlet, 200": Settings(global_damping=AIR, method="verlet", substeps=200),
+    "verlet, 400": Settings(global_damping=AIR, method="verlet", substeps=400),
 }
 
 
