@@ -11,7 +11,7 @@ and predict d~ = b + h_e v* + h_e^2 a, with compliances divided by h_e^2 (BDF2 s
 
 import warp as wp
 
-from cloth_sim_ros.sim.schedules.native import quotient
+from cloth_sim_ros.sim.schedules.native import divide, quotient
 
 
 @wp.func
@@ -47,6 +47,7 @@ class Step:
     eased: float  # what linear drag leaves of a velocity in it, where there is no wind
     second: bool  # a smooth substep lies behind this one
     parts: float  # of which order 2 carries on one of the last displacement
+    part: float  # its inverse
     first: bool  # first iteration: multipliers start from zero
     backward: bool  # colours in the opposite order: a sweep that favours one end of the cloth can feed it energy
     repeats: bool  # more iterations than one
@@ -60,9 +61,10 @@ def carried(change: wp.vec3, step: Step) -> wp.vec3:
     """The part of the last displacement or change of velocity that order 2 carries on.
 
     Divided, because a product would be fused with a sum in one place and not in the other, and their difference would
-    push at every substep.
+    push at every substep; from the inverse at hand, since CUDA's own division takes a slow way for 0.
     """
-    return change / step.parts
+    p, inverse = step.parts, step.part
+    return wp.vec3(divide(change[0], p, inverse), divide(change[1], p, inverse), divide(change[2], p, inverse))
 
 
 @wp.func
@@ -77,6 +79,7 @@ def make_step(h: float, second: bool, order: int, parts: float, drag: float) -> 
     it."""
     step = Step()
     step.parts = parts
+    step.part = 1.0 / wp.max(parts, 1.0)
     step.effective = effective_step(h, second and order == 2, parts)
     step.inverse = 1.0 / step.effective
     step.inverse_square = step.inverse * step.inverse
