@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cloth_sim_ros.sim import limits
-from cloth_sim_ros.sim.scene import Settings
+from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.topology import Topology
 
 STRAINED = 0.5  # Strain of a spring beyond which explicit steps may heat an object, however small they are at rest

@@ -10,9 +10,12 @@ import numpy as np
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim import limits, topology
 from cloth_sim_ros.sim.batch import Batch
-from cloth_sim_ros.sim.colliders import NAMES, SHAPES, shape_of
+from cloth_sim_ros.sim.colliders import NAMES, shape_of
+from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.poses import Colliders
-from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings, unit_quaternion
+from cloth_sim_ros.sim.quaternion import unit_quaternion
+from cloth_sim_ros.sim.scene import Scene
+from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.state import LiveArray
 
 
@@ -184,13 +187,12 @@ class Live:
 
     def _place_colliders(self) -> None:
         for name, collider in self.scene.colliders.items():
-            shape = shape_of(collider)
             self._colliders.write(
                 self._collider_row[name],
                 None,
-                shape=NAMES.index(shape),
-                size=SHAPES[shape][1].size(collider),
-                reach=SHAPES[shape][1].reach(collider),
+                shape=NAMES.index(shape_of(collider)),
+                size=collider.size(),
+                reach=collider.reach(),
                 static_friction=collider.static_friction,
                 kinetic_friction=collider.kinetic_friction,
                 start_position=collider.position,

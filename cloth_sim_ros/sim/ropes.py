@@ -9,7 +9,9 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.batch import Batch
-from cloth_sim_ros.sim.scene import Cloth, Rope, Scene, Settings
+from cloth_sim_ros.sim.objects import Cloth, Rope
+from cloth_sim_ros.sim.scene import Scene
+from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.tension import Tensions, read_tensions
 from cloth_sim_ros.sim.twist import directors, measure_twist, read_twist
 from cloth_sim_ros.sim.winch import measure_winch, set_winch, write_winch

@@ -10,16 +10,19 @@ import warp as wp
 
 from cloth_sim_ros.sim import topology
 from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.checks import finite_array
 from cloth_sim_ros.sim.choice import STRAINED, Choice, choose, is_strained
-from cloth_sim_ros.sim.colliders import shape_of
+from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.live import Live, compliances_of, distinct, names_of
 from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.ropes import Ropes
-from cloth_sim_ros.sim.scene import Rope, Scene, Settings, finite_array
+from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.schedules.rows import fits_rows
+from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.starts import off_symmetry
 from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
 
@@ -96,7 +99,7 @@ class Simulation(Ropes, Live):
             _LOG.info("%s now %s", name, chosen[name].reason)
 
     def _make_batches(self) -> list[Batch]:
-        shapes = tuple(sorted({shape_of(collider) for collider in self.scene.colliders.values()}))
+        shapes = shapes_of(self.scene.colliders.values())
         wind = self.scene.wind is not None
         alike: dict[tuple[Features, str], dict[str, topology.Topology]] = {}
         for name, topo in self._topologies.items():

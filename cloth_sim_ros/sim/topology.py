@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cloth_sim_ros.sim.scene import Cloth, Rope, rotate
+from cloth_sim_ros.sim.objects import Cloth, Rope
+from cloth_sim_ros.sim.quaternion import rotate
 
 KINDS = ("structural", "shear", "bending")
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.batch import Batch
-from cloth_sim_ros.sim.scene import Winch, check_lengths
+from cloth_sim_ros.sim.objects import Winch, check_lengths
 
 LIVE = tuple(row.name for row in table.WINCH if row.live)
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
-from cloth_sim_ros.sim.scene import Collider
+from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.study.springs import SpringSystem
 
 BODY = "body"

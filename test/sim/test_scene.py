@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.scene import rotate
+from cloth_sim_ros.sim.quaternion import rotate
 
 BAD = {
     "resolution 1x1": (lambda: Cloth(resolution=(1, 1)), "Cloth.resolution"),

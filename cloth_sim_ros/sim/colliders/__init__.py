@@ -1,22 +1,29 @@
-"""Collider shapes. A new shape: a file with `signed_distance`, `size`, `reach`, a scene class, its line in SHAPES."""
+"""Collider shapes. A new shape: a file with its scene class and its `signed_distance`, and its line in SHAPES."""
+
+from collections.abc import Iterable
 
 import warp as wp
 
-from cloth_sim_ros.sim import scene
 from cloth_sim_ros.sim.colliders import box, capsule, plane, sphere
+from cloth_sim_ros.sim.colliders.collider import Collider
 
 SHAPES = {
-    "plane": (scene.Plane, plane),
-    "sphere": (scene.Sphere, sphere),
-    "capsule": (scene.Capsule, capsule),
-    "box": (scene.Box, box),
+    "plane": (plane.Plane, plane.signed_distance),
+    "sphere": (sphere.Sphere, sphere.signed_distance),
+    "capsule": (capsule.Capsule, capsule.signed_distance),
+    "box": (box.Box, box.signed_distance),
 }
 NAMES = tuple(SHAPES)
 
 
-def shape_of(collider) -> str:
+def shape_of(collider: Collider) -> str:
     """The name in SHAPES of a collider of the scene."""
     return next(name for name, (kind, _) in SHAPES.items() if type(collider) is kind)
+
+
+def shapes_of(colliders: Iterable[Collider]) -> tuple[str, ...]:
+    """The names in SHAPES that occur among colliders, each once and sorted: what kernels are made for."""
+    return tuple(sorted({shape_of(collider) for collider in colliders}))
 
 
 @wp.func
@@ -33,7 +40,7 @@ def make_signed_distance(present: tuple[str, ...]):
 
 
 def _or(others, name: str):
-    index, of_shape = NAMES.index(name), SHAPES[name][1].signed_distance
+    index, of_shape = NAMES.index(name), SHAPES[name][1]
 
     def signed_distance(shape: int, p: wp.vec3, size: wp.vec3) -> wp.vec4:
         if shape == wp.static(index):

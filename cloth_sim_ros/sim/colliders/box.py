@@ -1,8 +1,28 @@
-"""A box around the local origin; size holds its half extents."""
+"""A box around the local origin; its size is its half extents."""
 
 import math
+from dataclasses import dataclass
 
 import warp as wp
+
+from cloth_sim_ros.sim.colliders.collider import Collider, lengths
+from cloth_sim_ros.sim.quaternion import Vector
+
+
+@dataclass(frozen=True)
+class Box(Collider):
+    """A box of `half_extents` (x, y, z) [m] along its local axes."""
+
+    half_extents: Vector = (0.1, 0.1, 0.1)
+    dimensions = (lengths("half_extents"),)
+
+    def size(self) -> tuple[float, float, float]:
+        """half_extents [m]."""
+        return self.half_extents
+
+    def reach(self) -> float:
+        """From the middle to a corner [m]."""
+        return math.hypot(*self.half_extents)
 
 
 @wp.func
@@ -28,13 +48,3 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
         n = wp.vec3(side[0], 0.0, 0.0)
         distance = q[0]
     return wp.vec4(n[0], n[1], n[2], distance)
-
-
-def size(collider) -> tuple[float, float, float]:
-    """half_extents [m]."""
-    return collider.half_extents
-
-
-def reach(collider) -> float:
-    """From the middle to a corner [m]."""
-    return math.hypot(*collider.half_extents)

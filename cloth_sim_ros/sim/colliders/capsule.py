@@ -1,6 +1,27 @@
-"""A capsule along local z; size is (radius, half length, -)."""
+"""A capsule along local z; its size is (radius, half length, -)."""
+
+from dataclasses import dataclass
 
 import warp as wp
+
+from cloth_sim_ros.sim.colliders.collider import Collider, length
+
+
+@dataclass(frozen=True)
+class Capsule(Collider):
+    """All points within `radius` [m] of the segment of half length `half_length` [m] along local z."""
+
+    radius: float = 0.1
+    half_length: float = 0.2
+    dimensions = (length("radius"), length("half_length"))
+
+    def size(self) -> tuple[float, float, float]:
+        """(radius, half_length, 0) [m]."""
+        return (self.radius, self.half_length, 0.0)
+
+    def reach(self) -> float:
+        """From the middle to an end [m]."""
+        return self.radius + self.half_length
 
 
 @wp.func
@@ -10,13 +31,3 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
     length = wp.length(r)
     n = wp.where(length > 1.0e-9, r / wp.max(length, 1.0e-9), wp.vec3(1.0, 0.0, 0.0))
     return wp.vec4(n[0], n[1], n[2], length - size[0])
-
-
-def size(collider) -> tuple[float, float, float]:
-    """(radius, half_length, 0) [m]."""
-    return (collider.radius, collider.half_length, 0.0)
-
-
-def reach(collider) -> float:
-    """From the middle to an end [m]."""
-    return collider.radius + collider.half_length

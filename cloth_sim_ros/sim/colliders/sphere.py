@@ -1,6 +1,26 @@
-"""A sphere around the local origin; size[0] is its radius."""
+"""A sphere around the local origin; the first number of its size is its radius."""
+
+from dataclasses import dataclass
 
 import warp as wp
+
+from cloth_sim_ros.sim.colliders.collider import Collider, length
+
+
+@dataclass(frozen=True)
+class Sphere(Collider):
+    """A ball of `radius` [m]."""
+
+    radius: float = 0.2
+    dimensions = (length("radius"),)
+
+    def size(self) -> tuple[float, float, float]:
+        """(radius, 0, 0) [m]."""
+        return (self.radius, 0.0, 0.0)
+
+    def reach(self) -> float:
+        """The radius [m]."""
+        return self.radius
 
 
 @wp.func
@@ -10,13 +30,3 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
     length = wp.length(p)
     n = wp.where(length > 1.0e-9, p / wp.max(length, 1.0e-9), wp.vec3(0.0, 0.0, 1.0))
     return wp.vec4(n[0], n[1], n[2], length - size[0])
-
-
-def size(collider) -> tuple[float, float, float]:
-    """(radius, 0, 0) [m]."""
-    return (collider.radius, 0.0, 0.0)
-
-
-def reach(collider) -> float:
-    """The radius [m]."""
-    return collider.radius

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import warp as wp
 
 from cloth_sim_ros.sim import Rope
-from cloth_sim_ros.sim.colliders import shape_of
+from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.study.hard.bodies import BODY
 from cloth_sim_ros.study.hard.judge import METHODS, Combination, Verdict, judge, make_trial
 
@@ -21,7 +21,7 @@ def kernels_of(combination: Combination) -> tuple:
     scene = make_trial(combination).scene
     body = scene.objects[BODY]
     bends = body.bend_compliance is not None and getattr(body, "bending", "angle") != "springs"
-    shapes = tuple(sorted({shape_of(collider) for collider in scene.colliders.values()}))
+    shapes = shapes_of(scene.colliders.values())
     method = METHODS[combination.method]
     order = 2 if method["method"] == "auto" else method.get("order", "verlet")
     return isinstance(body, Rope), bends, order, shapes, scene.wind is not None, bool(shapes) and body.edge_contact

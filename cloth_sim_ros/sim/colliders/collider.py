@@ -1,0 +1,42 @@
+"""What the colliders of a scene share. A shape's own description lies beside its distance, in the file of the shape."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import ClassVar
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.checks import check_fields
+from cloth_sim_ros.sim.quaternion import Quaternion, Vector
+
+_DIMENSIONS = table.row(table.COLLIDER, "dimensions")
+
+
+@dataclass(frozen=True)
+class Collider:
+    """A pose and Coulomb coefficients; a pair's are the geometric mean of its two sides.
+
+    A shape adds its lengths as fields, their rows in `dimensions`, and two methods: `size()`, what its
+    `signed_distance` takes as size [m], and `reach()`, from its origin to the farthest of it [m].
+    Raises ValueError for what cannot be.
+    """
+
+    position: Vector = (0.0, 0.0, 0.0)
+    orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    static_friction: float = 0.5
+    kinetic_friction: float = 0.4
+    dimensions: ClassVar[tuple[table.Parameter, ...]] = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self, (*table.COLLIDER, *self.dimensions))
+
+
+def length(name: str) -> table.Parameter:
+    """The row of a length [m] of a shape."""
+    return dataclasses.replace(_DIMENSIONS, name=name, kind="double")
+
+
+def lengths(name: str) -> table.Parameter:
+    """The row of three lengths [m] of a shape, along its local axes."""
+    return dataclasses.replace(_DIMENSIONS, name=name, length=3)

@@ -1,0 +1,25 @@
+"""How to compute: the settings of the solver, as a plain frozen description."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.checks import check_fields
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to compute: see the rows of `parameters.SOLVER`. frame_dt [s], global_damping [1/s]."""
+
+    method: str = "xpbd"
+    order: int = 1
+    frame_dt: float = 1 / 60
+    substeps: int = 20
+    iterations: int = 1
+    global_damping: float = 0.0
+    schedule: str = "auto"
+    rope_solver: str = "direct"
+
+    def __post_init__(self) -> None:
+        check_fields(self, (*table.SOLVER, table.FRAME_DT))
