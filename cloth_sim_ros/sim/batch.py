@@ -8,7 +8,9 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES
-from cloth_sim_ros.sim.model import Features, Model, ModelArrays
+from cloth_sim_ros.sim.live_array import LiveArray
+from cloth_sim_ros.sim.model import Features, Model
+from cloth_sim_ros.sim.model_arrays import ModelArrays
 from cloth_sim_ros.sim.schedules import patches
 from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.patched import Patched
@@ -16,7 +18,8 @@ from cloth_sim_ros.sim.schedules.resident import Resident, capacity, threads_for
 from cloth_sim_ros.sim.schedules.rows import Rows
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
-from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, LiveArray, Material, Reel, make_states, row_of, state_of
+from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Material, Reel
+from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
 Schedule = Resident | Coloured | Tiled | Patched | Rows
@@ -68,8 +71,8 @@ class Batch:
             collected.add(topology)
         self.spring_groups = collected.spring_groups
         self.spring_order, self.tuple_order = collected.spring_order, collected.tuple_order
-        self.starts = [body[2] for body in collected.bodies]
-        self.counts = [body[3] for body in collected.bodies]
+        self.starts = [body["particles"] for body in collected.bodies]
+        self.counts = [body["count"] for body in collected.bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)
         self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
         self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)

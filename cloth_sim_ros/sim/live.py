@@ -11,12 +11,12 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim import limits, topology
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.colliders import NAMES, shape_of
+from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.quaternion import unit_quaternion
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
-from cloth_sim_ros.sim.state import LiveArray
 
 
 class Live:

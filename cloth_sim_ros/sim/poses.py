@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.state import ColliderMotion, LiveArray
+from cloth_sim_ros.sim.live_array import LiveArray
+from cloth_sim_ros.sim.state import ColliderMotion
 
 
 class Colliders(LiveArray):

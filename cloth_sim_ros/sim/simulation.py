@@ -14,6 +14,7 @@ from cloth_sim_ros.sim.checks import finite_array
 from cloth_sim_ros.sim.choice import STRAINED, Choice, choose, is_strained
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.live import Live, compliances_of, distinct, names_of
+from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.poses import Colliders
@@ -24,7 +25,7 @@ from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.schedules.rows import fits_rows
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.starts import off_symmetry
-from cloth_sim_ros.sim.state import Arrays, Frame, LiveArray
+from cloth_sim_ros.sim.state import Arrays, Frame
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536

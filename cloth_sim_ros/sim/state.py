@@ -1,17 +1,13 @@
-"""What varies: the state of a batch on the device, and the live numbers that the kernels read every frame.
+"""What varies, as kernels see it: the structs of a batch's state and of the live numbers that are read every frame.
 
-Live numbers are structs in one-row-a-thing device arrays with a host mirror: a change is one small copy at the start of
-the next frame and never compiles or captures anything again.
+State arrays are made in state_arrays.py. Live numbers lie in arrays of one row a thing (live_array.py).
 """
 
 from __future__ import annotations
 
-import os
-
-import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.model import Features, Model, ModelArrays
+from cloth_sim_ros.sim.model import Features, Model
 
 
 @wp.struct
@@ -222,111 +218,3 @@ def given_type(features: Features) -> type:
 def gathered(worlds: list[Arrays], device: wp.Device) -> Arrays | wp.array:
     """The argument for kernels that run `worlds` (see `given_type`)."""
     return worlds[0] if len(worlds) == 1 else wp.array(worlds, dtype=Arrays, device=device)
-
-
-def make_states(
-    arrays: ModelArrays, features: Features, colliders: int, worlds: int, device: wp.Device
-) -> dict[str, wp.array]:
-    """Name in State -> zeroed (worlds, size) array, for the bodies in `arrays` in every world.
-
-    Arrays that `features` do not need have no element. Raises ValueError where the device has not the memory.
-    """
-    particles, bodies = arrays.particles, len(arrays.bodies)
-    second = particles if features.order == 2 else 0
-    edges = arrays.size["edges"] if "edge" in features.constraints else 0
-    sizes = {
-        "positions": (particles, wp.vec4),
-        "low": (particles, wp.vec4),
-        "displacements": (particles, wp.vec4),
-        "velocities": (particles, wp.vec4),
-        "last_velocities": (second, wp.vec3),
-        "last_displacements": (second, wp.vec3),
-        "spring_multipliers": (arrays.size["springs"], float),
-        "cell_multipliers": (6 * arrays.size["cells"], float),
-        "tuple_multipliers": (arrays.size["tuples"], wp.vec3),
-        "tensions": (arrays.size["segment_length"], float),
-        "targets": (particles if features.chain else 0, wp.vec3),
-        "solved": (particles if features.chain else 0, wp.vec3),
-        "chain_forces": (particles if features.chain else 0, wp.vec3),
-        "segments": (arrays.size["segment_length"], Segment),
-        "moments": (arrays.size["joints"], wp.vec3),
-        "beam": (particles if features.beam else 0, BeamRow),
-        "couples": (arrays.size["joints"] if features.twist else 0, wp.vec3),
-        "twists": (bodies if features.twist else 0, Twist),
-        "good_twists": (bodies if features.twist else 0, Twist),
-        "panel_forces": (arrays.size["panels"] if features.panels else 0, wp.vec4),
-        "contacts": (particles * colliders, wp.vec4),
-        "edge_contacts": (edges * colliders, wp.vec4),
-        "sweeps": (bodies * colliders, Sweep),
-        "reels": (bodies if features.winch else 0, Reel),
-        "good_reels": (bodies if features.winch else 0, Reel),
-        "good_positions": (particles, wp.vec4),
-        "good_low": (particles, wp.vec4),
-        "faulty": (bodies, int),
-        "recoveries": (bodies, int),
-        "collapsed": (bodies if "cell" in features.constraints else 0, int),
-        "relapses": (bodies, int),
-        "torn": (bodies if features.chain else 0, int),
-        "history": (bodies if features.looks_back else 0, int),
-        "events": (bodies if features.looks_back else 0, int),
-    }
-    _check_memory(sum(size * wp.types.type_size_in_bytes(dtype) for size, dtype in sizes.values()), worlds, device)
-    return {name: wp.zeros((worlds, size), dtype=dtype, device=device) for name, (size, dtype) in sizes.items()}
-
-
-def _check_memory(each: int, worlds: int, device: wp.Device) -> None:
-    """Raise ValueError where the state of `worlds` worlds of `each` bytes does not fit the device's free memory."""
-    free = device.free_memory if device.is_cuda else os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if worlds * each > free:
-        raise ValueError(
-            f"worlds is {worlds} of {each / 1e6:.3g} MB each, more than the {free / 1e6:.4g} MB that are free on "
-            f"{device.alias}; allowed are up to {free // each}"
-        )
-
-
-def state_of(states: dict[str, wp.array], world: int) -> State:
-    """The State of one world: its row of every array."""
-    state = State()
-    for name, rows in states.items():
-        setattr(state, name, row_of(rows, world))
-    return state
-
-
-def row_of(rows: wp.array, world: int) -> wp.array:
-    """Row `world` of a (worlds, size) array; an empty row is an array of its own, which Warp's indexing lacks."""
-    return rows[world] if rows.shape[1] else wp.zeros(0, dtype=rows.dtype, device=rows.device)
-
-
-class LiveArray:
-    """Rows of a struct in every world, on the device and mirrored on the host; `upload()` copies what was changed."""
-
-    def __init__(self, struct, rows: int, worlds: int, device: wp.Device) -> None:
-        self._mirror = np.zeros((worlds, rows), dtype=struct.numpy_dtype())
-        self._host = wp.array(self._mirror, dtype=struct, device="cpu", copy=False)
-        self.array = wp.zeros((worlds, rows), dtype=struct, device=device)
-        self._changed = True
-
-    def read(self, row: int, world: int | None) -> np.ndarray:
-        """A copy of a row, (1,) of one world or (worlds,) of all for None."""
-        return self._mirror[_part(world), row].copy()
-
-    def write(self, row: int, world: int | None, **values) -> None:
-        """Change fields of a row in one world or, for None, in all; they reach the device with the next upload."""
-        for name, value in values.items():
-            self._mirror[name][_part(world), row] = value
-        self._changed = True
-
-    def edit(self) -> np.ndarray:
-        """The mirror (worlds, rows) itself, to be changed; it reaches the device with the next upload."""
-        self._changed = True
-        return self._mirror
-
-    def upload(self) -> None:
-        """Copy to the device if anything changed; ordered before the launches that follow on the device's stream."""
-        if self._changed:
-            wp.copy(self.array, self._host)
-            self._changed = False
-
-
-def _part(world: int | None) -> slice:
-    return slice(None) if world is None else slice(world, world + 1)

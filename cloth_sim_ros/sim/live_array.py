@@ -1,0 +1,44 @@
+"""Live numbers on the device: structs in arrays of one row a thing, each with a mirror on the host.
+
+A change is one small copy at the start of the next frame and never compiles or captures anything again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+
+class LiveArray:
+    """Rows of a struct in every world, on the device and mirrored on the host; `upload()` copies what was changed."""
+
+    def __init__(self, struct, rows: int, worlds: int, device: wp.Device) -> None:
+        self._mirror = np.zeros((worlds, rows), dtype=struct.numpy_dtype())
+        self._host = wp.array(self._mirror, dtype=struct, device="cpu", copy=False)
+        self.array = wp.zeros((worlds, rows), dtype=struct, device=device)
+        self._changed = True
+
+    def read(self, row: int, world: int | None) -> np.ndarray:
+        """A copy of a row, (1,) of one world or (worlds,) of all for None."""
+        return self._mirror[_part(world), row].copy()
+
+    def write(self, row: int, world: int | None, **values) -> None:
+        """Change fields of a row in one world or, for None, in all; they reach the device with the next upload."""
+        for name, value in values.items():
+            self._mirror[name][_part(world), row] = value
+        self._changed = True
+
+    def edit(self) -> np.ndarray:
+        """The mirror (worlds, rows) itself, to be changed; it reaches the device with the next upload."""
+        self._changed = True
+        return self._mirror
+
+    def upload(self) -> None:
+        """Copy to the device if anything changed; ordered before the launches that follow on the device's stream."""
+        if self._changed:
+            wp.copy(self.array, self._host)
+            self._changed = False
+
+
+def _part(world: int | None) -> slice:
+    return slice(None) if world is None else slice(world, world + 1)

@@ -1,0 +1,210 @@
+"""Topologies -> the constant arrays of a batch, in NumPy body by body, brought to the device once.
+
+What they hold is said where kernels see them, in model.py.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim import cells
+from cloth_sim_ros.sim.model import CONSTRAINTS, Body, Model
+from cloth_sim_ros.sim.topology import KINDS, Elements, Topology
+
+
+def colour_sorted(elements: Elements) -> tuple[np.ndarray, list[tuple[int, int]]]:
+    """Order that puts colours behind one another, by particle within a colour; and (first, end) of each colour."""
+    order = np.lexsort((elements.particles[:, 0], elements.colour))
+    edges = np.concatenate([[0], np.cumsum(np.bincount(elements.colour))])
+    return order, [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+
+
+class ModelArrays:
+    """Collects the NumPy parts of a batch, body by body, and uploads them once.
+
+    bodies[b]: the fields of Body; groups: the rows of Model.groups; size: name of an array in Model -> rows so far;
+    particles: of all bodies so far. spring_groups[b]: "spring" or "cell", and the groups of these in body b.
+    spring_order[b][kind] is (first, order), for springs that lie in no cell: element `order[i]` of that kind lies at
+    first + i; tuple_order[b][constraint] the same of the tuples.
+    With `spokes` every particle knows its springs; of cells, at most `width` are projected at a time.
+    """
+
+    def __init__(self, spokes: bool, width: int) -> None:
+        self._with_spokes, self._width = spokes, width
+        self.bodies: list[dict[str, Any]] = []
+        self.groups: list[tuple[int, int, int, int]] = []
+        self._rows: dict[str, list[np.ndarray]] = {name: [] for name in Model.vars if name not in ("bodies", "groups")}
+        self.particles, self.size = 0, dict.fromkeys(self._rows, 0)
+        self.spring_groups: list[tuple[str, list[tuple[int, int, int, int]]]] = []
+        self.spring_order: list[dict[str, tuple[int, np.ndarray]]] = []
+        self.tuple_order: list[dict[str, tuple[int, np.ndarray]]] = []
+
+    def _append(self, name: str, rows: np.ndarray) -> int:
+        start = self.size[name]
+        self._rows[name].append(rows)
+        self.size[name] += len(rows)
+        return start
+
+    def _append_groups(self, constraint: str, kind: int, first: int, spans: list[tuple[int, int]]) -> None:
+        self.groups += [(CONSTRAINTS.index(constraint), kind, first + a, first + b) for a, b in spans]
+
+    def add(self, topology: Topology) -> None:
+        """Append one body."""
+        first = self.particles
+        self.particles += len(topology.masses)
+        self._append("rest", topology.rest)
+        groups, first_cell = len(self.groups), self.size["cells"]
+        self.spring_order.append({})
+        self.tuple_order.append({})
+        width = 0
+        if topology.grid is None:
+            self._add_springs(topology)
+        else:
+            width = self._add_cells(topology)
+        tuple_groups = len(self.groups)
+        self.spring_groups.append(("spring" if topology.grid is None else "cell", self.groups[groups:]))
+        self._add_tuples(topology)
+        groups_end = len(self.groups)
+        self._add_edges(topology)
+        segments = self._add_chain(topology)
+        panels = self._add_panels(topology)
+        spokes, spoke_width = self._add_spokes(topology) if self._with_spokes else (0, 0)
+        body = {
+            "index": len(self.bodies),
+            "spacing": _spacing(topology),
+            "particles": first,
+            "count": len(topology.masses),
+            "groups": groups,
+            "tuple_groups": tuple_groups,
+            "groups_end": groups_end,
+            "edge_groups_end": len(self.groups),
+            "cells": first_cell,
+            "cells_end": self.size["cells"],
+            "cell_width": width,
+            "segments": segments,
+            "segments_end": self.size["segment_length"],
+            "panels": panels,
+            "panels_end": self.size["panels"],
+            "spokes": spokes,
+            "spoke_width": spoke_width,
+            "cell": (0.0, 0.0, 0.0) if topology.grid is None else cells.lengths(topology),
+            "yielding": 1.0 / float(topology.masses.sum()),
+            "lightness": _lightness(topology),
+        }
+        self.bodies.append(body)
+
+    def _add_springs(self, topology: Topology) -> None:
+        for kind, elements in topology.springs.items():
+            order, spans = colour_sorted(elements)
+            indices = bits(elements.particles[order])
+            numbers = np.stack([elements.rest, elements.scale], 1)[order].astype(np.float32)
+            start = self._append("springs", np.concatenate([indices, numbers], 1))
+            self.spring_order[-1][kind] = (start, order)
+            self._append_groups("spring", KINDS.index(kind), start, spans)
+
+    def _add_cells(self, topology: Topology) -> int:
+        sweep = cells.passes(topology)
+        width = cells.width_of(sweep, self._width)
+        for n, one in enumerate(sweep):
+            records = one.records(n % 2 == 1, width)
+            start = self._append("cells", records)
+            self.groups.append((one.holds, KINDS.index(one.kind), start, start + len(records)))
+        return width
+
+    def _add_tuples(self, topology: Topology) -> None:
+        for constraint, elements, extra in topology.others():
+            order, spans = colour_sorted(elements)
+            start = self._append(
+                "tuples", np.pad(elements.particles, ((0, 0), (0, 4 - elements.particles.shape[1])), "edge")[order]
+            )
+            self.tuple_order[-1][constraint] = (start, order)
+            self._append("tuple_rest", np.column_stack([elements.rest, elements.scale, extra])[order])
+            self._append_groups(constraint, KINDS.index("bending"), start, spans)
+
+    def _add_edges(self, topology: Topology) -> None:
+        for elements in topology.edges():
+            order, spans = colour_sorted(elements)
+            start = self._append("edges", elements.particles[order])
+            self._append_groups("edge", 0, start, spans)
+
+    def _add_chain(self, topology: Topology) -> int:
+        """The segments of a rope that is solved directly, its joints and its masses, and where the segments begin."""
+        start = self.size["segment_length"]
+        if topology.chain is not None:
+            self._append("segment_length", topology.chain.rest)
+            if topology.bends is not None:
+                bends = topology.bends
+                joints = np.column_stack([bends.rest, bends.scale, topology.bend_weights])
+                self._append("joints", np.concatenate([joints, np.zeros((1, 4))]))
+        if topology.reel is not None:
+            self._append("particle_masses", topology.masses)
+        return start
+
+    def _add_panels(self, topology: Topology) -> int:
+        start = self._append("panels", topology.panels)
+        corner = topology.panels.ravel()
+        panel = np.repeat(np.arange(len(topology.panels)), 3) + start
+        order = np.argsort(corner, kind="stable")
+        order = order[corner[order] >= 0]
+        counts = np.bincount(corner[order], minlength=len(topology.masses))
+        offset = self._append("particle_panels", panel[order])
+        self._append("panel_start", offset + np.concatenate([[0], np.cumsum(counts)[:-1]]))
+        return start
+
+    def _add_spokes(self, topology: Topology) -> tuple[int, int]:
+        """Spokes of one body: where they begin, and the most springs around one particle of it."""
+        count, springs = len(topology.masses), topology.springs
+        pairs = np.concatenate([e.particles for e in springs.values()])
+        # Rest lengths that differ by rounding are one type, so that the few types of a grid stay in the nearest cache.
+        kinds = [
+            (np.round(e.rest, 12), np.round(1.0 / e.scale, 9), np.full(len(e.rest), KINDS.index(k)))
+            for k, e in springs.items()
+        ]
+        table, types = np.unique(np.concatenate([np.stack(k, 1) for k in kinds]), axis=0, return_inverse=True)
+        lost = 1.0 - table[:, 0].astype(np.float32) / table[:, 0]
+        start = self._append("spoke_types", np.concatenate([np.zeros((1, 4)), np.column_stack([table, lost])]))
+        hub, rim = pairs.ravel(), pairs[:, ::-1].ravel()
+        types = np.repeat(types.ravel() + start + 1, 2)
+        order = np.argsort(hub, kind="stable")
+        hub, rim, types = hub[order], rim[order], types[order]
+        degree = np.bincount(hub, minlength=count)
+        slot = np.arange(len(hub)) - np.repeat(np.cumsum(degree) - degree, degree)
+        spokes = np.full((degree.max(), count, 2), start)
+        spokes[:, :, 0] = np.arange(count)
+        spokes[slot, hub] = np.stack([rim, types], 1)
+        return self._append("spokes", spokes.reshape(-1, 2)), int(degree.max())
+
+    def upload(self, device: wp.Device) -> Model:
+        """The arrays on `device`. An absent kind is an array of no element."""
+        model = Model()
+        self._append("panel_start", np.array([self.size["particle_panels"]]))
+        for name, parts in self._rows.items():
+            rows = np.concatenate(parts) if parts else []
+            setattr(model, name, wp.array(rows, dtype=Model.vars[name].type.dtype, device=device))
+        bodies = [tuple(body[name] for name in Body.vars) for body in self.bodies]
+        model.bodies = wp.array(np.array(bodies, dtype=Body.numpy_dtype()), dtype=Body, device=device)
+        model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 4), dtype=wp.vec4i, device=device)
+        return model
+
+
+def _spacing(topology: Topology) -> float:
+    """The mean rest length of all springs and segments [m], 1 where there are none."""
+    kinds = [*topology.springs.values(), *([] if topology.chain is None else [topology.chain])]
+    return float(np.concatenate([elements.rest for elements in kinds]).mean()) if kinds else 1.0
+
+
+def _lightness(topology: Topology) -> tuple[float, ...]:
+    """Of structural, shear and bending springs: the largest w_i + w_j over scale [1/kg], 0 where there are none."""
+    w, found = np.where(topology.pinned, 0.0, 1.0 / topology.masses), []
+    for kind in KINDS:
+        e = topology.springs.get(kind)
+        found.append(0.0 if e is None else float((w[e.particles].sum(1) / e.scale).max()))
+    return tuple(found)
+
+
+def bits(indices: np.ndarray) -> np.ndarray:
+    """Indices as float32 of the same bits, to pack them beside numbers; never computed with, only moved."""
+    return np.ascontiguousarray(indices, dtype=np.int32).view(np.float32)

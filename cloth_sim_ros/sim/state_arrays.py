@@ -1,0 +1,89 @@
+"""The arrays of a batch's state: how large each has to be for what the batch holds, and what one world sees of them.
+
+What they hold is said where kernels see them, in state.py.
+"""
+
+from __future__ import annotations
+
+import os
+
+import warp as wp
+
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.model_arrays import ModelArrays
+from cloth_sim_ros.sim.state import State
+
+
+def make_states(
+    arrays: ModelArrays, features: Features, colliders: int, worlds: int, device: wp.Device
+) -> dict[str, wp.array]:
+    """Name in State -> zeroed (worlds, size) array, for the bodies in `arrays` in every world.
+
+    Arrays that `features` do not need have no element. Raises ValueError where the device has not the memory.
+    """
+    particles, bodies = arrays.particles, len(arrays.bodies)
+    second = particles if features.order == 2 else 0
+    edges = arrays.size["edges"] if "edge" in features.constraints else 0
+    sizes = {
+        "positions": particles,
+        "low": particles,
+        "displacements": particles,
+        "velocities": particles,
+        "last_velocities": second,
+        "last_displacements": second,
+        "spring_multipliers": arrays.size["springs"],
+        "cell_multipliers": 6 * arrays.size["cells"],
+        "tuple_multipliers": arrays.size["tuples"],
+        "tensions": arrays.size["segment_length"],
+        "targets": particles if features.chain else 0,
+        "solved": particles if features.chain else 0,
+        "chain_forces": particles if features.chain else 0,
+        "segments": arrays.size["segment_length"],
+        "moments": arrays.size["joints"],
+        "beam": particles if features.beam else 0,
+        "couples": arrays.size["joints"] if features.twist else 0,
+        "twists": bodies if features.twist else 0,
+        "good_twists": bodies if features.twist else 0,
+        "panel_forces": arrays.size["panels"] if features.panels else 0,
+        "contacts": particles * colliders,
+        "edge_contacts": edges * colliders,
+        "sweeps": bodies * colliders,
+        "reels": bodies if features.winch else 0,
+        "good_reels": bodies if features.winch else 0,
+        "good_positions": particles,
+        "good_low": particles,
+        "faulty": bodies,
+        "recoveries": bodies,
+        "collapsed": bodies if "cell" in features.constraints else 0,
+        "relapses": bodies,
+        "torn": bodies if features.chain else 0,
+        "history": bodies if features.looks_back else 0,
+        "events": bodies if features.looks_back else 0,
+    }
+    dtypes = {name: State.vars[name].type.dtype for name in sizes}
+    each = sum(size * wp.types.type_size_in_bytes(dtypes[name]) for name, size in sizes.items())
+    _check_memory(each, worlds, device)
+    return {name: wp.zeros((worlds, size), dtype=dtypes[name], device=device) for name, size in sizes.items()}
+
+
+def _check_memory(each: int, worlds: int, device: wp.Device) -> None:
+    """Raise ValueError where the state of `worlds` worlds of `each` bytes does not fit the device's free memory."""
+    free = device.free_memory if device.is_cuda else os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if worlds * each > free:
+        raise ValueError(
+            f"worlds is {worlds} of {each / 1e6:.3g} MB each, more than the {free / 1e6:.4g} MB that are free on "
+            f"{device.alias}; allowed are up to {free // each}"
+        )
+
+
+def state_of(states: dict[str, wp.array], world: int) -> State:
+    """The State of one world: its row of every array."""
+    state = State()
+    for name, rows in states.items():
+        setattr(state, name, row_of(rows, world))
+    return state
+
+
+def row_of(rows: wp.array, world: int) -> wp.array:
+    """Row `world` of a (worlds, size) array; an empty row is an array of its own, which Warp's indexing lacks."""
+    return rows[world] if rows.shape[1] else wp.zeros(0, dtype=rows.dtype, device=rows.device)
