@@ -1,7 +1,7 @@
-"""What is constant, as kernels see it: a batch is bodies that share a kernel and live behind one another in flat arrays.
+"""What is constant, as kernels see it: bodies that share a kernel and live behind one another in flat arrays, a batch.
 
 Particle indices inside elements count from the body's first particle, so that a body's block needs no offset.
-`Body` says where a body's part of every array begins. The arrays are made in model_arrays.py; what varies is in state.py.
+`Body` says where a body's part of every array begins. The arrays are made in model_arrays.py; state.py is what varies.
 """
 
 from __future__ import annotations

@@ -1,0 +1,17 @@
+"""Object of a scene -> its particles and elements, in NumPy: one file a kind of object."""
+
+from cloth_sim_ros.sim.objects import Cloth, Rope
+from cloth_sim_ros.sim.topology.elements import KINDS, Elements, Topology, colour
+from cloth_sim_ros.sim.topology.grid import of_grid
+from cloth_sim_ros.sim.topology.mesh import of_mesh
+from cloth_sim_ros.sim.topology.rope import of_rope
+
+__all__ = ["KINDS", "Elements", "Topology", "build", "colour"]
+
+
+def build(thing: Cloth | Rope, name: str, direct_ropes: bool) -> Topology:
+    """The topology of a cloth or rope called `name`; with `direct_ropes` the segments of a rope are a chain, solved in
+    one, and no springs. Raises ValueError for a mesh that is not manifold or has a vertex without area."""
+    if isinstance(thing, Rope):
+        return of_rope(thing, direct_ropes)
+    return of_grid(thing, name) if thing.vertices is None else of_mesh(thing, name)

@@ -1,0 +1,100 @@
+"""What an object is made of in NumPy: its particles at rest, its elements, and colours that keep elements apart.
+
+Rest shapes are float64. A material compliance times an element's `scale` is the element's own compliance, so that a
+live change of the material never touches these arrays. Nothing here knows of a device.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+KINDS = ("structural", "shear", "bending")
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Constraints of one kind: particles (E, k), rest (E,), scale (E,) of the compliance and colour (E,)."""
+
+    particles: np.ndarray
+    rest: np.ndarray
+    scale: np.ndarray
+    colour: np.ndarray
+
+
+@dataclass(frozen=True)
+class Topology:
+    """One object: rest positions (N, 3) [m] in the world, masses (N,) [kg], pinned (N,), elements, triangles, segments.
+
+    springs: kind -> Elements of pairs, rest [m]; hinges: (H, 4) edge i, j and opposite k, l, rest [rad];
+    bends: (B, 3) of a rope, rest is the turn [-], `weights` (B, 2) the inverse lengths [1/m] of its two segments.
+    panels: (P, 3) particles that the wind acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions
+    [m] in local axes, along which grids are cut into tiles. grid: particles along x and y, None for what is no grid.
+    reel: of a rope on a winch, the last particle at the drum and the rest length [m] of the segment that begins there.
+    twists: whether a rope resists twist.
+    """
+
+    rest: np.ndarray
+    masses: np.ndarray
+    pinned: np.ndarray
+    springs: dict[str, Elements]
+    triangles: np.ndarray
+    panels: np.ndarray
+    layout: np.ndarray
+    reel: tuple[int, float] | None = None
+    twists: bool = False
+    hinges: Elements | None = None
+    bends: Elements | None = None
+    bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    chain: Elements | None = None
+    edge_contact: bool = False
+    grid: tuple[int, int] | None = None
+
+    def edges(self) -> list[Elements]:
+        """What touches colliders between its particles: structural and shear springs, segments; none if not asked."""
+        kinds = [self.springs.get("structural"), self.springs.get("shear"), self.chain] if self.edge_contact else []
+        return [elements for elements in kinds if elements is not None]
+
+    def others(self) -> list[tuple[str, Elements, np.ndarray]]:
+        """(constraint, elements, (E, 2) further numbers) of every constraint that is projected and not a spring."""
+        found = []
+        if self.hinges is not None:
+            found.append(("hinge", self.hinges, np.zeros((len(self.hinges.rest), 2))))
+        if self.bends is not None and self.chain is None:
+            found.append(("bend", self.bends, self.bend_weights))
+        return found
+
+
+def colour(particles: np.ndarray, count: int) -> np.ndarray:
+    """Colours (E,) so that no two elements of one colour share one of `count` particles.
+
+    Greedy by maximal independent sets: within a colour, the element of the highest random priority among its neighbours
+    enters (Luby 1986), until none is left that could. The priorities are seeded: same input, same colours.
+    """
+    total = len(particles)
+    priority = np.random.default_rng(1).permutation(total) + 1
+    result = np.full(total, -1)
+    current = 0
+    while (result < 0).any():
+        candidates = np.flatnonzero(result < 0)
+        while len(candidates):
+            best = np.zeros(count, dtype=np.int64)
+            mine = priority[candidates]
+            np.maximum.at(best, particles[candidates].ravel(), np.repeat(mine, particles.shape[1]))
+            winners = candidates[(best[particles[candidates]] == mine[:, None]).all(axis=1)]
+            result[winners] = current
+            used = np.zeros(count, dtype=bool)
+            used[particles[winners].ravel()] = True
+            candidates = candidates[(result[candidates] < 0) & ~used[particles[candidates]].any(axis=1)]
+        current += 1
+    return result
+
+
+def pinned_particles(pins: Any, named: dict[str, np.ndarray], count: int) -> np.ndarray:
+    """Which of `count` particles are fixed (N,), by a name of `named` or by indices, as the scene has checked them."""
+    fixed = np.zeros(count, dtype=bool)
+    if pins is not None and pins != "none":
+        fixed[named[pins] if isinstance(pins, str) else list(pins)] = True
+    return fixed

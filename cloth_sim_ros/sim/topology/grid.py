@@ -1,0 +1,70 @@
+"""A cloth that is a rectangular grid: its particles row by row, its springs and their colours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cloth_sim_ros.sim.objects import Cloth
+from cloth_sim_ros.sim.topology.elements import Elements, Topology
+from cloth_sim_ros.sim.topology.mesh import of_sheet
+
+
+def of_grid(cloth: Cloth, name: str) -> Topology:
+    """A grid of nx x ny particles, each cell cut into two triangles along its diagonal (0, 0)-(1, 1)."""
+    nx, ny = cloth.resolution
+    width, height = cloth.size
+    ix, iy = (a.ravel() for a in np.meshgrid(np.arange(nx), np.arange(ny)))
+    local = np.stack(
+        [ix * width / (nx - 1) - width / 2, iy * height / (ny - 1) - height / 2, np.zeros(nx * ny)], axis=1
+    )
+    border_x = np.where((ix == 0) | (ix == nx - 1), 0.5, 1.0)
+    border_y = np.where((iy == 0) | (iy == ny - 1), 0.5, 1.0)
+    masses = cloth.mass * border_x * border_y / ((nx - 1) * (ny - 1))
+    index = np.arange(nx * ny).reshape(ny, nx)
+    top = index[-1]
+    named = {
+        "corners": top[[0, -1]],
+        "top": top,
+        "edges": np.unique(np.concatenate([index[0], top, index[:, 0], index[:, -1]])),
+    }
+    triangles = np.concatenate(
+        [
+            np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1).reshape(-1, 3),
+            np.stack([index[:-1, :-1], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 3),
+        ]
+    ).astype(np.int32)
+    return of_sheet(cloth, name, local, masses, named, triangles, _grid_springs(cloth, index, local), (nx, ny))
+
+
+def _grid_springs(cloth: Cloth, index: np.ndarray, local: np.ndarray) -> dict[str, Elements]:
+    """Springs by kind, from the indices (ny, nx) of particles at `local` (N, 3) [m]; on a border twice as compliant."""
+    ny, nx = index.shape
+    ix, iy = np.arange(nx)[None, :], np.arange(ny)[:, None]
+    on_x = np.broadcast_to(np.where((iy == 0) | (iy == ny - 1), 2.0, 1.0), (ny, nx))  # springs along x lie on a border
+    on_y = np.broadcast_to(np.where((ix == 0) | (ix == nx - 1), 2.0, 1.0), (ny, nx))
+    ix, iy = np.broadcast_arrays(ix, iy)
+
+    def lines(step: int, kind_colour: int) -> list[tuple]:
+        """Springs over `step` cells along x and y; every second one of a line shares a colour."""
+        return [
+            (index[:, :-step], index[:, step:], on_x[:, :-step], (ix[:, :-step] // step) % 2 + kind_colour),
+            (index[:-step], index[step:], on_y[:-step], (iy[:-step] // step) % 2 + kind_colour + 2),
+        ]
+
+    one = np.ones((ny - 1, nx - 1))
+    groups = {"structural": lines(1, 0)}
+    if cloth.shear_compliance is not None:
+        groups["shear"] = [
+            (index[:-1, :-1], index[1:, 1:], one, ix[:-1, :-1] % 2),
+            (index[:-1, 1:], index[1:, :-1], one, ix[:-1, 1:] % 2 + 2),
+        ]
+    if cloth.bend_compliance is not None and cloth.bending == "springs" and max(nx, ny) > 2:
+        groups["bending"] = lines(2, 0)
+    return {kind: _springs(parts, local) for kind, parts in groups.items()}
+
+
+def _springs(parts: list[tuple], local: np.ndarray) -> Elements:
+    """Springs of one kind from parts (first, second, scale, colour), each an array a number."""
+    first, second, scale, colours = (np.concatenate([part[k].ravel() for part in parts]) for k in range(4))
+    pairs = np.stack([first, second], axis=1)
+    return Elements(pairs, np.linalg.norm(local[second] - local[first], axis=1), scale, colours)

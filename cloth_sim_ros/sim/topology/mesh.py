@@ -1,0 +1,110 @@
+"""A cloth that is a triangle mesh, and what every cloth has of its triangles: hinges, and the place in the world."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cloth_sim_ros.sim.objects import Cloth
+from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.topology.elements import Elements, Topology, colour, pinned_particles
+
+
+def of_mesh(cloth: Cloth, name: str) -> Topology:
+    """A mesh with a spring at each edge (Van Gelder 1998) and its mass lumped by area.
+
+    Raises ValueError where a vertex has no triangle with an area, or an edge more than two triangles.
+    """
+    points, triangles = cloth.vertices, cloth.triangles
+    areas = _areas(points, triangles)
+    lumped = np.bincount(triangles.ravel(), np.repeat(areas, 3), minlength=len(points))
+    if lumped.min() <= 0.0:
+        raise ValueError(
+            f"{name} has vertex {int(lumped.argmin())} in no triangle with an area; allowed are meshes without such"
+        )
+    masses = cloth.mass * lumped / lumped.sum()
+    edges, opposite, area = _edges(triangles, areas, name)
+    length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
+    springs = {"structural": Elements(edges, length, length**2 / area, colour(edges, len(points)))}
+    inner = opposite[:, 1] >= 0
+    if cloth.bend_compliance is not None and cloth.bending == "springs" and inner.any():
+        pairs = opposite[inner]
+        rest = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1)
+        springs["bending"] = Elements(pairs, rest, np.ones(len(pairs)), colour(pairs, len(points)))
+    return of_sheet(cloth, name, points, masses, {}, triangles, springs)
+
+
+def of_sheet(
+    cloth: Cloth,
+    name: str,
+    local: np.ndarray,
+    masses: np.ndarray,
+    named: dict[str, np.ndarray],
+    triangles: np.ndarray,
+    springs: dict[str, Elements],
+    grid: tuple[int, int] | None = None,
+) -> Topology:
+    """What grids and meshes share: pins, by names of `named` too, place in the world and hinges.
+
+    local (N, 3) [m], masses (N,) [kg] unless the cloth has its own, triangles (T, 3). Raises ValueError where an edge
+    has more than two triangles.
+    """
+    hinges = None
+    if cloth.bend_compliance is not None and cloth.bending == "dihedral":
+        hinges = _hinges(local, triangles, name)
+    return Topology(
+        rest=rotate(cloth.orientation, local) + np.asarray(cloth.position),
+        masses=masses if cloth.particle_masses is None else cloth.particle_masses,
+        pinned=pinned_particles(cloth.pins, named, len(local)),
+        springs=springs,
+        triangles=triangles,
+        panels=triangles,
+        layout=local,
+        hinges=hinges,
+        edge_contact=cloth.edge_contact,
+        grid=grid,
+    )
+
+
+def _areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Areas (T,) [m^2] of triangles."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+def _edges(triangles: np.ndarray, areas: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unique edges (E, 2), the vertices opposite (E, 2) with -1 beyond a border, and the area of both triangles (E,).
+
+    Raises ValueError where an edge has more than two triangles.
+    """
+    half = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    third = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
+    area = np.tile(areas, 3)
+    edges, inverse, count = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True, return_counts=True)
+    inverse = inverse.ravel()
+    if count.max() > 2:
+        a, b = edges[count.argmax()]
+        raise ValueError(
+            f"{name} has {count.max()} triangles at edge {a}-{b}; allowed are meshes with at most 2 an edge"
+        )
+    order = np.argsort(inverse, kind="stable")
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    opposite = np.full((len(edges), 2), -1)
+    opposite[:, 0] = third[order[start]]
+    two = count == 2
+    opposite[two, 1] = third[order[start[two] + 1]]
+    return edges, opposite, np.bincount(inverse, area, minlength=len(edges))
+
+
+def _hinges(points: np.ndarray, triangles: np.ndarray, name: str) -> Elements | None:
+    """Hinges at the inner edges with the angles (H,) [rad] they have at rest; None where there are none."""
+    edges, opposite, area = _edges(triangles, _areas(points, triangles), name)
+    inner = opposite[:, 1] >= 0
+    if not inner.any():
+        return None
+    particles = np.concatenate([edges[inner], opposite[inner]], axis=1)
+    i, j, k, m = (points[particles[:, c]] for c in range(4))
+    first, second = np.cross(j - i, k - i), np.cross(m - i, j - i)
+    edge = (j - i) / np.linalg.norm(j - i, axis=1, keepdims=True)
+    angle = np.arctan2((np.cross(first, second) * edge).sum(1), (first * second).sum(1))
+    scale = area[inner] / ((j - i) ** 2).sum(1)
+    return Elements(particles, angle, scale, colour(particles, len(points)))

@@ -1,0 +1,81 @@
+"""A rope: a chain of segments with their lumped masses, joints, and what a winch holds back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cloth_sim_ros.sim.objects import Rope
+from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.topology.elements import Elements, Topology, pinned_particles
+
+
+def of_rope(rope: Rope, direct: bool) -> Topology:
+    """A rope whose segments are a chain, solved in one, where `direct`, else springs of two colours."""
+    points = rope.points
+    count = len(points)
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    halves = 0.5 * (np.append(length, 0.0) + np.insert(length, 0, 0.0))
+    masses = rope.mass * halves / halves.sum() if rope.particle_masses is None else rope.particle_masses
+    masses = masses + np.where(np.arange(count) == count - 1, rope.end_mass, 0.0)
+    named = {"start": np.array([0]), "end": np.array([count - 1]), "both": np.array([0, count - 1])}
+    reel = _reel(rope, length)
+    if reel is not None:
+        points = _paid_out(points, length, reel)
+    index = np.arange(count)
+    pairs = np.stack([index[:-1], index[1:]], axis=1)
+    stretch = Elements(pairs, length, length, index[:-1] % 2)
+    pinned = pinned_particles(rope.pins, named, count)
+    bends, weights = _bends(rope, points, length, pinned)
+    return Topology(
+        rest=rotate(rope.orientation, points) + np.asarray(rope.position),
+        masses=masses,
+        pinned=pinned,
+        springs={} if direct else {"structural": stretch},
+        triangles=np.zeros((0, 3), dtype=np.int32),
+        panels=np.concatenate([pairs, np.full((count - 1, 1), -1)], axis=1),
+        layout=points,
+        reel=reel,
+        twists=rope.twist_compliance is not None,
+        bends=bends,
+        bend_weights=weights,
+        chain=stretch if direct else None,
+        edge_contact=rope.edge_contact,
+    )
+
+
+def _reel(rope: Rope, length: np.ndarray) -> tuple[int, float] | None:
+    """The particle at the drum of a rope of segments `length` (S,) [m] and how much of its segment is out [m]."""
+    if rope.winch is None:
+        return None
+    ends = np.cumsum(length)
+    hidden = max(float(ends[-1]) - rope.winch.length, 0.0)
+    index = min(int(np.searchsorted(ends, hidden, side="right")), len(length) - 1)
+    out = float(ends[index]) - hidden
+    if out < 0.5 * length[index] and index + 1 < len(length):  # part of the next, as after being hauled in
+        index, out = index + 1, out + float(length[index + 1])
+    return index, max(out, 0.5 * float(length[index]))
+
+
+def _paid_out(points: np.ndarray, length: np.ndarray, reel: tuple[int, float]) -> np.ndarray:
+    """Where particles lie when what is out begins at the start of the path through `points` (N, 3)."""
+    index, out = reel
+    along = np.concatenate([[0.0], np.cumsum(length)])
+    place = np.maximum(along - along[index + 1] + out, 0.0)
+    place[: index + 1] = 0.0
+    return np.stack([np.interp(place, along, points[:, axis]) for axis in range(3)], axis=1)
+
+
+def _bends(
+    rope: Rope, points: np.ndarray, length: np.ndarray, pinned: np.ndarray
+) -> tuple[Elements | None, np.ndarray]:
+    """Joints between segments. Half of each segment bends at a joint; a segment held at both ends does not bend, so a
+    clamp of two pinned particles is twice as stiff as a joint (Hencky 1920)."""
+    if rope.bend_compliance is None or len(points) < 3:
+        return None, np.zeros((0, 2))
+    index = np.arange(1, len(points) - 1)
+    tangents = np.diff(points, axis=0) / length[:, None]
+    turn = np.linalg.norm(np.diff(tangents, axis=0), axis=1)
+    bending = np.where(pinned[:-1] & pinned[1:], 0.0, length)
+    span = 0.5 * np.where(bending[:-1] + bending[1:] > 0.0, bending[:-1] + bending[1:], length[:-1] + length[1:])
+    particles = np.stack([index - 1, index, index + 1], axis=1)
+    return Elements(particles, turn, span, (index - 1) % 3), np.stack([1.0 / length[:-1], 1.0 / length[1:]], axis=1)
