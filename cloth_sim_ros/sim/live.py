@@ -8,28 +8,16 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim import limits, topology
-from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim import limits
+from cloth_sim_ros.sim.bodies import distinct, names_of
 from cloth_sim_ros.sim.colliders import NAMES, shape_of
-from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.objects import Cloth, Rope
-from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.quaternion import unit_quaternion
-from cloth_sim_ros.sim.scene import Scene
-from cloth_sim_ros.sim.settings import Settings
+from cloth_sim_ros.sim.ropes import Ropes
 
 
-class Live:
-    """What a Simulation is told while it runs; it is no class of its own."""
-
-    scene: Scene
-    settings: Settings
-    _batch: dict[str, Batch]
-    _batches: list[Batch]
-    _colliders: Colliders
-    _collider_row: dict[str, int]
-    _elastic: dict[str, topology.Topology]
-    _frame: LiveArray
+class Live(Ropes):
+    """What a Simulation is told while it runs."""
 
     def set_collider_pose(
         self,
@@ -124,11 +112,6 @@ class Live:
         if field in ("compliance", "damping"):
             self._choose_again()
 
-    def _materials(self, name: str, world: int | None) -> np.ndarray:
-        """The rows of Material of an object as they are now, of one world or of all."""
-        batch = self._batch[name]
-        return batch.materials.read(batch.index[name], world)
-
     def _check_materials(self, name: str, materials: np.ndarray, substeps: int) -> None:
         """`_check_explicit` for each material that differs from the others."""
         for compliance, damping in distinct(materials):
@@ -207,15 +190,6 @@ def compliances_of(thing: Cloth | Rope) -> list[float]:
     across = thing.twist_compliance if isinstance(thing, Rope) else thing.shear_compliance
     kinds = (thing.stretch_compliance, across, thing.bend_compliance)
     return [kind or 0.0 for kind in kinds]
-
-
-def distinct(materials: np.ndarray) -> set[tuple]:
-    """The pairs of compliances and damping that occur in rows of Material."""
-    return {(tuple(row["compliance"].tolist()), float(row["damping"])) for row in materials}
-
-
-def names_of(names: Any) -> str:
-    return ", ".join(names) or "none, the scene is empty"
 
 
 def _live(group: tuple[table.Parameter, ...], field: str, name: str) -> table.Parameter:

@@ -1,4 +1,4 @@
-"""What a Simulation knows of its ropes alone: tension, loads on what holds their ends, twist and winches."""
+"""The part of Simulation that is about ropes alone: tension, loads on what holds their ends, twist and winches."""
 
 from __future__ import annotations
 
@@ -10,20 +10,15 @@ import warp as wp
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.objects import Cloth, Rope
-from cloth_sim_ros.sim.scene import Scene
-from cloth_sim_ros.sim.settings import Settings
+from cloth_sim_ros.sim.reading import Reading
 from cloth_sim_ros.sim.tension import Tensions, read_tensions
 from cloth_sim_ros.sim.twist import directors, measure_twist, read_twist
 from cloth_sim_ros.sim.winch import measure_winch, set_winch, write_winch
 from cloth_sim_ros.sim.wrench import EndWrenches, read_wrenches
 
 
-class Ropes:
-    """The part of Simulation that is about ropes alone; it is no class of its own."""
-
-    scene: Scene
-    settings: Settings
-    _batch: dict[str, Batch]
+class Ropes(Reading):
+    """What can be asked of ropes alone."""
 
     def _drum(self, name: str, world: int) -> int:
         """The first segment of a rope that is out."""

@@ -1,0 +1,169 @@
+"""The part of Simulation that holds the objects: how each is computed, and what lies on the device for that."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim import topology
+from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.choice import Choice, choose
+from cloth_sim_ros.sim.colliders import shapes_of
+from cloth_sim_ros.sim.live_array import LiveArray
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.objects import Rope
+from cloth_sim_ros.sim.poses import Colliders
+from cloth_sim_ros.sim.scene import Scene
+from cloth_sim_ros.sim.schedules.resident import capacity
+from cloth_sim_ros.sim.schedules.rows import fits_rows
+from cloth_sim_ros.sim.settings import Settings
+from cloth_sim_ros.sim.state import Frame
+
+_LOG = logging.getLogger(__name__)
+_MOST_WORLDS = 65536
+
+
+class Bodies:
+    """The objects of `scene` in batches of those that share a kernel, built again where method auto changes its choice.
+
+    builds: how often they were built; what comes of `device_arrays` holds until it changes. Raises ValueError for a
+    number of worlds or a device that cannot be, and for a mesh that is not manifold.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, device: str, worlds: int) -> None:
+        if isinstance(worlds, bool) or not isinstance(worlds, int) or not 1 <= worlds <= _MOST_WORLDS:
+            raise ValueError(f"worlds is {worlds!r}; allowed is a whole number from 1 to {_MOST_WORLDS}")
+        self.scene, self.settings, self.worlds, self.builds = scene, settings, worlds, 0
+        self._device = _find_device(device)
+        self._frame = LiveArray(Frame, 1, worlds, self._device)
+        self._colliders = Colliders(len(scene.colliders), worlds, self._device)
+        self._collider_row = {name: row for row, name in enumerate(scene.colliders)}
+        self._elastic = {name: topology.build(thing, name, False) for name, thing in scene.objects.items()}
+        self._strained: set[str] = set()
+
+    def _choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]]) -> Choice:
+        """How an object with these pairs of compliances and damping is to be computed."""
+        return choose(
+            self.settings, self._elastic[name], materials, self.scene.wind is not None, name in self._strained
+        )
+
+    def _build(self, choices: dict[str, Choice]) -> None:
+        """Everything on the device, for these methods."""
+        self._choices = choices
+        self._topologies = {
+            name: topology.build(thing, name, True)
+            if self.settings.rope_solver == "direct" and choices[name].method == "xpbd" and isinstance(thing, Rope)
+            else self._elastic[name]
+            for name, thing in self.scene.objects.items()
+        }
+        self._batches = self._make_batches()
+        self._batch = {name: batch for batch in self._batches for name in batch.index}
+        self.builds += 1
+
+    def _choose_again(self) -> None:
+        """Where method auto now takes another for an object, the device's side is built anew around the state."""
+        if self.settings.method != "auto":
+            return
+        chosen = {name: self._choose(name, distinct(self._materials(name, None))) for name in self._batch}
+        changed = [name for name, choice in chosen.items() if choice.words != self._choices[name].words]
+        if not changed:
+            self._choices = chosen
+            return
+        kept = {name: self._batch[name].take(name) for name in self._batch}
+        self._build(chosen)
+        for name, state in kept.items():
+            self._batch[name].give(name, state)
+        for name in changed:
+            _LOG.info("%s now %s", name, chosen[name].reason)
+
+    def _make_batches(self) -> list[Batch]:
+        """A batch of each group of objects with the same features and schedule."""
+        shapes = shapes_of(self.scene.colliders.values())
+        wind = self.scene.wind is not None
+        alike: dict[tuple[Features, str], dict[str, topology.Topology]] = {}
+        for name, topo in self._topologies.items():
+            choice, schedule = self._choices[name], self.settings.schedule
+            features = Features.of(topo, wind, shapes, choice.order, choice.method, self.worlds > 1)
+            if schedule == "auto" and fits_rows(features, topo, self._device):
+                schedule = "rows"
+            alike.setdefault((features, schedule), {})[name] = topo
+        return [
+            Batch(bodies, features, schedule, self._frame, self._colliders, self.worlds, self._device)
+            for (features, schedule), bodies in alike.items()
+        ]
+
+    def _leave_to_implicit(self, name: str) -> None:
+        """Explicit steps are not for this object until the next reset of all worlds."""
+        self._strained.add(name)
+        self._choose_again()
+
+    def _materials(self, name: str, world: int | None) -> np.ndarray:
+        """The rows of Material of an object as they are now, of one world or of all."""
+        batch = self._batch[name]
+        return batch.materials.read(batch.index[name], world)
+
+    @property
+    def device(self) -> str:
+        """The device's name, such as "cpu" or "cuda:0"."""
+        return self._device.alias
+
+    @property
+    def method(self) -> str:
+        """Methods, orders and schedules in words, for diagnostics."""
+        kinds = {
+            f"{self._choices[name].words}, {type(batch.schedule).__name__.lower()}"
+            for batch in self._batches
+            for name in batch.index
+        }
+        words = ("auto: " if self.settings.method == "auto" else "") + (" and ".join(sorted(kinds)) or "empty scene")
+        return words + (f", {self.worlds} worlds" if self.worlds > 1 else "")
+
+    @property
+    def choices(self) -> dict[str, Choice]:
+        """Name -> how the object is computed now, in all worlds, and why."""
+        return dict(self._choices)
+
+    @property
+    def fits_a_block(self) -> bool:
+        """Whether the resident schedule can hold every object, each in one block of the device."""
+        return all(max(batch.counts) <= capacity(self._device, batch.features) for batch in self._batches)
+
+    def _one(self, world: int) -> int:
+        """`world` if there is one of that number, else ValueError."""
+        if isinstance(world, bool) or not isinstance(world, int) or not 0 <= world < self.worlds:
+            raise ValueError(f"world is {world!r}; allowed is a whole number from 0 to {self.worlds - 1}")
+        return world
+
+    def _some(self, world: int | None) -> int | None:
+        """`world` if it is None, for all, or there is one of that number, else ValueError."""
+        return None if world is None else self._one(world)
+
+    def _topology(self, name: str) -> topology.Topology:
+        """The topology of an object, as it is computed now. Raises ValueError where there is none of that name."""
+        if name not in self._topologies:
+            raise ValueError(f"there is no object {name!r}; allowed is {names_of(self._topologies)}")
+        return self._topologies[name]
+
+
+def _find_device(name: str) -> wp.Device:
+    """The device called `name`; "auto" is the first GPU, or the CPU. Raises ValueError where there is none."""
+    if name == "auto":
+        name = "cuda:0" if wp.is_cuda_available() else "cpu"
+    try:
+        return wp.get_device(name)
+    except Exception:
+        known = ", ".join(device.alias for device in wp.get_devices())
+        raise ValueError(f"device is {name!r}; allowed is auto or one of {known}") from None
+
+
+def distinct(materials: np.ndarray) -> set[tuple]:
+    """The pairs of compliances and damping that occur in rows of Material."""
+    return {(tuple(row["compliance"].tolist()), float(row["damping"])) for row in materials}
+
+
+def names_of(names: Iterable[str]) -> str:
+    """Names as a sentence about what is allowed lists them."""
+    return ", ".join(names) or "none, the scene is empty"
