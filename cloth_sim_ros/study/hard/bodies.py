@@ -56,6 +56,11 @@ def make_body(kind: str, compliance: float = 1e-4, ratio: float = 0.0, pins: str
     )
 
 
+def bends_by_angles(body: Cloth | Rope) -> bool:
+    """Whether a body resists bending by the angles of a rope or of hinges, and not by springs."""
+    return body.bend_compliance is not None and (isinstance(body, Rope) or body.bending != "springs")
+
+
 def inverse_mass(sim: Simulation) -> np.ndarray:
     """Of every particle (N,) [1/kg], 0 where it is pinned."""
     arrays, span, _ = sim.device_arrays(BODY)

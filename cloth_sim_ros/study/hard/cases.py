@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cloth_sim_ros.study.hard import trials
 from cloth_sim_ros.study.hard.bodies import KINDS, is_rope
-from cloth_sim_ros.study.hard.trials import SHAPES, STARTS, Options, Trial
+from cloth_sim_ros.study.hard.trial import Options, Trial
+from cloth_sim_ros.study.hard.trials import contact, pulls, repeats, starts
 
 
 @dataclass(frozen=True)
@@ -36,63 +36,70 @@ CASES = {
         Case(
             "end load",
             "a load of 1 to 1e5 times the rope",
-            trials.end_load,
+            starts.end_load,
             _ROPES,
             {"ratio": (1.0, 1e2, 1e3, 1e4, 1e5)},
         ),
         Case(
-            "bad start", "random, 10x stretched, collapsed, inside out", trials.bad_start, grid={"start": tuple(STARTS)}
+            "bad start",
+            "random, 10x stretched, collapsed, inside out",
+            starts.bad_start,
+            grid={"start": tuple(starts.STARTS)},
         ),
         Case(
             "bad start, loaded",
             "the same with a load of 1 to 1e5 times the rope",
-            trials.bad_start,
+            starts.bad_start,
             _ROPES,
-            {"start": tuple(STARTS), "ratio": (1.0, 1e2, 1e5)},
+            {"start": tuple(starts.STARTS), "ratio": (1.0, 1e2, 1e5)},
         ),
-        Case("degenerate", "springs of no length, triangles of no area", trials.degenerate),
+        Case("degenerate", "springs of no length, triangles of no area", starts.degenerate),
         Case(
             "compliance",
             "rigid to 1e3 m/N",
-            trials.compliance,
+            starts.compliance,
             grid={"compliance": _COMPLIANCES, "iterations": (1, 10)},
         ),
-        Case("long step", "frames of 0.1 s", trials.long_step, grid={"substeps": (1, 2), "iterations": (1, 10)}),
+        Case("long step", "frames of 0.1 s", starts.long_step, grid={"substeps": (1, 2), "iterations": (1, 10)}),
         Case(
             "fast collider",
             "5 and 20 m/s, thinner than its motion a frame",
-            trials.fast_collider,
+            contact.fast_collider,
             _SHEETS_AND_ROPES,
-            {"shape": tuple(SHAPES), "speed": (5.0, 20.0)},
+            {"shape": tuple(contact.SHAPES), "speed": (5.0, 20.0)},
         ),
         Case(
             "teleport",
             "a collider placed into, past and away",
-            trials.teleport,
+            contact.teleport,
             _SHEETS_AND_ROPES,
-            {"shape": tuple(SHAPES), "where": ("into", "through", "away")},
+            {"shape": tuple(contact.SHAPES), "where": ("into", "through", "away")},
         ),
         Case(
-            "squeeze", "to half its thickness", trials.squeeze, _SHEETS_AND_ROPES, {"shape": ("plane", "sphere", "box")}
+            "squeeze",
+            "to half its thickness",
+            contact.squeeze,
+            _SHEETS_AND_ROPES,
+            {"shape": ("plane", "sphere", "box")},
         ),
-        Case("pulled pins", "to twice the rest length", trials.pulled_pins),
-        Case("pins in conflict", "jump every frame", trials.pins_in_conflict, grid={"compliance": (0.0, 1e-6, 1e-4)}),
+        Case("pulled pins", "to twice the rest length", pulls.pulled_pins),
+        Case("pins in conflict", "jump every frame", pulls.pins_in_conflict, grid={"compliance": (0.0, 1e-6, 1e-4)}),
         Case(
-            "sharp edge", "dragged over a box's edge", trials.sharp_edge, _SHEETS_AND_ROPES, {"substeps": (5, 20, 80)}
+            "sharp edge", "dragged over a box's edge", contact.sharp_edge, _SHEETS_AND_ROPES, {"substeps": (5, 20, 80)}
         ),
-        Case("gusts", "100 m/s, reversing every frame", trials.gusts, grid={"pins": ("hung", "none")}),
+        Case("gusts", "100 m/s, reversing every frame", pulls.gusts, grid={"pins": ("hung", "none")}),
         Case(
             "centre",
             "a particle in the very middle",
-            trials.centre,
+            contact.centre,
             ("sheet", "rope"),
             {"shape": ("sphere", "capsule", "box")},
         ),
-        Case("same bits", "after a reset, and by another simulation", trials.same_bits),
+        Case("same bits", "after a reset, and by another simulation", repeats.same_bits),
         Case(
             "gone bad",
             "one of three bodies; it alone is put back",
-            trials.gone_bad,
+            repeats.gone_bad,
             grid={"value": (float("nan"), float("inf"))},
         ),
     )

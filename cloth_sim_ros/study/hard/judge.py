@@ -14,9 +14,10 @@ import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, topology
 from cloth_sim_ros.sim.colliders import shape_of
-from cloth_sim_ros.study.hard.bodies import BODY, Energy
+from cloth_sim_ros.study.hard.bodies import BODY, Energy, bends_by_angles
 from cloth_sim_ros.study.hard.cases import CASES, Case
-from cloth_sim_ros.study.hard.trials import SHAPES, WHIP, Trial
+from cloth_sim_ros.study.hard.trial import WHIP, Trial
+from cloth_sim_ros.study.hard.trials.contact import SHAPES
 
 METHODS: dict[str, dict[str, Any]] = {
     "xpbd 1": {"method": "xpbd", "order": 1},
@@ -116,8 +117,7 @@ def _unfounded(refusal: str, trial: Trial, settings: dict) -> str:
     body = trial.scene.objects[BODY]
     if "; allowed is " not in refusal or "\n" in refusal or ". " in refusal:
         return f"not one sentence that says what is allowed: {refusal}"
-    bends = getattr(body, "bend_compliance", None) is not None and getattr(body, "bending", "angle") != "springs"
-    if "bends by angles" in refusal and bends:
+    if "bends by angles" in refusal and bends_by_angles(body):
         return ""
     needed = re.search(r"at least (\S+) ", refusal)
     if settings["method"] != "verlet" or needed is None:

@@ -10,7 +10,7 @@ import warp as wp
 
 from cloth_sim_ros.sim import Rope
 from cloth_sim_ros.sim.colliders import shapes_of
-from cloth_sim_ros.study.hard.bodies import BODY
+from cloth_sim_ros.study.hard.bodies import BODY, bends_by_angles
 from cloth_sim_ros.study.hard.judge import METHODS, Combination, Verdict, judge, make_trial
 
 Numbered = tuple[int, Combination]
@@ -19,12 +19,11 @@ Numbered = tuple[int, Combination]
 def kernels_of(combination: Combination) -> tuple:
     """What decides which kernels a combination needs: alike ones are compiled once."""
     scene = make_trial(combination).scene
-    body = scene.objects[BODY]
-    bends = body.bend_compliance is not None and getattr(body, "bending", "angle") != "springs"
-    shapes = shapes_of(scene.colliders.values())
+    body, shapes = scene.objects[BODY], shapes_of(scene.colliders.values())
     method = METHODS[combination.method]
     order = 2 if method["method"] == "auto" else method.get("order", "verlet")
-    return isinstance(body, Rope), bends, order, shapes, scene.wind is not None, bool(shapes) and body.edge_contact
+    edges = bool(shapes) and body.edge_contact
+    return isinstance(body, Rope), bends_by_angles(body), order, shapes, scene.wind is not None, edges
 
 
 def grouped(every: list[Combination]) -> list[list[Numbered]]:

@@ -1,0 +1,1 @@
+"""The trials of the hard cases, by what is hard; each makes a Trial from a kind of body, options and random numbers."""

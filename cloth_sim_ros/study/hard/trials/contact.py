@@ -1,0 +1,142 @@
+"""Trials of a body and colliders: fast, placed anew, closing, sharp, or around a particle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros.sim import Box, Capsule, Plane, Scene, Simulation, Sphere
+from cloth_sim_ros.study.hard.bodies import BODY, SEGMENTS, is_rope, make_body
+from cloth_sim_ros.study.hard.trial import WHIP, Options, Trial, fine
+
+SEPARATION = 3.0  # [m/s] at which the solver lets overlaps come apart; nothing may leave a resting collider faster
+LYING = math.sqrt(0.5)
+SHAPES: dict[str, Callable[..., Any]] = {
+    "plane": lambda **place: Plane(**place),
+    "sphere": lambda **place: Sphere(radius=0.15, **place),
+    "capsule": lambda **place: Capsule(radius=0.05, half_length=0.3, orientation=(LYING, 0, 0, LYING), **place),
+    "box": lambda **place: Box(half_extents=(0.3, 0.3, 0.002), **place),
+}
+TOP = {"plane": 0.0, "sphere": 0.15, "capsule": 0.05, "box": 0.002}  # [m] above the middle
+
+
+def fast_collider(kind: str, options: Options, random: np.random.Generator) -> Trial:
+    """Straight up through a free body within a few frames, then it stands still.
+
+    It gives its speed times the momentum of the body, and nothing is launched. In few substeps contact stretches
+    springs before they can pull, and what they then give back came to 6 % more than that once: a tenth is allowed.
+    """
+    shape, speed, radius = options["shape"], options["speed"], 0.005
+    middle = 0.0 if is_rope(kind) else 0.05  # where a particle is
+    collider = SHAPES[shape](position=(middle, middle, -0.2 - TOP[shape]))
+    body = make_body(kind, pins="none", thickness=radius, damping=5e-3)
+    scene = Scene({BODY: body}, {"it": collider}, gravity=(0, 0, 0))
+    path, strokes = speed / 60.0, 3 if speed < 10.0 else 2
+    left = [False]
+
+    def drive(sim: Simulation, frame: int) -> None:
+        z = collider.position[2] + path * min(frame + 1, strokes)
+        if frame < strokes:
+            sim.set_collider_pose("it", (middle, middle, z), collider.orientation)
+        elif frame == strokes:  # later it may rightly slide off
+            way = np.linalg.norm(sim.rest_positions(BODY) - [middle, middle, 0.0], axis=1) < 0.02
+            left[0] = sim.positions(BODY)[way, 2].min() < z
+
+    def velocity(frame: int) -> float:
+        return speed if frame < strokes else 0.0
+
+    def ahead(sim: Simulation) -> str:
+        return "the particle in its way was left behind" if left[0] else ""
+
+    promises = {"conserves": True, "slack": 0.1, "velocity": velocity, "outside": True, "finally_": ahead}
+    return Trial(scene, frames=8, drive=drive, fastest=WHIP * speed, **promises)
+
+
+def teleport(kind: str, options: Options, random: np.random.Generator) -> Trial:
+    """A collider placed into the body, past it, or taken away from below it: placed, not moved, it has no speed."""
+    shape, where = options["shape"], options["where"]
+    height = {"into": -0.3 * TOP[shape], "through": 0.05 if shape == "plane" else 0.5, "away": -0.01 - TOP[shape]}[
+        where
+    ]
+    start = (0.0, 0.0, height if where == "away" else -1.0)
+    scene = Scene({BODY: make_body(kind, pins="both", damping=2e-3)}, {"it": SHAPES[shape](position=start)})
+    orientation = scene.colliders["it"].orientation
+
+    def drive(sim: Simulation, frame: int) -> None:
+        if frame == 10:
+            goal = (0.0, 0.0, -5.0) if where == "away" else (0.0, 0.0, height)
+            sim.set_collider_pose("it", goal, orientation, sweep=False)
+
+    # A plane above it leaves the body below: it has to come out, and does so at the speed of separation.
+    finally_ = fine if where == "through" and shape == "plane" else out
+    return Trial(scene, frames=60, drive=drive, fastest=WHIP * SEPARATION, finally_=finally_)
+
+
+def out(sim: Simulation) -> str:
+    """No particle is left in or behind a collider."""
+    depth = sim.report()[BODY]["max_penetration"]
+    return f"still {depth:.3g} m deep" if depth > 1e-4 else ""
+
+
+def squeeze(kind: str, options: Options, random: np.random.Generator) -> Trial:
+    """Two faces close on the body until half of what it needs is left between them, hold and open again."""
+    shape, radius = options["shape"], 0.01
+    body = make_body(kind, pins="none", thickness=radius, damping=2e-3)
+    above = SHAPES[shape](position=(0.0, 0.0, 0.1 + TOP[shape]))
+    if shape == "plane":
+        above = Plane(normal=(0, 0, -1), point=(0.0, 0.0, 0.1))
+    scene = Scene({BODY: body}, {"below": Plane(position=(0.0, 0.0, -0.02)), "above": above})
+    closed, opened = -0.02 + radius + above.position[2] - 0.1, above.position[2]
+
+    def drive(sim: Simulation, frame: int) -> None:
+        share = np.clip(min(frame, 100 - frame) / 20.0, 0.0, 1.0)
+        sim.set_collider_pose("above", (0.0, 0.0, opened + share * (closed - opened)), above.orientation)
+
+    return Trial(scene, drive=drive, fastest=WHIP * SEPARATION, rest=0.02)
+
+
+def sharp_edge(kind: str, options: Options, random: np.random.Generator) -> Trial:
+    """Dragged over the edge of a box that is five times finer than the springs are long."""
+    half, radius, spacing = np.array([0.2, 0.6, 0.2]), 0.02 if not is_rope(kind) else 0.4 / SEGMENTS, 0.1
+    body = make_body(kind, pins="none", thickness=radius, edge_contact=True, position=(0.25, 0.0, 0.2 + 1.1 * radius))
+    scene = Scene({BODY: body}, {"it": Box(half_extents=tuple(half))})
+    deepest = [0.0]
+
+    def drive(sim: Simulation, frame: int) -> None:
+        middle = np.array([-0.1 * (1.0 - math.cos(math.pi * frame / 20.0)), 0.0, 0.0])
+        sim.set_collider_pose("it", middle)
+        if frame:
+            deepest[0] = max(deepest[0], _depth(sim, sim_middle[0], half, radius))
+        sim_middle[0] = middle
+
+    sim_middle = [np.zeros(3)]
+
+    def shallow(sim: Simulation) -> str:
+        return f"the edge lies {deepest[0]:.3g} m deep" if deepest[0] > 0.1 * spacing else ""
+
+    return Trial(scene, frames=60, drive=drive, outside=True, finally_=shallow)
+
+
+def _depth(sim: Simulation, middle: np.ndarray, half: np.ndarray, radius: float) -> float:
+    """How deep the edges of the body lie [m] within `radius` of a box of half extents `half`, at 21 points of each."""
+    x, t = sim.positions(BODY) - middle, np.linspace(0.0, 1.0, 21)[:, None, None]
+    kinds = sim.springs(BODY)
+    pairs = np.concatenate([kind[0] for name, kind in kinds.items() if name != "bending"])
+    q = np.abs(x[pairs[:, 0]] * (1.0 - t) + x[pairs[:, 1]] * t) - half
+    return radius - float((np.linalg.norm(np.maximum(q, 0.0), axis=-1) + np.minimum(q.max(-1), 0.0)).min())
+
+
+def centre(kind: str, options: Options, random: np.random.Generator) -> Trial:
+    """A particle exactly where the nearest surface has no direction: middle of a ball, axis of a capsule, box."""
+    middle = (0.05, 0.05, 0.0) if not is_rope(kind) else (0.0, 0.0, 0.0)
+    shape = {
+        "sphere": Sphere(radius=0.04, position=middle),
+        "capsule": Capsule(radius=0.03, half_length=0.05, position=middle),
+        "box": Box(half_extents=(0.03, 0.03, 0.03), position=middle),
+    }[options["shape"]]
+    scene = Scene({BODY: make_body(kind, pins="both", damping=2e-3, compliance=1e-3)}, {"it": shape})
+
+    return Trial(scene, frames=60, fastest=WHIP * SEPARATION, finally_=out)
