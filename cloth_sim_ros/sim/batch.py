@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES
-from cloth_sim_ros.sim.live_array import LiveArray
+from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
 from cloth_sim_ros.sim.schedules import patches
@@ -71,8 +71,8 @@ class Batch:
             collected.add(topology)
         self.spring_groups = collected.spring_groups
         self.spring_order, self.tuple_order = collected.spring_order, collected.tuple_order
-        self.starts = [body["particles"] for body in collected.bodies]
-        self.counts = [body["count"] for body in collected.bodies]
+        self._bodies = collected.bodies
+        self.counts = [row["count"] for row in self._bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)
         self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
         self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
@@ -122,16 +122,13 @@ class Batch:
 
     def span(self, name: str) -> slice:
         """Where the particles of a body lie."""
-        start = self.starts[self.index[name]]
-        return slice(start, start + self.counts[self.index[name]])
+        row = self._bodies[self.index[name]]
+        return slice(row["particles"], row["particles"] + row["count"])
 
     def segments(self, name: str) -> slice:
-        """Where the chain segments of a rope lie."""
-        if not self.features.chain:
-            return slice(0, 0)
-        b = self.index[name]
-        start = sum(count - 1 for count in self.counts[:b])
-        return slice(start, start + self.counts[b] - 1)
+        """Where the chain segments of a rope lie; of what has no chain, nowhere."""
+        row = self._bodies[self.index[name]]
+        return slice(row["segments"], row["segments_end"])
 
     def reset(self, name: str, world: int | None) -> None:
         """Back to the rest shape, at rest, in one world or, for None, in all."""
@@ -234,7 +231,7 @@ class Batch:
 
     def _part(self, array: str, span: slice, world: int | None) -> wp.array:
         """(worlds, n) elements `span` of an array of the state, of one world or of all."""
-        return self.states[array][slice(None) if world is None else slice(world, world + 1), span]
+        return self.states[array][worlds_of(world), span]
 
     def _assign(self, array: str, span: slice, world: int | None, rows: np.ndarray) -> None:
         part = self._part(array, span, world)

@@ -20,12 +20,12 @@ class LiveArray:
 
     def read(self, row: int, world: int | None) -> np.ndarray:
         """A copy of a row, (1,) of one world or (worlds,) of all for None."""
-        return self._mirror[_part(world), row].copy()
+        return self._mirror[worlds_of(world), row].copy()
 
     def write(self, row: int, world: int | None, **values) -> None:
         """Change fields of a row in one world or, for None, in all; they reach the device with the next upload."""
         for name, value in values.items():
-            self._mirror[name][_part(world), row] = value
+            self._mirror[name][worlds_of(world), row] = value
         self._changed = True
 
     def edit(self) -> np.ndarray:
@@ -40,5 +40,6 @@ class LiveArray:
             self._changed = False
 
 
-def _part(world: int | None) -> slice:
+def worlds_of(world: int | None) -> slice:
+    """The rows of one world in an array that has one for each, or, for None, of all."""
     return slice(None) if world is None else slice(world, world + 1)

@@ -173,6 +173,7 @@ class Rope:
             self._check_twist()
 
     def _check_twist(self) -> None:
+        """Raise ValueError where a rope that resists twist does not bend or its ends are not clamped."""
         if self.bend_compliance is None:
             raise ValueError("Rope.twist_compliance is set without bend_compliance; allowed is to set both")
         clamps = {0, 1, self.segments - 1, self.segments}
@@ -182,6 +183,7 @@ class Rope:
             )
 
     def _check_winch(self) -> None:
+        """Raise ValueError where a rope on a winch is not held at its start, is held between its ends, or bends."""
         if not isinstance(self.winch, Winch):
             raise ValueError(f"Rope.winch is {self.winch!r}; allowed is a Winch or None")
         pins = {"start": (0,), "both": (0, self.segments)}.get(self.pins, self.pins) if self.pins else ()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.live_array import LiveArray
+from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
 from cloth_sim_ros.sim.state import ColliderMotion
 
 
@@ -21,13 +21,13 @@ class Colliders(LiveArray):
 
     def move(self, row: int, world: int | None, position: Sequence[float], orientation: Sequence[float]) -> None:
         """A collider reaches a pose [m], x y z w, at the end of the next frame, in one world or, for None, in all."""
-        worlds = slice(None) if world is None else world
+        worlds = worlds_of(world)
         self._position[worlds, row], self._orientation[worlds, row] = position, orientation
         self._wanted[worlds, row] = True
 
     def place(self, row: int, world: int | None, position: Sequence[float], orientation: Sequence[float]) -> None:
         """A collider is at a pose at once and was never anywhere else."""
-        worlds = slice(None) if world is None else world
+        worlds = worlds_of(world)
         self._wanted[worlds, row] = self._moving[worlds, row] = False
         pose = {"position": position, "orientation": orientation}
         self.write(row, world, **{f"{end}_{part}": value for end in ("start", "end") for part, value in pose.items()})

@@ -1,9 +1,12 @@
 """Descriptions are checked where they are made: one sentence that names the thing, the value and what is allowed."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Winch, Wind
 from cloth_sim_ros.sim.quaternion import rotate
 
 BAD = {
@@ -47,6 +50,26 @@ def test_bad_descriptions_are_refused_in_one_sentence(case):
         make()
     text = str(caught.value)
     assert named in text and "allowed" in text and "\n" not in text
+
+
+@pytest.mark.parametrize(
+    "kind, rows",
+    [
+        (Cloth, table.CLOTH),
+        (Rope, (*table.ROPE, *table.TWIST)),
+        (Winch, table.WINCH),
+        (Sphere, table.COLLIDER),
+        (Wind, table.WIND),
+        (Settings, (*table.SOLVER, table.FRAME_DT)),
+        (Scene, (table.GRAVITY,)),
+    ],
+)
+def test_defaults_are_those_of_the_table(kind, rows):
+    """But for what is absent unless a description has it; `bending` is the word for that in the table."""
+    wanted = {row.name: row.default for row in rows if row.name != "bending"}
+    found = {field.name: field.default for field in dataclasses.fields(kind) if field.default is not None}
+    both = wanted.keys() & found.keys()
+    assert both and {name: found[name] for name in both} == {name: wanted[name] for name in both}
 
 
 def test_three_triangles_at_an_edge_are_refused():
