@@ -10,14 +10,14 @@ import warp as wp
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.objects import Cloth, Rope
-from cloth_sim_ros.sim.reading import Reading
+from cloth_sim_ros.sim.queries import Queries
 from cloth_sim_ros.sim.tension import Tensions, read_tensions
 from cloth_sim_ros.sim.twist import directors, measure_twist, read_twist
 from cloth_sim_ros.sim.winch import measure_winch, set_winch, write_winch
 from cloth_sim_ros.sim.wrench import EndWrenches, read_wrenches
 
 
-class Ropes(Reading):
+class Ropes(Queries):
     """What can be asked of ropes alone."""
 
     def _drum(self, name: str, world: int) -> int:

@@ -1,6 +1,6 @@
 """The public face: a scene and settings on a device, advanced frame by frame and read back by name.
 
-Simulation is one class in parts that each know only those before: Bodies (how objects are computed, and where), Reading
+Simulation is one class in parts that each know only those before: Bodies (how objects are computed, and where), Queries
 (what is read of them), Ropes (the same of ropes alone), Live (what may change while it runs); here are time and state.
 """
 

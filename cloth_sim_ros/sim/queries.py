@@ -10,7 +10,7 @@ from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.state import Arrays
 
 
-class Reading(Bodies):
+class Queries(Bodies):
     """What can be asked of an object by its name; whatever reads the state waits for the device.
 
     Raises ValueError for a name or a world that does not exist.
