@@ -12,7 +12,7 @@ from cloth_sim_ros.study.hard.bodies import BODY, inverse_mass, make_body
 from cloth_sim_ros.study.hard.trial import Options, Trial
 
 
-def _drag(sim: Simulation, goal: Callable[[np.ndarray], np.ndarray]) -> None:
+def _carry_pins(sim: Simulation, goal: Callable[[np.ndarray], np.ndarray]) -> None:
     """Pinned particles go to `goal` of their rest positions; all others stay where they are, with their velocities."""
     held, x, v = inverse_mass(sim) == 0.0, sim.positions(BODY).astype(np.float64), sim.velocities(BODY)
     x[held] = goal(sim.rest_positions(BODY)[held].astype(np.float64))
@@ -20,7 +20,8 @@ def _drag(sim: Simulation, goal: Callable[[np.ndarray], np.ndarray]) -> None:
     sim.set_velocities(BODY, v)
 
 
-def _drag_on(sim: Simulation) -> None:
+def _damp(sim: Simulation) -> None:
+    """Drag, so that the body can be at rest at the end."""
     sim.set("solver.global_damping", 2.0)
 
 
@@ -31,9 +32,9 @@ def pulled_pins(kind: str, options: Options, random: np.random.Generator) -> Tri
 
     def drive(sim: Simulation, frame: int) -> None:
         share = float(np.clip(min(frame, 90 - frame) / 30.0, 0.0, 1.0))
-        _drag(sim, lambda x: x * [1.0 + share, 1.0, 1.0])
+        _carry_pins(sim, lambda x: x * [1.0 + share, 1.0, 1.0])
 
-    return Trial(Scene({BODY: body}), frames=210, drive=drive, begin=_drag_on, jump=jump, rest=0.02)
+    return Trial(Scene({BODY: body}), frames=210, drive=drive, begin=_damp, jump=jump, rest=0.02)
 
 
 def pins_in_conflict(kind: str, options: Options, random: np.random.Generator) -> Trial:
@@ -42,9 +43,9 @@ def pins_in_conflict(kind: str, options: Options, random: np.random.Generator) -
 
     def drive(sim: Simulation, frame: int) -> None:
         jump = 0.05 if frame < 60 else 0.0
-        _drag(sim, lambda x: x + jump * random.uniform(-1.0, 1.0, x.shape))
+        _carry_pins(sim, lambda x: x + jump * random.uniform(-1.0, 1.0, x.shape))
 
-    return Trial(Scene({BODY: body}), frames=180, drive=drive, begin=_drag_on, jump=0.1 * math.sqrt(3.0), rest=0.02)
+    return Trial(Scene({BODY: body}), frames=180, drive=drive, begin=_damp, jump=0.1 * math.sqrt(3.0), rest=0.02)
 
 
 def gusts(kind: str, options: Options, random: np.random.Generator) -> Trial:
