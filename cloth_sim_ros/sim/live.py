@@ -15,6 +15,9 @@ from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.quaternion import unit_quaternion
 from cloth_sim_ros.sim.ropes import Ropes
 
+# Where in Material.compliance each lies; of shear and twist, an object has at most one.
+_COMPLIANCES = {"stretch_compliance": 0, "shear_compliance": 1, "twist_compliance": 1, "bend_compliance": 2}
+
 
 class Live(Ropes):
     """What a Simulation is told while it runs."""
@@ -98,9 +101,8 @@ class Live(Ropes):
             self._batch[owner].ends.write(self._batch[owner].index[owner], world, turn=value)
             return
         materials = self._materials(owner, world)
-        if field.endswith("_compliance"):
-            kinds = {"stretch_compliance": 0, "shear_compliance": 1, "twist_compliance": 1, "bend_compliance": 2}
-            materials["compliance"][:, kinds[field]] = value
+        if field in _COMPLIANCES:
+            materials["compliance"][:, _COMPLIANCES[field]] = value
             field = "compliance"
         else:
             field = "thickness" if field == "radius" else field
@@ -187,9 +189,10 @@ class Live(Ropes):
 
 def compliances_of(thing: Cloth | Rope) -> list[float]:
     """Structural, shear (of a rope: twist) and bending compliance, 0 for a kind that does not exist."""
-    across = thing.twist_compliance if isinstance(thing, Rope) else thing.shear_compliance
-    kinds = (thing.stretch_compliance, across, thing.bend_compliance)
-    return [kind or 0.0 for kind in kinds]
+    found = [0.0, 0.0, 0.0]
+    for field, place in _COMPLIANCES.items():
+        found[place] += getattr(thing, field, None) or 0.0
+    return found
 
 
 def _live(group: tuple[table.Parameter, ...], field: str, name: str) -> table.Parameter:
