@@ -138,10 +138,10 @@ class Simulation(Live):
 
         Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
         """
-        rows = self._rows(name, positions, "positions", _FAR)
+        rows, some = self._rows(name, positions, "positions", _FAR), self._some(world)
         if self._leave_if_strained(name, rows) and self._elastic[name].reel is None:  # what is on a drum stays there
             rows = off_symmetry(self._elastic[name], rows)
-        self._batch[name].write_positions(name, rows, self._some(world))
+        self._batch[name].write_positions(name, rows, some)
 
     def _leave_if_strained(self, name: str, rows: np.ndarray) -> bool:
         """Whether positions strain a spring by more than half; `auto` then leaves the object to implicit steps."""

@@ -159,3 +159,12 @@ def test_no_stiffness_and_mass_ratio_flies_apart(substeps, iterations):
         x = sim.positions(name) - sim.rest_positions(name)[0]
         assert report[name]["recoveries"] == 0, (name, sim.choices[name].reason)
         assert np.linalg.norm(x, axis=1).max() < slack * reach[name], (name, sim.choices[name].reason)
+
+
+def test_positions_that_are_refused_do_not_change_the_method():
+    sim = Simulation(Scene({"cloth": Cloth(resolution=(8, 8))}), Settings(method="auto", substeps=200), "cpu")
+    chosen = sim.choices["cloth"]
+    assert chosen.method == "verlet"
+    with pytest.raises(ValueError, match="world"):
+        sim.set_positions("cloth", 10.0 * sim.rest_positions("cloth"), world=7)
+    assert sim.choices["cloth"] == chosen
