@@ -150,6 +150,7 @@ class BeamRow:
     inverse: float
     first: float
     second: float
+    stiff: float
     move: wp.vec3
 
 

@@ -93,12 +93,8 @@ return a / b;
 """
 # Correctly rounded like IEEE division, from a reciprocal that is at hand (Markstein 1990).
 _DIVIDE = """
-#if defined(__CUDA_ARCH__)
 float q = a * inverse;
 return fmaf(fmaf(-b, q, a), inverse, q);
-#else
-return a / b;
-#endif
 """
 # Through a shuffle, or the compiler would compute the address anew, from a slow register, wherever it is used.
 _TILE_ADDRESS = """
