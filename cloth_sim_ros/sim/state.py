@@ -150,7 +150,6 @@ class BeamRow:
     inverse: float
     first: float
     second: float
-    stiff: float
     move: wp.vec3
 
 

@@ -30,21 +30,15 @@ def stiffness_at(j: int, m: Model, body: Body, material: Material, step: Step, d
 
 
 @wp.func
-def edge_at(k: int, x: wp.uint64, d: wp.uint64) -> wp.vec3:
-    """Segment k [m], from its first particle to its last."""
-    return xyz(load4(x, k + 1) - load4(x, k)) + (xyz(load4(d, k + 1)) - xyz(load4(d, k)))
-
-
-@wp.func
-def turn_between(first: wp.vec3, last: wp.vec3, joint: wp.vec4) -> wp.vec3:
-    """What the turn vector at the joint of two segments lacks to its rest shape."""
-    return turn_residual(last * joint[3] - first * joint[2], joint[0])
-
-
-@wp.func
 def turn_at(j: int, m: Model, body: Body, x: wp.uint64, d: wp.uint64) -> wp.vec3:
-    """The same at joint j."""
-    return turn_between(edge_at(j, x, d), edge_at(j + 1, x, d), m.joints[body.segments + j])
+    """What the turn vector at joint j lacks to its rest shape."""
+    joint = m.joints[body.segments + j]
+    di = xyz(load4(d, j))
+    dj = xyz(load4(d, j + 1))
+    dk = xyz(load4(d, j + 2))
+    first = xyz(load4(x, j + 1) - load4(x, j)) + (dj - di)
+    last = xyz(load4(x, j + 2) - load4(x, j + 1)) + (dk - dj)
+    return turn_residual(last * joint[3] - first * joint[2], joint[0])
 
 
 @wp.func
@@ -79,7 +73,6 @@ def solve_beam(m: Model, s: State, body: Body, material: Material, step: Step, x
     stiff_far = float(0.0)
     one = BeamRow()
     two = BeamRow()
-    edge = edge_at(0, x, d)
     for i in range(body.count):
         weights = wp.vec3(0.0)
         change = wp.vec3(0.0)
@@ -88,9 +81,7 @@ def solve_beam(m: Model, s: State, body: Body, material: Material, step: Step, x
             joint = m.joints[body.segments + i]
             weights = wp.vec3(joint[2], -(joint[2] + joint[3]), joint[3])
             stiff = stiffness_at(i, m, body, material, step, d)
-            following = edge_at(i + 1, x, d)
-            change = stiff * turn_between(edge, following, joint) - square * s.moments[body.segments + i]
-            edge = following
+            change = stiff * turn_at(i, m, body, x, d) - square * s.moments[body.segments + i]
         w = load4(d, i)[3]
         row = BeamRow()
         if w > 0.0:
@@ -105,7 +96,6 @@ def solve_beam(m: Model, s: State, body: Body, material: Material, step: Step, x
             row.inverse = quotient(1.0, row.pivot)
             pull = -(weights[0] * change + near[1] * change_near + far[2] * change_far)
             row.move = pull - row.first * one.move - row.second * two.move
-        row.stiff = stiff
         s.beam[body.particles + i] = row
         two = one
         one = row
@@ -116,12 +106,9 @@ def solve_beam(m: Model, s: State, body: Body, material: Material, step: Step, x
         change_near = change
         stiff_near = stiff
     _move_back(s, body, d)
-    edge = edge_at(0, x, d)
     for j in range(joints):
-        following = edge_at(j + 1, x, d)
-        turn = turn_between(edge, following, m.joints[body.segments + j])
-        s.moments[body.segments + j] = (s.beam[body.particles + j].stiff * step.inverse_square) * turn
-        edge = following
+        stiff = stiffness_at(j, m, body, material, step, d)
+        s.moments[body.segments + j] = (stiff * step.inverse_square) * turn_at(j, m, body, x, d)
 
 
 @wp.func
