@@ -19,6 +19,7 @@ SIDES, DIAGONALS = 1, 2  # what the cells of a pass hold, as flags
 INDEX = 24  # bits of an index
 DOUBLED, ALONE, TURNED = INDEX, INDEX + 4, INDEX + 5  # of its first number; DOUBLED of side 0, then the others
 HAS_SIDES, HAS_DIAGONALS, FAR, ODD = range(INDEX, INDEX + 4)  # of its second
+BANKS = 8  # places of 16 bytes of its shared memory that a GPU reads or writes at a time
 EMPTY = -1  # the last number of a record without a cell
 
 
@@ -46,15 +47,20 @@ class Pass:
         A block of `width` threads takes so many at a time; ODD says of every record whether its pass has an odd number.
         FAR: sides are bending springs.
 
-        Cells with all their springs are mirrored along x, four and four in turn: neighbours of a pass lie two particles
-        apart, so that the first corners of eight would meet in four of the eight places that a GPU's shared memory
-        serves at a time; those of four and the second ones of four meet in none.
+        Neighbours would meet in the same BANKS of a GPU's shared memory: cells are taken, and turned, so that few do.
         """
-        place = np.arange(len(self.particles))
-        mirrored = ((place // 4 % 2 == 1) & (place < self.whole))[:, None]
-        records = np.where(mirrored, self.particles[:, [1, 0, 3, 2]], self.particles)
-        doubled = np.where(mirrored, self.doubled[:, [0, 1, 3, 2]], self.doubled)
-        flags = doubled @ (1 << DOUBLED + np.arange(4)) + ((place >= self.whole) << ALONE) + (self.turned << TURNED)
+        corner, stride = self.particles[:, 0] % BANKS, self.stride
+        whole, mirrored = _spread(corner[: self.whole], corner[: self.whole] // stride % 2)
+        alone, turned = _spread(corner[self.whole :], np.zeros(len(corner) - self.whole, int))
+        order = np.concatenate([whole, self.whole + alone])
+        records, doubled = self.particles[order], self.doubled[order]
+        for rows, corners, sides in (
+            (np.flatnonzero(mirrored), [1, 0, 3, 2], [0, 1, 3, 2]),
+            (self.whole + np.flatnonzero(turned), [3, 2, 1, 0], [1, 0, 2, 3]),
+        ):
+            records[rows], doubled[rows] = records[rows][:, corners], doubled[rows][:, sides]
+        flags = doubled @ (1 << DOUBLED + np.arange(4)) + ((order >= self.whole) << ALONE)
+        flags += self.turned[order] << TURNED
         records[:, 0] += flags
         records[:, 1] += bool(self.holds & SIDES) << HAS_SIDES
         records[:, 1] += bool(self.holds & DIAGONALS) << HAS_DIAGONALS
@@ -112,8 +118,23 @@ def _lattice(topology: Topology, kind: str, stride: int) -> list[Pass]:
 
 
 def in_pairs(springs: np.ndarray) -> np.ndarray:
-    """Springs (S, 2) two by two as cells (C, 4); a last one alone is there twice."""
-    return np.concatenate([springs, springs[-1:]] if len(springs) % 2 else [springs]).reshape(-1, 4)
+    """Springs (S, 2) two by two as cells (C, 4), each with one of the other half; one that is left is there twice."""
+    half = (len(springs) + 1) // 2
+    return np.column_stack([springs[:half], np.concatenate([springs[half:], springs[half - 1 : half]])[:half]])
+
+
+def _spread(places: np.ndarray, family: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """An order of cells whose first corners lie in `places` among BANKS, and which of them to turn.
+
+    Of each place two in turn, the second of them turned, its first corner elsewhere: as they lie in `family` 0 or 1,
+    eight such fill all BANKS with each of their corners.
+    """
+    order = np.argsort(places, kind="stable")
+    counts = np.bincount(places, minlength=BANKS)
+    rank = np.empty(len(places), int)
+    rank[order] = np.arange(len(places)) - np.repeat(np.cumsum(counts) - counts, counts)
+    order = np.lexsort((places, rank % 2, rank // 2, family))
+    return order, rank[order] % 2 == 1
 
 
 def springs_of(records: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import pytest
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
 from cloth_sim_ros.sim.cells import (
     ALONE,
+    BANKS,
     DIAGONALS,
     DOUBLED,
     EMPTY,
@@ -86,6 +87,19 @@ def test_a_block_sees_the_end_of_a_pass(width):
         records = one.records(n % 2 == 1, width)
         assert len(records) % width == 0
         assert (records[:, 1] >> ODD & 1 == n % 2).all()
+
+
+@pytest.mark.parametrize("side", [16, 22])
+def test_cells_beside_one_another_rarely_meet_in_a_bank(side):
+    """Each eight threads read each of their corners in one turn, or in as many as most of them meet in."""
+    turns, fewest = 0, 0
+    for one in passes(build(Cloth(resolution=(side, side), bend_compliance=1.0), "cloth", True)):
+        records = one.records(False, 8).reshape(-1, 8, 4)
+        for eight in records:
+            there = eight[eight[:, 3] != EMPTY] & ((1 << INDEX) - 1)
+            turns += sum(np.bincount(np.unique(corner) % BANKS).max() for corner in there.T)
+            fewest += 4
+    assert turns < 1.4 * fewest
 
 
 def test_a_grid_takes_six_passes():

@@ -16,7 +16,7 @@ from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
-from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4i
+from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4i, load_row
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.stages import (
     in_turn,
@@ -231,7 +231,7 @@ def make_kernels(features: Features, lanes: bool) -> dict[str, wp.Kernel]:
     @stage
     def find_faults(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
         p = arrays.model.bodies[b].particles + i
-        if not is_good(arrays.state.positions[p], arrays.state.velocities[p]):
+        if not is_good(load_row(arrays.state.positions, p), load_row(arrays.state.velocities, p)):
             arrays.state.faulty[b] = 1
 
     @stage

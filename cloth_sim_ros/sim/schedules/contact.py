@@ -6,7 +6,7 @@ from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import load4, store4, xyz
+from cloth_sim_ros.sim.schedules.native import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.schedules.stages import pack
 from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
 
@@ -118,7 +118,7 @@ def make_contact(features: Features):
             k = first_sweep + c
             before = wp.vec4(0.0)
             if not step.first:
-                before = contacts[slot * colliders.shape[0] + c]
+                before = load_row(contacts, slot * colliders.shape[0] + c)
             after = before
             # Most particles are farther from the collider than both can move in a substep: a few numbers tell.
             offset = (position - sweeps[k].position) + displacement
@@ -151,12 +151,12 @@ def make_contact(features: Features):
                         past = last_displacements[slot]
                         if wp.dot(moved - past, normal) > NOISE:
                             hit = -wp.dot(past - sweep.motion, normal) > 0.5 * pressed
-                            v = velocities[slot]
+                            v = load_row(velocities, slot)
                             speed = moved / length_of(step)
                             last_displacements[slot] = forgotten(past, moved, normal, hit)
-                            velocities[slot] = pack(forgotten(xyz(v), speed, normal, hit), 0.0)
+                            store_row(velocities, slot, pack(forgotten(xyz(v), speed, normal, hit), 0.0))
             if step.repeats:
-                contacts[slot * colliders.shape[0] + c] = after
+                store_row(contacts, slot * colliders.shape[0] + c, after)
         if touched:
             store4(d, i, pack(displacement, w))
 

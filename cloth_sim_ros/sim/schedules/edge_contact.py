@@ -11,7 +11,7 @@ from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.contact import NOISE, SEPARATION, forgotten, length_of, make_meet
-from cloth_sim_ros.sim.schedules.native import load4, store4, xyz
+from cloth_sim_ros.sim.schedules.native import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.schedules.stages import pack
 from cloth_sim_ros.sim.state import ColliderMotion, Material, State, Sweep
 
@@ -66,9 +66,9 @@ def forget(g: int, moved: wp.vec3, normal: wp.vec3, hit: bool, s: State, step: S
     """Of the past of particle g, which an edge contact moved by `moved` [m], only what still holds (see stages.py)."""
     past = s.last_displacements[g]
     if wp.dot(moved - past, normal) > NOISE:
-        v = xyz(s.velocities[g])
+        v = xyz(load_row(s.velocities, g))
         s.last_displacements[g] = forgotten(past, moved, normal, hit)
-        s.velocities[g] = pack(forgotten(v, moved / length_of(step), normal, hit), 0.0)
+        store_row(s.velocities, g, pack(forgotten(v, moved / length_of(step), normal, hit), 0.0))
 
 
 def make_edge_contact(shapes: tuple[str, ...], order: int):
@@ -108,7 +108,7 @@ def make_edge_contact(shapes: tuple[str, ...], order: int):
             slot = c * m.edges.shape[0] + k
             before = wp.vec4(0.0)
             if not step.first:
-                before = s.edge_contacts[slot]
+                before = load_row(s.edge_contacts, slot)
             after = before
             start = (xi - sweep.position) + di
             e = (xj - xi) + (dj - di)
@@ -149,7 +149,7 @@ def make_edge_contact(shapes: tuple[str, ...], order: int):
                             if wj > 0.0:
                                 forget(body.particles + j, dj - xyz(load4(low_address, j)), normal, hit, s, step)
             if step.repeats:
-                s.edge_contacts[slot] = after
+                store_row(s.edge_contacts, slot, after)
         if touched:
             store4(d, i, pack(di, wi))
             store4(d, j, pack(dj, wj))

@@ -251,6 +251,18 @@ def number_address(values: wp.array(dtype=float), row: int, width: int, offset: 
 
 
 @wp.func
+def load_row(values: wp.array(dtype=wp.vec4), i: int) -> wp.vec4:
+    """values[i], of which Warp would load each number by itself."""
+    return load4(array_address(values, 0), i)
+
+
+@wp.func
+def store_row(values: wp.array(dtype=wp.vec4), i: int, v: wp.vec4):
+    """values[i] = v, by one store instead of four, of which each would touch all of it."""
+    store4(array_address(values, 0), i, v)
+
+
+@wp.func
 def xyz(v: wp.vec4) -> wp.vec3:
     """The first three of the four numbers that are loaded at a time."""
     return wp.vec3(v[0], v[1], v[2])

@@ -3,6 +3,7 @@
 import warp as wp
 
 from cloth_sim_ros.sim.model import Body
+from cloth_sim_ros.sim.schedules.native import load_row, store_row
 from cloth_sim_ros.sim.state import State
 
 
@@ -25,6 +26,6 @@ def with_past_at(begin: wp.uint64, capacity: int, body: Body, s: State) -> State
 @wp.func
 def copy_past(g: int, source: State, target: State):
     """Copy these of particle g from one state to the other."""
-    target.velocities[g] = source.velocities[g]
+    store_row(target.velocities, g, load_row(source.velocities, g))
     target.last_velocities[g] = source.last_velocities[g]
     target.last_displacements[g] = source.last_displacements[g]

@@ -11,7 +11,7 @@ from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.buffers import make_buffer_of
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.exchange import Exchange, exchange_of, hear, receive, send, tell
-from cloth_sim_ros.sim.schedules.native import load4, load_record, store4, sync, sync_any, xyz
+from cloth_sim_ros.sim.schedules.native import load4, load_record, store4, store_row, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.patches import NOBODY, SENT, Patches
 from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_collider
 from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep_cells, make_sweep_lanes
@@ -96,7 +96,8 @@ def _make_advance(
     # One block a multiprocessor is enough, and has its registers.
     @wp.kernel(launch_bounds=(block, 1), **_options())
     def advance(given: argument, patches: Patches, side: int, first: int, count: int):
-        q, t = wp.tid()
+        q = wp.tid() / wp.static(block)
+        t = wp.tid() - q * wp.static(block)
         w = q / patches.body.shape[0]
         n = q - w * patches.body.shape[0]
         b = patches.body[n]
@@ -164,7 +165,7 @@ def _make_advance(
                 store4(low, i, pack(moving.low, 0.0))
                 if wp.static(features.order == 2):
                     place = body.particles + i
-                    here.velocities[place] = pack(moving.velocity, 0.0)
+                    store_row(here.velocities, place, pack(moving.velocity, 0.0))
                     if side == 0:
                         here.last_velocities[place] = s.last_velocities[g]
                         here.last_displacements[place] = s.last_displacements[g]
@@ -178,7 +179,8 @@ def _make_advance(
             # From afar they come later than a pass takes.
             afar = records
             records = staged_address(wp.tile_empty(shape=(wp.static(staged),), dtype=wp.vec4, storage="shared"))
-            for k in range(t, body.cells_end - body.cells, wp.static(block)):
+            for r in range(wp.static(-(-staged // block))):
+                k = wp.min(t + r * wp.static(block), body.cells_end - body.cells - 1)
                 native.store_record(records, k, load_record(afar, k))
         exchange = Exchange()
         account = w * constants.bodies.shape[0] + b
@@ -259,7 +261,7 @@ def _make_advance(
                 position = load4(x, i)
                 velocity = pack(moving.velocity, 0.0)
                 if wp.static(waits):
-                    s.velocities[g] = velocity
+                    store_row(s.velocities, g, velocity)
                 else:
                     store4(after.positions, g, position)
                     store4(after.low, g, pack(moving.low, 0.0))
@@ -307,7 +309,8 @@ def _make_settle(features: Features, capacity: int, block: int) -> wp.Kernel:
 
     @wp.kernel(**_options())
     def settle(given: argument, patches: Patches, side: int):
-        q, t = wp.tid()
+        q = wp.tid() / wp.static(block)
+        t = wp.tid() - q * wp.static(block)
         w = q / patches.body.shape[0]
         n = q - w * patches.body.shape[0]
         b = patches.body[n]
@@ -326,7 +329,7 @@ def _make_settle(features: Features, capacity: int, block: int) -> wp.Kernel:
                     put_back(g, s.relapses[b], m, s)
                 else:
                     keep(g, load4(last.positions, g), load4(last.low, g), s)
-                    s.velocities[g] = load4(last.velocities, g)
+                    store_row(s.velocities, g, load4(last.velocities, g))
                 if wp.static(features.order == 2):
                     if side == 1:
                         second = w * s.positions.shape[0] + g

@@ -58,7 +58,7 @@ class Patched:
     def _launch(self, name: str, *numbers: int) -> None:
         wp.launch(
             self._kernels[name],
-            dim=(self._count, self._block),
+            dim=self._count * self._block,
             inputs=[self._given, self._patches, *numbers],
             device=self._device,
             block_dim=self._block,

@@ -15,11 +15,12 @@ from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
-from cloth_sim_ros.sim.schedules.native import load4, store4, sync, sync_any
+from cloth_sim_ros.sim.schedules.native import load4, load_row, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.past import copy_past, with_past_at
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.scan import THREADS, scan_size
 from cloth_sim_ros.sim.schedules.stages import (
+    Moving,
     in_turn,
     make_finish,
     make_panel,
@@ -61,7 +62,7 @@ class Resident:
         bodies = worlds[0].model.bodies.shape[0]
         self._launch = wp.launch(
             kernel,
-            dim=(len(worlds) * bodies, block),
+            dim=len(worlds) * bodies * block,
             inputs=[gathered(worlds, device)],
             device=device,
             block_dim=block,
@@ -141,7 +142,9 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
 
     @wp.kernel(enable_backward=False, module="unique", launch_bounds=bounds, module_options=native.CPU_FLAGS)
     def simulate_frame(given: argument):
-        b, t = wp.tid()
+        # By the number of the thread alone: of two dimensions Warp would divide numbers of 64 bits.
+        b = wp.tid() / wp.static(block)
+        t = wp.tid() - b * wp.static(block)
         # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
         if wp.static(features.worlds):
             bodies = given[0].model.bodies.shape[0]
@@ -171,6 +174,11 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         x = native.array_address(s.positions, body.particles)
         d = native.array_address(s.displacements, body.particles)
         low = native.array_address(s.low, body.particles)
+        records = native.record_address(m.cells, body.cells)
+        if wp.static(staged > 0):
+            # From afar they come later than a pass takes.
+            afar = records
+            records = staged_address(wp.tile_empty(shape=(wp.static(staged),), dtype=wp.vec4, storage="shared"))
         if wp.static(shared > 0):
             # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
             tile = wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared")
@@ -182,23 +190,28 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             if wp.static(all_shared):
                 low = native.beside(x, wp.static(2 * shared))
             for i in range(last - t, -1, -width):
-                store4(x, i, s.positions[body.particles + i])
+                # All that comes from afar is asked for before any of it is stored, which the compiler could not tell.
+                position = load_row(s.positions, body.particles + i)
+                lost = load_row(s.low, body.particles + i)
+                velocity = load_row(s.velocities, body.particles + i)
+                store4(x, i, position)
                 if wp.static(all_shared or features.method == "verlet"):
-                    store4(low, i, s.low[body.particles + i])
+                    store4(low, i, lost)
                 if wp.static(at_once):
-                    predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
+                    moving = Moving()
+                    moving.w = position[3]
+                    moving.velocity = xyz(velocity)
+                    moving.low = xyz(lost)
+                    predict(i, moving, m, s, body, material, frame, step, x, low, d)
         if wp.static(past > 0):
             home = s
             begin = past_address(wp.tile_empty(shape=(wp.static(past),), dtype=wp.vec4, storage="shared"))
             s = with_past_at(begin, wp.static(shared), body, home)
             for i in range(last - t, -1, -width):
                 copy_past(body.particles + i, home, s)
-        records = native.record_address(m.cells, body.cells)
         if wp.static(staged > 0):
-            # From afar they come later than a pass takes.
-            afar = records
-            records = staged_address(wp.tile_empty(shape=(wp.static(staged),), dtype=wp.vec4, storage="shared"))
-            for k in range(t, body.cells_end - body.cells, width):
+            for r in range(wp.static(-(-staged // block))):
+                k = wp.min(t + r * wp.static(block), body.cells_end - body.cells - 1)
                 native.store_record(records, k, native.load_record(afar, k))
         spans = x
         if wp.static(slots > 0):

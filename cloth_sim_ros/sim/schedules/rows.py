@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.physics.integrate import Step, eased_by, make_step
 from cloth_sim_ros.sim.schedules import row_lanes
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
-from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, number_address, store4, xyz
+from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, load_row, number_address, store4, xyz
 from cloth_sim_ros.sim.schedules.row_lanes import finish_lanes, predict_lanes, read3, read4, write3, write4
 from cloth_sim_ros.sim.schedules.stages import (
     first_share,
@@ -126,7 +126,7 @@ def accelerate(g: int, w: float, v: wp.vec3, m: Model, s: State, frame: Frame, s
     a = frame.gravity - frame.global_damping * v
     rate = frame.global_damping
     for k in range(m.panel_start[g], m.panel_start[g + 1]):
-        force = s.panel_forces[m.particle_panels[k]]
+        force = load_row(s.panel_forces, m.particle_panels[k])
         a += w * xyz(force)
         rate += w * force[3]
     return pack(a, eased_by(rate, step.effective))
@@ -236,13 +236,13 @@ def make_frame(features: Features):
         write3(numbers, size, wp.static(row_lanes.LOW), count, low)
         write3(numbers, size, wp.static(row_lanes.V), count, v)
         for g in range(body.particles, body.particles + count):
-            if not is_good(s.positions[g], s.velocities[g]):
+            if not is_good(load_row(s.positions, g), load_row(s.velocities, g)):
                 s.faulty[b] = 1
         for g in range(body.particles, body.particles + count):
             if s.faulty[b] == 1:
                 put_back(g, s.relapses[b], m, s)
             else:
-                keep(g, s.positions[g], s.low[g], s)
+                keep(g, load_row(s.positions, g), load_row(s.low, g), s)
         s.history[b] = wp.where(count_fault(b, s), 0, 1)
 
     return simulate_rows

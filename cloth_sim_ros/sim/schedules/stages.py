@@ -17,7 +17,9 @@ from cloth_sim_ros.sim.schedules.native import (
     inverse_root,
     load4,
     load_pair,
+    load_row,
     store4,
+    store_row,
     xyz,
 )
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
@@ -93,12 +95,12 @@ def make_panel(features: Features):
         corners = Corners()
         corners.a = xyz(load4(x, p[0]))
         corners.b = xyz(load4(x, p[1]))
-        corners.va = xyz(s.velocities[body.particles + p[0]])
-        corners.vb = xyz(s.velocities[body.particles + p[1]])
+        corners.va = xyz(load_row(s.velocities, body.particles + p[0]))
+        corners.vb = xyz(load_row(s.velocities, body.particles + p[1]))
         if wp.static(features.panels == "triangles"):
             corners.c = xyz(load4(x, p[2]))
-            corners.vc = xyz(s.velocities[body.particles + p[2]])
-        s.panel_forces[k] = air(corners, frame, material)
+            corners.vc = xyz(load_row(s.velocities, body.particles + p[2]))
+        store_row(s.panel_forces, k, air(corners, frame, material))
 
     return panel_force
 
@@ -149,7 +151,7 @@ def spring_force(
         e = xyz((load4(x, j) - xi) + (load4(low, j) - li))
         apart = wp.vec3(0.0)
         if material.damping > 0.0:
-            apart = xyz(s.velocities[body.particles + j]) - v
+            apart = xyz(load_row(s.velocities, body.particles + j)) - v
         force += spoke_force(e, kind[0], spoke_constant(kind, constants), kind[3], material.damping, apart)
     return force
 
@@ -173,7 +175,7 @@ def moving_of(i: int, s: State, body: Body, x: wp.uint64, low_address: wp.uint64
     """What particle i carries, from memory."""
     moving = Moving()
     moving.w = load4(x, i)[3]
-    moving.velocity = xyz(load4(array_address(s.velocities, 0), body.particles + i))
+    moving.velocity = xyz(load_row(s.velocities, body.particles + i))
     moving.low = xyz(load4(low_address, i))
     return moving
 
@@ -222,7 +224,7 @@ def make_predict(features: Features):
         if wp.static(features.panels != ""):
             rate = frame.global_damping
             for k in range(m.panel_start[g], m.panel_start[g + 1]):
-                force = s.panel_forces[m.particle_panels[k]]
+                force = load_row(s.panel_forces, m.particle_panels[k])
                 a += w * xyz(force)
                 rate += w * force[3]
             eased = eased_by(rate, step.effective)
@@ -290,15 +292,15 @@ def make_finish(features: Features):
             velocity = rate_of(displacement - base, step)
             if wp.length(displacement - s.last_displacements[g]) > SMOOTH * body.spacing:
                 moving.rough = 1
-            s.last_velocities[g] = xyz(s.velocities[g])
+            s.last_velocities[g] = xyz(load_row(s.velocities, g))
             s.last_displacements[g] = displacement
         if wp.static(features.chain):
             if step.torn:
-                kick = velocity - xyz(s.velocities[g])
+                kick = velocity - xyz(load_row(s.velocities, g))
                 most = MOST_SPACINGS * body.spacing * step.inverse
                 velocity -= kick * (1.0 - wp.min(1.0, most / wp.max(wp.length(kick), 1.0e-20)))
         if last or wp.static(shares_velocities):
-            store4(array_address(s.velocities, 0), g, pack(velocity, 0.0))
+            store_row(s.velocities, g, pack(velocity, 0.0))
         position = xyz(old)
         moving.velocity = velocity
         moving.low = split_sum(position, total)

@@ -185,6 +185,9 @@ def make_sweep_cells(order: int, stores: bool = True):
 def any_collapsed(t: int, width: int, body: Body, records: wp.uint64, x: wp.uint64) -> bool:
     """Whether a spring of a cell of the body, whose first record lies at `records`, has no length now."""
     found = int(0)
-    for k in range(t, body.cells_end - body.cells, width):
-        found += int(is_collapsed(load_record(records, k), x))
+    last = body.cells_end - body.cells - 1
+    for k in range(t, last + 1, 2 * width):
+        # Two at once: the way to memory and back is most of it.
+        beside = load_record(records, wp.min(k + width, last))
+        found += int(is_collapsed(load_record(records, k), x)) + int(is_collapsed(beside, x))
     return sync_any(found) > 0

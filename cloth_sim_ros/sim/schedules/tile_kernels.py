@@ -10,7 +10,7 @@ from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.buffers import make_buffer_of
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.exchange import Exchange, exchange_of, receive, send
-from cloth_sim_ros.sim.schedules.native import load4, store4, sync, xyz
+from cloth_sim_ros.sim.schedules.native import load4, store4, store_row, sync, xyz
 from cloth_sim_ros.sim.schedules.stages import (
     first_share,
     kick,
@@ -202,7 +202,8 @@ def make_kernels(
     # One block a multiprocessor is enough: with its registers the springs of a member do not wait for one another.
     @wp.kernel(launch_bounds=(block, 1), **options)
     def advance(given: argument, tiles: Tiles, side: int, first: int, count: int, depth: int):
-        q, t = wp.tid()
+        q = wp.tid() / wp.static(block)
+        t = wp.tid() - q * wp.static(block)
         w = q / tiles.body.shape[0]
         n = q - w * tiles.body.shape[0]
         body = tiles.body[n]
@@ -326,7 +327,8 @@ def make_kernels(
 
     @wp.kernel(**options)
     def settle(given: argument, tiles: Tiles, side: int, substeps: int):
-        q, t = wp.tid()
+        q = wp.tid() / wp.static(block)
+        t = wp.tid() - q * wp.static(block)
         w = q / tiles.body.shape[0]
         n = q - w * tiles.body.shape[0]
         if wp.static(features.worlds):
@@ -346,7 +348,7 @@ def make_kernels(
                     put_back(g, s.relapses[tiles.body[n]], m, s)
                 else:
                     keep(g, load4(last.positions, g), load4(last.low, g), s)
-                    s.velocities[g] = load4(last.velocities, g)
+                    store_row(s.velocities, g, load4(last.velocities, g))
 
     @wp.kernel(**options)
     def count_faults(given: argument):

@@ -63,7 +63,7 @@ class Tiled:
     def _launch(self, name: str, *numbers: int) -> None:
         wp.launch(
             self._kernels[name],
-            dim=(self._count, self._block),
+            dim=self._count * self._block,
             inputs=[self._given, self._tiles, *numbers],
             device=self._device,
             block_dim=self._block,

@@ -8,6 +8,7 @@ frame after frame, that state was not good: the body then returns to its rest sh
 import warp as wp
 
 from cloth_sim_ros.sim.model import Model
+from cloth_sim_ros.sim.schedules.native import load_row, store_row
 from cloth_sim_ros.sim.state import State
 
 FARTHEST = wp.constant(1.0e6)  # [m] from the origin
@@ -26,10 +27,10 @@ def is_good(position: wp.vec4, velocity: wp.vec4) -> bool:
 @wp.func
 def keep(g: int, position: wp.vec4, low: wp.vec4, s: State):
     """Particle g of the batch is at `position` plus `low`, and its body is good."""
-    s.positions[g] = position
-    s.good_positions[g] = position
-    s.low[g] = low
-    s.good_low[g] = low
+    store_row(s.positions, g, position)
+    store_row(s.good_positions, g, position)
+    store_row(s.low, g, low)
+    store_row(s.good_low, g, low)
 
 
 @wp.func
@@ -50,6 +51,6 @@ def put_back(g: int, relapses: int, m: Model, s: State):
         rest = m.rest[g]
         s.good_positions[g] = wp.vec4(rest[0], rest[1], rest[2], s.good_positions[g][3])
         s.good_low[g] = wp.vec4(0.0)
-    s.positions[g] = s.good_positions[g]
-    s.low[g] = s.good_low[g]
-    s.velocities[g] = wp.vec4(0.0)
+    store_row(s.positions, g, load_row(s.good_positions, g))
+    store_row(s.low, g, load_row(s.good_low, g))
+    store_row(s.velocities, g, wp.vec4(0.0))
