@@ -49,9 +49,11 @@ class Pass:
 
         Neighbours would meet in the same BANKS of a GPU's shared memory: cells are taken, and turned, so that few do.
         """
-        corner, stride = self.particles[:, 0] % BANKS, self.stride
-        whole, mirrored = _spread(corner[: self.whole], corner[: self.whole] // stride % 2)
-        alone, turned = _spread(corner[self.whole :], np.zeros(len(corner) - self.whole, int))
+        corner = self.particles[:, 0] % BANKS
+        half = corner[: self.whole] % (BANKS // 2)
+        whole, mirrored = _spread(corner[: self.whole], half, half % 2 if self.stride == 2 else half // 2)
+        none = np.zeros(len(corner) - self.whole, int)
+        alone, turned = _spread(corner[self.whole :], none, none)
         order = np.concatenate([whole, self.whole + alone])
         records, doubled = self.particles[order], self.doubled[order]
         for rows, corners, sides in (
@@ -123,18 +125,26 @@ def in_pairs(springs: np.ndarray) -> np.ndarray:
     return np.column_stack([springs[:half], np.concatenate([springs[half:], springs[half - 1 : half]])[:half]])
 
 
-def _spread(places: np.ndarray, family: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _spread(places: np.ndarray, half: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """An order of cells whose first corners lie in `places` among BANKS, and which of them to turn.
 
-    Of each place two in turn, the second of them turned, its first corner elsewhere: as they lie in `family` 0 or 1,
-    eight such fill all BANKS with each of their corners.
+    Of each place two in turn, the second of them turned, which puts its first corner `stride` places on. Beside two of
+    the place that is half of BANKS away, of the same `half`, they are four cells of which no corner meets another of
+    its kind. Four of one `side`, 0 or 1, and four of the other follow one another: nor do those meet.
     """
-    order = np.argsort(places, kind="stable")
-    counts = np.bincount(places, minlength=BANKS)
-    rank = np.empty(len(places), int)
-    rank[order] = np.arange(len(places)) - np.repeat(np.cumsum(counts) - counts, counts)
-    order = np.lexsort((places, rank % 2, rank // 2, family))
+    rank = _ranks(places, np.argsort(places, kind="stable"))
+    order = np.lexsort((places, rank % 2, rank // 2, half))
+    fours = _ranks(side, order[np.argsort(side[order], kind="stable")])
+    order = np.lexsort((fours % 4, side, fours // 4))
     return order, rank[order] % 2 == 1
+
+
+def _ranks(kinds: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Which one of its kind each is, in an `order` by kinds."""
+    counts = np.bincount(kinds, minlength=BANKS)
+    ranks = np.empty(len(kinds), int)
+    ranks[order] = np.arange(len(kinds)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return ranks
 
 
 def springs_of(records: np.ndarray) -> np.ndarray:

@@ -181,9 +181,11 @@ def make_pull(order: int, path: str):
         slot = q * m.cells.shape[0] + cell
         if wp.static(path == "careful"):
             pull.e = opened(pull.e, slot)
-        square = wp.dot(pull.e, pull.e) + SHORTEST * SHORTEST
+        e = pull.e
+        # Begun with what keeps it from 0, it is three operations one after another instead of four.
+        square = e[0] * e[0] + (e[1] * e[1] + (e[2] * e[2] + SHORTEST * SHORTEST))
         multiplier = float(0.0)
-        held = float(0.0)
+        held = float(-0.0)  # adding it is nothing to compute, as adding 0.0 would be
         if wp.static(path in ("repeated", "careful")):
             multiplier = before[q]
             held = alpha * multiplier

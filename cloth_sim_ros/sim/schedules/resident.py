@@ -179,6 +179,9 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             # From afar they come later than a pass takes.
             afar = records
             records = staged_address(wp.tile_empty(shape=(wp.static(staged),), dtype=wp.vec4, storage="shared"))
+            last_record = body.cells_end - body.cells - 1
+            first = native.load_record(afar, wp.min(t, last_record))
+            second = native.load_record(afar, wp.min(t + wp.static(block), last_record))
         if wp.static(shared > 0):
             # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
             tile = wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared")
@@ -210,8 +213,10 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             for i in range(last - t, -1, -width):
                 copy_past(body.particles + i, home, s)
         if wp.static(staged > 0):
-            for r in range(wp.static(-(-staged // block))):
-                k = wp.min(t + r * wp.static(block), body.cells_end - body.cells - 1)
+            native.store_record(records, wp.min(t, last_record), first)
+            native.store_record(records, wp.min(t + wp.static(block), last_record), second)
+            for r in range(2, wp.static(-(-staged // block))):
+                k = wp.min(t + r * wp.static(block), last_record)
                 native.store_record(records, k, native.load_record(afar, k))
         spans = x
         if wp.static(slots > 0):
