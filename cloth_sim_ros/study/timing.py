@@ -16,21 +16,24 @@ def frame_times(sim: Simulation, frames: int, after: Callable[[], None] | None =
     """Milliseconds (frames,) that each of `frames` frames took; `after` is called after each, untimed.
 
     On a GPU by CUDA events on its stream: without `after` the frames follow one another as fast as the device takes
-    them, with it each starts on an idle device, so that the way from the host counts. On the CPU by the wall clock.
+    them, and each counts from the end of the one before it; with it each starts on an idle device, so that the way from
+    the host counts. On the CPU by the wall clock.
     """
     device = wp.get_device(sim.device)
     if not device.is_cuda:
         return np.array([_wall_ms(sim, after) for _ in range(frames)])
     stream = wp.get_stream(device)
-    marks = []
+    starts, ends = [stream.record_event(wp.Event(device, enable_timing=True))], []
     for _ in range(frames):
-        start = stream.record_event(wp.Event(device, enable_timing=True))
         sim.step()
-        marks.append((start, stream.record_event(wp.Event(device, enable_timing=True))))
-        if after is not None:
+        ends.append(stream.record_event(wp.Event(device, enable_timing=True)))
+        if after is None:
+            starts.append(ends[-1])
+        else:
             after()
+            starts.append(stream.record_event(wp.Event(device, enable_timing=True)))
     wp.synchronize_device(device)
-    return np.array([wp.get_event_elapsed_time(start, end) for start, end in marks])
+    return np.array([wp.get_event_elapsed_time(start, end) for start, end in zip(starts, ends, strict=False)])
 
 
 def quartiles(numbers: np.ndarray) -> dict[str, float]:

@@ -79,7 +79,7 @@ def threads_for(features: Features, largest: int, bodies: int, device: wp.Device
 
     A thread takes a segment of a rope, a particle of an explicit method, a spring of a colour, or a cell of a pass; of
     cells, which need many registers, two where there are many. Where every block has a multiprocessor to itself, cells
-    leave threads over, which halve the time of what is done for every particle.
+    leave threads over, which halve the time of what is done for every particle; more of them only wait at barriers.
     """
     if device.is_cpu:
         return 1
@@ -90,7 +90,7 @@ def threads_for(features: Features, largest: int, bodies: int, device: wp.Device
         work = largest
     elif "cell" in features.constraints:
         alone = bodies <= device.sm_count
-        work, most = largest if alone else max(128, -(-largest // 4)), CELL_THREADS
+        work, most = max(128, -(-largest // (2 if alone else 4))), CELL_THREADS
     return min(most, -(-work // 32) * 32)
 
 
