@@ -8,14 +8,14 @@ from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
 from cloth_sim_ros.sim.physics.chain import Span, close, edge_frame, join, turn_frame
 from cloth_sim_ros.sim.schedules.native import array_address
 from cloth_sim_ros.sim.schedules.scan import make_scans, scan_size
-from cloth_sim_ros.sim.schedules.segments import forward
-from cloth_sim_ros.sim.schedules.shares import Share
+from cloth_sim_ros.sim.schedules.segments import change_of, forward
+from cloth_sim_ros.sim.schedules.shares import Reach, Share, reach_of
 from cloth_sim_ros.sim.state import Segment
 
 SEGMENTS = 16
 HALF = SEGMENTS // 2
 
-_, meet, _ = make_scans(2)
+_, meet, _ = make_scans(2, False)
 
 
 @wp.kernel(enable_backward=False)
@@ -55,6 +55,30 @@ def meet_halfway(
         share.lanes = 1
         share.meets = True
         moved[0] = meet(share, segment, pull, array_address(shared, 0))
+
+
+@wp.kernel(enable_backward=False)
+def hand_back(segments: wp.array(dtype=Segment), pulls: wp.array(dtype=wp.vec3), tensions: wp.array(dtype=float)):
+    """From a pinned start to a free end, and what reaches back from there, joined before it is told from what."""
+    y = wp.mat33(0.0)
+    q = wp.vec3(0.0)
+    count = segments.shape[0]
+    for k in range(count):
+        y = turn_frame(y, segments[wp.max(k - 1, 0)].frame, segments[k].frame)
+        segment, y, q, pull = forward(segments[k], y, q)
+        segments[k] = segment
+        pulls[k] = pull
+    last = segments[count - 1]
+    force = wp.transpose(last.frame) * (change_of(last, q) + wp.vec3(last.tension, 0.0, 0.0))
+    tensions[count - 1] = wp.dot(last.frame[0], force)
+    reach = Reach()
+    reach.passed = wp.identity(n=3, dtype=float)
+    for r in range(1, count):
+        k = count - 1 - r
+        one = reach_of(segments[k], pulls[k])
+        reach.force = one.passed * reach.force + one.force
+        reach.passed = one.passed * reach.passed
+        tensions[k] = wp.dot(segments[k].frame[0], reach.passed * force + reach.force)
 
 
 def frames_of(normals):
@@ -116,6 +140,33 @@ def test_two_sides_meet_where_the_particle_between_them_moves(load, along, allow
     wp.launch(meet_halfway, 1, [both, wp.vec2(w[0], w[-1]), starts, shared, moved], device="cpu")
     expected = dense(rows, w, missing)[HALF]
     assert moved.numpy()[0] == pytest.approx(expected, rel=allowed, abs=allowed * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("load", "along"), [(1.0, 1.0), (1e5, 1.0), (1e5, 1e-7)])
+@pytest.mark.parametrize("held", [0, 5])
+def test_what_reaches_back_is_the_tension(load, along, held):
+    """Nearly straight and rigid, what a segment yields along itself is 1e-8 of what it yields across."""
+    random = np.random.default_rng(6)
+    normals = np.array([1.0, 0.0, 0.0]) + 3e-3 * random.standard_normal((SEGMENTS, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    w = np.full(SEGMENTS + 1, 160.0)
+    w[[0, held]] = 0.0
+    w[-1] = 160.0 / load
+    missing = 1e-5 * random.standard_normal((SEGMENTS + 1, 3)) * (w > 0.0)[:, None]
+    rows = np.zeros(SEGMENTS, dtype=Segment.numpy_dtype())
+    rows["frame"], rows["along"] = frames_of(normals), along
+    rows["near"], rows["far"] = w[:-1], w[1:]
+    rows["tension"] = 1e-8 * load * random.uniform(0.9, 1.1, SEGMENTS)
+    rows["across"] = rows["tension"] * SEGMENTS
+    rows["gap"] = 1e-7 * random.standard_normal(SEGMENTS)
+    rows["missing"] = np.einsum("kij,kj->ki", rows["frame"], missing[1:])
+    u = dense(rows, w, missing)
+    stretch = np.einsum("ki,ki->k", rows["frame"][:, 0].astype(float), np.diff(u, axis=0)) + rows["gap"]
+    expected = rows["tension"] + stretch / rows["along"].astype(float)
+    segments = wp.array(rows, dtype=Segment, device="cpu")
+    pulls, found = wp.zeros(SEGMENTS, dtype=wp.vec3, device="cpu"), wp.zeros(SEGMENTS, dtype=float, device="cpu")
+    wp.launch(hand_back, 1, [segments, pulls, found], device="cpu")
+    assert found.numpy() == pytest.approx(expected, rel=0.0, abs=3e-4 * np.abs(expected).max())
 
 
 def test_what_nothing_moves_is_joined_in_less():

@@ -88,7 +88,7 @@ def test_between_two_held_ends_the_catenary_has_its_tension(device, compliance, 
         sim.step()
         found.append(sim.tensions("it"))
         places.append(sim.positions("it"))
-    assert np.ptp(places, axis=0).max() < (1e-6 if device == "cpu" else 2e-6)  # many threads round more
+    assert np.ptp(places, axis=0).max() < 1e-6
     assert np.array(found) == pytest.approx(np.tile(horizontal / run, (60, 1)), rel=1e-2)
     assert np.mean(found, axis=0) == pytest.approx(horizontal / run, rel=1e-3)
 

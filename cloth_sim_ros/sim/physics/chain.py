@@ -188,7 +188,7 @@ def _upper(l: wp.mat33, v: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def _symmetric_product(a: wp.mat33, b: wp.mat33) -> wp.mat33:
+def symmetric_product(a: wp.mat33, b: wp.mat33) -> wp.mat33:
     """A B^T where it is symmetric."""
     return symmetric(
         wp.vec3(wp.dot(a[0], b[0]), wp.dot(a[1], b[1]), wp.dot(a[2], b[2])),
@@ -211,7 +211,7 @@ def _beyond(first: Span, second: Span, l: wp.mat33, x: wp.mat33, inverse: wp.mat
     held = inverse * (x * first.free)
     kept = first.free - _lower(l, held)
     pushed = inverse * _upper(l, second.pull)
-    compliance = second.compliance + _symmetric_product(u * inverse, u)
+    compliance = second.compliance + symmetric_product(u * inverse, u)
     return compliance, second.free + second.passed * kept + u * pushed, kept, held
 
 
@@ -234,9 +234,7 @@ def join(first: Span, second: Span) -> Span:
     span.passed = second.passed * e
     span.compliance = compliance
     # What yields little hardly counts beside what yields much: summed among themselves first.
-    span.inertia = first.inertia + (
-        _symmetric_product(turned * second.inertia, turned) + _symmetric_product(back, back)
-    )
+    span.inertia = first.inertia + (symmetric_product(turned * second.inertia, turned) + symmetric_product(back, back))
     span.free = free
     span.pull = first.pull + turned * (second.pull - second.inertia * kept) - back * held
     return span

@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.schedules.beam_rows import ROWS, make_solve_beam
 from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.reel import first_out
 from cloth_sim_ros.sim.schedules.scan import make_scans, scan_size
-from cloth_sim_ros.sim.schedules.segments import backward, forward, make_prepare
+from cloth_sim_ros.sim.schedules.segments import backward, forward, make_prepare, settle
 from cloth_sim_ros.sim.schedules.shares import Share, make_gather, make_reach_back, make_share
 from cloth_sim_ros.sim.schedules.twist import make_find_twist, push_by_couples
 from cloth_sim_ros.sim.state import Material, Segment, State
@@ -78,7 +78,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
     gather = make_gather(stored)
     reach_back = make_reach_back(stored)
     share_of = make_share(threads, stored)
-    scan_forward, meet, scan_backward = make_scans(threads) if threads > 1 else (None, None, None)
+    scan_forward, meet, scan_backward = make_scans(threads, stored) if threads > 1 else (None, None, None)
 
     @wp.func
     def solve_chain(
@@ -165,9 +165,11 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                     if wp.static(stored):
                         s.segments[body.segments + k] = segment
                 u = q
+                change = pull
                 if wp.static(threads > 1):
                     u = meet(share, segment, pull, shared)
-                    u = scan_backward(t, share, reach_back(share, segment, u, s, body), u, shared)
+                    reach, opening = reach_back(share, segment, pull, s, body)
+                    u, near, change = scan_backward(t, share, reach, opening, segment, u, shared)
                 too_far = int(0)
                 torn = int(0)
                 unsettled = int(0)
@@ -175,13 +177,16 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                     k = share.first + (share.count - 1 - r) * share.way
                     if wp.static(stored):
                         segment = s.segments[body.segments + k]
-                    segment, u = backward(segment, u, step.effective)
+                    if wp.static(threads > 1 and not stored):
+                        segment = settle(segment, u, near, change, step.effective)
+                    else:
+                        segment, u = backward(segment, u, step.effective)
+                        near = u
                     too_far += segment.too_far
                     torn += segment.torn
                     unsettled += segment.unsettled
                     if wp.static(stored):
                         s.segments[body.segments + k] = segment
-                near = u
                 # One vote, as long as nothing happens. It also holds back what is stored next for the others: what they
                 # read of displacements, spans and meeting was before it.
                 eventful = sync_any(too_far + torn + unsettled) > 0

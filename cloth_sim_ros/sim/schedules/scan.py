@@ -1,10 +1,10 @@
 """The threads of a block scan a chain from both its ends: from spans of their own segments to what lies before them.
 
 The first half of the threads walks from the start of the chain to its middle, the other from its end, as if it began
-there. Where they meet, one particle is moved by both sides. Both ways take log2 of the threads of a side (Hillis and
-Steele 1986). Threads show one another their spans in shared memory, in two copies that take turns: what a step stores
-in one was last read two steps ago, so that each step needs one barrier. A side of at most half a warp, or a whole one,
-never waits for another warp.
+there. Where they meet, one particle is moved by both sides; from there the forces reach back. Both ways take log2 of
+the threads of a side (Hillis and Steele 1986). Threads show one another their spans in shared memory, in two copies
+that take turns: what a step stores in one was last read two steps ago, so that each step needs one barrier. A side of
+at most half a warp, or a whole one, never waits for another warp.
 """
 
 import warp as wp
@@ -19,6 +19,7 @@ from cloth_sim_ros.sim.physics.chain import (
     turned_end,
 )
 from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, sync_warp, xyz
+from cloth_sim_ros.sim.schedules.segments import change_of, near_of
 from cloth_sim_ros.sim.schedules.shares import Reach, Share
 from cloth_sim_ros.sim.state import Segment
 
@@ -79,19 +80,19 @@ def _span_at(at: int, shared: wp.uint64) -> Span:
 @wp.func
 def _post_reach(at: int, reach: Reach, shared: wp.uint64):
     a = reach.passed
-    store4(shared, at, wp.vec4(reach.moved[0], reach.moved[1], reach.moved[2], a[2, 2]))
+    store4(shared, at, wp.vec4(reach.force[0], reach.force[1], reach.force[2], a[2, 2]))
     store4(shared, at + 1, wp.vec4(a[0, 0], a[0, 1], a[0, 2], a[1, 0]))
     store4(shared, at + 2, wp.vec4(a[1, 1], a[1, 2], a[2, 0], a[2, 1]))
 
 
 @wp.func
 def _reach_at(at: int, shared: wp.uint64) -> Reach:
-    moved = load4(shared, at)
+    force = load4(shared, at)
     first = load4(shared, at + 1)
     last = load4(shared, at + 2)
     reach = Reach()
-    reach.moved = xyz(moved)
-    reach.passed = wp.mat33(first[0], first[1], first[2], first[3], last[0], last[1], last[2], last[3], moved[3])
+    reach.force = xyz(force)
+    reach.passed = wp.mat33(first[0], first[1], first[2], first[3], last[0], last[1], last[2], last[3], force[3])
     return reach
 
 
@@ -117,8 +118,11 @@ def _side_at(at: int, shared: wp.uint64):
     return frame, symmetric(xyz(diagonal), xyz(beside)), wp.vec3(diagonal[3], beside[3], f0[3]), f1[3]
 
 
-def make_scans(threads: int):
-    """Three Warp functions that all of `threads` threads call together: scan_forward, meet and scan_backward."""
+def make_scans(threads: int, stored: bool):
+    """Three Warp functions that all of `threads` threads call together: scan_forward, meet and scan_backward.
+
+    `stored`: a thread may have several segments.
+    """
     sync_side = sync_warp if threads <= 64 else sync
     copy = SLOTS * threads
     meeting = 2 * SLOTS * threads
@@ -174,20 +178,28 @@ def make_scans(threads: int):
         if share.lane + 1 == share.lanes:
             place = wp.where(share.way > 0, meeting, meeting + MEETING)
             _post_side(place, segment, pull, shared)
+            if not share.meets:
+                _post_side(meeting + MEETING, Segment(), wp.vec3(0.0), shared)
         # A vote of the whole block lies between this and the next meeting, or scan forward, which would store anew.
         sync()
+        # Without a branch, so that what needs none of it is reckoned meanwhile.
         frame, both, pulled, w = _side_at(meeting, shared)
-        if w == 0.0:
-            return wp.vec3(0.0)
-        if share.meets:
-            other, admittance, push, there = _side_at(meeting + MEETING, shared)
-            both += turn_frame(admittance, other, frame)
-            pulled += frame * (wp.transpose(other) * push)
-        return wp.transpose(frame) * (inverse_beside(quick_quotient(1.0, w), both) * pulled)
+        other, admittance, push, there = _side_at(meeting + MEETING, shared)
+        both += turn_frame(admittance, other, frame)
+        pulled += frame * (wp.transpose(other) * push)
+        moved = wp.transpose(frame) * (inverse_beside(quick_quotient(1.0, wp.max(w, 1.0e-15)), both) * pulled)
+        return wp.where(w > 0.0, moved, wp.vec3(0.0))
 
     @wp.func
-    def scan_backward(t: int, share: Share, reach: Reach, last: wp.vec3, shared: wp.uint64) -> wp.vec3:
-        """How the last particle of a thread's segments moves; `last` is that of its side."""
+    def scan_backward(t: int, share: Share, reach: Reach, first: Segment, last: Segment, u: wp.vec3, shared: wp.uint64):
+        """How the last particle of a thread's segments moves, the one before its first, and how the force in that
+        changes, in its frame; u: how the last particle of the side moves, behind its segment `last`."""
+        if share.lane + 1 == share.lanes:
+            force = wp.transpose(last.frame) * (change_of(last, u) + wp.vec3(last.tension, 0.0, 0.0))
+            if wp.static(stored):
+                force = reach.force + reach.passed * force
+            reach.force = force
+            reach.passed = wp.mat33(0.0)
         at = SLOTS * t
         ends = at + SLOTS * (wp.max(share.lanes, 1) - 1 - share.lane)
         for step in range(wp.static(steps)):
@@ -197,14 +209,16 @@ def make_scans(threads: int):
             # A thread that reaches the end of its side follows nothing: what it takes from there counts for 0.
             after = here + wp.min(at + SLOTS * (1 << step), ends)
             behind = _reach_at(after, shared)
-            reach.moved += reach.passed * behind.moved
+            reach.force += reach.passed * behind.force
             if wp.static(step + 1 < steps):
                 reach.passed = reach.passed * behind.passed
         there = wp.static(copy * (steps % 2))
-        store4(shared, there + at, wp.vec4(reach.moved[0], reach.moved[1], reach.moved[2], 0.0))
+        change = first.frame * reach.force - wp.vec3(first.tension, 0.0, 0.0)
+        near = near_of(first, change)
+        store4(shared, there + at, wp.vec4(near[0], near[1], near[2], 0.0))
         sync_side()
         if share.lane + 1 < share.lanes:
-            return xyz(load4(shared, there + at + SLOTS))
-        return last
+            u = xyz(load4(shared, there + at + SLOTS))
+        return u, near, change
 
     return scan_forward, meet, scan_backward

@@ -108,6 +108,15 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
 
 
 @wp.func
+def pull_of(segment: Segment, admittance: wp.mat33, q: wp.vec3) -> wp.vec3:
+    """What moves the far particle of a segment that is passed, in units of mass times length, in its frame."""
+    pull = admittance * (segment.frame * q - wp.vec3(segment.gap, 0.0, 0.0)) - wp.vec3(segment.tension, 0.0, 0.0)
+    if segment.far > 0.0:
+        pull += segment.missing * quick_quotient(1.0, segment.far)
+    return pull
+
+
+@wp.func
 def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
     """Past a segment, from the particle before it with compliance y, in the segment's frame, and free displacement q.
 
@@ -123,25 +132,40 @@ def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
     segment.admittance = admittance
     segment.compliance = y
     segment.free = q
-    pull = admittance * (segment.frame * q - wp.vec3(segment.gap, 0.0, 0.0)) - wp.vec3(segment.tension, 0.0, 0.0)
-    if segment.far > 0.0:
-        pull += segment.missing * quick_quotient(1.0, segment.far)
+    pull = pull_of(segment, admittance, q)
     y = particle_compliance(segment.far, admittance)
     return segment, y, wp.transpose(segment.frame) * (y * pull), pull
 
 
 @wp.func
-def backward(segment: Segment, u: wp.vec3, h: float):
-    """How the particle before a segment moves when the one behind it moves by u, and the segment with its new pull
-    and turn, negative where it turns too far."""
+def change_of(segment: Segment, u: wp.vec3) -> wp.vec3:
+    """By how much the force in a segment changes when the particle behind it moves by u, in the segment's frame."""
+    return segment.admittance * (segment.frame * (u - segment.free) + wp.vec3(segment.gap, 0.0, 0.0))
+
+
+@wp.func
+def near_of(segment: Segment, change: wp.vec3) -> wp.vec3:
+    """How the particle before a segment moves when the force in it changes so."""
+    return segment.free + wp.transpose(segment.frame) * (segment.compliance * change)
+
+
+@wp.func
+def settle(segment: Segment, u: wp.vec3, near: wp.vec3, change: wp.vec3, h: float) -> Segment:
+    """The segment with how its ends move and with its new pull and turn."""
     segment.moved = u
-    force = segment.admittance * (segment.frame * (u - segment.free) + wp.vec3(segment.gap, 0.0, 0.0))
-    before = segment.free + wp.transpose(segment.frame) * (segment.compliance * force)
-    turned = segment.frame * (u - before)
+    turned = segment.frame * (u - near)
     turn = quick_quotient(turned[1] * turned[1] + turned[2] * turned[2], segment.reach * segment.reach)
     segment.too_far = wp.where(turn > LARGEST_TURN and turn > 2.0 * segment.turn, 1, 0)
     segment.unsettled = wp.where(0.5 * turn * segment.reach > SETTLED_SPEED * h, 1, 0)
     segment.turn = wp.max(turn, segment.turn)
     segment.torn = wp.where(wp.abs(turned[0]) > TORN * segment.reach, 1, 0)
-    segment.pull = force[0]
-    return segment, before
+    segment.pull = change[0]
+    return segment
+
+
+@wp.func
+def backward(segment: Segment, u: wp.vec3, h: float):
+    """How the particle before a segment moves when the one behind it moves by u, and the segment settled."""
+    change = change_of(segment, u)
+    near = near_of(segment, change)
+    return settle(segment, u, near, change, h), near

@@ -3,8 +3,9 @@
 import warp as wp
 
 from cloth_sim_ros.sim.model import Body
-from cloth_sim_ros.sim.physics.chain import Span, join, span_of, turned_end
-from cloth_sim_ros.sim.schedules.segments import stiffness_across
+from cloth_sim_ros.sim.physics.chain import Span, inverse_beside, join, span_of, symmetric_product, turned_end
+from cloth_sim_ros.sim.schedules.native import quick_quotient
+from cloth_sim_ros.sim.schedules.segments import pull_of, stiffness_across
 from cloth_sim_ros.sim.state import Segment, State
 
 
@@ -26,10 +27,15 @@ class Share:
 
 @wp.struct
 class Reach:
-    """How the particle before some segments follows the one behind them: passed u + moved [m], in the world."""
+    """How the force in the first of some segments follows the one f behind them: passed f + force, in the world, in
+    units of mass times length.
+
+    Were these displacements, products of them would lose what rigid segments yield along themselves, all that tells
+    their tension, beside what they yield across. Forces differ from one to the next by what moves a particle alone.
+    """
 
     passed: wp.mat33
-    moved: wp.vec3
+    force: wp.vec3
 
 
 def make_share(threads: int, stored: bool):
@@ -96,27 +102,42 @@ def make_gather(stored: bool):
     return gather
 
 
+@wp.func
+def reach_of(segment: Segment, pull: wp.vec3) -> Reach:
+    """Of one segment that is passed, where `pull` is what moves its far particle.
+
+    By Newton's second law that particle, of mass m and compliance Y, hands on what it does not take of the force f
+    behind it: (1 - m Y) f + m (missing - q), with the displacement q = Y pull that it has alone. Pinned, it takes all.
+    """
+    reach = Reach()
+    back = wp.transpose(segment.frame)
+    # Without a branch: it is reckoned while both sides meet.
+    m = quick_quotient(1.0, wp.max(segment.far, 1.0e-15))
+    y = inverse_beside(m, segment.admittance)
+    reach.passed = wp.identity(n=3, dtype=float) - m * symmetric_product(back * y, back)
+    reach.force = back * (m * (segment.missing - y * pull))
+    return reach
+
+
 def make_reach_back(stored: bool):
-    """A Warp function: how the particle before a thread's segments follows the last one of them, or for the last
-    thread, how it moves when that one moves by `last`."""
+    """A Warp function: how the force in the first of a thread's segments follows the one behind them, and that first.
+
+    pull: what moves the far particle of `segment`, the last of them, which is left out where both sides meet.
+    """
 
     @wp.func
-    def reach_back(share: Share, segment: Segment, last: wp.vec3, s: State, body: Body) -> Reach:
+    def reach_back(share: Share, segment: Segment, pull: wp.vec3, s: State, body: Body):
         reach = Reach()
-        if share.lane + 1 == share.lanes:
-            reach.moved = last
-        else:
+        if wp.static(stored):
+            last = wp.where(share.lane + 1 == share.lanes, 1, 0)
             reach.passed = wp.identity(n=3, dtype=float)
-        for r in range(share.count):
-            if wp.static(stored):
+            for r in range(last, share.count):
                 segment = s.segments[body.segments + share.first + (share.count - 1 - r) * share.way]
-            held = wp.transpose(segment.frame) * segment.compliance * segment.admittance
-            if wp.static(stored):
-                reach.passed = held * segment.frame * reach.passed
-            elif share.lane + 1 < share.lanes:
-                reach.passed = held * segment.frame
-            moved = segment.frame * (reach.moved - segment.free) + wp.vec3(segment.gap, 0.0, 0.0)
-            reach.moved = segment.free + held * moved
-        return reach
+                one = reach_of(segment, pull_of(segment, segment.admittance, segment.free))
+                reach.force = one.passed * reach.force + one.force
+                reach.passed = one.passed * reach.passed
+        else:
+            reach = reach_of(segment, pull)
+        return reach, segment
 
     return reach_back
