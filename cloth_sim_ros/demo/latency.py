@@ -114,7 +114,7 @@ def table(arrived: dict[str, list[tuple[float, float]]], told: list[Told]) -> st
     work, factor = (np.median([getattr(each, key) for each in told]) for key in ("ms_per_frame", "real_time_factor"))
     lines = [
         f"{last.stamp - first.stamp:.0f} s at real-time factor {factor:.2f}, {work:.2f} ms of work a frame in the "
-        "node, messages sent included"
+        "thread that simulates"
     ]
     lines.append(f"{'topic':<{longest}}  {'messages':>8}  {'lost':>5}  {'ms old: median':>14}  {'p95':>6}  {'most':>6}")
     counted = {

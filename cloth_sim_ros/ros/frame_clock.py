@@ -37,7 +37,7 @@ class FrameClock:
         self.__init__(period)
 
     def worked(self, seconds: float, simulated: float) -> None:
-        """Notes a frame that took `seconds` to compute and send and covers `simulated` seconds."""
+        """Notes a frame that took `seconds` to compute and to hand over for sending and covers `simulated` seconds."""
         self._works.append(seconds)
         self._simulated += simulated
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from functools import partial
 from typing import Any
@@ -28,11 +28,13 @@ from cloth_sim_ros.ros.simulation_loop import SimulationLoop
 from cloth_sim_ros.ros.world import World
 
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+WORTH_ANOTHER_THREAD = 100_000  # bytes of a frame's messages: fewer are sent sooner than handed over
 PATIENCE = 5.0  # [s] a service waits for the simulation, which may be compiling
 
 
 class ClothSimNode(Node):
-    """Callbacks run in the executor's thread and only check and hand over; the loop's thread simulates and sends."""
+    """Callbacks run in the executor's thread and only check and hand over; the loop's thread simulates, and a third one
+    sends large messages of a frame during the next."""
 
     def __init__(self, **node_arguments: Any):
         # Undeclared parameters pass rclpy, which would not name them, and are refused by the bridge.
@@ -47,6 +49,8 @@ class ClothSimNode(Node):
         }
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._clock_out = self.create_publisher(Clock, "/clock", LATEST) if values["publish_clock"] else None
+        self._sender = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sending")
+        self._sending: Future | None = None
         world = World(values, log)
         self._loop = SimulationLoop(world, lambda: self._bridge.values, self._built, self._send, self._tell, log)
         for name in values["colliders"]:
@@ -63,7 +67,9 @@ class ClothSimNode(Node):
 
     def stop(self) -> bool:
         """Ends the simulation; False if its thread is still busy after 2 s."""
-        return self._loop.stop()
+        ended = self._loop.stop()
+        self._sender.shutdown()
+        return ended
 
     # -- in the executor's thread --------------------------------------------------------------------------------
 
@@ -143,13 +149,24 @@ class ClothSimNode(Node):
                 output.detach()
 
     def _send(self, world: World) -> None:
+        if self._sending is not None:
+            sending, self._sending = self._sending, None
+            sending.result()  # before its messages are written anew
         for output in self._outputs.values():
             output.request()
         stamp = divmod(self._now(world), 1_000_000_000)
         if self._clock_out is not None:
             self._clock_out.publish(Clock(clock=Time(sec=stamp[0], nanosec=stamp[1])))
         for output in self._outputs.values():
-            output.send(stamp)
+            output.collect(stamp)
+        if sum(output.size for output in self._outputs.values()) < WORTH_ANOTHER_THREAD:
+            self._publish()
+        else:
+            self._sending = self._sender.submit(self._publish)
+
+    def _publish(self) -> None:
+        for output in self._outputs.values():
+            output.publish()
 
     def _tell(self, world: World, pace: Pace) -> None:
         array = diagnostics(self.get_name(), world, pace, self._loop.paused, self._complaints.refused)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
@@ -27,6 +28,7 @@ class RopeEnds:
         self._message = WrenchStamped(header=Header(frame_id=frame_id))
         self._readback: EndReadback | None = None
         self._wanted = False
+        self._wrenches: list[list[float]] = []
 
     def detach(self) -> None:
         """Sends nothing until the next attach()."""
@@ -43,13 +45,18 @@ class RopeEnds:
         if self._wanted:
             self._readback.request()
 
-    def send(self, stamp: tuple[int, int]) -> None:
-        """Sends what was requested, stamped (seconds, nanoseconds)."""
+    def collect(self, stamp: tuple[int, int]) -> None:
+        """Waits for what was requested; it will be sent stamped (seconds, nanoseconds)."""
+        if self._wanted:
+            self._message.header.stamp.sec, self._message.header.stamp.nanosec = stamp
+            self._wrenches = self._readback.wrenches().tolist()
+
+    def publish(self) -> None:
+        """Sends what was collected."""
         if not self._wanted:
             return
-        self._message.header.stamp.sec, self._message.header.stamp.nanosec = stamp
         force, torque = self._message.wrench.force, self._message.wrench.torque
-        for publisher, wrench in zip(self._publishers, self._readback.wrenches().tolist(), strict=True):
+        for publisher, wrench in zip(self._publishers, self._wrenches, strict=True):
             force.x, force.y, force.z, torque.x, torque.y, torque.z = wrench
             publisher.publish(self._message)
 
@@ -57,7 +64,8 @@ class RopeEnds:
 class ObjectOutput:
     """The topics of one object. Nothing is computed, copied or sent that nobody subscribes to.
 
-    Made in the executor's thread; attach(), request() and send() belong to the thread that simulates.
+    Made in the executor's thread; attach(), request() and collect() belong to the thread that simulates. publish() may
+    run in another one, if it ends before the next request().
     """
 
     def __init__(self, node: Node, name: str, kind: str, frame_id: str):
@@ -67,6 +75,7 @@ class ObjectOutput:
         self._mesh = node.create_publisher(Marker, f"~/{name}/mesh", LATEST)
         self._topology = node.create_publisher(Mesh, f"~/{name}/topology", LATCHED)
         self._cloud_wanted = self._mesh_wanted = False
+        self._ready: list[tuple[Publisher, bytes]] = []
         self.detach()
 
     def detach(self) -> None:
@@ -102,13 +111,26 @@ class ObjectOutput:
         for ends in self._ends:
             ends.request()
 
-    def send(self, stamp: tuple[int, int]) -> None:
-        """Sends what was requested, stamped (seconds, nanoseconds)."""
+    def collect(self, stamp: tuple[int, int]) -> None:
+        """Waits for what was requested and makes messages of it, stamped (seconds, nanoseconds)."""
+        self._ready = []
         if self._cloud_wanted:
             self._cloud.payload[:] = self._cloud_readback.particles()
-            self._particles.publish(self._cloud.stamped(stamp))
+            self._ready.append((self._particles, self._cloud.stamped(stamp)))
         if self._mesh_wanted:
             self._marker.payload[:] = self._mesh_readback.mesh()
-            self._mesh.publish(self._marker.stamped(stamp))
+            self._ready.append((self._mesh, self._marker.stamped(stamp)))
         for ends in self._ends:
-            ends.send(stamp)
+            ends.collect(stamp)
+
+    @property
+    def size(self) -> int:
+        """Bytes of these messages."""
+        return sum(len(message) for _, message in self._ready)
+
+    def publish(self) -> None:
+        """Sends these messages."""
+        for publisher, message in self._ready:
+            publisher.publish(message)
+        for ends in self._ends:
+            ends.publish()
