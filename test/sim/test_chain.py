@@ -5,9 +5,19 @@ import itertools
 import numpy as np
 import pytest
 import warp as wp
+from scipy.spatial.transform import Rotation
 
 from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
-from cloth_sim_ros.sim.physics.chain import Span, edge_frame, join, span_of, turn_frame, turned_end
+from cloth_sim_ros.sim.physics.chain import (
+    Span,
+    edge_frame,
+    join,
+    particle_compliance,
+    series_admittance,
+    span_of,
+    turn_frame,
+    turned_end,
+)
 from cloth_sim_ros.sim.schedules.segments import forward
 from cloth_sim_ros.sim.state import Segment
 
@@ -49,6 +59,54 @@ def fold(segments: wp.array(dtype=Segment), w0: float, spans: wp.array(dtype=Spa
 @wp.kernel(enable_backward=False)
 def frames_along(normals: wp.array(dtype=wp.vec3), frames: wp.array(dtype=wp.mat33)):
     frames[wp.tid()] = edge_frame(normals[wp.tid()])
+
+
+@wp.kernel(enable_backward=False)
+def invert(
+    y: wp.array(dtype=wp.mat33),
+    numbers: wp.array(dtype=wp.vec3),
+    edges: wp.array(dtype=wp.mat33),
+    particles: wp.array(dtype=wp.mat33),
+):
+    i = wp.tid()
+    edges[i] = series_admittance(y[i], numbers[i][0], numbers[i][1])
+    particles[i] = particle_compliance(numbers[i][2], edges[i])
+
+
+def inverses(matrices):
+    """In float64, of unit diagonals."""
+    scale = 1.0 / np.sqrt(np.einsum("nii->ni", matrices))
+    both = scale[:, :, None] * scale[:, None, :]
+    return np.linalg.inv(matrices * both) * both
+
+
+@pytest.mark.parametrize(("along", "angle"), [(1e-7, 1e-6), (1e-3, 1e-3), (1.0, 3.0)])
+def test_inverses_keep_their_digits_over_ten_orders_of_magnitude(along, angle):
+    """Error against float64, of each entry beside the diagonal ones in its row and column."""
+    random, count = np.random.default_rng(2), 2000
+    directions = random.standard_normal((count, 3))
+    frames = Rotation.from_rotvec(angle * directions / np.linalg.norm(directions, axis=1, keepdims=True)).as_matrix()
+    yields = np.column_stack([along * 10.0 ** random.uniform(0, 2, count), 10.0 ** random.uniform(-1, 2, (count, 2))])
+    y = (np.einsum("nij,nj,nkj->nik", frames, yields, frames)).astype(np.float32)
+    stiff = 10.0 ** random.uniform(-9, 2, count)
+    stiff[::10] = 0.0
+    numbers = np.column_stack([np.full(count, along), stiff, 10.0 ** random.uniform(-4, 2.5, count)]).astype(np.float32)
+    edges, particles = (wp.zeros(count, dtype=wp.mat33, device="cpu") for _ in range(2))
+    given = [wp.array(y, dtype=wp.mat33, device="cpu"), wp.array(numbers, dtype=wp.vec3, device="cpu")]
+    wp.launch(invert, count, [*given, edges, particles], device="cpu")
+    numbers = numbers.astype(float)
+    across = 1.0 / np.maximum(numbers[:, 1], 1e-30)
+    springs = np.column_stack([numbers[:, 0], across, across])[:, :, None] * np.eye(3)
+    found = edges.numpy().astype(float)
+    masses = np.eye(3) / numbers[:, 2, None, None]
+    for result, expected in (
+        (found, inverses(y.astype(float) + springs)),
+        (particles.numpy().astype(float), inverses(found + masses)),
+    ):
+        size = np.sqrt(np.einsum("nii->ni", expected))
+        error = np.abs(result - expected) / (size[:, :, None] * size[:, None, :])
+        assert np.median(error.max((1, 2))) < 2e-7
+        assert error.max() < 1e-5 * (1.0 if along < 1.0 else 10.0)
 
 
 @pytest.mark.parametrize("load", [1.0, 1e5])

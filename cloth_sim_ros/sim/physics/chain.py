@@ -9,8 +9,8 @@ geometric stiffness (dropped under compression, so that the tangent stays positi
     Z = C + Y_i,    S_j = m_j + Z^-1,    Y_j = S_j^-1.
 
 Only positive quantities are added, never subtracted, so single precision keeps its digits for compliance 0 and for
-loads of 1e5 times the mass alike. Matrices stay in the frames of their edges, scaled to unit diagonals before
-inversion, because their entries along and across an edge may differ by ten orders of magnitude.
+loads of 1e5 times the mass alike. Matrices stay in the frames of their edges, because their entries along and across an
+edge may differ by ten orders of magnitude.
 
 Many threads solve a chain as a parallel scan over spans of it, which join like the elements of a parallel Kalman
 smoother (Sarkka and Garcia-Fernandez 2021), again by adding positive matrices alone.
@@ -18,7 +18,7 @@ smoother (Sarkka and Garcia-Fernandez 2021), again by adding positive matrices a
 
 import warp as wp
 
-from cloth_sim_ros.sim.schedules.native import inverse_root, quick_inverse_root, quick_quotient, root
+from cloth_sim_ros.sim.schedules.native import larger, quick_inverse_root, quick_quotient
 
 
 @wp.func
@@ -35,31 +35,41 @@ def edge_frame(n: wp.vec3) -> wp.mat33:
 
 
 @wp.func
-def _unit_inverse(a: float, b: float, c: float, scale: wp.vec3) -> wp.mat33:
-    """scale M^-1 scale for the symmetric M with unit diagonal and entries a = M01, b = M02, c = M12.
+def symmetric(diagonal: wp.vec3, beside: wp.vec3) -> wp.mat33:
+    """The symmetric matrix of this diagonal and of its entries 01, 02 and 12."""
+    return wp.mat33(
+        diagonal[0], beside[0], beside[1], beside[0], diagonal[1], beside[2], beside[1], beside[2], diagonal[2]
+    )
+
+
+@wp.func
+def _inverse(d: wp.vec3, a: float, b: float, c: float) -> wp.mat33:
+    """M^-1 of the symmetric, positive definite M of whatever range with diagonal d and a = M01, b = M02, c = M12.
 
     As a sum of squares, M^-1 = sum of r r^T / pivot (LDL^T), so that rounding never makes it indefinite.
     """
-    second = quick_quotient(1.0, wp.max(1.0 - a * a, 1.0e-7))
-    l = (c - a * b) * second
-    third = quick_quotient(1.0, wp.max(1.0 - b * b - l * (c - a * b), 1.0e-7))
-    r1 = wp.vec3(scale[0], 0.0, 0.0)
-    r2 = wp.vec3(-a * scale[0], scale[1], 0.0)
-    r3 = wp.vec3((a * l - b) * scale[0], -l * scale[1], scale[2])
-    return wp.outer(r1, r1) + second * wp.outer(r2, r2) + third * wp.outer(r3, r3)
+    first = quick_quotient(1.0, d[0])
+    l1 = a * first
+    l2 = b * first
+    second = quick_quotient(1.0, larger(d[1] - l1 * a, 1.0e-7 * d[1]))
+    e = c - l1 * b
+    l = e * second
+    third = quick_quotient(1.0, larger((d[2] - l2 * b) - l * e, 1.0e-7 * d[2]))
+    r = l1 * l - l2
+    beside = -second * l1
+    corner = third * r
+    last = -third * l
+    diagonal = wp.vec3(first - beside * l1 + corner * r, second - last * l, third)
+    return symmetric(diagonal, wp.vec3(beside - corner * l, corner, last))
 
 
 @wp.func
 def series_admittance(y: wp.mat33, alpha: float, g: float) -> wp.mat33:
     """Z^-1 = (diag(alpha, 1/g, 1/g) + Y)^-1 [kg] in the edge's frame, finite for g = 0; alpha + Y00 must be above 0."""
     # Turned by a large angle, rounding may leave a small entry below 0.
-    y0 = wp.max(y[0, 0], 0.0)
-    y1 = wp.max(y[1, 1], 0.0)
-    y2 = wp.max(y[2, 2], 0.0)
-    g1 = wp.max(quick_quotient(g, 1.0 + g * y1), 1.0e-30)
-    g2 = wp.max(quick_quotient(g, 1.0 + g * y2), 1.0e-30)
-    s = wp.vec3(inverse_root(alpha + y0), root(g1), root(g2))
-    return _unit_inverse(s[0] * s[1] * y[0, 1], s[0] * s[2] * y[0, 2], s[1] * s[2] * y[1, 2], s)
+    across = quick_quotient(1.0, larger(g, 1.0e-30))
+    d = wp.vec3(alpha + larger(y[0, 0], 0.0), across + larger(y[1, 1], 0.0), across + larger(y[2, 2], 0.0))
+    return _inverse(d, y[0, 1], y[0, 2], y[1, 2])
 
 
 @wp.func
@@ -73,8 +83,7 @@ def particle_compliance(w: float, admittance: wp.mat33) -> wp.mat33:
 @wp.func
 def inverse_beside(m: float, a: wp.mat33) -> wp.mat33:
     """(m + A)^-1 for m > 0 and a positive semi-definite A of whatever range."""
-    s = wp.vec3(quick_inverse_root(m + a[0, 0]), quick_inverse_root(m + a[1, 1]), quick_inverse_root(m + a[2, 2]))
-    return _unit_inverse(s[0] * s[1] * a[0, 1], s[0] * s[2] * a[0, 2], s[1] * s[2] * a[1, 2], s)
+    return _inverse(wp.vec3(m + a[0, 0], m + a[1, 1], m + a[2, 2]), a[0, 1], a[0, 2], a[1, 2])
 
 
 @wp.func
@@ -138,14 +147,6 @@ def semidefinite_root(m: wp.mat33) -> wp.mat33:
 def _inverse_root(value: float) -> float:
     """1/sqrt of a diagonal entry; 0 where there is nothing."""
     return wp.where(value > 1.0e-30, quick_inverse_root(wp.max(value, 1.0e-30)), 0.0)
-
-
-@wp.func
-def symmetric(diagonal: wp.vec3, beside: wp.vec3) -> wp.mat33:
-    """The symmetric matrix of this diagonal and of its entries 01, 02 and 12."""
-    return wp.mat33(
-        diagonal[0], beside[0], beside[1], beside[0], diagonal[1], beside[2], beside[1], beside[2], diagonal[2]
-    )
 
 
 # Of products with a lower triangular L, what is not 0: a compiler that must care for infinities leaves none out.

@@ -12,7 +12,7 @@ import warp as wp
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.bending import turn_residual
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import load4, quotient, store4, xyz
+from cloth_sim_ros.sim.schedules.native import larger, load4, quotient, store4, xyz
 from cloth_sim_ros.sim.state import BeamRow, Material, State
 
 # Beyond this many times the particles' inertia float32 could not tell the one from the other: stiffer is as stiff.
@@ -24,9 +24,9 @@ def stiffness_at(j: int, m: Model, body: Body, material: Material, step: Step, d
     """EI / span at joint j of the body in units of mass x m^2, as far as it can be resolved."""
     joint = m.joints[body.segments + j]
     middle = joint[2] + joint[3]
-    lightest = wp.max(load4(d, j)[3], wp.max(load4(d, j + 1)[3], load4(d, j + 2)[3]))
+    lightest = larger(load4(d, j)[3], larger(load4(d, j + 1)[3], load4(d, j + 2)[3]))
     compliance = material.compliance[2] * joint[1] * step.inverse_square
-    return quotient(1.0, wp.max(compliance, lightest * middle * middle / STIFFEST))
+    return quotient(1.0, larger(compliance, lightest * middle * middle / STIFFEST))
 
 
 @wp.func
@@ -92,7 +92,7 @@ def solve_beam(m: Model, s: State, body: Body, material: Material, step: Step, x
             row.second = beyond * two.inverse
             row.first = (below - row.second * two.pivot * one.first) * one.inverse
             left = row.first * row.first * one.pivot + row.second * row.second * two.pivot
-            row.pivot = wp.max(diagonal - left, quotient(1.0, w))
+            row.pivot = larger(diagonal - left, quotient(1.0, w))
             row.inverse = quotient(1.0, row.pivot)
             pull = -(weights[0] * change + near[1] * change_near + far[2] * change_far)
             row.move = pull - row.first * one.move - row.second * two.move

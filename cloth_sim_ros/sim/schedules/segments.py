@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.chain import edge_frame, particle_compliance, series_admittance
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step, carried
-from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quick_quotient, root, xyz
+from cloth_sim_ros.sim.schedules.native import inverse_root, larger, load4, quick_quotient, root, xyz
 from cloth_sim_ros.sim.schedules.reel import make_fed, rest_of
 from cloth_sim_ros.sim.state import Material, Segment, State
 
@@ -96,9 +96,9 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
         segment.gap = gap * eased
         # Between a rigid edge and a pinned particle nothing would be left to divide by, and rounding across the edge
         # reaches a tangent that is much stiffer: the rope trembles. Much softer than all that hangs on it, it lags.
-        segment.along = wp.max(alpha * eased, wp.max(1.0e-9 * wp.max(p[3], q[3]), STIFFEST * body.yielding))
-        segment.across = quick_quotient(wp.max(segment.tension, 0.0), wp.max(length, 1.0e-3 * rest))
-        segment.reach = wp.max(length, rest)
+        segment.along = larger(alpha * eased, larger(1.0e-9 * larger(p[3], q[3]), STIFFEST * body.yielding))
+        segment.across = quick_quotient(larger(segment.tension, 0.0), larger(length, 1.0e-3 * rest))
+        segment.reach = larger(length, rest)
         segment.near = near
         segment.far = far
         segment.missing = segment.frame * missing
@@ -157,7 +157,7 @@ def settle(segment: Segment, u: wp.vec3, near: wp.vec3, change: wp.vec3, h: floa
     turn = quick_quotient(turned[1] * turned[1] + turned[2] * turned[2], segment.reach * segment.reach)
     segment.too_far = wp.where(turn > LARGEST_TURN and turn > 2.0 * segment.turn, 1, 0)
     segment.unsettled = wp.where(0.5 * turn * segment.reach > SETTLED_SPEED * h, 1, 0)
-    segment.turn = wp.max(turn, segment.turn)
+    segment.turn = larger(turn, segment.turn)
     segment.torn = wp.where(wp.abs(turned[0]) > TORN * segment.reach, 1, 0)
     segment.pull = change[0]
     return segment
