@@ -82,9 +82,9 @@ SOLVER = (
     _integer(
         "order",
         1,
-        "Of xpbd: 1 is implicit Euler, 2 is BDF2, more accurate in smooth motion; method auto takes 2.",
+        "Of xpbd: 1 is implicit Euler, 2 is BDF2, for smooth motion, 3 is Radau IIA, for plain ropes; auto takes 2.",
         1,
-        2,
+        3,
     ),
     _choice(
         "schedule",

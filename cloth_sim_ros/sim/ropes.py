@@ -73,6 +73,27 @@ class Ropes(Queries):
             if getattr(self.settings, setting) == wanted:
                 raise ValueError(f"solver.{setting} is {wanted!r} with {what} {name}; allowed is another")
 
+    def _check_third_order(self, name: str, thing: Cloth | Rope) -> None:
+        """Raise ValueError where order 3 is set and an object is no rope of segments alone, solved directly."""
+        s = self.settings
+        if s.method != "xpbd" or s.order != 3:
+            return
+        what = ""
+        if isinstance(thing, Cloth):
+            what = "a cloth"
+        elif thing.bend_compliance is not None:
+            what = "a rope that resists bending"
+        elif thing.winch is not None:
+            what = "a rope on a winch"
+        if what:
+            raise ValueError(
+                f"solver.order is 3, for ropes that stretch and no more, and {name} is {what}; allowed is 1 or 2"
+            )
+        for setting, wanted in (("rope_solver", ("direct",)), ("schedule", ("auto", "resident"))):
+            if (given := getattr(s, setting)) not in wanted:
+                words = " or ".join(map(repr, wanted))
+                raise ValueError(f"solver.{setting} is {given!r} with order 3 for {name}; allowed is {words}")
+
     def _measure_rope(self, name: str, thing: Rope, world: int) -> dict[str, float]:
         """What `report` says of ropes alone."""
         pull = self.tensions(name, world)

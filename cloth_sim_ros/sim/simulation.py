@@ -36,6 +36,7 @@ class Simulation(Live):
         super().__init__(scene, settings or Settings(), device, worlds)
         for name, thing in scene.objects.items():
             self._check_rope(name, thing)
+            self._check_third_order(name, thing)
         materials = {name: (compliances_of(thing), thing.damping) for name, thing in scene.objects.items()}
         if self.settings.method == "verlet":
             for name, material in materials.items():
@@ -73,9 +74,9 @@ class Simulation(Live):
         self._write_settings()
         self._advance(substeps)
         self._frames += 1
-        second = {name: choice.method == "verlet" or choice.order == 2 for name, choice in self._choices.items()}
+        orders = {name: 2 if choice.method == "verlet" else choice.order for name, choice in self._choices.items()}
         apart = {name: np.sqrt(((trials[0][name] - trials[1][name]) ** 2).sum(1).mean()) for name in self._batch}
-        return {name: float((4.0 / 3.0 if second[name] else 2.0) * apart[name]) for name in self._batch}
+        return {name: float(apart[name] / (1.0 - 0.5 ** orders[name])) for name in self._batch}
 
     def _trial(self, substeps: int) -> dict[str, np.ndarray]:
         """Positions after the frame with `substeps`, from its start without history; the state is put back."""

@@ -23,6 +23,7 @@ def make_states(
     """
     particles, bodies = arrays.particles, len(arrays.bodies)
     second = particles if features.order == 2 else 0
+    third = particles if features.order == 3 else 0
     edges = arrays.size["edges"] if "edge" in features.constraints else 0
     sizes = {
         "positions": particles,
@@ -39,6 +40,10 @@ def make_states(
         "solved": particles if features.chain else 0,
         "chain_forces": particles if features.chain else 0,
         "segments": arrays.size["segment_length"],
+        "stages": third,
+        "first_targets": third,
+        "tension_changes": arrays.size["segment_length"] if third else 0,
+        "staged": arrays.size["segment_length"] if third else 0,
         "moments": arrays.size["joints"],
         "beam": particles if features.beam else 0,
         "couples": arrays.size["joints"] if features.twist else 0,
@@ -58,6 +63,7 @@ def make_states(
         "relapses": bodies,
         "torn": bodies if features.chain else 0,
         "history": bodies if features.looks_back else 0,
+        "rough": bodies if features.order == 3 else 0,
         "events": bodies if features.looks_back else 0,
     }
     dtypes = {name: State.vars[name].type.dtype for name in sizes}
