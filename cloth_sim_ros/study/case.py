@@ -36,7 +36,12 @@ class Case:
     @property
     def springs_alone(self) -> bool:
         """Whether nothing but springs and weight acts: what the classic methods in NumPy can do."""
-        return not self.colliders and getattr(self.body(2, self.constant), "bend_compliance", None) is None
+        return not self.colliders and not self.bends
+
+    @property
+    def bends(self) -> bool:
+        """Whether the body resists bending."""
+        return self.body(2, self.constant).bend_compliance is not None
 
     @property
     def is_rope(self) -> bool:
