@@ -1,8 +1,8 @@
 """A substep of third order along a rope: both stages of Radau IIA, their Newton steps, and what they leave behind.
 
-See physics/complex_chain.py for the method. As in lines.py, the tension carries over from the last substep, to both
-stages, and each segment is solved for its force and its length at once, so that a rigid rope is nothing special. Both
-stages share the tangent of the second.
+See physics/complex_chain.py for the method. As in lines.py, the tension carries over from the last substep, here as it
+grew there, and each segment is solved for its force and its length at once, so that a rigid rope is nothing special.
+Both stages share the tangent of the second.
 """
 
 import warp as wp
@@ -101,7 +101,9 @@ def prepare_stages(
     """Everything that the tangent at segment k needs and that does not depend on others; `eased` is what its dashpot
     leaves of a gap."""
     g = body.particles + k
-    segment = s.staged[body.segments + k]
+    segment = StagedSegment()
+    segment.first = s.staged[body.segments + k].first
+    segment.second = s.staged[body.segments + k].second
     rest = m.segment_length[body.segments + k]
     p = load4(d, k)
     q = load4(d, k + 1)
@@ -251,8 +253,8 @@ def solve_stages(
     low: wp.uint64,
     d: wp.uint64,
 ) -> bool:
-    """So many Newton steps, and more until it is settled, from where both stages are predicted; whether the motion was
-    smooth. Where it was not, the tensions are as they were."""
+    """So many Newton steps, and more until it is settled, from where both stages are predicted; whether the motion is
+    smooth."""
     for k in range(body.segments, body.segments_end):
         s.staged[k].first = s.tensions[k] + s.tension_changes[k] / 3.0
         s.staged[k].second = s.tensions[k] + s.tension_changes[k]
@@ -263,11 +265,18 @@ def solve_stages(
         if found[0] == 0:
             return False
         if found[1] > 0 and steps >= iterations:
-            for k in range(body.segments, body.segments_end):
-                s.tensions[k] = s.staged[k].second
-                s.tension_changes[k] = 1.5 * (s.staged[k].second - s.staged[k].first)
             return True
     return False
+
+
+@wp.func
+def keep_tensions(k: int, s: State):
+    """What the next substep starts from: both stages extrapolated, or one solve would be of second order alone, since
+    the first stage's change of tension is taken along the second's direction."""
+    first = s.staged[k].first
+    second = s.staged[k].second
+    s.tensions[k] = second
+    s.tension_changes[k] = 1.5 * (second - first)
 
 
 @wp.func

@@ -15,10 +15,10 @@ from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, xyz
-from cloth_sim_ros.sim.schedules.radau import finish_stages, make_predict_stages, solve_stages
+from cloth_sim_ros.sim.schedules.radau import finish_stages, keep_tensions, make_predict_stages, solve_stages
 from cloth_sim_ros.sim.schedules.stages import make_finish, make_panel, make_predict, moving_of, sweep_collider
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
-from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Material, State, gathered, given_type
+from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, Material, State, gathered, given_type
 
 THREADS = 32  # of a block
 
@@ -92,15 +92,86 @@ def make_touch(features: Features):
     return touch
 
 
-@lru_cache
-def make_frame(features: Features):
-    """The kernel of a whole frame for `features`, of order 3."""
+def make_smooth_substep(features: Features, touch):
+    """A Warp function: one substep of third order; whether the motion was smooth, else nothing but scratch changed."""
+    predict = make_predict_stages(features)
+
+    @wp.func
+    def smooth_substep(
+        b: int,
+        arrays: Arrays,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        frame: Frame,
+        step: Step,
+        x: wp.uint64,
+        low: wp.uint64,
+        d: wp.uint64,
+    ) -> bool:
+        for i in range(body.count):
+            predict(i, moving_of(i, s, body, x, low), m, s, body, frame, step, d)
+        if not solve_stages(frame.iterations, m, s, body, material, step, x, low, d):
+            return False
+        if wp.static(touch is not None):
+            if touch(b, m, s, body, material, arrays.colliders, step, x, low, d):
+                return False
+        for k in range(body.segments, body.segments_end):
+            keep_tensions(k, s)
+        for i in range(body.count):
+            finish_stages(i, s, body, step, x, low, d)
+        return True
+
+    return smooth_substep
+
+
+def make_rough_substep(features: Features, touch):
+    """A Warp function: one substep of first order; whether the next one had better be so too."""
     first_order = dataclasses.replace(features, order=1)
     predict, finish = make_predict(first_order), make_finish(first_order)
     solve_chain = make_solve_chain(first_order, 1, True)
+
+    @wp.func
+    def rough_substep(
+        b: int,
+        arrays: Arrays,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        frame: Frame,
+        step: Step,
+        x: wp.uint64,
+        low: wp.uint64,
+        d: wp.uint64,
+    ) -> bool:
+        rough = bool(False)
+        for k in range(body.segments, body.segments_end):
+            s.tension_changes[k] = 0.0
+        for i in range(body.count):
+            predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
+        for iteration in range(frame.iterations):
+            step.first = iteration == 0
+            if solve_chain(0, m, s, body, material, step, x, low, d, x):
+                step.torn = True
+                rough = True
+            if wp.static(touch is not None):
+                if touch(b, m, s, body, material, arrays.colliders, step, x, low, d):
+                    rough = True
+        for i in range(body.count):
+            finish(i, 0, True, s, body, step, x, low, d)
+        return rough
+
+    return rough_substep
+
+
+@lru_cache
+def make_frame(features: Features):
+    """The kernel of a whole frame for `features`, of order 3."""
+    touch = make_touch(dataclasses.replace(features, order=1)) if features.shapes else None
+    smooth_substep, rough_substep = make_smooth_substep(features, touch), make_rough_substep(features, touch)
     panel = make_panel(features) if features.panels else None
-    touch = make_touch(first_order) if features.shapes else None
-    predict_stages = make_predict_stages(features)
     argument = given_type(features)
 
     @wp.kernel(enable_backward=False, module="unique", module_options=CPU_FLAGS)
@@ -117,62 +188,36 @@ def make_frame(features: Features):
         s = arrays.state
         frame = arrays.frames[0]
         material = arrays.materials[b]
-        colliders = arrays.colliders
         body = m.bodies[b]
         x = array_address(s.positions, body.particles)
         d = array_address(s.displacements, body.particles)
         low = array_address(s.low, body.particles)
         step = make_step(frame.dt, False, 1, 3.0, frame.global_damping)
+        step.first = True
         step.repeats = frame.iterations > 1
-        rough = s.rough[b]
+        rough = bool(s.rough[b] > 0)
         for substep in range(frame.substeps):
-            if wp.static(touch is not None):
-                for c in range(colliders.shape[0]):
+            if wp.static(bool(features.shapes)):
+                for c in range(arrays.colliders.shape[0]):
                     count = float(frame.substeps)
-                    s.sweeps[b * colliders.shape[0] + c] = sweep_collider(
-                        colliders[c], float(substep) / count, float(substep + 1) / count
+                    s.sweeps[b * arrays.colliders.shape[0] + c] = sweep_collider(
+                        arrays.colliders[c], float(substep) / count, float(substep + 1) / count
                     )
             if wp.static(features.panels != ""):
                 for k in range(body.panels, body.panels_end):
                     panel(k, m, s, body, material, frame, x)
-            step.first = True
-            step.torn = False
             step.store = frame.iterations > 1 or substep == frame.substeps - 1
-            smooth = rough == 0
+            smooth = bool(False)
+            if not rough:
+                smooth = smooth_substep(b, arrays, m, s, body, material, frame, step, x, low, d)
             if smooth:
-                for i in range(body.count):
-                    predict_stages(i, moving_of(i, s, body, x, low), m, s, body, frame, step, d)
-                smooth = solve_stages(frame.iterations, m, s, body, material, step, x, low, d)
-                if wp.static(touch is not None):
-                    if smooth:
-                        smooth = not touch(b, m, s, body, material, colliders, step, x, low, d)
-            rough = int(0)
-            if smooth:
-                for i in range(body.count):
-                    finish_stages(i, s, body, step, x, low, d)
+                rough = False
             else:
-                for k in range(body.segments, body.segments_end):
-                    s.tension_changes[k] = 0.0
-                for i in range(body.count):
-                    predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
-                for iteration in range(frame.iterations):
-                    step.first = iteration == 0
-                    if solve_chain(0, m, s, body, material, step, x, low, d, x):
-                        step.torn = True
-                        rough = int(1)
-                    if wp.static(touch is not None):
-                        if touch(b, m, s, body, material, colliders, step, x, low, d):
-                            rough = int(1)
-                for i in range(body.count):
-                    finish(i, substep, True, s, body, step, x, low, d)
+                rough = rough_substep(b, arrays, m, s, body, material, frame, step, x, low, d)
         for i in range(body.count):
             if not is_good(load4(x, i), s.velocities[body.particles + i]):
                 s.faulty[b] = 1
-        if s.faulty[b] > 0:
-            rough = int(0)
-            for k in range(body.segments, body.segments_end):
-                s.tensions[k] = 0.0
-                s.tension_changes[k] = 0.0
+        s.rough[b] = wp.where(rough and s.faulty[b] == 0, 1, 0)
         for i in range(body.count):
             g = body.particles + i
             if s.faulty[b] > 0:
@@ -180,7 +225,10 @@ def make_frame(features: Features):
                 s.chain_forces[g] = wp.vec3(0.0)
             else:
                 keep(g, load4(x, i), load4(low, i), s)
-        s.rough[b] = rough
+        if s.faulty[b] > 0:
+            for k in range(body.segments, body.segments_end):
+                s.tensions[k] = 0.0
+                s.tension_changes[k] = 0.0
         count_fault(b, s)
 
     return simulate_ropes
