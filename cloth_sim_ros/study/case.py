@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -51,7 +52,18 @@ class Case:
     def title(self, resolution: int, constant: float) -> str:
         """One line for tables and figures."""
         count = f"{resolution} segments" if self.is_rope else f"{resolution} x {resolution}"
-        return f"{self.text}, {count}, {constant:g} N/m"
+        return f"{self.text}, {self.frames * FRAME_DT:g} s, {count}, {constant:g} N/m"
+
+    def lasting(self, seconds: float) -> Case:
+        """The same for so long [s]. Raises ValueError where less than a frame is left or a closed form lasts as it
+        does."""
+        frames = round(seconds / FRAME_DT)
+        if frames < 1:
+            raise ValueError(f"--seconds is {seconds:g}; allowed is at least a frame, {FRAME_DT:.4f} s")
+        if self.closed is not None and frames != self.frames:
+            known = f"{self.frames * FRAME_DT:g} s, as long as its closed form"
+            raise ValueError(f"--seconds is {seconds:g} with case {self.name}; allowed is {known}")
+        return dataclasses.replace(self, frames=frames)
 
     def simulation(self, resolution: int, constant: float, settings: Settings, device: str) -> Simulation:
         """The product's simulation of the case at its start."""

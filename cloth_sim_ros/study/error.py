@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--case", choices=[*CASES, "all"], default="clamped_sheet")
     parser.add_argument("--resolution", type=int, help="particles along a side, segments of a chain")
     parser.add_argument("--constant", type=float, help="spring constant [N/m]")
+    parser.add_argument("--seconds", type=float, help="how long to compare [s]; else as long as the case")
     parser.add_argument("--device", default="auto", help="cpu, cuda:0 or auto")
     parser.add_argument("--substeps", type=int, nargs="+", default=[1, 2, 5, 10, 20, 40, 80, 160, 320, 640])
     parser.add_argument("--iterations", type=int, nargs="+", default=[1, 2, 4, 8])
@@ -47,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     arguments.output.mkdir(parents=True, exist_ok=True)
     arguments.contenders = (*CONTENDERS, *(peers_on(arguments.device) if arguments.peers else ()))
     for case in CASES.values() if arguments.case == "all" else [CASES[arguments.case]]:
-        judge(case, arguments)
+        judge(case if arguments.seconds is None else case.lasting(arguments.seconds), arguments)
     return 0
 
 
