@@ -182,16 +182,21 @@ def test_a_rope_falls_over_a_ball_and_lies_on_the_floor(device):
     assert sim.positions("it")[:, 2].max() < 0.22 and sim.positions("it")[:, 2].min() > -0.2
 
 
-def test_a_reset_goes_back_to_the_first_bit_and_worlds_are_as_alone(device):
+def state(sim, world=0):
+    return np.concatenate([sim.positions("it", world), sim.velocities("it", world)])
+
+
+@pytest.mark.parametrize("scene", [OVER_A_BALL, Scene({"it": loaded_chain(1.0)(8, 1e4)})], ids=["ball", "swing"])
+def test_a_reset_goes_back_to_the_first_bit_and_worlds_are_as_alone(device, scene):
     settings = Settings(order=3, substeps=7)
-    many, alone = Simulation(OVER_A_BALL, settings, device, worlds=3), Simulation(OVER_A_BALL, settings, device)
+    many, alone = Simulation(scene, settings, device, worlds=3), Simulation(scene, settings, device)
     many.set("gravity", (0, 1, -9), world=1)
     many.step(30)
-    found = [np.concatenate([many.positions("it", w), many.velocities("it", w)]) for w in range(3)]
+    found = [state(many, world) for world in range(3)]
     assert np.array_equal(found[0], found[2]) and not np.array_equal(found[0], found[1])
     for _ in range(2):
         alone.step(30)
-        assert np.array_equal(np.concatenate([alone.positions("it"), alone.velocities("it")]), found[0])
+        assert np.array_equal(state(alone), found[0])
         alone.reset()
 
 

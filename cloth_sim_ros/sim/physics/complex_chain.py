@@ -67,13 +67,13 @@ def size_of(a: wp.vec2) -> float:
 
 
 @wp.func
-def gathered(first: float, second: float) -> wp.vec2:
+def combined(first: float, second: float) -> wp.vec2:
     """w . (first, second)."""
     return wp.vec2(0.5 * second, FIRST_LEFT * first - SECOND_LEFT * second)
 
 
 @wp.func
-def gathered_vectors(first: wp.vec3, second: wp.vec3) -> ComplexVector:
+def combined_vectors(first: wp.vec3, second: wp.vec3) -> ComplexVector:
     """The same of vectors."""
     return ComplexVector(0.5 * second, FIRST_LEFT * first - SECOND_LEFT * second)
 

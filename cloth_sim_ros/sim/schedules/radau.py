@@ -16,12 +16,12 @@ from cloth_sim_ros.sim.physics.complex_chain import (
     ComplexVector,
     admittance_of,
     applied,
+    combined,
+    combined_vectors,
     compliance_beside,
     even,
     first_part,
     first_part_of,
-    gathered,
-    gathered_vectors,
     moved_along,
     reciprocal,
     scaled,
@@ -32,13 +32,11 @@ from cloth_sim_ros.sim.physics.complex_chain import (
 )
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step, split_sum
-from cloth_sim_ros.sim.schedules.native import array_address, inverse_root, load4, quick_quotient, root, store4, xyz
+from cloth_sim_ros.sim.schedules.lines import NEWTON_STEPS
+from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quick_quotient, root, store4, store_row, xyz
 from cloth_sim_ros.sim.schedules.segments import LARGEST_TURN, SETTLED_SPEED, STIFFEST, TORN
 from cloth_sim_ros.sim.schedules.stages import Moving, pack, rate_of
 from cloth_sim_ros.sim.state import Frame, Material, StagedSegment, State
-
-# Newton steps until all is settled there are this many at most.
-NEWTON_STEPS = wp.constant(8)
 
 
 def make_predict_stages(features: Features):
@@ -82,7 +80,7 @@ def mass_factor(i: int, s: State, body: Body) -> wp.vec2:
 def lacking(i: int, s: State, body: Body, d: wp.uint64) -> ComplexVector:
     """How far particle i lies from where it would be without the rope, at both stages [m]."""
     g = body.particles + i
-    return gathered_vectors(s.first_targets[g] - xyz(s.stages[g]), s.targets[g] - xyz(load4(d, i)))
+    return combined_vectors(s.first_targets[g] - xyz(s.stages[g]), s.targets[g] - xyz(load4(d, i)))
 
 
 @wp.func
@@ -129,7 +127,7 @@ def prepare_stages(
         second_slip = elongation(second, by_second - lost)
         first_gap += gamma * (1.5 * first_slip + 0.5 * second_slip)
         second_gap += gamma * (2.5 * second_slip - 4.5 * first_slip)
-    segment.gap = times(eased, gathered(first_gap, second_gap))
+    segment.gap = times(eased, combined(first_gap, second_gap))
     segment.along = alpha * eased
     # As in segments.py: something has to be left to divide by, and along a rigid segment no less than rounding leaves.
     least = wp.max(1.0e-9 * wp.max(p[3], q[3]), STIFFEST * body.yielding)
@@ -137,7 +135,7 @@ def prepare_stages(
     segment.across = quick_quotient(wp.max(second_pull, 0.0), wp.max(length, 1.0e-3 * rest))
     segment.reach = wp.max(length, rest)
     segment.frame = edge_frame(n)
-    pulls = gathered_vectors((first_pull * inverse_root(first_square)) * first, second_pull * n)
+    pulls = combined_vectors((first_pull * inverse_root(first_square)) * first, second_pull * n)
     segment.held = turned(segment.frame, pulls)
     return segment
 
@@ -293,7 +291,7 @@ def finish_stages(i: int, s: State, body: Body, step: Step, x: wp.uint64, low_ad
         push = (4.0 + 2.5 * drag) * (total - s.targets[g]) - (18.0 + 4.5 * drag) * (first - s.first_targets[g])
         s.chain_forces[g] = quick_quotient(step.inverse_square, old[3]) * push
     velocity = rate_of(2.5 * (total - low) - 4.5 * (first - low), step)
-    store4(array_address(s.velocities, 0), g, pack(velocity, 0.0))
+    store_row(s.velocities, g, pack(velocity, 0.0))
     position = xyz(old)
     store4(low_address, i, pack(split_sum(position, total), 0.0))
     store4(x, i, pack(position + total, old[3]))
