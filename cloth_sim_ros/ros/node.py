@@ -141,6 +141,7 @@ class ClothSimNode(Node):
             self.executor.create_task(lambda: self._bridge.put_back(name, value, held))
 
     def _attach(self, world: World) -> None:
+        self._end_sending()
         publish = group(self._bridge.values, "publish")
         for name, output in self._outputs.items():
             if world.sim is not None and name in world.sim.scene.objects:
@@ -149,20 +150,24 @@ class ClothSimNode(Node):
                 output.detach()
 
     def _send(self, world: World) -> None:
-        if self._sending is not None:
-            sending, self._sending = self._sending, None
-            sending.result()  # before its messages are written anew
+        self._end_sending()
         for output in self._outputs.values():
             output.request()
         stamp = divmod(self._now(world), 1_000_000_000)
         if self._clock_out is not None:
             self._clock_out.publish(Clock(clock=Time(sec=stamp[0], nanosec=stamp[1])))
         for output in self._outputs.values():
-            output.collect(stamp)
+            output.wait(stamp)
         if sum(output.size for output in self._outputs.values()) < WORTH_ANOTHER_THREAD:
             self._publish()
         else:
             self._sending = self._sender.submit(self._publish)
+
+    def _end_sending(self) -> None:
+        """Waits for the other thread, before anything that it reads is written anew."""
+        if self._sending is not None:
+            sending, self._sending = self._sending, None
+            sending.result()
 
     def _publish(self) -> None:
         for output in self._outputs.values():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
@@ -45,14 +44,14 @@ class RopeEnds:
         if self._wanted:
             self._readback.request()
 
-    def collect(self, stamp: tuple[int, int]) -> None:
+    def wait(self, stamp: tuple[int, int]) -> None:
         """Waits for what was requested; it will be sent stamped (seconds, nanoseconds)."""
         if self._wanted:
             self._message.header.stamp.sec, self._message.header.stamp.nanosec = stamp
             self._wrenches = self._readback.wrenches().tolist()
 
     def publish(self) -> None:
-        """Sends what was collected."""
+        """Sends it."""
         if not self._wanted:
             return
         force, torque = self._message.wrench.force, self._message.wrench.torque
@@ -64,7 +63,7 @@ class RopeEnds:
 class ObjectOutput:
     """The topics of one object. Nothing is computed, copied or sent that nobody subscribes to.
 
-    Made in the executor's thread; attach(), request() and collect() belong to the thread that simulates. publish() may
+    Made in the executor's thread; attach(), request() and wait() belong to the thread that simulates. publish() may
     run in another one, if it ends before the next request().
     """
 
@@ -75,7 +74,7 @@ class ObjectOutput:
         self._mesh = node.create_publisher(Marker, f"~/{name}/mesh", LATEST)
         self._topology = node.create_publisher(Mesh, f"~/{name}/topology", LATCHED)
         self._cloud_wanted = self._mesh_wanted = False
-        self._ready: list[tuple[Publisher, bytes]] = []
+        self._stamp = (0, 0)
         self.detach()
 
     def detach(self) -> None:
@@ -111,26 +110,29 @@ class ObjectOutput:
         for ends in self._ends:
             ends.request()
 
-    def collect(self, stamp: tuple[int, int]) -> None:
-        """Waits for what was requested and makes messages of it, stamped (seconds, nanoseconds)."""
-        self._ready = []
+    def wait(self, stamp: tuple[int, int]) -> None:
+        """Waits for what was requested; it will be sent stamped (seconds, nanoseconds)."""
+        self._stamp = stamp
         if self._cloud_wanted:
-            self._cloud.payload[:] = self._cloud_readback.particles()
-            self._ready.append((self._particles, self._cloud.stamped(stamp)))
+            self._cloud_readback.wait()
         if self._mesh_wanted:
-            self._marker.payload[:] = self._mesh_readback.mesh()
-            self._ready.append((self._mesh, self._marker.stamped(stamp)))
+            self._mesh_readback.wait()
         for ends in self._ends:
-            ends.collect(stamp)
+            ends.wait(stamp)
 
     @property
     def size(self) -> int:
-        """Bytes of these messages."""
-        return sum(len(message) for _, message in self._ready)
+        """Bytes of what is to be sent, but for headers."""
+        cloud = self._cloud.payload.nbytes if self._cloud_wanted else 0
+        return cloud + (self._marker.payload.nbytes if self._mesh_wanted else 0)
 
     def publish(self) -> None:
-        """Sends these messages."""
-        for publisher, message in self._ready:
-            publisher.publish(message)
+        """Sends it."""
+        if self._cloud_wanted:
+            self._cloud.payload[:] = self._cloud_readback.particles()
+            self._particles.publish(self._cloud.stamped(self._stamp))
+        if self._mesh_wanted:
+            self._marker.payload[:] = self._mesh_readback.mesh()
+            self._mesh.publish(self._marker.stamped(self._stamp))
         for ends in self._ends:
             ends.publish()

@@ -59,7 +59,7 @@ class Readback:
     the last particle that of the last segment.
 
     `request()` launches the writing and the copies and allocates nothing; `particles()` and `mesh()` wait for them and
-    return views that hold until the next request.
+    return views that hold until the next request. After `wait()` any thread may ask for them.
     """
 
     def __init__(
@@ -84,6 +84,7 @@ class Readback:
             self._mesh = _Buffer((len(order), 3), wp.float64, device)
         self._record()
         self._done = wp.Event(device) if device.is_cuda else None
+        self._under_way = False
 
     def _record(self) -> None:
         """The launches, for the arrays that hold the object now."""
@@ -112,22 +113,25 @@ class Readback:
             self._mesh.copy()
         if self._done is not None:
             wp.record_event(self._done)
+            self._under_way = True
+
+    def wait(self) -> None:
+        """Wait for what was requested, in the thread that requested it."""
+        if self._under_way:
+            wp.synchronize_event(self._done)
+            self._under_way = False
 
     def particles(self) -> np.ndarray:
         """(N, 3 to 10) float32: x y z [m], then normals, velocities [m/s] and the tension [N], as asked for."""
-        self._wait()
+        self.wait()
         return self._particles.view
 
     def mesh(self) -> np.ndarray:
         """(3T, 3) float64 corners of the triangles [m] of a cloth, (N, 3) points of a rope."""
         if self._mesh is None:
             raise ValueError("this Readback was made without a mesh; allowed is Readback(..., mesh=True)")
-        self._wait()
+        self.wait()
         return self._mesh.view
-
-    def _wait(self) -> None:
-        if self._done is not None:
-            wp.synchronize_event(self._done)
 
 
 class EndReadback:
