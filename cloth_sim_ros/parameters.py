@@ -82,7 +82,7 @@ SOLVER = (
     _integer(
         "order",
         1,
-        "Of xpbd: 1 is implicit Euler, 2 is BDF2, for smooth motion, 3 is Radau IIA, for plain ropes; auto takes 2.",
+        "Of xpbd: 1 is implicit Euler, 2 is BDF2, for smooth motion, 3 is Radau IIA, for plain ropes.",
         1,
         3,
     ),

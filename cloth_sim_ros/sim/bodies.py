@@ -14,7 +14,7 @@ from cloth_sim_ros.sim.choice import Choice, choose
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.objects import Rope
+from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.schedules.resident import capacity
@@ -24,6 +24,8 @@ from cloth_sim_ros.sim.state import Frame
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
+# [s] of a substep: in longer ones second order is as near to the motion of a loaded chain at half the price.
+_LONGEST_OF_THIRD_ORDER = 1.001 / 240
 
 
 class Bodies:
@@ -47,8 +49,21 @@ class Bodies:
     def _choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]]) -> Choice:
         """How an object with these pairs of compliances and damping is to be computed."""
         return choose(
-            self.settings, self._elastic[name], materials, self.scene.wind is not None, name in self._strained
+            self.settings,
+            self._elastic[name],
+            materials,
+            self.scene.wind is not None,
+            name in self._strained,
+            self._pays_third_order(self.scene.objects[name]),
         )
+
+    def _pays_third_order(self, thing: Cloth | Rope) -> bool:
+        """Whether third order, of ropes that stretch and no more, is nearer at its price: in short substeps, where
+        nothing is touched, which first order would take over, and not on a GPU, where one thread computes it."""
+        short = self.settings.frame_dt <= _LONGEST_OF_THIRD_ORDER * self.settings.substeps
+        plain = isinstance(thing, Rope) and thing.bend_compliance is None and thing.winch is None
+        direct = self.settings.rope_solver == "direct" and self.settings.schedule in ("auto", "resident")
+        return short and plain and direct and self._device.is_cpu and not self.scene.colliders
 
     def _build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""

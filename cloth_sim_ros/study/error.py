@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--constant", type=float, help="spring constant [N/m]")
     parser.add_argument("--seconds", type=float, help="how long to compare [s]; else as long as the case")
     parser.add_argument("--device", default="auto", help="cpu, cuda:0 or auto")
-    parser.add_argument("--substeps", type=int, nargs="+", default=[1, 2, 5, 10, 20, 40, 80, 160, 320, 640])
+    parser.add_argument("--substeps", type=int, nargs="+", default=[1, 2, 3, 4, 5, 10, 20, 40, 80, 160, 320, 640])
     parser.add_argument("--iterations", type=int, nargs="+", default=[1, 2, 4, 8])
     parser.add_argument("--sweeps", type=int, default=640, help="most substeps x iterations a frame")
     parser.add_argument("--numpy-sweeps", type=int, default=320, help="the same for the methods in NumPy; 0: none")
