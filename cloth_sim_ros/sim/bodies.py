@@ -12,6 +12,7 @@ from cloth_sim_ros.sim import topology
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.choice import Choice, choose
 from cloth_sim_ros.sim.colliders import shapes_of
+from cloth_sim_ros.sim.limits import THIRD_ORDER_SETTINGS, beyond_third_order
 from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.objects import Cloth, Rope
@@ -61,9 +62,9 @@ class Bodies:
         """Whether third order, of ropes that stretch and no more, is nearer at its price: in short substeps, where
         nothing is touched, which first order would take over, and not on a GPU, where one thread computes it."""
         short = self.settings.frame_dt <= _LONGEST_OF_THIRD_ORDER * self.settings.substeps
-        plain = isinstance(thing, Rope) and thing.bend_compliance is None and thing.winch is None
-        direct = self.settings.rope_solver == "direct" and self.settings.schedule in ("auto", "resident")
-        return short and plain and direct and self._device.is_cpu and not self.scene.colliders
+        able = all(getattr(self.settings, setting) in wanted for setting, wanted in THIRD_ORDER_SETTINGS.items())
+        alone = self._device.is_cpu and not self.scene.colliders
+        return short and alone and able and not beyond_third_order(thing)
 
     def _build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""

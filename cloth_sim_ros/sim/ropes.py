@@ -9,6 +9,7 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.limits import THIRD_ORDER_SETTINGS, beyond_third_order
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.queries import Queries
 from cloth_sim_ros.sim.tension import Tensions, read_tensions
@@ -78,18 +79,11 @@ class Ropes(Queries):
         s = self.settings
         if s.method != "xpbd" or s.order != 3:
             return
-        what = ""
-        if isinstance(thing, Cloth):
-            what = "a cloth"
-        elif thing.bend_compliance is not None:
-            what = "a rope that resists bending"
-        elif thing.winch is not None:
-            what = "a rope on a winch"
-        if what:
+        if what := beyond_third_order(thing):
             raise ValueError(
                 f"solver.order is 3, for ropes that stretch and no more, and {name} is {what}; allowed is 1 or 2"
             )
-        for setting, wanted in (("rope_solver", ("direct",)), ("schedule", ("auto", "resident"))):
+        for setting, wanted in THIRD_ORDER_SETTINGS.items():
             if (given := getattr(s, setting)) not in wanted:
                 words = " or ".join(map(repr, wanted))
                 raise ValueError(f"solver.{setting} is {given!r} with order 3 for {name}; allowed is {words}")
