@@ -8,8 +8,8 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES
-from cloth_sim_ros.sim.model import Features, Model
-from cloth_sim_ros.sim.physics.integrate import Step, eased_by, make_step
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.physics.integrate import eased_by, make_step
 from cloth_sim_ros.sim.schedules import row_lanes
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
@@ -17,13 +17,14 @@ from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, 
 from cloth_sim_ros.sim.schedules.row_lanes import finish_lanes, predict_lanes, read3, read4, write3, write4
 from cloth_sim_ros.sim.schedules.stages import (
     first_share,
+    make_accelerate,
     make_panel,
     pack,
     spring_constants,
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
-from cloth_sim_ros.sim.state import Arrays, Frame, State, gathered, given_type
+from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 from cloth_sim_ros.sim.topology import KINDS, Topology
 
 
@@ -119,23 +120,10 @@ def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Plane
     return planes
 
 
-@wp.func
-def accelerate(g: int, w: float, v: wp.vec3, m: Model, s: State, frame: Frame, step: Step) -> wp.vec4:
-    """Acceleration [m/s^2] of particle g of the batch by gravity, drag and the panels around it, and what their drag
-    leaves of a velocity."""
-    a = frame.gravity - frame.global_damping * v
-    rate = frame.global_damping
-    for k in range(m.panel_start[g], m.panel_start[g + 1]):
-        force = load_row(s.panel_forces, m.particle_panels[k])
-        a += w * xyz(force)
-        rate += w * force[3]
-    return pack(a, eased_by(rate, step.effective))
-
-
 @lru_cache
 def make_frame(features: Features):
     """The kernel of a whole frame for `features`."""
-    panel = make_panel(features) if features.panels else None
+    panel, accelerate = (make_panel(features), make_accelerate(features)) if features.panels else (None, None)
     contact = make_contact(features) if features.shapes else None
     edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     argument = given_type(features)
@@ -177,7 +165,8 @@ def make_frame(features: Features):
                 for k in range(body.panels, body.panels_end):
                     panel(k, m, s, body, material, frame, x)
                 for i in range(count):
-                    store4(d, i, accelerate(body.particles + i, load4(x, i)[3], xyz(load4(v, i)), m, s, frame, step))
+                    pushed = accelerate(body.particles + i, load4(x, i)[3], xyz(load4(v, i)), m, s, frame)
+                    store4(d, i, pack(xyz(pushed), eased_by(pushed[3], step.effective)))
                 read4(numbers, size, wp.static(row_lanes.D), count, d)
             predict_lanes(
                 numbers,

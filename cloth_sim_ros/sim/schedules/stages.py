@@ -194,8 +194,27 @@ def kick(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, low: wp.
     return pack(displacement + low, w * eased)
 
 
+def make_accelerate(features: Features):
+    """A Warp function: the acceleration [m/s^2] of particle g of the batch by gravity, drag and the panels around it,
+    and its drag rate [1/s]."""
+
+    @wp.func
+    def accelerate(g: int, w: float, v: wp.vec3, m: Model, s: State, frame: Frame) -> wp.vec4:
+        a = frame.gravity - frame.global_damping * v
+        rate = frame.global_damping
+        if wp.static(features.panels != ""):
+            for k in range(m.panel_start[g], m.panel_start[g + 1]):
+                force = load_row(s.panel_forces, m.particle_panels[k])
+                a += w * xyz(force)
+                rate += w * force[3]
+        return pack(a, rate)
+
+    return accelerate
+
+
 def make_predict(features: Features):
     """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
+    accelerate = make_accelerate(features)
 
     @wp.func
     def predict(
@@ -219,15 +238,11 @@ def make_predict(features: Features):
             if step.second:
                 base = carried(s.last_displacements[g], step)
                 v += carried(v - s.last_velocities[g], step)
-        a = frame.gravity - frame.global_damping * v
+        pushed = accelerate(g, w, v, m, s, frame)
+        a = xyz(pushed)
         eased = step.eased
         if wp.static(features.panels != ""):
-            rate = frame.global_damping
-            for k in range(m.panel_start[g], m.panel_start[g + 1]):
-                force = load_row(s.panel_forces, m.particle_panels[k])
-                a += w * xyz(force)
-                rate += w * force[3]
-            eased = eased_by(rate, step.effective)
+            eased = eased_by(pushed[3], step.effective)
         if wp.static(features.method == "verlet"):
             a += w * spring_force(i, m, s, body, material, v, x, low_address)
             a *= first_share(step)
