@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.exchange import Exchange, exchange_of, hear, receive, send, tell
 from cloth_sim_ros.sim.schedules.native import load4, load_record, store4, store_row, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.patches import NOBODY, SENT, Patches
-from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_collider
+from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_colliders
 from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep_cells, make_sweep_lanes
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
@@ -233,11 +233,8 @@ def _make_advance(
                 step.store = k == count - 1
             if wp.static(bool(features.shapes)):
                 # Seen by all after the barriers of the passes.
-                for c in range(t, colliders.shape[0], wp.static(block)):
-                    begin = float(first + k)
-                    patches.sweeps[q * colliders.shape[0] + c] = sweep_collider(
-                        colliders[c], begin / float(frame.substeps), (begin + 1.0) / float(frame.substeps)
-                    )
+                first_sweep = q * colliders.shape[0]
+                sweep_colliders(t, wp.static(block), first_sweep, first + k, colliders, frame, patches.sweeps)
             project(t, wp.static(block), m, here, body, material, step, records, x, low, d)
         substep = first + count - 1
         for i in range(t, wp.static(capacity), wp.static(block)):

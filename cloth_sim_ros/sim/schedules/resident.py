@@ -27,7 +27,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     make_predict,
     moving_of,
     pack,
-    sweep_collider,
+    sweep_colliders,
 )
 from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep
 from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
@@ -250,11 +250,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             collapsed = any_collapsed(t, width, body, records, x)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
-                for c in range(t, colliders.shape[0], width):
-                    count = float(frame.substeps)
-                    s.sweeps[b * colliders.shape[0] + c] = sweep_collider(
-                        colliders[c], float(substep) / count, float(substep + 1) / count
-                    )
+                sweep_colliders(t, width, b * colliders.shape[0], substep, colliders, frame, s.sweeps)
             sync()
             if wp.static(features.chain):
                 step.torn = False

@@ -21,7 +21,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     make_panel,
     pack,
     spring_constants,
-    sweep_collider,
+    sweep_colliders,
 )
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
@@ -187,11 +187,7 @@ def make_frame(features: Features):
                 step.effective,
             )
             if wp.static(bool(features.shapes)):
-                for c in range(colliders.shape[0]):
-                    substeps = float(frame.substeps)
-                    s.sweeps[b * colliders.shape[0] + c] = sweep_collider(
-                        colliders[c], float(substep) / substeps, float(substep + 1) / substeps
-                    )
+                sweep_colliders(0, 1, b * colliders.shape[0], substep, colliders, frame, s.sweeps)
                 write4(numbers, size, wp.static(row_lanes.X), count, x)
                 write3(numbers, size, wp.static(row_lanes.LOW), count, low)
                 write4(numbers, size, wp.static(row_lanes.D), count, d)

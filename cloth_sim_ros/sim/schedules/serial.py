@@ -16,7 +16,7 @@ from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, xyz
 from cloth_sim_ros.sim.schedules.radau import finish_stages, keep_tensions, make_predict_stages, solve_stages
-from cloth_sim_ros.sim.schedules.stages import make_finish, make_panel, make_predict, moving_of, sweep_collider
+from cloth_sim_ros.sim.schedules.stages import make_finish, make_panel, make_predict, moving_of, sweep_colliders
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, Material, State, gathered, given_type
 
@@ -198,11 +198,7 @@ def make_frame(features: Features):
         rough = bool(s.rough[b] > 0)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
-                for c in range(arrays.colliders.shape[0]):
-                    count = float(frame.substeps)
-                    s.sweeps[b * arrays.colliders.shape[0] + c] = sweep_collider(
-                        arrays.colliders[c], float(substep) / count, float(substep + 1) / count
-                    )
+                sweep_colliders(0, 1, b * arrays.colliders.shape[0], substep, arrays.colliders, frame, s.sweeps)
             if wp.static(features.panels != ""):
                 for k in range(body.panels, body.panels_end):
                     panel(k, m, s, body, material, frame, x)

@@ -58,6 +58,23 @@ def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
     return sweep
 
 
+@wp.func
+def sweep_colliders(
+    t: int,
+    width: int,
+    first: int,
+    substep: int,
+    colliders: wp.array(dtype=ColliderMotion),
+    frame: Frame,
+    sweeps: wp.array(dtype=Sweep),
+):
+    """Thread t of `width` computes the motion of its share of the colliders in a substep, into `sweeps` from `first`
+    on."""
+    for c in range(t, colliders.shape[0], width):
+        begin, count = float(substep), float(frame.substeps)
+        sweeps[first + c] = sweep_collider(colliders[c], begin / count, (begin + 1.0) / count)
+
+
 @wp.struct
 class Corners:
     """Positions [m] and velocities [m/s] of a panel's particles; a rope's segment has no third."""
