@@ -76,21 +76,9 @@ def _make_advance(
     ) -> Moving:
         """What own place i carries on after all passes of a substep."""
         if wp.static(bool(features.shapes)):
-            contact(
-                i,
-                q * colliders.shape[0],
-                body.particles + i,
-                material,
-                colliders,
-                patches.sweeps,
-                s.contacts,
-                here.velocities,
-                here.last_displacements,
-                step,
-                x,
-                low,
-                d,
-            )
+            sweep, slot = q * colliders.shape[0], body.particles + i
+            speeds, moves = here.velocities, here.last_displacements
+            contact(i, sweep, slot, material, colliders, patches.sweeps, s.contacts, speeds, moves, step, x, low, d)
         return finish(i, substep, False, here, body, step, x, low, d)
 
     # One block a multiprocessor is enough, and has its registers.

@@ -282,20 +282,9 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 if wp.static(bool(features.shapes)):
                     for i in range(last - t, -1, -width):
                         sweep, slot = b * colliders.shape[0], body.particles + i
+                        speeds, moves = s.velocities, s.last_displacements
                         contact(
-                            i,
-                            sweep,
-                            slot,
-                            material,
-                            colliders,
-                            s.sweeps,
-                            s.contacts,
-                            s.velocities,
-                            s.last_displacements,
-                            step,
-                            x,
-                            low,
-                            d,
+                            i, sweep, slot, material, colliders, s.sweeps, s.contacts, speeds, moves, step, x, low, d
                         )
                     sync()
             rough = int(0)

@@ -199,20 +199,10 @@ def make_frame(features: Features):
                             for k in range(m.groups[g][2], m.groups[g][3]):
                                 edge_contact(k, b, body, material, colliders, m, s, step, x, low, d)
                     for i in range(count):
+                        sweep, slot = b * colliders.shape[0], body.particles + i
+                        speeds, moves = s.velocities, s.last_displacements
                         contact(
-                            i,
-                            b * colliders.shape[0],
-                            body.particles + i,
-                            material,
-                            colliders,
-                            s.sweeps,
-                            s.contacts,
-                            s.velocities,
-                            s.last_displacements,
-                            step,
-                            x,
-                            low,
-                            d,
+                            i, sweep, slot, material, colliders, s.sweeps, s.contacts, speeds, moves, step, x, low, d
                         )
                 read3(numbers, size, wp.static(row_lanes.D), count, d)
             finish_lanes(numbers, size, count, step.effective)

@@ -71,21 +71,9 @@ def make_touch(features: Features):
                     edge_contact(k, b, body, material, colliders, m, s, step, x, low, d)
         for i in range(body.count):
             g = body.particles + i
-            contact(
-                i,
-                b * colliders.shape[0],
-                g,
-                material,
-                colliders,
-                s.sweeps,
-                s.contacts,
-                s.velocities,
-                s.last_displacements,
-                step,
-                x,
-                low,
-                d,
-            )
+            sweep = b * colliders.shape[0]
+            speeds, moves = s.velocities, s.last_displacements
+            contact(i, sweep, g, material, colliders, s.sweeps, s.contacts, speeds, moves, step, x, low, d)
             touched = touched or wp.length_sq(xyz(load4(d, i)) - s.solved[g]) > 0.0
         return touched
 
