@@ -27,7 +27,7 @@ from cloth_sim_ros.sim import (
     wrench,
 )
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.schedules import coloured, resident
+from cloth_sim_ros.sim.schedules import coloured_kernels, resident
 
 
 def busy_scene(**cloth):
@@ -144,7 +144,7 @@ def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present,
 @pytest.mark.parametrize("kind", ["winch", "twist"])
 def test_one_launch_a_stage_of_winch_and_twist_compiles_for_cuda(kind, tmp_path):
     features = Features((), True, "segments", (), 2, "xpbd", True, kind == "twist", kind == "winch", kind == "twist")
-    module = coloured.make_kernels(features, lanes=False)["chain"].module
+    module = coloured_kernels.make_kernels(features, lanes=False)["chain"].module
     wp.compile_aot_module(module, arch=90, module_dir=tmp_path, use_ptx=True)
     source = next(tmp_path.glob("*.cu")).read_text()
     assert ("next_rate" in source, "half_binormal" in source) == (kind == "winch", kind == "twist")
