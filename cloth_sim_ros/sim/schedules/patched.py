@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.schedules.buffers import Frames
 from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.patch_kernels import make_kernels
 from cloth_sim_ros.sim.schedules.patches import Plan, staged_records, upload, width_of
-from cloth_sim_ros.sim.schedules.resident import CELL_THREADS
+from cloth_sim_ros.sim.schedules.resident_kernel import CELL_THREADS
 from cloth_sim_ros.sim.state import Arrays, gathered
 
 

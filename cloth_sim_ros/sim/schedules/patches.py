@@ -12,7 +12,7 @@ from cloth_sim_ros.sim.constraints.cell_lanes import LANES
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.schedules.buffers import piece_memory
 from cloth_sim_ros.sim.schedules.exchange import run_at_once
-from cloth_sim_ros.sim.schedules.resident import CELL_THREADS
+from cloth_sim_ros.sim.schedules.resident_kernel import CELL_THREADS
 from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, Sweep
 from cloth_sim_ros.sim.topology import Topology

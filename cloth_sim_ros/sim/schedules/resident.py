@@ -4,38 +4,14 @@ On a GPU positions and displacements stay in the block's shared memory for the w
 `capacity(device)` particles; on the CPU there is no limit. Blocks never wait for one another.
 """
 
-from functools import lru_cache
-
 import warp as wp
 
-from cloth_sim_ros.sim.constraints import make_project_tuple
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.integrate import make_step
-from cloth_sim_ros.sim.schedules import native
-from cloth_sim_ros.sim.schedules.contact import make_contact
-from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
-from cloth_sim_ros.sim.schedules.lines import make_solve_chain
-from cloth_sim_ros.sim.schedules.native import load4, load_row, store4, sync, sync_any, xyz
-from cloth_sim_ros.sim.schedules.past import copy_past, with_past_at
-from cloth_sim_ros.sim.schedules.reel import make_turn
+from cloth_sim_ros.sim.schedules.native import BYTES_A_PARTICLE
+from cloth_sim_ros.sim.schedules.resident_kernel import CELL_THREADS, bounds_for, make_frame
 from cloth_sim_ros.sim.schedules.scan import THREADS, scan_size
-from cloth_sim_ros.sim.schedules.stages import (
-    Moving,
-    in_turn,
-    make_finish,
-    make_panel,
-    make_predict,
-    moving_of,
-    pack,
-    sweep_colliders,
-)
-from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep
-from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
-from cloth_sim_ros.sim.schedules.twist import ask_for
-from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
-from cloth_sim_ros.sim.state import Arrays, compliance_of, gathered, given_type
+from cloth_sim_ros.sim.state import Arrays, gathered
 
-CELL_THREADS = 512  # of a multiprocessor, each with 128 registers
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 
 
@@ -44,7 +20,7 @@ def capacity(device: wp.Device, features: Features) -> int:
     if device.is_cpu:
         return 1 << 30
     spans = 16 * scan_size(THREADS) if features.chain else 0
-    return (shared_memory(device) - spans) // native.BYTES_A_PARTICLE
+    return (shared_memory(device) - spans) // BYTES_A_PARTICLE
 
 
 def shared_memory(device: wp.Device) -> int:
@@ -94,268 +70,9 @@ def threads_for(features: Features, largest: int, bodies: int, device: wp.Device
     return min(most, -(-work // 32) * 32)
 
 
-def bounds_for(features: Features, block: int) -> tuple[int, int]:
-    """What the compiler fits the registers to: threads of a block, and blocks that share a multiprocessor."""
-    return block, max(1, CELL_THREADS // block) if "cell" in features.constraints else 1
-
-
 def staged_cells(features: Features, arrays: Arrays, particles: int, block: int, shared: int) -> int:
     """The records of cells that a block holds beside so many particles in `shared` bytes; 0 where they do not fit."""
     bodies = arrays.model.bodies.numpy()
     most = int((bodies["cells_end"] - bodies["cells"]).max())
     size = 16 * (3 * particles + most)
     return most if size <= shared // bounds_for(features, block)[1] else 0
-
-
-@lru_cache
-def make_frame(features: Features, shared: int, block: int, most_shared: int = 0, staged: int = 0):
-    """The kernel of a whole frame for `features`; `shared` particles and `staged` cells in shared memory of
-    `most_shared` bytes; 0 is plain arrays.
-
-    The compiler knows that a block has `block` threads, so that their registers fit the multiprocessor.
-    """
-    predict, finish = make_predict(features), make_finish(features)
-    panel = make_panel(features) if features.panels else None
-    contact = make_contact(features) if features.shapes else None
-    edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
-    project_tuple = make_project_tuple(features.constraints, features.order)
-    stored = shared == 0 or shared > THREADS
-    solve_chain = make_solve_chain(features, block, stored) if features.chain else None
-    turn = make_turn(features.order) if features.winch else None
-    # What every particle reads and writes once a substep lies in shared memory too where there is room.
-    slots = scan_size(block) if shared and features.chain else 0
-    keeps_low = "cell" in features.constraints or features.chain
-    all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
-    tile_size = (3 if all_shared else 2) * shared
-    tile_address = native.make_tile_address(tile_size) if shared else None
-    # Velocities and what order 2 looks back at, 10 floats a particle, which a rope would fetch from afar every substep.
-    past = 5 * shared // 2 if all_shared and features.chain and features.order == 2 else 0
-    past = past if 16 * (tile_size + slots + past) <= most_shared else 0
-    past_address = native.make_tile_address(past) if past else None
-    project_springs = make_sweep(features, shared > 0)
-    # Where a prediction needs no other particle, it does not wait for those that others fetch.
-    at_once = shared > 0 and features.method == "xpbd" and not (features.panels or features.winch)
-    staged_address = native.make_tile_address(staged) if staged else None
-    span_address = native.make_tile_address(slots) if slots else None
-    argument = given_type(features)
-    bounds = bounds_for(features, block)
-
-    @wp.kernel(enable_backward=False, module="unique", launch_bounds=bounds, module_options=native.CPU_FLAGS)
-    def simulate_frame(given: argument):
-        # By the number of the thread alone: of two dimensions Warp would divide numbers of 64 bits.
-        b = wp.tid() / wp.static(block)
-        t = wp.tid() - b * wp.static(block)
-        # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
-        if wp.static(features.worlds):
-            bodies = given[0].model.bodies.shape[0]
-            w = b // bodies
-            b -= w * bodies
-            m = given[w].model
-            s = given[w].state
-            frame = given[w].frames[0]
-            material = given[w].materials[b]
-            colliders = given[w].colliders
-        else:
-            m = given.model
-            s = given.state
-            frame = given.frames[0]
-            material = given.materials[b]
-            colliders = given.colliders
-        width = wp.block_dim()
-        body = m.bodies[b]
-        relapses = s.relapses[b]
-        history = int(0)
-        if wp.static(features.looks_back):
-            history = s.history[b]
-        parts = parts_of_motion(body, material, frame)
-        step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
-        # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
-        last = body.count - 1
-        x = native.array_address(s.positions, body.particles)
-        d = native.array_address(s.displacements, body.particles)
-        low = native.array_address(s.low, body.particles)
-        records = native.record_address(m.cells, body.cells)
-        if wp.static(staged > 0):
-            # From afar they come later than a pass takes.
-            afar = records
-            records = staged_address(wp.tile_empty(shape=(wp.static(staged),), dtype=wp.vec4, storage="shared"))
-            last_record = body.cells_end - body.cells - 1
-            first = native.load_record(afar, wp.min(t, last_record))
-            second = native.load_record(afar, wp.min(t + wp.static(block), last_record))
-        if wp.static(shared > 0):
-            # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
-            tile = wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared")
-            x = tile_address(tile)
-            if wp.static(features.method == "verlet"):
-                low = native.beside(x, wp.static(shared))
-            else:
-                d = native.beside(x, wp.static(shared))
-            if wp.static(all_shared):
-                low = native.beside(x, wp.static(2 * shared))
-            for i in range(last - t, -1, -width):
-                # All that comes from afar is asked for before any of it is stored, which the compiler could not tell.
-                position = load_row(s.positions, body.particles + i)
-                lost = load_row(s.low, body.particles + i)
-                velocity = load_row(s.velocities, body.particles + i)
-                store4(x, i, position)
-                if wp.static(all_shared or features.method == "verlet"):
-                    store4(low, i, lost)
-                if wp.static(at_once):
-                    moving = Moving()
-                    moving.w = position[3]
-                    moving.velocity = xyz(velocity)
-                    moving.low = xyz(lost)
-                    predict(i, moving, m, s, body, material, frame, step, x, low, d)
-        if wp.static(past > 0):
-            home = s
-            begin = past_address(wp.tile_empty(shape=(wp.static(past),), dtype=wp.vec4, storage="shared"))
-            s = with_past_at(begin, wp.static(shared), body, home)
-            for i in range(last - t, -1, -width):
-                copy_past(body.particles + i, home, s)
-        if wp.static(staged > 0):
-            native.store_record(records, wp.min(t, last_record), first)
-            native.store_record(records, wp.min(t + wp.static(block), last_record), second)
-            for r in range(2, wp.static(-(-staged // block))):
-                k = wp.min(t + r * wp.static(block), last_record)
-                native.store_record(records, k, native.load_record(afar, k))
-        spans = x
-        if wp.static(slots > 0):
-            span_tile = wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared")
-            spans = span_address(span_tile)
-        sync()
-        if wp.static(features.twist):
-            if t == 0:
-                if wp.static(features.worlds):
-                    ask_for(given[w].ends[b].turn, b, s)
-                else:
-                    ask_for(given.ends[b].turn, b, s)
-        if wp.static(features.winch):
-            if wp.static(features.worlds):
-                drive = given[w].drives[b]
-            else:
-                drive = given.drives[b]
-            if t == 0:
-                turn(m, s, body, drive, frame.dt, x, low)
-            sync()
-        if wp.static(features.panels != ""):
-            for k in range(body.panels + t, body.panels_end, width):
-                panel(k, m, s, body, material, frame, x)
-            sync()
-        if wp.static(not at_once):
-            for i in range(last - t, -1, -width):
-                predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
-        bad = int(0)
-        collapsed = bool(False)
-        if wp.static("cell" in features.constraints):
-            collapsed = any_collapsed(t, width, body, records, x)
-        for substep in range(frame.substeps):
-            if wp.static(bool(features.shapes)):
-                sweep_colliders(t, width, b * colliders.shape[0], substep, colliders, frame, s.sweeps)
-            sync()
-            if wp.static(features.chain):
-                step.torn = False
-            for iteration in range(frame.iterations):
-                step.first = iteration == 0
-                step.collapsed = collapsed
-                if wp.static(features.order == 2):
-                    step.backward = goes_back(iteration, body, material, frame)
-                step.repeats = frame.iterations > 1
-                step.store = frame.iterations > 1 or substep == frame.substeps - 1
-                if wp.static(features.chain):
-                    if solve_chain(t, m, s, body, material, step, x, low, d, spans):
-                        step.torn = True
-                    sync()
-                if wp.static(project_springs is not None):
-                    project_springs(t, width, m, s, body, material, step, records, x, low, d)
-                if wp.static(project_tuple is not None):
-                    for q in range(body.tuple_groups, body.groups_end):
-                        group = m.groups[in_turn(q, body.tuple_groups, body.groups_end, step)]
-                        alpha = compliance_of(material, group[1]) * step.inverse_square
-                        for k in range(group[2] + t, group[3], width):
-                            project_tuple(group[0], k, alpha, m, s, body, material, step, x, low, d)
-                        sync()
-                if wp.static(edge_contact is not None):
-                    for g in range(body.groups_end, body.edge_groups_end):
-                        for k in range(m.groups[g][2] + t, m.groups[g][3], width):
-                            edge_contact(k, b, body, material, colliders, m, s, step, x, low, d)
-                        sync()
-                if wp.static(bool(features.shapes)):
-                    for i in range(last - t, -1, -width):
-                        sweep, slot = b * colliders.shape[0], body.particles + i
-                        speeds, moves = s.velocities, s.last_displacements
-                        contact(
-                            i, sweep, slot, material, colliders, s.sweeps, s.contacts, speeds, moves, step, x, low, d
-                        )
-                    sync()
-            rough = int(0)
-            if wp.static(features.panels != "" or features.looks_back or features.winch):
-                for i in range(last - t, -1, -width):
-                    moving = finish(i, substep, True, s, body, step, x, low, d)
-                    rough += moving.rough
-                rough = sync_any(rough)
-            if wp.static(features.winch):
-                if t == 0 and substep + 1 < frame.substeps:
-                    turn(m, s, body, drive, frame.dt, x, low)
-                sync()
-            if wp.static(features.panels != ""):
-                for k in range(body.panels + t, body.panels_end, width):
-                    panel(k, m, s, body, material, frame, x)
-                sync()
-            if wp.static(features.looks_back):
-                history = wp.where(rough == 0, 1, 0)
-                if step.second != (history > 0):
-                    step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
-            # A thread owns its particles from the end of one substep to the next prediction; only methods that look
-            # back or around need a barrier in between.
-            ends = substep + 1 == frame.substeps
-            i = last - t
-            while i >= 0:
-                if wp.static(features.panels == "" and not features.looks_back and not features.winch):
-                    moving = finish(i, substep, ends, s, body, step, x, low, d)
-                else:
-                    moving = moving_of(i, s, body, x, low)
-                if not ends:
-                    predict(i, moving, m, s, body, material, frame, step, x, low, d)
-                elif not is_good(load4(x, i), pack(moving.velocity, 0.0)):
-                    bad = 1
-                i -= width
-        faulty = sync_any(bad) > 0
-        for i in range(last - t, -1, -width):
-            if faulty:
-                put_back(body.particles + i, relapses, m, s)
-                if wp.static(features.chain):
-                    s.chain_forces[body.particles + i] = wp.vec3(0.0)
-            else:
-                keep(body.particles + i, load4(x, i), load4(low, i), s)
-            if wp.static(past > 0):
-                # Told anew, or its addresses would take registers all the time.
-                if wp.static(features.worlds):
-                    copy_past(body.particles + i, s, given[w].state)
-                else:
-                    copy_past(body.particles + i, s, given.state)
-        if faulty:
-            history = 0
-            for k in range(body.segments + t, body.segments_end, width):
-                s.tensions[k] = 0.0
-                if wp.static(features.beam):
-                    s.moments[k] = wp.vec3(0.0)
-                if wp.static(features.twist):
-                    s.couples[k] = wp.vec3(0.0)
-        if t == 0:
-            if wp.static(features.twist):
-                if faulty:
-                    s.twists[b] = s.good_twists[b]
-                else:
-                    s.good_twists[b] = s.twists[b]
-            if wp.static(features.winch):
-                if faulty:
-                    s.reels[b] = s.good_reels[b]
-                else:
-                    s.good_reels[b] = s.reels[b]
-            s.relapses[b] = wp.where(faulty, relapses + 1, 0)
-            if faulty:
-                s.recoveries[b] += 1
-            if wp.static(features.looks_back):
-                s.history[b] = history
-
-    return simulate_frame
