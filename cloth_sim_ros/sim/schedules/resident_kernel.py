@@ -5,7 +5,7 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_tuple
-from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.contact import make_contact
@@ -29,7 +29,7 @@ from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep
 from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
-from cloth_sim_ros.sim.state import compliance_of, given_type
+from cloth_sim_ros.sim.state import State, compliance_of, given_type
 
 CELL_THREADS = 512  # of a multiprocessor, each with 128 registers
 
@@ -37,6 +37,38 @@ CELL_THREADS = 512  # of a multiprocessor, each with 128 registers
 def bounds_for(features: Features, block: int) -> tuple[int, int]:
     """What the compiler fits the registers to: threads of a block, and blocks that share a multiprocessor."""
     return block, max(1, CELL_THREADS // block) if "cell" in features.constraints else 1
+
+
+def make_settle_body(features: Features):
+    """A Warp function: what of body b besides its particles the watch keeps or puts back at the end of a frame."""
+
+    @wp.func
+    def settle_body(t: int, width: int, b: int, faulty: bool, relapses: int, history: int, s: State, body: Body):
+        if faulty:
+            for k in range(body.segments + t, body.segments_end, width):
+                s.tensions[k] = 0.0
+                if wp.static(features.beam):
+                    s.moments[k] = wp.vec3(0.0)
+                if wp.static(features.twist):
+                    s.couples[k] = wp.vec3(0.0)
+        if t == 0:
+            if wp.static(features.twist):
+                if faulty:
+                    s.twists[b] = s.good_twists[b]
+                else:
+                    s.good_twists[b] = s.twists[b]
+            if wp.static(features.winch):
+                if faulty:
+                    s.reels[b] = s.good_reels[b]
+                else:
+                    s.good_reels[b] = s.reels[b]
+            s.relapses[b] = wp.where(faulty, relapses + 1, 0)
+            if faulty:
+                s.recoveries[b] += 1
+            if wp.static(features.looks_back):
+                s.history[b] = wp.where(faulty, 0, history)
+
+    return settle_body
 
 
 @lru_cache
@@ -53,6 +85,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     project_tuple = make_project_tuple(features.constraints, features.order)
     stored = shared == 0 or shared > THREADS
     solve_chain = make_solve_chain(features, block, stored) if features.chain else None
+    settle_body = make_settle_body(features)
     turn = make_turn(features.order) if features.winch else None
     # What every particle reads and writes once a substep lies in shared memory too where there is room.
     slots = scan_size(block) if shared and features.chain else 0
@@ -265,29 +298,6 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     copy_past(body.particles + i, s, given[w].state)
                 else:
                     copy_past(body.particles + i, s, given.state)
-        if faulty:
-            history = 0
-            for k in range(body.segments + t, body.segments_end, width):
-                s.tensions[k] = 0.0
-                if wp.static(features.beam):
-                    s.moments[k] = wp.vec3(0.0)
-                if wp.static(features.twist):
-                    s.couples[k] = wp.vec3(0.0)
-        if t == 0:
-            if wp.static(features.twist):
-                if faulty:
-                    s.twists[b] = s.good_twists[b]
-                else:
-                    s.good_twists[b] = s.twists[b]
-            if wp.static(features.winch):
-                if faulty:
-                    s.reels[b] = s.good_reels[b]
-                else:
-                    s.good_reels[b] = s.reels[b]
-            s.relapses[b] = wp.where(faulty, relapses + 1, 0)
-            if faulty:
-                s.recoveries[b] += 1
-            if wp.static(features.looks_back):
-                s.history[b] = history
+        settle_body(t, width, b, faulty, relapses, history, s, body)
 
     return simulate_frame
