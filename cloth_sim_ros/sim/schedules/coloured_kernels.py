@@ -12,6 +12,7 @@ from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load_row
 from cloth_sim_ros.sim.schedules.reel import make_turn
+from cloth_sim_ros.sim.schedules.rope_watch import make_settle_ends, make_slacken
 from cloth_sim_ros.sim.schedules.stages import make_finish, make_panel, make_predict, moving_of, sweep_collider
 from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
@@ -217,6 +218,7 @@ def _add_contact(stage: Callable, look: wp.Function, features: Features) -> None
 
 def _add_watch(stage: Callable, features: Features) -> None:
     """The stages that end a frame."""
+    slacken, settle_ends = make_slacken(features), make_settle_ends(features)
 
     @stage
     def find_faults(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
@@ -233,26 +235,13 @@ def _add_watch(stage: Callable, features: Features) -> None:
             if wp.static(features.chain):
                 arrays.state.chain_forces[p] = wp.vec3(0.0)
             if body.segments + i < body.segments_end:
-                arrays.state.tensions[body.segments + i] = 0.0
-                if wp.static(features.beam):
-                    arrays.state.moments[body.segments + i] = wp.vec3(0.0)
-                if wp.static(features.twist):
-                    arrays.state.couples[body.segments + i] = wp.vec3(0.0)
+                slacken(body.segments + i, arrays.state)
         else:
             keep(p, arrays.state.positions[p], arrays.state.low[p], arrays.state)
 
     @stage
     def count_faults(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-        if wp.static(features.twist):
-            if arrays.state.faulty[i] == 1:
-                arrays.state.twists[i] = arrays.state.good_twists[i]
-            else:
-                arrays.state.good_twists[i] = arrays.state.twists[i]
-        if wp.static(features.winch):
-            if arrays.state.faulty[i] == 1:
-                arrays.state.reels[i] = arrays.state.good_reels[i]
-            else:
-                arrays.state.good_reels[i] = arrays.state.reels[i]
+        settle_ends(i, arrays.state.faulty[i] == 1, arrays.state)
         if count_fault(i, arrays.state):
             if wp.static(features.looks_back):
                 arrays.state.history[i] = 0

@@ -14,6 +14,7 @@ from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, load_row, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.past import copy_past, with_past_at
 from cloth_sim_ros.sim.schedules.reel import make_turn
+from cloth_sim_ros.sim.schedules.rope_watch import make_settle_ends, make_slacken
 from cloth_sim_ros.sim.schedules.scan import THREADS, scan_size
 from cloth_sim_ros.sim.schedules.stages import (
     Moving,
@@ -41,27 +42,15 @@ def bounds_for(features: Features, block: int) -> tuple[int, int]:
 
 def make_settle_body(features: Features):
     """A Warp function: what of body b besides its particles the watch keeps or puts back at the end of a frame."""
+    slacken, settle_ends = make_slacken(features), make_settle_ends(features)
 
     @wp.func
     def settle_body(t: int, width: int, b: int, faulty: bool, relapses: int, history: int, s: State, body: Body):
         if faulty:
             for k in range(body.segments + t, body.segments_end, width):
-                s.tensions[k] = 0.0
-                if wp.static(features.beam):
-                    s.moments[k] = wp.vec3(0.0)
-                if wp.static(features.twist):
-                    s.couples[k] = wp.vec3(0.0)
+                slacken(k, s)
         if t == 0:
-            if wp.static(features.twist):
-                if faulty:
-                    s.twists[b] = s.good_twists[b]
-                else:
-                    s.good_twists[b] = s.twists[b]
-            if wp.static(features.winch):
-                if faulty:
-                    s.reels[b] = s.good_reels[b]
-                else:
-                    s.good_reels[b] = s.reels[b]
+            settle_ends(b, faulty, s)
             s.relapses[b] = wp.where(faulty, relapses + 1, 0)
             if faulty:
                 s.recoveries[b] += 1

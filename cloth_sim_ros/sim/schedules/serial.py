@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, xyz
 from cloth_sim_ros.sim.schedules.radau import finish_stages, keep_tensions, make_predict_stages, solve_stages
+from cloth_sim_ros.sim.schedules.rope_watch import make_slacken
 from cloth_sim_ros.sim.schedules.stages import make_finish, make_panel, make_predict, moving_of, sweep_colliders
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, Material, State, gathered, given_type
@@ -159,7 +160,7 @@ def make_frame(features: Features):
     """The kernel of a whole frame for `features`, of order 3."""
     touch = make_touch(dataclasses.replace(features, order=1)) if features.shapes else None
     smooth_substep, rough_substep = make_smooth_substep(features, touch), make_rough_substep(features, touch)
-    panel = make_panel(features) if features.panels else None
+    panel, slacken = make_panel(features) if features.panels else None, make_slacken(features)
     argument = given_type(features)
 
     @wp.kernel(enable_backward=False, module="unique", module_options=CPU_FLAGS)
@@ -211,8 +212,7 @@ def make_frame(features: Features):
                 keep(g, load4(x, i), load4(low, i), s)
         if s.faulty[b] > 0:
             for k in range(body.segments, body.segments_end):
-                s.tensions[k] = 0.0
-                s.tension_changes[k] = 0.0
+                slacken(k, s)
         count_fault(b, s)
 
     return simulate_ropes
