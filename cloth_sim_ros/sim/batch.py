@@ -77,6 +77,7 @@ class Batch:
         self.materials = LiveArray(Material, len(topologies), worlds, device)
         self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
         self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
+        self._live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         self.states = make_states(collected, features, colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, frame, colliders) for w in range(worlds)]
@@ -192,7 +193,7 @@ class Batch:
         span, b = self.span(name), self.index[name]
         particles = {array: self._part(array, span, None).numpy() for array in KEPT}
         recoveries = self._part("recoveries", slice(b, b + 1), None).numpy()
-        live = [rows.read(b, None) for rows in self._live()]
+        live = [rows.read(b, None) for rows in self._live]
         return BodyState(particles, recoveries, live, {array: self.read_body(array, name, None) for array in self._own})
 
     def give(self, name: str, kept: BodyState) -> None:
@@ -201,17 +202,14 @@ class Batch:
         for array, rows in kept.particles.items():
             self._part(array, span, None).assign(rows)
         self._part("recoveries", slice(b, b + 1), None).assign(kept.recoveries)
-        for rows, held in zip(self._live(), kept.live, strict=True):
+        for rows, held in zip(self._live, kept.live, strict=True):
             rows.edit()[:, b] = held
         for array, held in kept.bodies.items():
             self.write_body(array, name, held, None)
 
-    def _live(self) -> list[LiveArray]:
-        return [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
-
     def upload(self) -> None:
         """Bring changed live numbers to the device."""
-        for rows in self._live():
+        for rows in self._live:
             rows.upload()
 
     def save(self) -> None:
