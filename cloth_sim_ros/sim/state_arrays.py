@@ -11,6 +11,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.model_arrays import ModelArrays
+from cloth_sim_ros.sim.schedules.both_ends import NUMBERS
 from cloth_sim_ros.sim.state import State
 
 
@@ -40,6 +41,7 @@ def make_states(
         "solved": particles if features.chain else 0,
         "chain_forces": particles if features.chain else 0,
         "segments": arrays.size["segment_length"],
+        "ladder": NUMBERS * particles if features.chain and device.is_cpu else 0,
         "stages": third,
         "first_targets": third,
         "tension_changes": arrays.size["segment_length"] if third else 0,

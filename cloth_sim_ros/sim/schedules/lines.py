@@ -14,18 +14,14 @@ from cloth_sim_ros.sim.physics.chain import Span, turn_frame
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.beam import bend_by_moments, solve_beam
 from cloth_sim_ros.sim.schedules.beam_rows import ROWS, make_solve_beam
+from cloth_sim_ros.sim.schedules.both_ends import lack, prepare_both_ends, solve_both_ends
 from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.reel import first_out
 from cloth_sim_ros.sim.schedules.scan import make_scans, scan_size
-from cloth_sim_ros.sim.schedules.segments import backward, forward, make_prepare, settle
+from cloth_sim_ros.sim.schedules.segments import ATTEMPTS, NEWTON_STEPS, backward, forward, make_prepare, settle
 from cloth_sim_ros.sim.schedules.shares import Share, make_gather, make_reach_back, make_share
 from cloth_sim_ros.sim.schedules.twist import make_find_twist, push_by_couples
 from cloth_sim_ros.sim.state import Material, Segment, State
-
-# A segment that turned too far is solved again, stiffer across, as far as the turn stretches it (a bound of the energy
-# from above), this often at most. Newton steps until all is settled there are this many at most.
-ATTEMPTS = wp.constant(5)
-NEWTON_STEPS = wp.constant(8)
 
 
 @wp.func
@@ -46,16 +42,22 @@ def missing_of(i: int, s: State, body: Body, step: Step, d: wp.uint64) -> wp.vec
 
 
 @wp.func
-def _move(i: int, u: wp.vec3, s: State, body: Body, step: Step, d: wp.uint64):
+def _keep(i: int, p: wp.vec4, s: State, body: Body, step: Step):
+    """Keep what the chain did to particle i, which is at p now, for those who read it and for the next iteration."""
     g = body.particles + i
+    if p[3] > 0.0 and step.store:
+        s.chain_forces[g] = (xyz(p) - s.targets[g]) * quick_quotient(step.inverse_square, p[3])
+    if step.repeats:
+        s.solved[g] = xyz(p)
+
+
+@wp.func
+def _move(i: int, u: wp.vec3, s: State, body: Body, step: Step, d: wp.uint64):
     p = load4(d, i)
     if p[3] > 0.0:
         p = p + wp.vec4(u[0], u[1], u[2], 0.0)
         store4(d, i, p)
-        if step.store:
-            s.chain_forces[g] = (xyz(p) - s.targets[g]) * quick_quotient(step.inverse_square, p[3])
-    if step.repeats:
-        s.solved[g] = xyz(p)
+    _keep(i, p, s, body, step)
 
 
 @wp.func
@@ -114,6 +116,17 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
         placed = bool(False)
         again = int(1)
         steps = int(0)
+        if wp.static(threads == 1 and not winch):
+            if prepare_both_ends(m, s, body, material, step, x, low, d):
+                if step.store or not step.first:
+                    for i in range(body.count):
+                        missing = missing_of(i, s, body, step, d)
+                        lack(i, missing, body.particles, body.count - 1, d, s.ladder)
+                placed = solve_both_ends(m, s, body, material, step, x, low, d)
+                if step.store or step.repeats:
+                    for i in range(body.count):
+                        _keep(i, load4(d, i), s, body, step)
+                again = 0
         while again > 0:
             first = wp.mat33(0.0)
             for r in range(share.count):

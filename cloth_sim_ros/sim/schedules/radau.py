@@ -32,9 +32,8 @@ from cloth_sim_ros.sim.physics.complex_chain import (
 )
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step, split_sum
-from cloth_sim_ros.sim.schedules.lines import NEWTON_STEPS
 from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quick_quotient, root, store4, store_row, xyz
-from cloth_sim_ros.sim.schedules.segments import LARGEST_TURN, SETTLED_SPEED, STIFFEST, TORN
+from cloth_sim_ros.sim.schedules.segments import LARGEST_TURN, NEWTON_STEPS, SETTLED_SPEED, STIFFEST, TORN
 from cloth_sim_ros.sim.schedules.stages import Moving, pack, rate_of
 from cloth_sim_ros.sim.state import Frame, Material, StagedSegment, State
 

@@ -21,6 +21,11 @@ LARGEST_TURN = wp.constant(0.09)
 # speed is more than this [m/s], another Newton step follows at once instead.
 SETTLED_SPEED = wp.constant(1.0e-3)
 
+# A segment that turned too far is solved again, stiffer across, as far as the turn stretches it (a bound of the energy
+# from above), this often at most. Newton steps until all is settled there are this many at most.
+ATTEMPTS = wp.constant(5)
+NEWTON_STEPS = wp.constant(8)
+
 # Of what a rope's whole mass yields, what the tangent of a rigid segment yields along it.
 STIFFEST = wp.constant(1.0e-4)
 
