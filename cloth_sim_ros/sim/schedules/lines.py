@@ -13,6 +13,7 @@ from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.chain import Span, turn_frame
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.beam import bend_by_moments, solve_beam
+from cloth_sim_ros.sim.schedules.beam_ends import solve_beam_from_both_ends
 from cloth_sim_ros.sim.schedules.beam_rows import ROWS, make_solve_beam
 from cloth_sim_ros.sim.schedules.both_ends import lack, prepare_both_ends, solve_both_ends
 from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, sync_any, xyz
@@ -231,7 +232,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                     solve_beam_together(t, m, s, body, material, step, x, d, shared)
                 elif t == 0:
                     solve_beam(m, s, body, material, step, x, d)
-            else:
+            elif not solve_beam_from_both_ends(m, s, body, material, step, x, d):
                 solve_beam(m, s, body, material, step, x, d)
         return placed
 
