@@ -144,9 +144,9 @@ struct Edge {{ Two force[3], passed[6]; }};  // f_0 and T / w
 // The edges i and j, between particles that yield by W together and would move apart by `apart` but for the pull t.
 auto pass = [&](int i, int j, const Two* W, const Two* apart) {{
     Edge edge;
-    Two n[3], M[6], c[6], along[3], v[3], a[3], opened[3];
-    for (int axis = 0; axis < 3; ++axis) n[axis] = way * both(N + axis, i, j);
-    const Two g = both(G, i, j), kappa = both(KAPPA, i, j), t = both(T, i, j);
+    Two n[3], M[6], c[6], along[3], v[3], a[3];
+    for (int axis = 0; axis < 3; ++axis) n[axis] = both(N + axis, i, j);
+    const Two g = both(G, i, j), kappa = both(KAPPA, i, j), t = way * both(T, i, j);
     for (int k = 0; k < 6; ++k) M[k] = g * W[k] + (k < 3 ? 1.0 : 0.0);
     c[0] = M[1] * M[2] - M[5] * M[5];
     c[1] = M[0] * M[2] - M[4] * M[4];
@@ -158,19 +158,16 @@ auto pass = [&](int i, int j, const Two* W, const Two* apart) {{
     product(c, n, v);
     product(W, n, along);
     const Two eased = 1.0 / (determinant + kappa * dot(along, v));
-    for (int axis = 0; axis < 3; ++axis) a[axis] = apart[axis] - t * along[axis];
-    const Two lambda = (kappa * inverse * dot(v, a) + both(PUSH, i, j)) * (determinant * eased);
-    product(c, a, opened);
-    for (int axis = 0; axis < 3; ++axis) {{
-        edge.force[axis] = t * n[axis] + inverse * (g * opened[axis] + lambda * v[axis]);
-    }}
-    const Two spring = g * inverse, bar = kappa * inverse * eased;
+    const Two spring = g * inverse, bar = (kappa * inverse) * eased, push = way * both(PUSH, i, j) * eased;
     edge.passed[0] = spring * c[0] + bar * (v[0] * v[0]);
     edge.passed[1] = spring * c[1] + bar * (v[1] * v[1]);
     edge.passed[2] = spring * c[2] + bar * (v[2] * v[2]);
     edge.passed[3] = spring * c[3] + bar * (v[0] * v[1]);
     edge.passed[4] = spring * c[4] + bar * (v[0] * v[2]);
     edge.passed[5] = spring * c[5] + bar * (v[1] * v[2]);
+    for (int axis = 0; axis < 3; ++axis) a[axis] = apart[axis] - t * along[axis];
+    product(edge.passed, a, edge.force);
+    for (int axis = 0; axis < 3; ++axis) edge.force[axis] += t * n[axis] + push * v[axis];
     return edge;
 }};
 Two Y[6], q[3], W[6], apart[3], force[3];
@@ -184,8 +181,8 @@ for (int s = 0; s < ahead; ++s) {{
     for (int axis = 0; axis < 3; ++axis) apart[axis] = p[axis] - q[axis];
     const Edge edge = pass(s, n - 1 - s, W, apart);
     for (int k = 0; k < 6; ++k) {{
-        const Two passed = w * edge.passed[k], yields = (k < 3 ? w : Two(0.0)) - w * passed;
-        kept[9 * s + k] = passed;
+        const Two yields = (k < 3 ? w : Two(0.0)) - w * w * edge.passed[k];
+        kept[9 * s + k] = w * edge.passed[k];
         Y[k] = s < back ? yields : Two{{yields[0], Y[k][1]}};
     }}
     for (int axis = 0; axis < 3; ++axis) {{
