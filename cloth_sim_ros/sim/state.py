@@ -190,7 +190,7 @@ class State:
     solved: wp.array(dtype=wp.vec3)  # (N,) where its last solve put them [m], chains alone
     chain_forces: wp.array(dtype=wp.vec3)  # (N,) of a chain on its particles in the last substep [N], chains alone
     segments: wp.array(dtype=Segment)  # (C,)
-    ladder: wp.array(dtype=wp.float64)  # scratch of the same on a CPU (see schedules/both_ends.py)
+    ladder: wp.array(dtype=wp.float64)  # scratch of the same on a CPU (see schedules/walks.py)
     stages: wp.array(dtype=wp.vec4)  # (N,) displacements at the first stage [m], and drag rate x h, order 3 alone
     first_targets: wp.array(dtype=wp.vec3)  # (N,) what these would be without the chain [m], order 3 alone
     tension_changes: wp.array(dtype=float)  # (C,) by which tensions grow in a substep [N], order 3 alone

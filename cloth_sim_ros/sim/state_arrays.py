@@ -11,7 +11,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.model_arrays import ModelArrays
-from cloth_sim_ros.sim.schedules.both_ends import NUMBERS
+from cloth_sim_ros.sim.schedules.walks import NUMBERS
 from cloth_sim_ros.sim.state import State
 
 

@@ -9,10 +9,10 @@ import warp as wp
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.beam import STIFFEST
-from cloth_sim_ros.sim.schedules.both_ends import FEWEST, NUMBERS
+from cloth_sim_ros.sim.schedules.walks import FEWEST, NUMBERS
 from cloth_sim_ros.sim.state import Material, State
 
-# Planes of numbers, in the room of both_ends.py, which is done by then: of every joint its stiffness, the inverse
+# Planes of numbers, in the room of walks.py, which is done by then: of every joint its stiffness, the inverse
 # lengths before and behind it and by how much its moment is to change; of every particle inverse mass, row, pull and
 # move; of every step of the walks, for both side by side, what couples a row to the two before it, and D^-1 of its pull.
 # There are two places before the first and behind the last, where nothing is. Where rows are too few for two walks of

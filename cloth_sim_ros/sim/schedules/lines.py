@@ -15,10 +15,11 @@ from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.beam import bend_by_moments, solve_beam
 from cloth_sim_ros.sim.schedules.beam_ends import solve_beam_from_both_ends
 from cloth_sim_ros.sim.schedules.beam_rows import ROWS, make_solve_beam
-from cloth_sim_ros.sim.schedules.both_ends import lack, prepare_both_ends, solve_both_ends
+from cloth_sim_ros.sim.schedules.both_ends import prepare_both_ends, solve_both_ends
 from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.reel import first_out
 from cloth_sim_ros.sim.schedules.scan import make_scans, scan_size
+from cloth_sim_ros.sim.schedules.segment_lanes import lack
 from cloth_sim_ros.sim.schedules.segments import ATTEMPTS, NEWTON_STEPS, backward, forward, make_prepare, settle
 from cloth_sim_ros.sim.schedules.shares import Share, make_gather, make_reach_back, make_share
 from cloth_sim_ros.sim.schedules.twist import make_find_twist, push_by_couples
@@ -122,7 +123,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                 if step.store or not step.first:
                     for i in range(body.count):
                         missing = missing_of(i, s, body, step, d)
-                        lack(i, missing, body.particles, body.count - 1, d, s.ladder)
+                        lack(i, missing, body.particles, body.count - 1, s.ladder)
                 placed = solve_both_ends(m, s, body, material, step, x, low, d)
                 if step.store or step.repeats:
                     for i in range(body.count):
