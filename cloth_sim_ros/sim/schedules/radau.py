@@ -34,6 +34,7 @@ from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step, split_sum
 from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quick_quotient, root, store4, store_row, xyz
 from cloth_sim_ros.sim.schedules.segments import LARGEST_TURN, NEWTON_STEPS, SETTLED_SPEED, STIFFEST, TORN
+from cloth_sim_ros.sim.schedules.stage_lanes import pass_both_ends
 from cloth_sim_ros.sim.schedules.stages import Moving, pack, rate_of
 from cloth_sim_ros.sim.state import Frame, Material, StagedSegment, State
 
@@ -257,7 +258,9 @@ def solve_stages(
         s.staged[k].second = s.tensions[k] + s.tension_changes[k]
     steps = int(0)
     while steps < wp.max(iterations, NEWTON_STEPS):
-        found = pass_backward(pass_forward(steps > 0, m, s, body, material, step, x, low, d), s, body, step, d)
+        found = pass_both_ends(steps > 0, m, s, body, material, step, x, low, d)
+        if found[0] < 0:
+            found = pass_backward(pass_forward(steps > 0, m, s, body, material, step, x, low, d), s, body, step, d)
         steps += 1
         if found[0] == 0:
             return False

@@ -5,7 +5,7 @@ That is what no segment waits for; the rest is walks.py.
 
 import warp as wp
 
-from cloth_sim_ros.sim.schedules.walks import planes
+from cloth_sim_ros.sim.schedules.walks import LANES, planes
 
 # What a linear solve cannot tell of a motion: that a segment turns too far, changes its length too much, or would rather
 # be solved again.
@@ -13,12 +13,7 @@ TOO_FAR = wp.constant(1)
 TEARS = wp.constant(2)
 UNSETTLED = wp.constant(4)
 
-_PLANES = (
-    planes(1)
-    + """
-auto dot = [](const auto* a, const auto* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; };
-"""
-)
+_PLANES = planes(1) + LANES
 
 # The last four overlap those before.
 _PREPARE = f"""
@@ -29,16 +24,6 @@ return false;
 const Row* rows = (const Row*)d;
 for (int i = 0; i <= n; ++i) plane(WEIGHT)[i] = rows[i][3];
 const Row *places = (const Row*)x, *lost = (const Row*)low;
-auto turn = [](const Row* from, Four* to) {{
-    const Row ab = __builtin_shufflevector(from[0], from[1], 0, 4, 1, 5);
-    const Row cd = __builtin_shufflevector(from[2], from[3], 0, 4, 1, 5);
-    const Row AB = __builtin_shufflevector(from[0], from[1], 2, 6, 3, 7);
-    const Row CD = __builtin_shufflevector(from[2], from[3], 2, 6, 3, 7);
-    to[0] = __builtin_convertvector(__builtin_shufflevector(ab, cd, 0, 1, 4, 5), Four);
-    to[1] = __builtin_convertvector(__builtin_shufflevector(ab, cd, 2, 3, 6, 7), Four);
-    to[2] = __builtin_convertvector(__builtin_shufflevector(AB, CD, 0, 1, 4, 5), Four);
-}};
-auto larger = [](Four a, Four b) {{ return a > b ? a : b; }};
 const double square = (double)effective * effective;
 bool lengths = true;
 for (int begin = 0; begin < n; begin += 4) {{
@@ -57,11 +42,10 @@ for (int begin = 0; begin < n; begin += 4) {{
     const Four yields = (double)(compliance * inverse_square) * rest;
     Four gap = length - rest - yields * t;
     if (gamma > 0.0f) {{
-        Four change[3], before[3], sum[3];
+        Four change[3];
         for (int s = 0; s < 4; ++s) changes[s] -= lost[k + s + 1] - lost[k + s];
         turn(changes, change);
-        for (int axis = 0; axis < 3; ++axis) before[axis] = e[axis] - change[axis], sum[axis] = e[axis] + before[axis];
-        Four slip = dot(sum, change) / (length + __builtin_elementwise_sqrt(dot(before, before)));
+        Four slip = elongation(e, change, length);
         if (carries) {{
             const auto* last = (const wp::vec3*)last_displacements.data + particles + k;
             for (int s = 0; s < 4; ++s) {{
