@@ -9,7 +9,7 @@ import pytest
 
 from cloth_sim_ros.study import __main__, error, exact, figures
 from cloth_sim_ros.study.cases import CASES
-from cloth_sim_ros.study.contenders import CONTENDERS, Run
+from cloth_sim_ros.study.contenders import CONTENDERS, Contender, Run
 
 
 def command(monkeypatch, *arguments):
@@ -97,6 +97,24 @@ def test_prices_name_the_cheapest_run_of_every_method_that_keeps_the_level():
     assert lines[0].split("m  ", 1)[1] == "a 5 x 1: 1 ms; b 5 x 1: 2 ms"
     assert lines[1].split("m  ", 1)[1] == "b 5 x 1: 2 ms; a 5 x 1: 3 ms"
     assert lines[3].endswith("no run")
+    assert lines[4].split("of the motion  ", 1)[1] == "b 5 x 1: 0.5 ms; a 5 x 1: 1 ms"
+
+
+def test_what_prices_name_is_timed_in_turns():
+    """What was slow by chance the first time is found again, and what no price names is left alone."""
+    order = []
+
+    def simulate(wanted):
+        order.append(wanted)
+        return None, np.array([{"lucky": 2.0, "slow": 1.0, "lost": 0.1}[wanted]])
+
+    rows = {
+        name: {"method": name, "ms": ms, "ms_p95": ms, "position": x, "relative": x, "substeps": 5, "iterations": 1}
+        for name, ms, x in (("lucky", 1.5, 1e-6), ("slow", 3.0, 1e-6), ("lost", 0.5, 0.5))
+    }
+    error.time_in_turns([(row, Contender(name, simulate), name) for name, row in rows.items()])
+    assert order == ["lucky", "slow"] * error.ROUNDS
+    assert [row["ms"] for row in rows.values()] == [1.5, 1.0, 0.5]
 
 
 @pytest.mark.parametrize("name", ["chain_1", "chain_100"])
