@@ -1,0 +1,114 @@
+"""The direct solve along a chain on a CPU, from both its ends: what it finds is what a dense matrix in float64 finds."""
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim.schedules.segments import STIFFEST
+from cloth_sim_ros.sim.schedules.walks import FEWEST
+
+H = 1e-3
+G = 9.81
+
+
+def rope_of(segments, pins, load, **material):
+    """A crooked rope of 1 m, with a load at its end."""
+    random = np.random.default_rng(segments)
+    x = np.linspace(0.0, 1.0, segments + 1)
+    points = np.column_stack([x, 0.3 * x**2, 0.1 * np.sin(4.0 * x)]) + 2e-3 * random.standard_normal((segments + 1, 3))
+    masses = np.full(segments + 1, 0.2 / segments)
+    masses[-1] += 0.2 * load
+    return Rope(points=points, particle_masses=masses, pins=pins, **material)
+
+
+def state_of(sim):
+    """Positions (N, 3) with what float32 lost of them, velocities and tensions, in float64."""
+    arrays, span, _ = sim.device_arrays("it")
+    high, low = (rows[span].numpy()[:, :3].astype(float) for rows in (arrays.state.positions, arrays.state.low))
+    return high + low, sim.velocities("it").astype(float), arrays.state.tensions.numpy().astype(float)
+
+
+def dense_step(rope, rest, x, v, tensions):
+    """Velocities and tensions after one substep of implicit Euler, one Newton step from where the tensions of the last
+    one are kept."""
+    n = len(rest)
+    w = np.where(np.isin(np.arange(n + 1), rope.pins or ()), 0.0, 1.0 / rope.particle_masses)
+    free = np.repeat(w > 0.0, 3)
+    predicted = np.where(w[:, None] > 0.0, H * v + H * H * np.array([0.0, 0.0, -G]), 0.0)
+    e, change = np.diff(x + predicted, axis=0), np.diff(predicted, axis=0)
+    length, before = np.linalg.norm(e, axis=1), np.linalg.norm(e - change, axis=1)
+    gamma, pull = rope.damping / H, H * H * tensions
+    alpha = rope.stretch_compliance * rest / H**2
+    least = np.maximum(1e-9 * np.maximum(w[:-1], w[1:]), STIFFEST / rope.particle_masses.sum())
+    gap = (length - rest - alpha * pull + gamma * (length - before)) / (1.0 + gamma)
+    alpha = np.maximum(alpha / (1.0 + gamma), least)
+    across = np.maximum(pull, 0.0) / length
+    matrix, right = np.diag(np.repeat(rope.particle_masses, 3)), np.zeros(3 * n + 3)
+    stiffness = []
+    for k in range(n):
+        direction = e[k] / length[k]
+        along = np.outer(direction, direction)
+        stiffness.append(across[k] * (np.eye(3) - along) + along / alpha[k])
+        ends = np.arange(3 * k, 3 * k + 6)
+        matrix[np.ix_(ends, ends)] += np.kron([[1, -1], [-1, 1]], stiffness[-1])
+        right[ends] += np.kron([1, -1], direction * (pull[k] + gap[k] / alpha[k]))
+    moved = np.zeros(3 * n + 3)
+    moved[free] = np.linalg.solve(matrix[np.ix_(free, free)], right[free])
+    moved = moved.reshape(-1, 3)
+    gains = np.einsum("ki,kij,kj->k", e / length[:, None], stiffness, np.diff(moved, axis=0)) + gap / alpha
+    gains[(w[:-1] == 0.0) & (w[1:] == 0.0)] = 0.0
+    return (predicted + moved) / H, tensions + gains / H**2
+
+
+@pytest.mark.parametrize("segments", [FEWEST, 9, 14, 17])
+@pytest.mark.parametrize("pins", [None, (0,), (0, 1, 6), (0, -1)])
+@pytest.mark.parametrize(
+    ("load", "compliance", "damping"), [(0.0, 1e-3, 0.0), (0.0, 1e-3, 2e-3), (1e4, 1e-5, 0.0), (1e4, 0.0, 0.0)]
+)
+def test_a_substep_is_what_a_dense_matrix_finds(segments, pins, load, compliance, damping):
+    pins = pins and tuple(pin % (segments + 1) for pin in pins)
+    rope = rope_of(segments, pins, load, stretch_compliance=compliance, damping=damping)
+    sim = Simulation(Scene({"it": rope}), Settings(order=1, substeps=1, frame_dt=H), device="cpu")
+    rest = sim.springs("it")["structural"][1].astype(float)
+    sim.set_velocities("it", 0.3 * np.random.default_rng(1).standard_normal((segments + 1, 3)))
+    sim.step(20)
+    before = state_of(sim)
+    sim.step()
+    _, v, tensions = state_of(sim)
+    wanted_v, wanted_tensions = dense_step(rope, rest, *before)
+    assert v == pytest.approx(wanted_v, abs=1e-3 * np.abs(wanted_v).max())
+    assert tensions == pytest.approx(wanted_tensions, abs=1e-2 * np.abs(wanted_tensions).max())
+
+
+@pytest.mark.parametrize("segments", [9, 32])
+def test_a_stiff_rod_that_falls_stays_straight_and_level(segments):
+    """In single precision it bends and drifts by centimetres a second, since its stiffness is 1e5 times its inertia."""
+    rod = Rope(
+        start=(0, 0, 0),
+        end=(1, 0, 0),
+        segments=segments,
+        mass=0.2,
+        pins=None,
+        stretch_compliance=1e-5,
+        bend_compliance=1e-9,
+    )
+    sim = Simulation(Scene({"it": rod}), Settings(order=2, substeps=20), device="cpu")
+    sim.step(60)
+    x = sim.positions("it").astype(float)
+    assert x[:, 0] == pytest.approx(np.linspace(0.0, 1.0, segments + 1), abs=1e-6)
+    assert np.ptp(x[:, 1:], axis=0) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_chains_too_short_for_two_walks_swing_as_longer_ones_do():
+    """A pendulum of so many rigid segments, the last one loaded, on both sides of where walks from both ends begin."""
+    found = []
+    for segments in (FEWEST - 1, FEWEST):
+        masses = np.full(segments + 1, 1e-4)
+        masses[-1] = 1.0
+        rope = Rope(
+            start=(0, 0, 0), end=(0.6, 0, -0.8), segments=segments, particle_masses=masses, stretch_compliance=0.0
+        )
+        sim = Simulation(Scene({"it": rope}), Settings(order=2, substeps=20), device="cpu")
+        sim.step(30)
+        found.append(sim.positions("it")[-1])
+    assert found[0] == pytest.approx(found[1], abs=1e-4)
