@@ -1,9 +1,10 @@
-"""The direct solve along a chain on a CPU, from both its ends: what it finds is what a dense matrix in float64 finds."""
+"""Direct solves along a chain on a CPU, from both its ends: what they find is what a dense matrix in float64 finds."""
 
 import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim.schedules.beam import STIFFEST as STIFFEST_BEAM
 from cloth_sim_ros.sim.schedules.segments import STIFFEST
 from cloth_sim_ros.sim.schedules.walks import FEWEST
 
@@ -78,6 +79,48 @@ def test_a_substep_is_what_a_dense_matrix_finds(segments, pins, load, compliance
     wanted_v, wanted_tensions = dense_step(rope, rest, *before)
     assert v == pytest.approx(wanted_v, abs=1e-3 * np.abs(wanted_v).max())
     assert tensions == pytest.approx(wanted_tensions, abs=1e-2 * np.abs(wanted_tensions).max())
+
+
+@pytest.mark.parametrize("segments", [FEWEST, 9, 17])
+@pytest.mark.parametrize("pins", [None, (0, 1), (0, 4, 5)])
+@pytest.mark.parametrize("compliance", [1e2, 1.0])
+@pytest.mark.parametrize("bent", [False, True])
+def test_bending_is_what_a_dense_matrix_finds(segments, pins, compliance, bent):
+    """Of a rope that stretches as if there were nothing, which is moved from a rest shape, straight or bent."""
+    x = np.linspace(0.0, 1.0, segments + 1)
+    points = np.column_stack([x, 0.3 * x**2 * bent, 0.0 * x])
+    masses = np.full(segments + 1, 0.2 / segments)
+    material = {"stretch_compliance": 1e6, "bend_compliance": compliance}
+    rope = Rope(points=points, particle_masses=masses, pins=pins, **material)
+    sim = Simulation(Scene({"it": rope}), Settings(order=1, substeps=1, frame_dt=H), device="cpu")
+    sim.set_velocities("it", 0.3 * np.random.default_rng(1).standard_normal((segments + 1, 3)))
+    sim.step(5)
+    x, v, _ = state_of(sim)
+    arrays, _, _ = sim.device_arrays("it")
+    moments = arrays.state.moments.numpy()[: segments - 1].astype(float)
+    rest, span, before, behind = arrays.model.joints.numpy()[: segments - 1].astype(float).T
+    sim.step()
+    w = np.where(np.isin(np.arange(segments + 1), rope.pins or ()), 0.0, 1.0 / masses)
+    free = w > 0.0
+    turns = np.zeros((segments - 1, segments + 1))
+    for j in range(segments - 1):
+        turns[j, j : j + 3] = before[j], -before[j] - behind[j], behind[j]
+    heaviest = [w[j : j + 3].max() for j in range(segments - 1)]
+    stiff = 1.0 / np.maximum(compliance * span / H**2, heaviest * (before + behind) ** 2 / STIFFEST_BEAM)
+
+    def lacking(places):
+        turn = turns @ places
+        return turn * (1.0 - rest / np.linalg.norm(turn, axis=1))[:, None]
+
+    moved = H * v + H * H * (np.array([0.0, 0.0, -G]) - w[:, None] * (turns.T @ moments))
+    moved[~free] = 0.0
+    matrix = np.diag(masses) + turns.T @ (stiff[:, None] * turns)
+    right = -turns.T @ (stiff[:, None] * lacking(x + moved) - H * H * moments)
+    moved[free] += np.linalg.solve(matrix[np.ix_(free, free)], right[free])
+    assert sim.velocities("it") == pytest.approx(moved / H, abs=1e-3 * np.abs(moved / H).max())
+    wanted = stiff[:, None] / H**2 * lacking(x + moved)
+    found = arrays.state.moments.numpy()[: segments - 1]
+    assert found == pytest.approx(wanted, abs=1e-3 * np.abs(wanted).max())
 
 
 @pytest.mark.parametrize("segments", [9, 32])

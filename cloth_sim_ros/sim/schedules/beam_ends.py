@@ -12,11 +12,11 @@ from cloth_sim_ros.sim.schedules.beam import STIFFEST
 from cloth_sim_ros.sim.schedules.walks import FEWEST, NUMBERS
 from cloth_sim_ros.sim.state import Material, State
 
-# Planes of numbers, in the room of walks.py, which is done by then: of every joint its stiffness, the inverse
-# lengths before and behind it and by how much its moment is to change; of every particle inverse mass, row, pull and
-# move; of every step of the walks, for both side by side, what couples a row to the two before it, and D^-1 of its pull.
-# There are two places before the first and behind the last, where nothing is. Where rows are too few for two walks of
-# as many steps and two between them, one more is there, which moves nothing.
+# Planes of numbers, in the room of walks.py, which is done by then: of every joint its stiffness, the inverse lengths
+# before and behind it and by how much its moment is to change; of every particle inverse mass, row, pull and move; of
+# every step of the walks, for both side by side, what couples a row to the two before it, and D^-1 of its pull. Before
+# the first and behind the last there are two places where nothing is. Where rows are one too few for walks of as many
+# steps and two between them, one more is there, which moves nothing.
 _PLANES = f"""
 enum {{ STIFF, BEFORE, BEHIND, CHANGE, WEIGHT = 6, DIAGONAL, BELOW, BEYOND, PULL, MOVED = 13, WALKS = 16 }};
 typedef double Four __attribute__((ext_vector_type(4), aligned(8)));

@@ -33,7 +33,7 @@ _walk = make_walk(1)
 def prepare_both_ends(
     m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, low: wp.uint64, d: wp.uint64
 ) -> bool:
-    """What the segments of a chain are as they lie; False where this is not a CPU, they are few or one has no length."""
+    """What the segments of a chain are as they lie; False where this is no CPU, they are few or one has no length."""
     n = body.segments_end - body.segments
     if n < FEWEST or s.ladder.shape[0] == 0:
         return False

@@ -7,7 +7,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.schedules.walks import LANES, planes
 
-# What a linear solve cannot tell of a motion: that a segment turns too far, changes its length too much, or would rather
+# What a linear solve cannot tell of a motion: that a segment turns too far, changes its length too much, or had better
 # be solved again.
 TOO_FAR = wp.constant(1)
 TEARS = wp.constant(2)

@@ -81,11 +81,12 @@ for (int begin = 0; begin < n; begin += 4) {{
         gaps[0] += (double)gamma * (1.5 * slips[0] + 0.5 * slips[1]);
         gaps[1] += (double)gamma * (2.5 * slips[1] - 4.5 * slips[0]);
     }}
-    const Four both_gaps[2] = {{0.5 * gaps[1], left[0] * gaps[0] - left[1] * gaps[1]}};
-    const Four gap[2] = {{eased[0] * both_gaps[0] - eased[1] * both_gaps[1], eased[0] * both_gaps[1] + eased[1] * both_gaps[0]}};
+    const Four re = 0.5 * gaps[1], im = left[0] * gaps[0] - left[1] * gaps[1];
+    const Four gap[2] = {{eased[0] * re - eased[1] * im, eased[0] * im + eased[1] * re}};
     const Four near = {{moves[k][3], moves[k + 1][3], moves[k + 2][3], moves[k + 3][3]}};
     const Four far = {{moves[k + 1][3], moves[k + 2][3], moves[k + 3][3], moves[k + 4][3]}};
-    const Four along[2] = {{larger(yields * eased[0], larger(1.0e-9 * larger(near, far), Four(least))), yields * eased[1]}};
+    const Four softest = larger(1.0e-9 * larger(near, far), Four(least));
+    const Four along[2] = {{larger(yields * eased[0], softest), yields * eased[1]}};
     const Four scale = 1.0 / (along[0] * along[0] + along[1] * along[1]);
     const Four stiff[2] = {{along[0] * scale, -along[1] * scale}};
     const Four across = larger(pulls[1], Four(0.0)) / larger(length, 1.0e-3 * rest);
@@ -96,7 +97,8 @@ for (int begin = 0; begin < n; begin += 4) {{
     at(PUSH, k) = held ? Four(0.0) : stiff[0] * gap[0] - stiff[1] * gap[1];
     at(PUSH + 1, k) = held ? Four(0.0) : stiff[0] * gap[1] + stiff[1] * gap[0];
     at(REACH, k) = larger(length, rest);
-    const Four first_pull = pulls[0] / larger(first_length, Four(shortest)), inverse = 1.0 / larger(length, Four(shortest));
+    const Four first_pull = pulls[0] / larger(first_length, Four(shortest));
+    const Four inverse = 1.0 / larger(length, Four(shortest));
     for (int axis = 0; axis < 3; ++axis) {{
         const Four direction = second[axis] * inverse;
         at(N + axis, k) = direction;

@@ -8,7 +8,8 @@ The quantities are those of chain.py, in the world. An edge from i to j along n 
 g + kappa n n^T: g across it, g + kappa = 1 / alpha along it. Let particle i answer a force f with the displacement
 q + Y f, and j alone, of inverse mass w, with p + w f. With W = Y + w and Q = (1 + g W)^-1
 
-    P = g Q + kappa Q n n^T Q / (1 + kappa n.Q W n),    f_0 = H + P (p - q - W H) + gap / alpha Q n / (1 + kappa n.Q W n)
+    P = g Q + kappa Q n n^T Q / (1 + kappa n.Q W n),
+    f_0 = H + P (p - q - W H) + gap / alpha Q n / (1 + kappa n.Q W n)
 
 are how the force in the edge follows both displacements, and that force; with a force F behind j it is f_0 + T F, where
 
@@ -22,17 +23,16 @@ from collections.abc import Callable
 
 import warp as wp
 
-# Numbers a particle: twice all planes of the larger layout, since a plane is up to twice as long as there are particles.
-NUMBERS = 2 * 54
+NUMBERS = 2 * 54  # a particle: planes of the larger layout, each up to twice as long as there are particles
 FEWEST = 8  # segments: where there are fewer, a walk from one end takes no longer
 
 
 def planes(parts: int) -> str:
-    """C++ that names where planes begin, of numbers of so many parts, 1 or 2 of complex ones, each as long as the chain.
+    """C++ that names where planes begin, each as long as the chain, of numbers of so many parts, 2 of complex ones.
 
-    Of every segment n, g, how far it reaches, g unless it turns and its largest turn so far, kappa, gap / alpha and H (if
-    that is along n: how much); of every particle w, how far it lies from where it would be without the chain, and how it
-    is to move; of every segment its force; and of every step of the walks, for both side by side, T and f_0.
+    Of every segment n, g, how far it reaches, g unless it turns and its largest turn so far, kappa, gap / alpha and H
+    (if that is along n: how much); of every particle w, how far it lies from where it would be without the chain, and
+    how it is to move; of every segment its force; and of every step of the walks, for both side by side, T and f_0.
     """
     sizes = {
         "N": 3,
