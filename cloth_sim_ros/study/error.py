@@ -29,7 +29,9 @@ EXACT = (("relative", "relative"), ("strain_rms", "strain"), ("strain_max", "max
 LEVELS = {"position": (1e-2, 1e-3, 1e-4, 1e-5), "relative": (1e-1, 1e-2, 1e-3, 1e-4)}
 UNITS = {"position": "m", "relative": "of the motion"}
 
-ROUNDS = 5  # in which the product's runs that prices name are timed again, one after another
+# In so many rounds the product's runs that prices name, or would if they took so much less, are timed again.
+ROUNDS = 5
+CLOSE = 1.25
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,15 +118,15 @@ def sweep(case: Case, exact: Reference, resolution: int, constant: float, argume
 
 
 def time_in_turns(runs: list[tuple[dict, Contender, Run]]) -> None:
-    """Time the runs that prices name again: each round all of them, one after another, and of each the fastest counts.
+    """Time again what prices name or nearly do: each round all of it, one after another; of each the fastest counts.
 
     Timed once, minutes apart, they would be compared with what else the machine did meanwhile.
     """
     for left in range(ROUNDS, 0, -1):
         print(f"\33[2Ktiming in turns: {left}", end="\r", file=sys.stderr, flush=True)
-        named = {id(row) for row in named_by_prices([row for row, _, _ in runs])}
+        close = {id(row) for row in close_to_prices([row for row, _, _ in runs])}
         for row, contender, wanted in runs:
-            if id(row) in named:
+            if id(row) in close:
                 ms, p95 = quantiles(contender.simulate(wanted)[1])
                 if ms < row["ms"]:
                     row["ms"], row["ms_p95"] = ms, p95
@@ -197,18 +199,29 @@ def table(rows: list[dict]) -> str:
     return "\n".join(lines)
 
 
-def cheapest(rows: list[dict], kind: str, level: float) -> list[dict]:
-    """Of every method the cheapest run whose error of a kind of LEVELS is at most `level`, the cheapest first."""
+def good_enough(rows: list[dict], kind: str, level: float) -> list[dict]:
+    """The runs whose error of a kind of LEVELS is at most `level`, the cheapest first."""
     good = [row for row in rows if usable(row) and row[kind] <= level]
+    return sorted(good, key=lambda row: row["ms"])
+
+
+def cheapest(rows: list[dict]) -> dict[str, dict]:
+    """The first of every method in `rows`, by method."""
     best: dict[str, dict] = {}
-    for row in sorted(good, key=lambda row: row["ms"]):
+    for row in rows:
         best.setdefault(row["method"], row)
-    return list(best.values())
+    return best
 
 
-def named_by_prices(rows: list[dict]) -> list[dict]:
-    """All runs that `prices` names."""
-    return [row for kind, levels in LEVELS.items() for level in levels for row in cheapest(rows, kind, level)]
+def close_to_prices(rows: list[dict]) -> list[dict]:
+    """All runs that `prices` names, and those of the same method that take no more than CLOSE times as long."""
+    found = []
+    for kind, levels in LEVELS.items():
+        for level in levels:
+            good = good_enough(rows, kind, level)
+            best = cheapest(good)
+            found += [row for row in good if row["ms"] <= CLOSE * best[row["method"]]["ms"]]
+    return found
 
 
 def prices(rows: list[dict]) -> str:
@@ -218,7 +231,7 @@ def prices(rows: list[dict]) -> str:
         for level in levels:
             best = [
                 f"{row['method']} {row['substeps']} x {row['iterations']}: {row['ms']:.3g} ms"
-                for row in cheapest(rows, kind, level)
+                for row in cheapest(good_enough(rows, kind, level)).values()
             ]
             lines.append(f"  {level:.0e} {UNITS[kind]}  " + ("; ".join(best) or "no run"))
     return "\n".join(lines)
