@@ -31,7 +31,7 @@ UNITS = {"position": "m", "relative": "of the motion"}
 
 # In so many rounds the product's runs that prices name, or would if they took so much less, are timed again.
 ROUNDS = 5
-CLOSE = 1.25
+CLOSE = 2.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
