@@ -62,7 +62,7 @@ def dense_step(rope, rest, x, v, tensions):
 
 
 @pytest.mark.parametrize("segments", [FEWEST, 9, 14, 17])
-@pytest.mark.parametrize("pins", [None, (0,), (0, 1, 6), (0, -1)])
+@pytest.mark.parametrize("pins", [None, (0,), (0, 1, -3), (0, -1)])
 @pytest.mark.parametrize(
     ("load", "compliance", "damping"), [(0.0, 1e-3, 0.0), (0.0, 1e-3, 2e-3), (1e4, 1e-5, 0.0), (1e4, 0.0, 0.0)]
 )

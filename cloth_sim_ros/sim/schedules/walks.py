@@ -24,7 +24,7 @@ from collections.abc import Callable
 import warp as wp
 
 NUMBERS = 2 * 54  # a particle: planes of the larger layout, each up to twice as long as there are particles
-FEWEST = 8  # segments: where there are fewer, a walk from one end takes no longer
+FEWEST = 5  # segments: they, and the joints between them, are told of four at a time
 
 
 def planes(parts: int) -> str:
