@@ -253,6 +253,12 @@ class Batch:
                 self._part("couples", segments, world).zero_()
                 for array in ("twists", "good_twists"):
                     self._part(array, slice(b, b + 1), world).zero_()
+        if "cell" in self.features.constraints:
+            first, end = (self._bodies[b][name] for name in ("cells", "cells_end"))
+            every = self.worlds[0].model.cells.shape[0]
+            for q in range(0, 6 * every, every):
+                self._part("cell_multipliers", slice(q + first, q + end), world).zero_()
+            self._part("tangled", slice(b, b + 1), world).zero_()
         if self.features.looks_back:
             self._part("history", slice(b, b + 1), world).zero_()
         if self.features.order == 3:

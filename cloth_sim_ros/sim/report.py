@@ -8,14 +8,12 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
-from cloth_sim_ros.sim.cells import ALONE, DOUBLED, HAS_DIAGONALS, HAS_SIDES, PAIRS, TURNED
 from cloth_sim_ros.sim.colliders import make_signed_distance
-from cloth_sim_ros.sim.constraints.cell import has, index_of
+from cloth_sim_ros.sim.constraints.cell import spring_of
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.schedules.native import as_index, xyz
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
 from cloth_sim_ros.sim.state import Arrays
-from cloth_sim_ros.sim.topology import KINDS
 
 # Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.
 STRAIN, RESIDUAL, PENETRATION = 0, 1, 2
@@ -58,28 +56,14 @@ def measure_cells(
     q, k = wp.tid()
     k += first
     body = arrays.model.bodies[b]
-    cell = arrays.model.cells[k]
-    if not has(cell[1], wp.where(q < 4, wp.static(HAS_SIDES), wp.static(HAS_DIAGONALS))):
+    spring = spring_of(q, arrays.model.cells[k], body.cell)
+    if spring.rest == 0.0:
         return
-    flags = cell[0]
-    cell[0] = index_of(cell[0])
-    cell[1] = index_of(cell[1])
-    if (q > 1 and has(flags, wp.static(ALONE))) or (q == 1 and cell[2] == cell[0]):
-        return
-    pair = wp.static(wp.types.matrix((6, 2), int)(*PAIRS.ravel().tolist()))
-    i = body.particles + cell[pair[q, 0]]
-    j = body.particles + cell[pair[q, 1]]
-    rest = body.cell[q // 2]
-    if q < 2 and has(flags, wp.static(TURNED)):
-        rest = body.cell[1]
-    if kind == wp.static(KINDS.index("bending")):
-        rest *= 2.0
-    compliance = arrays.materials[b].compliance[wp.where(q < 4, kind, wp.static(KINDS.index("shear")))]
-    if q < 4 and has(flags, wp.static(DOUBLED) + q):
-        compliance *= 2.0
+    i, j = body.particles + spring.i, body.particles + spring.j
+    compliance = spring.scale * arrays.materials[b].compliance[spring.kind]
     h = effective_step(dt, second, parts_of_motion(body, arrays.materials[b], arrays.frames[0]))
     held = compliance * arrays.state.cell_multipliers[q * arrays.model.cells.shape[0] + k] / (h * h)
-    _measure(arrays, b, i, j, rest, 0.0, held, implicit, result)
+    _measure(arrays, b, i, j, spring.rest, 0.0, held, implicit, result)
 
 
 @wp.kernel(enable_backward=False)

@@ -62,6 +62,8 @@ def make_states(
         "faulty": bodies,
         "recoveries": bodies,
         "collapsed": bodies if "cell" in features.constraints else 0,
+        "tangled": bodies if "cell" in features.constraints else 0,
+        "tangles": bodies if "cell" in features.constraints else 0,
         "relapses": bodies,
         "torn": bodies if features.chain else 0,
         "history": bodies if features.looks_back else 0,

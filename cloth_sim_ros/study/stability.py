@@ -93,8 +93,8 @@ def summary(rows: list[dict]) -> str:
         f"{len(rows)} combinations: {len(held) + len(failed)} ran, of which {len(held)} held and {len(failed)} failed; "
         f"{len(refused)} refused as is guaranteed, none skipped\n"
         f"of those that held {asked} had first refused too few substeps and then ran with what they asked for (up to "
-        f"{most}), {helped} got more sweeps a second before their end, as report() told of a residual above 2 %, "
-        f"{folds} came to lie in folds in which their springs are in equilibrium"
+        f"{most}), {helped} were back in shape only with more sweeps from a second before their end on, as report() "
+        f"asks for, {folds} came to lie in folds in which their springs are in equilibrium"
     )
 
 

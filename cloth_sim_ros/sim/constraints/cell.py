@@ -3,7 +3,7 @@ keep branches out of it, so that the roots and divisions of two springs are unde
 
 import warp as wp
 
-from cloth_sim_ros.sim.cells import ALONE, DOUBLED, EMPTY, FAR, HAS_DIAGONALS, HAS_SIDES, INDEX, TURNED
+from cloth_sim_ros.sim.cells import ALONE, DOUBLED, EMPTY, FAR, HAS_DIAGONALS, HAS_SIDES, INDEX, PAIRS, TURNED
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.distance import SHORTEST, elongation, opened, pull_along
 from cloth_sim_ros.sim.physics.integrate import Step
@@ -11,6 +11,7 @@ from cloth_sim_ros.sim.schedules.native import load4, store_xyz, xyz
 from cloth_sim_ros.sim.state import Material, State, compliance_of
 from cloth_sim_ros.sim.topology import KINDS
 
+STRAINED = 0.1  # of its rest length is more than the springs of a cell that is solved at all are off by
 _SOFT = wp.constant(1.0e-20)  # [1/kg] keeps the divisor of a rigid spring between pinned particles from 0
 
 
@@ -125,18 +126,82 @@ class Pull:
     share: float
 
 
+@wp.struct
+class Off:
+    """What is wrong with the springs of a cell as a frame begins."""
+
+    collapsed: bool  # one has no length, as it may after a start from a point
+    strained: bool  # a side or a diagonal is off by more than STRAINED of its length; far sides bend, and may be short
+
+
 @wp.func
-def is_collapsed(record: wp.vec4i, x: wp.uint64) -> bool:
-    """Whether a spring of the cell has no length, as it may after a start from a point."""
+def off_by(square: float, inverse: float) -> float:
+    """How far the square of a length is from where it may be, in units of the rest length's square."""
+    return wp.abs(square * inverse - wp.static(1.0 + STRAINED * STRAINED))
+
+
+@wp.func
+def off_in(record: wp.vec4i, inverse_squares: wp.vec3, x: wp.uint64) -> Off:
+    """Looks at all springs of a cell; inverse_squares: of rest lengths along x, along y and of diagonals [1/m^2]."""
     # Chosen, not branched to, so that several records are looked at at once.
     a = xyz(load4(x, index_of(record[0])))
     b = xyz(load4(x, index_of(record[1]))) - a
     c = xyz(load4(x, record[2])) - a
     e = xyz(load4(x, wp.max(record[3], 0))) - a
-    sides = wp.min(wp.dot(b, b), wp.dot(e - c, e - c))
-    others = wp.min(wp.min(wp.dot(c, c), wp.dot(e - b, e - b)), wp.min(wp.dot(e, e), wp.dot(c - b, c - b)))
-    shortest = wp.where(has(record[0], wp.static(ALONE)), sides, wp.min(sides, others))
-    return shortest < SHORTEST * SHORTEST and not is_empty(record)
+    ab = wp.dot(b, b)
+    ce = wp.dot(e - c, e - c)
+    ac = wp.dot(c, c)
+    be = wp.dot(e - b, e - b)
+    ae = wp.dot(e, e)
+    bc = wp.dot(c - b, c - b)
+    alone = has(record[0], wp.static(ALONE))
+    along = wp.where(has(record[0], wp.static(TURNED)), inverse_squares[1], inverse_squares[0])
+    pairs = wp.max(off_by(ab, along), off_by(ce, along))
+    sides = wp.max(pairs, wp.max(off_by(ac, inverse_squares[1]), off_by(be, inverse_squares[1])))
+    sides = wp.where(alone, pairs, sides)
+    diagonals = wp.max(off_by(ae, inverse_squares[2]), off_by(bc, inverse_squares[2]))
+    most = wp.where(has(record[1], wp.static(HAS_SIDES)) and not has(record[1], wp.static(FAR)), sides, 0.0)
+    most = wp.max(most, wp.where(has(record[1], wp.static(HAS_DIAGONALS)) and not alone, diagonals, 0.0))
+    shortest = wp.min(ab, ce)
+    shortest = wp.where(alone, shortest, wp.min(shortest, wp.min(wp.min(ac, be), wp.min(ae, bc))))
+    off = Off()
+    off.collapsed = shortest < SHORTEST * SHORTEST and not is_empty(record)
+    off.strained = most > wp.static(2.0 * STRAINED) and not is_empty(record)
+    return off
+
+
+@wp.struct
+class CellSpring:
+    """One spring of a cell: its particles, kind in KINDS, rest length [m], 0 where the cell lacks it, and scale."""
+
+    i: int
+    j: int
+    kind: int
+    rest: float
+    scale: float
+
+
+@wp.func
+def spring_of(q: int, record: wp.vec4i, cell: wp.vec3) -> CellSpring:
+    """Spring q of PAIRS of a cell of a grid with these spacings [m]."""
+    spring = CellSpring()
+    pair = wp.static(wp.types.matrix((6, 2), int)(*PAIRS.ravel().tolist()))
+    corners = wp.vec4i(index_of(record[0]), index_of(record[1]), record[2], record[3])
+    spring.i = corners[pair[q, 0]]
+    spring.j = corners[pair[q, 1]]
+    spring.kind = wp.static(KINDS.index("shear"))
+    spring.scale = 1.0
+    if q < 4:
+        far = has(record[1], wp.static(FAR))
+        spring.kind = wp.where(far, wp.static(KINDS.index("bending")), wp.static(KINDS.index("structural")))
+        spring.scale = wp.where(has(record[0], wp.static(DOUBLED) + q), 2.0, 1.0)
+    there = has(record[1], wp.where(q < 4, wp.static(HAS_SIDES), wp.static(HAS_DIAGONALS)))
+    again = q == 1 and record[2] == corners[0]
+    if there and not again and not (q > 1 and has(record[0], wp.static(ALONE))) and not is_empty(record):
+        spring.rest = wp.where(q < 2 and has(record[0], wp.static(TURNED)), cell[1], cell[q // 2])
+        if spring.kind == wp.static(KINDS.index("bending")):
+            spring.rest *= 2.0
+    return spring
 
 
 def make_pull(order: int, path: str):

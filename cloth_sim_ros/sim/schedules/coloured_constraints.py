@@ -5,12 +5,13 @@ from collections.abc import Callable
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring, make_project_tuple
-from cloth_sim_ros.sim.constraints.cell import is_collapsed, is_plain, springs_of
+from cloth_sim_ros.sim.constraints.cell import is_plain, springs_of
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES, project_lanes
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import array_address, load4i
 from cloth_sim_ros.sim.schedules.stages import in_turn
+from cloth_sim_ros.sim.schedules.tangle import Places, make_look_at_cell, make_material_of
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.state import Arrays, compliance_of
 
@@ -20,6 +21,7 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
     project_one_spring, project_one_cell = make_project_spring(features.order), make_project_cell(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features, 1, True) if features.chain else None
+    material_of, look_at_cell = make_material_of(features), make_look_at_cell()
 
     if "spring" in features.constraints:
 
@@ -50,8 +52,12 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
         def find_collapsed(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             body = arrays.model.bodies[b]
             k = arrays.model.groups[body.groups][2] + i
-            if is_collapsed(arrays.model.cells[k], array_address(arrays.state.positions, body.particles)):
-                arrays.state.collapsed[b] = 1
+            here, m, s = look(arrays, b, 0, 0), arrays.model, arrays.state
+            places = Places()
+            places.velocities = array_address(s.velocities, body.particles)
+            scale = here.step.inverse_square
+            if look_at_cell(m.cells[k], k, places, m, s, body, arrays.materials[b], scale, here.x):
+                s.collapsed[b] = 1
 
         @stage
         def cells(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
@@ -60,7 +66,7 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
             k = group[2] + i * wp.static(LANES if lanes else 1)
             if k >= group[3]:
                 return
-            material = arrays.materials[b]
+            material = material_of(arrays, b)
             springs = springs_of(here.body, material, here.step)
             m = arrays.model
             if wp.static(lanes):
@@ -88,7 +94,8 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
         def tuples(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             here = look(arrays, b, iteration, store)
             group = arrays.model.groups[in_turn(g, here.body.tuple_groups, here.body.groups_end, here.step)]
-            alpha = compliance_of(arrays.materials[b], group[1]) * here.step.inverse_square
+            material = material_of(arrays, b)
+            alpha = compliance_of(material, group[1]) * here.step.inverse_square
             k = group[2] + i
             if k >= group[3]:
                 return
@@ -99,7 +106,7 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
                 arrays.model,
                 arrays.state,
                 here.body,
-                arrays.materials[b],
+                material,
                 here.step,
                 here.x,
                 here.low,

@@ -4,7 +4,6 @@ from functools import lru_cache
 
 import warp as wp
 
-from cloth_sim_ros.sim.constraints.cell import is_collapsed
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
 from cloth_sim_ros.sim.schedules import native
@@ -12,10 +11,11 @@ from cloth_sim_ros.sim.schedules.buffers import make_buffer_of
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.exchange import Exchange, exchange_of, hear, receive, send, tell
 from cloth_sim_ros.sim.schedules.native import load4, load_record, store4, store_row, sync, sync_any, xyz
-from cloth_sim_ros.sim.schedules.patches import NOBODY, SENT, Patches
+from cloth_sim_ros.sim.schedules.patches import NOBODY, SENT, Patches, particle_of
 from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_colliders
-from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep_cells, make_sweep_lanes
+from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells, make_sweep_lanes
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
+from cloth_sim_ros.sim.schedules.tangle import Places, make_ease, make_look_over, tell_tangle
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import ColliderMotion, Material, State, given_type
 
@@ -55,6 +55,7 @@ def _make_advance(
     project = make_sweep_lanes(features.order) if block == 1 else make_sweep_cells(features.order, stores=last)
     staged_address = native.make_tile_address(staged) if staged else None
     buffer_of = make_buffer_of(Patches)
+    ease, look_over = make_ease(features), make_look_over(particle_of)
     argument = given_type(features)
     alone = block >= capacity  # a thread has one place at most
 
@@ -105,6 +106,8 @@ def _make_advance(
             material = given.materials[b]
             colliders = given.colliders
         m = patches.model
+        own = material
+        material = ease(own, b, s, body, frame)
         smooth = bool(False)
         rough = 2 * (w * s.history.shape[0] + b)
         if wp.static(features.order == 2):
@@ -143,7 +146,7 @@ def _make_advance(
             if wp.static(not alone):
                 member = patches.members[n * wp.static(capacity) + i]
             if member != wp.static(NOBODY):
-                g = wp.where(member < 0, -2 - member, member & wp.static(SENT - 1))
+                g = particle_of(member)
                 moving = Moving()
                 moving.velocity = xyz(load4(before.velocities, g))
                 moving.low = xyz(load4(before.low, g))
@@ -177,13 +180,19 @@ def _make_advance(
             exchange = exchange_of(0, patches.positions.shape[0], patches.messages, patches.sent[account])
         bad = int(0)
         sync()
-        if wp.static(waits):
-            step.collapsed = any_collapsed(t, wp.static(block), body, records, x)
-        elif wp.static(not last):
+        if wp.static(waits or not last):
             if first == 0:
-                for k in range(t, body.cells_end - body.cells, wp.static(block)):
-                    if is_collapsed(load_record(records, k), x):
-                        s.collapsed[b] = 1
+                here.cell_multipliers = patches.multipliers[w]
+                places = Places()
+                places.velocities = before.velocities
+                places.members = patches.members
+                places.first = n * wp.static(capacity)
+                scale = step.inverse_square
+                collapsed = look_over(t, wp.static(block), places, m, here, body, own, scale, records, x)
+                if wp.static(waits):
+                    step.collapsed = collapsed
+                elif collapsed and t == 0:
+                    s.collapsed[b] = 1
         for k in range(count):
             if wp.static(waits):
                 if k > 0:
@@ -283,6 +292,7 @@ def _make_advance(
                 patches.sent[account] += count
                 s.faulty[b] = wp.where(bad > 0, 1, 0)
                 count_fault(b, s)
+                tell_tangle(b, s)
 
     return advance
 
@@ -340,6 +350,7 @@ def _make_count_faults(features: Features) -> wp.Kernel:
             s = given.state
         faulty = count_fault(b, s)
         s.collapsed[b] = 0
+        tell_tangle(b, s)
         if wp.static(features.order == 2):
             smooth = patches.rough[2 * i + (substeps - 1) % 2] != substeps
             s.history[b] = wp.where(smooth and not faulty, 1, 0)

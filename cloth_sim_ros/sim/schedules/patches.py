@@ -52,6 +52,12 @@ class Patches:
     sweeps: wp.array(dtype=Sweep)  # (worlds T K,)
 
 
+@wp.func
+def particle_of(member: int) -> int:
+    """The particle, counted in the batch, that a patch has as `member`."""
+    return wp.where(member < 0, -2 - member, member & wp.static(SENT - 1))
+
+
 @dataclass(frozen=True)
 class Plan:
     """Patches of every body; whether they wait for one another within a launch instead of having one a substep; the

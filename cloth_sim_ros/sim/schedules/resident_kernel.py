@@ -26,8 +26,9 @@ from cloth_sim_ros.sim.schedules.stages import (
     pack,
     sweep_colliders,
 )
-from cloth_sim_ros.sim.schedules.sweeps import any_collapsed, make_sweep
+from cloth_sim_ros.sim.schedules.sweeps import make_sweep
 from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
+from cloth_sim_ros.sim.schedules.tangle import Places, make_ease, make_look_over, tell_tangle
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import State, compliance_of, given_type
@@ -54,6 +55,8 @@ def make_settle_body(features: Features):
             s.relapses[b] = wp.where(faulty, relapses + 1, 0)
             if faulty:
                 s.recoveries[b] += 1
+            if wp.static("cell" in features.constraints):
+                tell_tangle(b, s)
             if wp.static(features.looks_back):
                 s.history[b] = wp.where(faulty, 0, history)
 
@@ -91,6 +94,8 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     at_once = shared > 0 and features.method == "xpbd" and not (features.panels or features.winch)
     staged_address = native.make_tile_address(staged) if staged else None
     span_address = native.make_tile_address(slots) if slots else None
+    ease = make_ease(features)
+    look_over = make_look_over() if "cell" in features.constraints else None
     argument = given_type(features)
     bounds = bounds_for(features, block)
 
@@ -121,6 +126,8 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         history = int(0)
         if wp.static(features.looks_back):
             history = s.history[b]
+        own = material
+        material = ease(own, b, s, body, frame)
         parts = parts_of_motion(body, material, frame)
         step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
         # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
@@ -200,8 +207,10 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
         bad = int(0)
         collapsed = bool(False)
-        if wp.static("cell" in features.constraints):
-            collapsed = any_collapsed(t, width, body, records, x)
+        if wp.static(look_over is not None):
+            places = Places()
+            places.velocities = native.array_address(s.velocities, body.particles)
+            collapsed = look_over(t, width, places, m, s, body, own, step.inverse_square, records, x)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 sweep_colliders(t, width, b * colliders.shape[0], substep, colliders, frame, s.sweeps)

@@ -8,11 +8,11 @@ import warp as wp
 
 from cloth_sim_ros.sim.cells import ODD
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring
-from cloth_sim_ros.sim.constraints.cell import has, is_collapsed, is_plain, make_project_plainly, springs_of
+from cloth_sim_ros.sim.constraints.cell import has, is_plain, make_project_plainly, springs_of
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES, project_lanes
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import array_address, load4, load4i, load_record, sync, sync_any
+from cloth_sim_ros.sim.schedules.native import array_address, load4, load4i, load_record, sync
 from cloth_sim_ros.sim.schedules.stages import in_turn
 from cloth_sim_ros.sim.state import Material, State
 
@@ -179,15 +179,3 @@ def make_sweep_cells(order: int, stores: bool = True):
             loop_in_every_case(t, m, s, body, material, step, records, x, low, d)
 
     return sweep_cells
-
-
-@wp.func
-def any_collapsed(t: int, width: int, body: Body, records: wp.uint64, x: wp.uint64) -> bool:
-    """Whether a spring of a cell of the body, whose first record lies at `records`, has no length now."""
-    found = int(0)
-    last = body.cells_end - body.cells - 1
-    for k in range(t, last + 1, 2 * width):
-        # Two at once: the way to memory and back is most of it.
-        beside = load_record(records, wp.min(k + width, last))
-        found += int(is_collapsed(load_record(records, k), x)) + int(is_collapsed(beside, x))
-    return sync_any(found) > 0
