@@ -19,7 +19,7 @@ from cloth_sim_ros.sim.topology import KINDS
 
 UNMET = wp.constant(0.02)  # of a rest length is the residual of a spring that the sweeps did not meet
 PERSISTENT = wp.constant(5)  # frames in a row make a tangle; what is struck or let go is met again sooner
-SLOWED = wp.constant(0.5)  # substeps is the longest time constant of a dashpot in a tangle
+SLOWED = wp.constant(1.0)  # substeps at most is the time constant of a dashpot in a tangle; less lets it whip
 EASED = wp.constant(0.05)  # of its inertia in a substep is what a spring in a tangle is held by at most
 
 
