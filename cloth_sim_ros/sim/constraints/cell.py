@@ -126,14 +126,6 @@ class Pull:
     share: float
 
 
-@wp.struct
-class Off:
-    """What is wrong with the springs of a cell as a frame begins."""
-
-    collapsed: bool  # one has no length, as it may after a start from a point
-    strained: bool  # a side or a diagonal is off by more than STRAINED of its length; far sides bend, and may be short
-
-
 @wp.func
 def off_by(square: float, inverse: float) -> float:
     """How far the square of a length is from where it may be, in units of the rest length's square."""
@@ -141,8 +133,11 @@ def off_by(square: float, inverse: float) -> float:
 
 
 @wp.func
-def off_in(record: wp.vec4i, inverse_squares: wp.vec3, x: wp.uint64) -> Off:
-    """Looks at all springs of a cell; inverse_squares: of rest lengths along x, along y and of diagonals [1/m^2]."""
+def is_off(record: wp.vec4i, inverse_squares: wp.vec3, x: wp.uint64) -> bool:
+    """Whether a side or a diagonal of the cell is off by more than STRAINED of its length, or any spring has no length.
+
+    Far sides bend, and may be short. inverse_squares: of rest lengths along x, along y and of diagonals [1/m^2].
+    """
     # Chosen, not branched to, so that several records are looked at at once.
     a = xyz(load4(x, index_of(record[0])))
     b = xyz(load4(x, index_of(record[1]))) - a
@@ -164,10 +159,8 @@ def off_in(record: wp.vec4i, inverse_squares: wp.vec3, x: wp.uint64) -> Off:
     most = wp.max(most, wp.where(has(record[1], wp.static(HAS_DIAGONALS)) and not alone, diagonals, 0.0))
     shortest = wp.min(ab, ce)
     shortest = wp.where(alone, shortest, wp.min(shortest, wp.min(wp.min(ac, be), wp.min(ae, bc))))
-    off = Off()
-    off.collapsed = shortest < SHORTEST * SHORTEST and not is_empty(record)
-    off.strained = most > wp.static(2.0 * STRAINED) and not is_empty(record)
-    return off
+    off = most > wp.static(2.0 * STRAINED) or shortest < SHORTEST * SHORTEST
+    return off and not is_empty(record)
 
 
 @wp.struct

@@ -5,13 +5,13 @@ from collections.abc import Callable
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring, make_project_tuple
-from cloth_sim_ros.sim.constraints.cell import is_plain, springs_of
+from cloth_sim_ros.sim.constraints.cell import is_off, is_plain, springs_of
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES, project_lanes
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import array_address, load4i
 from cloth_sim_ros.sim.schedules.stages import in_turn
-from cloth_sim_ros.sim.schedules.tangle import Places, make_look_at_cell, make_material_of
+from cloth_sim_ros.sim.schedules.tangle import Places, inverse_squares_of, make_look_at_cell, make_material_of
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.state import Arrays, compliance_of
 
@@ -56,8 +56,9 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
             places = Places()
             places.velocities = array_address(s.velocities, body.particles)
             scale = here.step.inverse_square
-            if look_at_cell(m.cells[k], k, places, m, s, body, arrays.materials[b], scale, here.x):
-                s.collapsed[b] = 1
+            if is_off(m.cells[k], inverse_squares_of(body), here.x):
+                if look_at_cell(m.cells[k], k, places, m, s, body, arrays.materials[b], scale, here.x):
+                    s.collapsed[b] = 1
 
         @stage
         def cells(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):

@@ -9,8 +9,7 @@ and its dashpots are light: sweeps then are small steps down the energy of its s
 
 import warp as wp
 
-from cloth_sim_ros.sim.cells import PAIRS
-from cloth_sim_ros.sim.constraints.cell import STRAINED, index_of, off_in, spring_of
+from cloth_sim_ros.sim.constraints.cell import STRAINED, is_off, spring_of
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.schedules.native import load4, load_record, sync_any, xyz
@@ -55,43 +54,6 @@ def inverse_squares_of(body: Body) -> wp.vec3:
     return wp.cw_div(wp.vec3(1.0), wp.cw_mul(body.cell, body.cell))
 
 
-Velocities = wp.types.matrix((4, 3), wp.float32)  # of the corners of a cell [m/s]
-
-
-@wp.func
-def is_unmet(
-    record: wp.vec4i,
-    k: int,
-    velocities: Velocities,
-    m: Model,
-    s: State,
-    body: Body,
-    material: Material,
-    inverse_square: float,
-    x: wp.uint64,
-) -> bool:
-    """Whether a strained side or diagonal of cell k has another force than the last sweeps of the frame before found.
-
-    inverse_square: 1/h_e^2 [1/s^2].
-    """
-    pair = wp.static(wp.types.matrix((6, 2), int)(*PAIRS.ravel().tolist()))
-    q = int(0)
-    while q < 6:
-        spring = spring_of(q, record, body.cell)
-        if spring.rest > 0.0 and spring.kind != wp.static(KINDS.index("bending")):
-            e = xyz(load4(x, spring.j)) - xyz(load4(x, spring.i))
-            length = wp.length(e)
-            off = length - spring.rest
-            if wp.abs(off) > STRAINED * spring.rest:
-                rate = wp.dot(velocities[pair[q, 1]] - velocities[pair[q, 0]], e) / wp.max(length, SHORTEST)
-                multiplier = s.cell_multipliers[q * m.cells.shape[0] + k]
-                held = material.compliance[spring.kind] * spring.scale * inverse_square * multiplier
-                if wp.abs(off + material.damping * rate + held) > UNMET * spring.rest:
-                    return True
-        q += 1
-    return False
-
-
 @wp.struct
 class Places:
     """Where the velocities [m/s] of a body lie; the members of a patch, from `first` on, say which of them it has."""
@@ -102,7 +64,7 @@ class Places:
 
 
 def make_look_at_cell(particle_of=None):
-    """A Warp function: whether a spring of cell k has no length; one that makes a tangle of its body is noted.
+    """A Warp function: whether a spring of cell k, which is_off, has no length; what makes a tangle is noted.
 
     particle_of: a Warp function of a member of a patch, if cells are those of patches.
     """
@@ -125,17 +87,24 @@ def make_look_at_cell(particle_of=None):
         inverse_square: float,
         x: wp.uint64,
     ) -> bool:
-        off = off_in(record, inverse_squares_of(body), x)
-        if off.strained:
-            velocities = wp.matrix_from_rows(
-                velocity_at(index_of(record[0]), places),
-                velocity_at(index_of(record[1]), places),
-                velocity_at(record[2], places),
-                velocity_at(record[3], places),
-            )
-            if is_unmet(record, k, velocities, m, s, body, material, inverse_square, x):
-                wp.atomic_max(s.tangles, body.index, 1)
-        return off.collapsed
+        collapsed = bool(False)
+        q = int(0)
+        while q < 6:  # not unrolled: next to no cell ever comes here
+            spring = spring_of(q, record, body.cell)
+            q += 1
+            if spring.rest > 0.0:
+                e = xyz(load4(x, spring.j)) - xyz(load4(x, spring.i))
+                length = wp.length(e)
+                collapsed = collapsed or length < SHORTEST
+                off = length - spring.rest
+                if wp.abs(off) > STRAINED * spring.rest and spring.kind != wp.static(KINDS.index("bending")):
+                    rate = wp.dot(velocity_at(spring.j, places) - velocity_at(spring.i, places), e)
+                    multiplier = s.cell_multipliers[(q - 1) * m.cells.shape[0] + k]
+                    held = material.compliance[spring.kind] * spring.scale * inverse_square * multiplier
+                    residual = off + material.damping * rate / wp.max(length, SHORTEST) + held
+                    if wp.abs(residual) > UNMET * spring.rest:
+                        wp.atomic_max(s.tangles, body.index, 1)
+        return collapsed
 
     return look_at_cell
 
@@ -157,16 +126,21 @@ def make_look_over(particle_of=None):
         records: wp.uint64,
         x: wp.uint64,
     ) -> bool:
-        found = int(0)
+        scales = inverse_squares_of(body)
+        off = int(0)
         last = body.cells_end - body.cells - 1
         for k in range(t, last + 1, 2 * width):
             # Two at once: the way to memory and back is most of it.
-            other = wp.min(k + width, last)
-            one = load_record(records, k)
-            two = load_record(records, other)
-            found += int(look_at_cell(one, body.cells + k, places, m, s, body, material, inverse_square, x))
-            found += int(look_at_cell(two, body.cells + other, places, m, s, body, material, inverse_square, x))
-        return sync_any(found) > 0
+            beside = load_record(records, wp.min(k + width, last))
+            off += int(is_off(load_record(records, k), scales, x)) + int(is_off(beside, scales, x))
+        if sync_any(off) == 0:
+            return False
+        collapsed = int(0)
+        for k in range(t, last + 1, width):
+            record = load_record(records, k)
+            if is_off(record, scales, x):
+                collapsed += int(look_at_cell(record, body.cells + k, places, m, s, body, material, inverse_square, x))
+        return sync_any(collapsed) > 0
 
     return look_over
 
