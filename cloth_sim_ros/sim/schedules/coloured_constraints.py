@@ -11,7 +11,13 @@ from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import array_address, load4i
 from cloth_sim_ros.sim.schedules.stages import in_turn
-from cloth_sim_ros.sim.schedules.tangle import Places, inverse_squares_of, make_look_at_cell, make_material_of
+from cloth_sim_ros.sim.schedules.tangle import (
+    Places,
+    inverse_squares_of,
+    make_look_at_cell,
+    make_material_of,
+    note_found,
+)
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.state import Arrays, compliance_of
 
@@ -57,8 +63,8 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
             places.velocities = array_address(s.velocities, body.particles)
             scale = here.step.inverse_square
             if is_off(m.cells[k], inverse_squares_of(body), here.x):
-                if look_at_cell(m.cells[k], k, places, m, s, body, arrays.materials[b], scale, here.x):
-                    s.collapsed[b] = 1
+                found = look_at_cell(m.cells[k], k, places, m, s, body, arrays.materials[b], scale, here.x)
+                note_found(found, b, s)
 
         @stage
         def cells(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):

@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.rope_watch import make_settle_ends, make_slacken
 from cloth_sim_ros.sim.schedules.stages import make_finish, make_panel, make_predict, moving_of, sweep_collider
 from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
-from cloth_sim_ros.sim.schedules.tangle import make_material_of, tell_tangle
+from cloth_sim_ros.sim.schedules.tangle import count_found, make_material_of
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, given_type
 
@@ -248,5 +248,4 @@ def _add_watch(stage: Callable, features: Features) -> None:
             if wp.static(features.looks_back):
                 arrays.state.history[i] = 0
         if wp.static("cell" in features.constraints):
-            arrays.state.collapsed[i] = 0
-            tell_tangle(i, arrays.state)
+            count_found(i, arrays.state)

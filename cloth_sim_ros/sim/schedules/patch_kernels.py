@@ -15,7 +15,16 @@ from cloth_sim_ros.sim.schedules.patches import NOBODY, SENT, Patches, particle_
 from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_colliders
 from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells, make_sweep_lanes
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
-from cloth_sim_ros.sim.schedules.tangle import Places, make_ease, make_look_over, tell_tangle
+from cloth_sim_ros.sim.schedules.tangle import (
+    COLLAPSED,
+    TANGLED,
+    Places,
+    count_found,
+    count_tangle,
+    make_ease,
+    make_look_over,
+    note_found,
+)
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import ColliderMotion, Material, State, given_type
 
@@ -107,7 +116,8 @@ def _make_advance(
             colliders = given.colliders
         m = patches.model
         own = material
-        material = ease(own, b, s, body, frame)
+        tangled = s.tangled[b]
+        material = ease(own, tangled, body, frame)
         smooth = bool(False)
         rough = 2 * (w * s.history.shape[0] + b)
         if wp.static(features.order == 2):
@@ -178,7 +188,7 @@ def _make_advance(
         relapses = s.relapses[b]
         if wp.static(waits):
             exchange = exchange_of(0, patches.positions.shape[0], patches.messages, patches.sent[account])
-        bad = int(0)
+        bad, found = int(0), int(0)
         sync()
         if wp.static(waits or not last):
             if first == 0:
@@ -188,11 +198,11 @@ def _make_advance(
                 places.members = patches.members
                 places.first = n * wp.static(capacity)
                 scale = step.inverse_square
-                collapsed = look_over(t, wp.static(block), places, m, here, body, own, scale, records, x)
+                found = look_over(t, wp.static(block), places, m, here, body, own, scale, records, x)
                 if wp.static(waits):
-                    step.collapsed = collapsed
-                elif collapsed and t == 0:
-                    s.collapsed[b] = 1
+                    step.collapsed = (found & COLLAPSED) > 0
+                elif t == 0:
+                    note_found(found, b, s)
         for k in range(count):
             if wp.static(waits):
                 if k > 0:
@@ -264,9 +274,9 @@ def _make_advance(
                     if not is_good(position, velocity):
                         bad = 1
         if wp.static(waits):
-            bad = sync_any(bad)
+            bad = wp.where(sync_any(bad) != 0, 1, 0)
             if t == 0:
-                tell(q, float(bad), exchange, count)
+                tell(q, float(bad + (found & TANGLED)), exchange, count)
         elif wp.static(last):
             if bad > 0:
                 s.faulty[b] = 1
@@ -277,8 +287,11 @@ def _make_advance(
         if wp.static(waits):
             peers = patches.peers[n]
             for other in range(peers[0] + t, peers[1], wp.static(block)):
-                bad += int(hear(q - n + other, 1.0, exchange, count))
+                word = int(hear(q - n + other, 1.0, exchange, count))
+                bad |= word & ~TANGLED
+                found |= word & TANGLED
             bad = sync_any(bad)
+            found = wp.where(sync_any(found & TANGLED) > 0, TANGLED, 0)
             for i in range(t, wp.static(capacity), wp.static(block)):
                 member = mine
                 if wp.static(not alone):
@@ -292,7 +305,7 @@ def _make_advance(
                 patches.sent[account] += count
                 s.faulty[b] = wp.where(bad > 0, 1, 0)
                 count_fault(b, s)
-                tell_tangle(b, s)
+                s.tangled[b] = count_tangle(found, tangled)
 
     return advance
 
@@ -349,8 +362,7 @@ def _make_count_faults(features: Features) -> wp.Kernel:
         else:
             s = given.state
         faulty = count_fault(b, s)
-        s.collapsed[b] = 0
-        tell_tangle(b, s)
+        count_found(b, s)
         if wp.static(features.order == 2):
             smooth = patches.rough[2 * i + (substeps - 1) % 2] != substeps
             s.history[b] = wp.where(smooth and not faulty, 1, 0)

@@ -28,7 +28,7 @@ from cloth_sim_ros.sim.schedules.stages import (
 )
 from cloth_sim_ros.sim.schedules.sweeps import make_sweep
 from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
-from cloth_sim_ros.sim.schedules.tangle import Places, make_ease, make_look_over, tell_tangle
+from cloth_sim_ros.sim.schedules.tangle import COLLAPSED, Places, count_tangle, make_ease, make_look_over
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import State, compliance_of, given_type
@@ -55,8 +55,6 @@ def make_settle_body(features: Features):
             s.relapses[b] = wp.where(faulty, relapses + 1, 0)
             if faulty:
                 s.recoveries[b] += 1
-            if wp.static("cell" in features.constraints):
-                tell_tangle(b, s)
             if wp.static(features.looks_back):
                 s.history[b] = wp.where(faulty, 0, history)
 
@@ -127,7 +125,10 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         if wp.static(features.looks_back):
             history = s.history[b]
         own = material
-        material = ease(own, b, s, body, frame)
+        tangled = int(0)
+        if wp.static(look_over is not None):
+            tangled = s.tangled[b]
+        material = ease(own, tangled, body, frame)
         parts = parts_of_motion(body, material, frame)
         step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
         # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
@@ -210,7 +211,10 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         if wp.static(look_over is not None):
             places = Places()
             places.velocities = native.array_address(s.velocities, body.particles)
-            collapsed = look_over(t, width, places, m, s, body, own, step.inverse_square, records, x)
+            found = look_over(t, width, places, m, s, body, own, step.inverse_square, records, x)
+            collapsed = (found & COLLAPSED) > 0
+            if t == 0:
+                s.tangled[b] = count_tangle(found, tangled)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 sweep_colliders(t, width, b * colliders.shape[0], substep, colliders, frame, s.sweeps)

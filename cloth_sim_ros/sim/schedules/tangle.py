@@ -19,17 +19,18 @@ from cloth_sim_ros.sim.topology import KINDS
 UNMET = wp.constant(0.02)  # of a rest length is the residual of a spring that the sweeps did not meet
 PERSISTENT = wp.constant(5)  # frames in a row make a tangle; what is struck or let go is met again sooner
 SLOWED = wp.constant(1.0)  # substeps at most is the time constant of a dashpot in a tangle; less lets it whip
+COLLAPSED, TANGLED = wp.constant(1), wp.constant(2)  # what is found of a body
 EASED = wp.constant(0.05)  # of its inertia in a substep is what a spring in a tangle is held by at most
 
 
 def make_ease(features: Features):
-    """A Warp function: what body b, of the material `own`, is made of in this frame."""
+    """A Warp function: what a body of the material `own` is made of that was tangled for so many frames on end."""
 
     @wp.func
-    def ease(own: Material, b: int, s: State, body: Body, frame: Frame) -> Material:
+    def ease(own: Material, tangled: int, body: Body, frame: Frame) -> Material:
         material = own
         if wp.static("cell" in features.constraints):
-            if s.tangled[b] >= PERSISTENT:
+            if tangled >= PERSISTENT:
                 material.damping = wp.min(own.damping, SLOWED * frame.dt)
                 material.compliance = wp.max(own.compliance, (EASED * frame.dt * frame.dt) * body.lightness)
         return material
@@ -38,12 +39,15 @@ def make_ease(features: Features):
 
 
 def make_material_of(features: Features):
-    """The same from all arrays of a world."""
+    """A Warp function: what body b of a world is made of in this frame."""
     ease = make_ease(features)
 
     @wp.func
     def material_of(arrays: Arrays, b: int) -> Material:
-        return ease(arrays.materials[b], b, arrays.state, arrays.model.bodies[b], arrays.frames[0])
+        tangled = int(0)
+        if wp.static("cell" in features.constraints):
+            tangled = arrays.state.tangled[b]
+        return ease(arrays.materials[b], tangled, arrays.model.bodies[b], arrays.frames[0])
 
     return material_of
 
@@ -64,7 +68,7 @@ class Places:
 
 
 def make_look_at_cell(particle_of=None):
-    """A Warp function: whether a spring of cell k, which is_off, has no length; what makes a tangle is noted.
+    """A Warp function: COLLAPSED if a spring of cell k, which is_off, has no length, plus TANGLED if one is not met.
 
     particle_of: a Warp function of a member of a patch, if cells are those of patches.
     """
@@ -86,8 +90,8 @@ def make_look_at_cell(particle_of=None):
         material: Material,
         inverse_square: float,
         x: wp.uint64,
-    ) -> bool:
-        collapsed = bool(False)
+    ) -> int:
+        found = int(0)
         q = int(0)
         while q < 6:  # not unrolled: next to no cell ever comes here
             spring = spring_of(q, record, body.cell)
@@ -95,7 +99,8 @@ def make_look_at_cell(particle_of=None):
             if spring.rest > 0.0:
                 e = xyz(load4(x, spring.j)) - xyz(load4(x, spring.i))
                 length = wp.length(e)
-                collapsed = collapsed or length < SHORTEST
+                if length < SHORTEST:
+                    found |= COLLAPSED
                 off = length - spring.rest
                 if wp.abs(off) > STRAINED * spring.rest and spring.kind != wp.static(KINDS.index("bending")):
                     rate = wp.dot(velocity_at(spring.j, places) - velocity_at(spring.i, places), e)
@@ -103,14 +108,15 @@ def make_look_at_cell(particle_of=None):
                     held = material.compliance[spring.kind] * spring.scale * inverse_square * multiplier
                     residual = off + material.damping * rate / wp.max(length, SHORTEST) + held
                     if wp.abs(residual) > UNMET * spring.rest:
-                        wp.atomic_max(s.tangles, body.index, 1)
-        return collapsed
+                        found |= TANGLED
+        return found
 
     return look_at_cell
 
 
 def make_look_over(particle_of=None):
-    """A Warp function: the same of all cells of a body or patch, the first record at `records`, by all its threads."""
+    """A Warp function: the same of all cells of a body or patch, the first record at `records`, told to all its
+    threads."""
     look_at_cell = make_look_at_cell(particle_of)
 
     @wp.func
@@ -125,7 +131,7 @@ def make_look_over(particle_of=None):
         inverse_square: float,
         records: wp.uint64,
         x: wp.uint64,
-    ) -> bool:
+    ) -> int:
         scales = inverse_squares_of(body)
         off = int(0)
         last = body.cells_end - body.cells - 1
@@ -134,18 +140,37 @@ def make_look_over(particle_of=None):
             beside = load_record(records, wp.min(k + width, last))
             off += int(is_off(load_record(records, k), scales, x)) + int(is_off(beside, scales, x))
         if sync_any(off) == 0:
-            return False
-        collapsed = int(0)
+            return 0
+        found = int(0)
         for k in range(t, last + 1, width):
             record = load_record(records, k)
             if is_off(record, scales, x):
-                collapsed += int(look_at_cell(record, body.cells + k, places, m, s, body, material, inverse_square, x))
-        return sync_any(collapsed) > 0
+                found |= look_at_cell(record, body.cells + k, places, m, s, body, material, inverse_square, x)
+        return wp.where(sync_any(found & COLLAPSED) > 0, COLLAPSED, 0) + wp.where(
+            sync_any(found & TANGLED) > 0, TANGLED, 0
+        )
 
     return look_over
 
 
 @wp.func
-def tell_tangle(b: int, s: State):
-    """The next frame of body b knows what this one found."""
-    s.tangled[b] = wp.where(wp.atomic_exch(s.tangles, b, 0) > 0, s.tangled[b] + 1, 0)
+def count_tangle(found: int, before: int) -> int:
+    """How many frames on end a body is a tangle that was one for so many `before` the one in which that was `found`."""
+    return wp.where((found & TANGLED) > 0, before + 1, 0)
+
+
+@wp.func
+def note_found(found: int, b: int, s: State):
+    """What was found of a body in one of many launches or blocks."""
+    if (found & COLLAPSED) > 0:
+        s.collapsed[b] = 1
+    if (found & TANGLED) > 0:
+        s.tangles[b] = 1
+
+
+@wp.func
+def count_found(b: int, s: State):
+    """At the end of a frame that noted it; the next one starts without."""
+    s.tangled[b] = count_tangle(wp.where(s.tangles[b] > 0, TANGLED, 0), s.tangled[b])
+    s.tangles[b] = 0
+    s.collapsed[b] = 0
