@@ -55,7 +55,8 @@ def draw_error(
     for axes in (left, right):
         if wanted is not None:
             axes.axhline(wanted, color="black", ls=":", lw=0.9)
-        axes.set(xscale="log", yscale="log")
+        if shown:  # nothing has no logarithm
+            axes.set(xscale="log", yscale="log")
         axes.grid(True, which="both", alpha=0.2)
     figure.legend(handles=entries, fontsize=8, ncols=4, loc="outside lower center", frameon=False)
     figure.suptitle(title, fontsize=10)

@@ -196,10 +196,13 @@ def test_a_reset_goes_back_to_the_first_bit_and_worlds_are_as_alone(device, scen
     many.step(30)
     found = [state(many, world) for world in range(3)]
     assert np.array_equal(found[0], found[2]) and not np.array_equal(found[0], found[1])
-    for _ in range(2):
-        alone.step(30)
-        assert np.array_equal(state(alone), found[0])
-        alone.reset()
+    alone.step(30)
+    first = state(alone)
+    # The kernel of many worlds is another, which a GPU may round differently; contacts make that grow.
+    assert np.array_equal(first, found[0]) or (device != "cpu" and np.abs(first - found[0]).max() < 5e-3)
+    alone.reset()
+    alone.step(30)
+    assert np.array_equal(state(alone), first)
 
 
 REFUSED = {

@@ -20,6 +20,7 @@ UNMET = wp.constant(0.02)  # of a rest length is the residual of a spring that t
 PERSISTENT = wp.constant(5)  # frames in a row make a tangle; what is struck or let go is met again sooner
 SLOWED = wp.constant(1.0)  # substeps at most is the time constant of a dashpot in a tangle; less lets it whip
 COLLAPSED, TANGLED = wp.constant(1), wp.constant(2)  # what is found of a body
+LONGEST = wp.constant(1.0 / 300.0)  # [s] of a substep; by the inertia in longer ones gusts would stretch the cloth
 EASED = wp.constant(0.05)  # of its inertia in a substep is what a spring in a tangle is held by at most
 
 
@@ -32,7 +33,8 @@ def make_ease(features: Features):
         if wp.static("cell" in features.constraints):
             if tangled >= PERSISTENT:
                 material.damping = wp.min(own.damping, SLOWED * frame.dt)
-                material.compliance = wp.max(own.compliance, (EASED * frame.dt * frame.dt) * body.lightness)
+                h = wp.min(frame.dt, LONGEST)
+                material.compliance = wp.max(own.compliance, (EASED * h * h) * body.lightness)
         return material
 
     return ease
