@@ -211,8 +211,8 @@ class State:
     faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
     recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
     collapsed: wp.array(dtype=int)  # (B,) whether a spring had no length when the frame began, coloured schedule
-    tangled: wp.array(dtype=int)  # (B,) frames on end that the sweeps did not meet its springs (schedules/tangle.py)
-    tangles: wp.array(dtype=int)  # (B,) whether they had not as this one began
+    off: wp.array(dtype=int)  # (B,) whether a spring was far from its length then, coloured schedule
+    tangled: wp.array(dtype=int)  # (B,) for how many frames on end one was (schedules/tangle.py)
     relapses: wp.array(dtype=int)  # (B,) how many frames in a row ended so
     torn: wp.array(dtype=int)  # (B,) whether a chain is torn in this substep, coloured schedule
     history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet

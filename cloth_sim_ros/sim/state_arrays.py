@@ -63,7 +63,7 @@ def make_states(
         "recoveries": bodies,
         "collapsed": bodies if "cell" in features.constraints else 0,
         "tangled": bodies if "cell" in features.constraints else 0,
-        "tangles": bodies if "cell" in features.constraints else 0,
+        "off": bodies if "cell" in features.constraints else 0,
         "relapses": bodies,
         "torn": bodies if features.chain else 0,
         "history": bodies if features.looks_back else 0,

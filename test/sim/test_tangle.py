@@ -1,4 +1,4 @@
-"""What was thrown together opens; a cloth whose springs the sweeps meet, however long, is never eased."""
+"""What was thrown together opens; a soft cloth, however long it is pulled, is never eased."""
 
 import numpy as np
 import pytest
@@ -66,8 +66,8 @@ def test_a_tangle_is_the_same_in_every_schedule(device, schedule):
     assert np.abs(found[0][1] - found[1][1]).max() < 1e-4
 
 
-def test_what_the_sweeps_meet_is_not_eased(device):
-    """Soft springs that a load stretches by half, damped and in motion."""
+def test_soft_springs_are_left_as_they_are(device):
+    """A load stretches them by more than a tenth for good, damped and in motion: to the bit as if nobody had looked."""
     mass = np.full(100, 2e-3)
     mass[:10] = 0.1
     cloth = Cloth(
@@ -80,13 +80,13 @@ def test_what_the_sweeps_meet_is_not_eased(device):
         damping=1e-2,
         pins="top",
     )
-    sim = Simulation(Scene({"it": cloth}), Settings(substeps=20, iterations=8), device)
-    most = 0
-    for _ in range(60):
-        sim.step()
-        most = max(most, frames_tangled(sim))
-    assert sim.report()["it"]["max_strain"] > 0.3
-    assert most < 2
+    looked, blind = (Simulation(Scene({"it": cloth}), Settings(substeps=20), device) for _ in range(2))
+    for _ in range(30):
+        looked.step()
+        blind.step()
+        blind.device_arrays("it")[0].state.tangled.zero_()
+    assert frames_tangled(looked) > 10
+    assert np.array_equal(looked.positions("it"), blind.positions("it"))
 
 
 def test_new_positions_begin_anew(device):

@@ -127,6 +127,20 @@ class Pull:
 
 
 @wp.func
+def is_collapsed(record: wp.vec4i, x: wp.uint64) -> bool:
+    """Whether a spring of the cell has no length, as it may after a start from a point."""
+    # Chosen, not branched to, so that several records are looked at at once.
+    a = xyz(load4(x, index_of(record[0])))
+    b = xyz(load4(x, index_of(record[1]))) - a
+    c = xyz(load4(x, record[2])) - a
+    e = xyz(load4(x, wp.max(record[3], 0))) - a
+    sides = wp.min(wp.dot(b, b), wp.dot(e - c, e - c))
+    others = wp.min(wp.min(wp.dot(c, c), wp.dot(e - b, e - b)), wp.min(wp.dot(e, e), wp.dot(c - b, c - b)))
+    shortest = wp.where(has(record[0], wp.static(ALONE)), sides, wp.min(sides, others))
+    return shortest < SHORTEST * SHORTEST and not is_empty(record)
+
+
+@wp.func
 def off_by(square: float, inverse: float) -> float:
     """How far the square of a length is from where it may be, in units of the rest length's square."""
     return wp.abs(square * inverse - wp.static(1.0 + STRAINED * STRAINED))

@@ -5,19 +5,13 @@ from collections.abc import Callable
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring, make_project_tuple
-from cloth_sim_ros.sim.constraints.cell import is_off, is_plain, springs_of
+from cloth_sim_ros.sim.constraints.cell import is_collapsed, is_off, is_plain, springs_of
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES, project_lanes
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import array_address, load4i
 from cloth_sim_ros.sim.schedules.stages import in_turn
-from cloth_sim_ros.sim.schedules.tangle import (
-    Places,
-    inverse_squares_of,
-    make_look_at_cell,
-    make_material_of,
-    note_found,
-)
+from cloth_sim_ros.sim.schedules.tangle import COLLAPSED, OFF, inverse_squares_of, make_material_of, note_found
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.state import Arrays, compliance_of
 
@@ -27,7 +21,7 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
     project_one_spring, project_one_cell = make_project_spring(features.order), make_project_cell(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features, 1, True) if features.chain else None
-    material_of, look_at_cell = make_material_of(features), make_look_at_cell()
+    material_of = make_material_of(features)
 
     if "spring" in features.constraints:
 
@@ -57,14 +51,10 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
         @stage
         def find_collapsed(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             body = arrays.model.bodies[b]
-            k = arrays.model.groups[body.groups][2] + i
-            here, m, s = look(arrays, b, 0, 0), arrays.model, arrays.state
-            places = Places()
-            places.velocities = array_address(s.velocities, body.particles)
-            scale = here.step.inverse_square
-            if is_off(m.cells[k], inverse_squares_of(body), here.x):
-                found = look_at_cell(m.cells[k], k, places, m, s, body, arrays.materials[b], scale, here.x)
-                note_found(found, b, s)
+            record = arrays.model.cells[arrays.model.groups[body.groups][2] + i]
+            x = array_address(arrays.state.positions, body.particles)
+            if is_off(record, inverse_squares_of(body), x):
+                note_found(OFF + wp.where(is_collapsed(record, x), COLLAPSED, 0), b, arrays.state)
 
         @stage
         def cells(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):

@@ -15,16 +15,7 @@ from cloth_sim_ros.sim.schedules.patches import NOBODY, SENT, Patches, particle_
 from cloth_sim_ros.sim.schedules.stages import Moving, make_finish, make_predict, pack, sweep_colliders
 from cloth_sim_ros.sim.schedules.sweeps import make_sweep_cells, make_sweep_lanes
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
-from cloth_sim_ros.sim.schedules.tangle import (
-    COLLAPSED,
-    TANGLED,
-    Places,
-    count_found,
-    count_tangle,
-    make_ease,
-    make_look_over,
-    note_found,
-)
+from cloth_sim_ros.sim.schedules.tangle import COLLAPSED, OFF, count_found, count_off, look_over, make_ease, note_found
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import ColliderMotion, Material, State, given_type
 
@@ -64,7 +55,7 @@ def _make_advance(
     project = make_sweep_lanes(features.order) if block == 1 else make_sweep_cells(features.order, stores=last)
     staged_address = native.make_tile_address(staged) if staged else None
     buffer_of = make_buffer_of(Patches)
-    ease, look_over = make_ease(features), make_look_over(particle_of)
+    ease = make_ease(features)
     argument = given_type(features)
     alone = block >= capacity  # a thread has one place at most
 
@@ -115,9 +106,8 @@ def _make_advance(
             material = given.materials[b]
             colliders = given.colliders
         m = patches.model
-        own = material
         tangled = s.tangled[b]
-        material = ease(own, tangled, body, frame)
+        material = ease(material, tangled, body, frame)
         smooth = bool(False)
         rough = 2 * (w * s.history.shape[0] + b)
         if wp.static(features.order == 2):
@@ -192,13 +182,7 @@ def _make_advance(
         sync()
         if wp.static(waits or not last):
             if first == 0:
-                here.cell_multipliers = patches.multipliers[w]
-                places = Places()
-                places.velocities = before.velocities
-                places.members = patches.members
-                places.first = n * wp.static(capacity)
-                scale = step.inverse_square
-                found = look_over(t, wp.static(block), places, m, here, body, own, scale, records, x)
+                found = look_over(t, wp.static(block), body, records, x)
                 if wp.static(waits):
                     step.collapsed = (found & COLLAPSED) > 0
                 elif t == 0:
@@ -276,7 +260,7 @@ def _make_advance(
         if wp.static(waits):
             bad = wp.where(sync_any(bad) != 0, 1, 0)
             if t == 0:
-                tell(q, float(bad + (found & TANGLED)), exchange, count)
+                tell(q, float(bad + (found & OFF) * 2), exchange, count)
         elif wp.static(last):
             if bad > 0:
                 s.faulty[b] = 1
@@ -288,10 +272,10 @@ def _make_advance(
             peers = patches.peers[n]
             for other in range(peers[0] + t, peers[1], wp.static(block)):
                 word = int(hear(q - n + other, 1.0, exchange, count))
-                bad |= word & ~TANGLED
-                found |= word & TANGLED
+                bad |= word & 1
+                found |= word >> 1
             bad = sync_any(bad)
-            found = wp.where(sync_any(found & TANGLED) > 0, TANGLED, 0)
+            found = wp.where(sync_any(found & OFF) != 0, OFF, 0)
             for i in range(t, wp.static(capacity), wp.static(block)):
                 member = mine
                 if wp.static(not alone):
@@ -305,7 +289,7 @@ def _make_advance(
                 patches.sent[account] += count
                 s.faulty[b] = wp.where(bad > 0, 1, 0)
                 count_fault(b, s)
-                s.tangled[b] = count_tangle(found, tangled)
+                s.tangled[b] = count_off(found, tangled)
 
     return advance
 

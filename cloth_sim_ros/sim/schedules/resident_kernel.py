@@ -28,7 +28,7 @@ from cloth_sim_ros.sim.schedules.stages import (
 )
 from cloth_sim_ros.sim.schedules.sweeps import make_sweep
 from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
-from cloth_sim_ros.sim.schedules.tangle import COLLAPSED, Places, count_tangle, make_ease, make_look_over
+from cloth_sim_ros.sim.schedules.tangle import COLLAPSED, count_off, look_over, make_ease
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import State, compliance_of, given_type
@@ -93,7 +93,6 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     staged_address = native.make_tile_address(staged) if staged else None
     span_address = native.make_tile_address(slots) if slots else None
     ease = make_ease(features)
-    look_over = make_look_over() if "cell" in features.constraints else None
     argument = given_type(features)
     bounds = bounds_for(features, block)
 
@@ -124,11 +123,10 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         history = int(0)
         if wp.static(features.looks_back):
             history = s.history[b]
-        own = material
         tangled = int(0)
-        if wp.static(look_over is not None):
+        if wp.static("cell" in features.constraints):
             tangled = s.tangled[b]
-        material = ease(own, tangled, body, frame)
+        material = ease(material, tangled, body, frame)
         parts = parts_of_motion(body, material, frame)
         step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
         # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
@@ -208,13 +206,11 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
         bad = int(0)
         collapsed = bool(False)
-        if wp.static(look_over is not None):
-            places = Places()
-            places.velocities = native.array_address(s.velocities, body.particles)
-            found = look_over(t, width, places, m, s, body, own, step.inverse_square, records, x)
+        if wp.static("cell" in features.constraints):
+            found = look_over(t, width, body, records, x)
             collapsed = (found & COLLAPSED) > 0
             if t == 0:
-                s.tangled[b] = count_tangle(found, tangled)
+                s.tangled[b] = count_off(found, tangled)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 sweep_colliders(t, width, b * colliders.shape[0], substep, colliders, frame, s.sweeps)
