@@ -2,8 +2,8 @@
 
 Sweeps that project stiff springs one after another have fixed points that are no equilibria: each spring undoes what
 the one before it did, and a cloth that was thrown together stays so. Dashpots stiffer than sweeps can meet hold it as
-well. A body is a tangle where a spring was off by more than a tenth of its length for several frames on end, which no
-load does to springs far stiffer than the inertia of a substep. Then none of them is held stiffer than that, and their
+well. A body is a tangle where a spring was off by more than a tenth of its length for several frames on end and is
+stiffer than the inertia of a substep, so that hardly any load explains it. Then no spring is far stiffer than that, and
 dashpots are light: sweeps are small steps down the energy of the springs. What is softer anyway is left as it is.
 """
 
@@ -29,11 +29,10 @@ def make_ease(features: Features):
         material = own
         if wp.static("cell" in features.constraints):
             if frames >= PERSISTENT:
-                h = wp.min(frame.dt, LONGEST)
-                least = (EASED * h * h) * body.lightness
-                if wp.max(least - own.compliance) > 0.0:
+                if wp.max((frame.dt * frame.dt) * body.lightness - own.compliance) > 0.0:
+                    h = wp.min(frame.dt, LONGEST)
                     material.damping = wp.min(own.damping, SLOWED * frame.dt)
-                    material.compliance = wp.max(own.compliance, least)
+                    material.compliance = wp.max(own.compliance, (EASED * h * h) * body.lightness)
         return material
 
     return ease
