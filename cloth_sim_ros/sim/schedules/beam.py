@@ -5,12 +5,19 @@ the difference of their unit tangents; the moment there is M = EI / span (kappa 
 -G^T M with the same weights G = (w0, -(w0 + w1), w1). Moments carry over like tensions: the prediction holds their
 force, and one solve finds by how much they change. It is linear, and the same for x, y and z: a scalar, symmetric,
 pentadiagonal matrix m + G^T (EI / span) G, factored as L D L^T from one end to the other.
+
+A bent rest shape is a length of kappa; rest points where kappa did before the substep. With that held fast
+|kappa - rest| is nowhere less than what kappa's length lacks, and at first the same, so that a solve gives no energy to
+the rope whatever the substep (majorization, Hunter and Lange 2004); where rest pointed along the prediction, it would.
+What it costs is that kappa is turned against EI / span rest^2, from substep to substep anew: a stiff rope of a bent
+rest shape turns as in honey. Its moments pull along the segments too, which its tension has not met yet, and are not
+carried over.
 """
 
 import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Model
-from cloth_sim_ros.sim.physics.bending import turn_residual
+from cloth_sim_ros.sim.physics.bending import rest_turn
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.native import larger, load4, quotient, store4, xyz
 from cloth_sim_ros.sim.state import BeamRow, Material, State
@@ -31,14 +38,24 @@ def stiffness_at(j: int, m: Model, body: Body, material: Material, step: Step, d
 
 @wp.func
 def turn_at(j: int, m: Model, body: Body, x: wp.uint64, d: wp.uint64) -> wp.vec3:
-    """What the turn vector at joint j lacks to its rest shape."""
+    """What the turn vector at joint j lacks to its rest shape, which points where it did before the substep."""
     joint = m.joints[body.segments + j]
     di = xyz(load4(d, j))
     dj = xyz(load4(d, j + 1))
     dk = xyz(load4(d, j + 2))
-    first = xyz(load4(x, j + 1) - load4(x, j)) + (dj - di)
-    last = xyz(load4(x, j + 2) - load4(x, j + 1)) + (dk - dj)
-    return turn_residual(last * joint[3] - first * joint[2], joint[0])
+    before = xyz(load4(x, j + 1) - load4(x, j))
+    behind = xyz(load4(x, j + 2) - load4(x, j + 1))
+    first = before + (dj - di)
+    last = behind + (dk - dj)
+    return (last * joint[3] - first * joint[2]) - rest_turn(behind * joint[3] - before * joint[2], joint[0])
+
+
+@wp.func
+def held_at(j: int, m: Model, s: State, body: Body, step: Step) -> wp.vec3:
+    """The moment at joint j of which the displacement already knows: none in a first solve where rest is bent."""
+    if step.first and m.joints[body.segments + j][0] > 0.0:
+        return wp.vec3(0.0)
+    return s.moments[body.segments + j]
 
 
 @wp.func
@@ -54,7 +71,7 @@ def bend_by_moments(i: int, m: Model, s: State, body: Body, step: Step, d: wp.ui
         if j >= 0 and j < joints:
             joint = m.joints[body.segments + j]
             weight = wp.where(place == 0, joint[2], wp.where(place == 1, -(joint[2] + joint[3]), joint[3]))
-            force -= weight * s.moments[body.segments + j]
+            force -= weight * held_at(j, m, s, body, step)
     move = (step.effective * step.effective * p[3]) * force
     store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
 
@@ -81,7 +98,7 @@ def solve_beam(m: Model, s: State, body: Body, material: Material, step: Step, x
             joint = m.joints[body.segments + i]
             weights = wp.vec3(joint[2], -(joint[2] + joint[3]), joint[3])
             stiff = stiffness_at(i, m, body, material, step, d)
-            change = stiff * turn_at(i, m, body, x, d) - square * s.moments[body.segments + i]
+            change = stiff * turn_at(i, m, body, x, d) - square * held_at(i, m, s, body, step)
         w = load4(d, i)[3]
         row = BeamRow()
         if w > 0.0:

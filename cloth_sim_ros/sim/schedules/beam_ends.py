@@ -34,19 +34,23 @@ auto column = [](const Row* from, int k) {{
 auto larger = [](Four a, Four b) {{ return a > b ? a : b; }};
 // What the turn vectors of four joints from j on lack to their rest shape.
 auto residual = [&](int j, Four* turn) {{
-    Row e[5];
+    Row before[5], e[5];
     for (int s = 0; s < 5; ++s) {{
-        e[s] = (places[j + s + 1] - places[j + s]) + (displaced[j + s + 1] - displaced[j + s]);
+        before[s] = places[j + s + 1] - places[j + s];
+        e[s] = before[s] + (displaced[j + s + 1] - displaced[j + s]);
     }}
     for (int axis = 0; axis < 3; ++axis) {{
         turn[axis] = column(e + 1, axis) * at(BEHIND, j) - column(e, axis) * at(BEFORE, j);
     }}
     const Four rest = column((const Row*)(joints.data + segments + j), 0);
     if (__builtin_reduce_or(rest != 0.0)) {{
-        const Four square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2];
-        const Four length = __builtin_elementwise_sqrt(square);
-        const Four left = length > 1.0e-9 ? 1.0 - rest / length : Four(1.0);
-        for (int axis = 0; axis < 3; ++axis) turn[axis] *= left;
+        Four was[3], square = {{}};
+        for (int axis = 0; axis < 3; ++axis) {{
+            was[axis] = column(before + 1, axis) * at(BEHIND, j) - column(before, axis) * at(BEFORE, j);
+            square += was[axis] * was[axis];
+        }}
+        const Four share = rest / larger(__builtin_elementwise_sqrt(square), Four(1.0e-9));
+        for (int axis = 0; axis < 3; ++axis) turn[axis] -= share * was[axis];
     }}
 }};
 """
@@ -74,9 +78,10 @@ for (int begin = 0; begin < turns; begin += 4) {{
     at(BEHIND, j) = behind;
     residual(j, turn);
     const float* moment = (const float*)(moments.data + segments + j);
+    const auto carries = (column(joint, 0) == 0.0) | (first ? 0 : -1);
     for (int axis = 0; axis < 3; ++axis) {{
         const Four held = {{moment[axis], moment[axis + 3], moment[axis + 6], moment[axis + 9]}};
-        at(CHANGE + axis, j) = stiff * turn[axis] - square * held;
+        at(CHANGE + axis, j) = stiff * turn[axis] - (carries ? square * held : Four(0.0));
     }}
 }}
 for (int begin = 0; begin < count; begin += 4) {{
@@ -190,6 +195,7 @@ def _prepare(
     compliance: float,
     effective: float,
     stiffest: float,
+    first: bool,
 ):
     """The planes of joints and rows of `count` particles."""
     ...
@@ -235,7 +241,20 @@ def solve_beam_from_both_ends(
         return False
     p = body.particles
     compliance = material.compliance[2]
-    _prepare(p, body.segments, body.count, x, d, m.joints, s.moments, s.ladder, compliance, step.effective, STIFFEST)
+    _prepare(
+        p,
+        body.segments,
+        body.count,
+        x,
+        d,
+        m.joints,
+        s.moments,
+        s.ladder,
+        compliance,
+        step.effective,
+        STIFFEST,
+        step.first,
+    )
     _walk(p, body.segments, body.count, x, d, m.joints, s.ladder)
     _move(p, body.segments, body.count, x, d, m.joints, s.moments, s.ladder, step.inverse_square)
     return True

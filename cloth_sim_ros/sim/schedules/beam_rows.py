@@ -8,7 +8,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.beam import stiffness_at, turn_at
+from cloth_sim_ros.sim.schedules.beam import held_at, stiffness_at, turn_at
 from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, xyz
 from cloth_sim_ros.sim.state import BeamRow, Material, State
 
@@ -137,7 +137,7 @@ def make_solve_beam(threads: int):
         for j in range(t, joints, threads):
             square = step.effective * step.effective
             stiff = stiffness_at(j, m, body, material, step, d)
-            change = stiff * turn_at(j, m, body, x, d) - square * s.moments[body.segments + j]
+            change = stiff * turn_at(j, m, body, x, d) - square * held_at(j, m, s, body, step)
             store4(rows, ROWS * j + 2, wp.vec4(change[0], change[1], change[2], stiff))
         sync()
         for i in range(t, body.count, threads):

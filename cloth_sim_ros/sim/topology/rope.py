@@ -8,6 +8,8 @@ from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.quaternion import rotate
 from cloth_sim_ros.sim.topology.elements import Elements, Topology, pinned_particles
 
+STRAIGHT = 1e-6  # a joint that is turned by less [rad] is straight, and turned by how its points are rounded
+
 
 def of_rope(rope: Rope, direct: bool) -> Topology:
     """A rope whose segments are a chain, solved in one, where `direct`, else springs of two colours."""
@@ -75,6 +77,7 @@ def _bends(
     index = np.arange(1, len(points) - 1)
     tangents = np.diff(points, axis=0) / length[:, None]
     turn = np.linalg.norm(np.diff(tangents, axis=0), axis=1)
+    turn[turn < STRAIGHT] = 0.0
     bending = np.where(pinned[:-1] & pinned[1:], 0.0, length)
     span = 0.5 * np.where(bending[:-1] + bending[1:] > 0.0, bending[:-1] + bending[1:], length[:-1] + length[1:])
     particles = np.stack([index - 1, index, index + 1], axis=1)
