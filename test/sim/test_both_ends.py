@@ -108,9 +108,12 @@ def test_bending_is_what_a_dense_matrix_finds(segments, pins, compliance, bent):
     heaviest = [w[j : j + 3].max() for j in range(segments - 1)]
     stiff = 1.0 / np.maximum(compliance * span / H**2, heaviest * (before + behind) ** 2 / STIFFEST_BEAM)
 
+    turned = turns @ x
+
     def lacking(places):
-        turn = turns @ places
-        return turn * (1.0 - rest / np.linalg.norm(turn, axis=1))[:, None]
+        return turns @ places - rest[:, None] * turned / np.linalg.norm(turned, axis=1)[:, None]
+
+    moments = np.where(rest[:, None] > 0.0, 0.0, moments)
 
     moved = H * v + H * H * (np.array([0.0, 0.0, -G]) - w[:, None] * (turns.T @ moments))
     moved[~free] = 0.0
