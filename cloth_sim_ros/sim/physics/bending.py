@@ -47,7 +47,7 @@ def wrap_angle(angle: float) -> float:
 @wp.func
 def rest_turn(turn: wp.vec3, rest: float) -> wp.vec3:
     """The turn vector of length `rest` that is nearest to `turn`."""
-    return turn * wp.where(rest > 0.0, rest / wp.max(wp.length(turn), 1.0e-9), 0.0)
+    return turn * (rest / wp.max(wp.length(turn), 1.0e-9))
 
 
 @wp.func

@@ -47,7 +47,10 @@ def turn_at(j: int, m: Model, body: Body, x: wp.uint64, d: wp.uint64) -> wp.vec3
     behind = xyz(load4(x, j + 2) - load4(x, j + 1))
     first = before + (dj - di)
     last = behind + (dk - dj)
-    return (last * joint[3] - first * joint[2]) - rest_turn(behind * joint[3] - before * joint[2], joint[0])
+    turn = last * joint[3] - first * joint[2]
+    if joint[0] > 0.0:
+        turn -= rest_turn(behind * joint[3] - before * joint[2], joint[0])
+    return turn
 
 
 @wp.func

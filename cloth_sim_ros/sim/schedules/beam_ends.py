@@ -81,7 +81,7 @@ for (int begin = 0; begin < turns; begin += 4) {{
     const auto carries = (column(joint, 0) == 0.0) | (first ? 0 : -1);
     for (int axis = 0; axis < 3; ++axis) {{
         const Four held = {{moment[axis], moment[axis + 3], moment[axis + 6], moment[axis + 9]}};
-        at(CHANGE + axis, j) = stiff * turn[axis] - (carries ? square * held : Four(0.0));
+        at(CHANGE + axis, j) = stiff * turn[axis] - square * (carries ? held : Four(0.0));
     }}
 }}
 for (int begin = 0; begin < count; begin += 4) {{
