@@ -107,7 +107,7 @@ ALL_FUNCTIONS = {
     "springs": "project_spring",
     "cells": "project_cell pull_along",
     "hinges": "hinge_gradients",
-    "bends": "turn_residual",
+    "bends": "rest_turn",
     "chain": "series_admittance",
     "edges": "deepest edge_contact",
     "winch": "next_rate rest_of first_out",

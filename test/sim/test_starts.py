@@ -33,7 +33,7 @@ def test_a_symmetric_start_comes_out_of_its_tangle():
     sim.set_positions("it", stretched)
     assert 0.0 < np.abs(sim.positions("it") - stretched)[50].max() < 2e-6
     sim.step(240)
-    assert strain(sim) < 0.02
+    assert strain(sim) < 0.03
 
 
 def test_what_is_in_one_place_or_pinned_stays_there_and_a_calm_start_is_taken_to_the_bit():
