@@ -25,8 +25,10 @@ from cloth_sim_ros.sim.state import Frame
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
-# [s] of a substep: in longer ones second order is as near to the motion of a loaded chain at half the price.
+# [s] of a substep: in longer ones second order is as near to the motion of a chain at half the price.
 _LONGEST_OF_THIRD_ORDER = 1.001 / 240
+_LONGEST_UNDER_LOAD = 1.001 / 180
+_LOAD = 1000.0  # times its mass holds a rope so tight that it hardly swings across itself
 
 
 class Bodies:
@@ -61,7 +63,9 @@ class Bodies:
     def _pays_third_order(self, thing: Cloth | Rope) -> bool:
         """Whether third order, of ropes that stretch and no more, is nearer at its price: in short substeps, where
         nothing is touched, which first order would take over, and not on a GPU, where one thread computes it."""
-        short = self.settings.frame_dt <= _LONGEST_OF_THIRD_ORDER * self.settings.substeps
+        loaded = isinstance(thing, Rope) and thing.end_mass >= _LOAD * thing.mass
+        longest = _LONGEST_UNDER_LOAD if loaded else _LONGEST_OF_THIRD_ORDER
+        short = self.settings.frame_dt <= longest * self.settings.substeps
         able = all(getattr(self.settings, setting) in wanted for setting, wanted in THIRD_ORDER_SETTINGS.items())
         alone = self._device.is_cpu and not self.scene.colliders
         return short and alone and able and not beyond_third_order(thing)
