@@ -107,7 +107,6 @@ def _make_advance(
             colliders = given.colliders
         m = patches.model
         tangled = s.tangled[b]
-        material = ease(material, tangled, body, frame)
         smooth = bool(False)
         rough = 2 * (w * s.history.shape[0] + b)
         if wp.static(features.order == 2):
@@ -187,6 +186,8 @@ def _make_advance(
                     step.collapsed = (found & COLLAPSED) > 0
                 elif t == 0:
                     note_found(found, b, s)
+        # Not before: what nothing waits for comes from afar beside the particles.
+        material = ease(material, tangled, body, frame)
         for k in range(count):
             if wp.static(waits):
                 if k > 0:

@@ -126,7 +126,6 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         tangled = int(0)
         if wp.static("cell" in features.constraints):
             tangled = s.tangled[b]
-        material = ease(material, tangled, body, frame)
         parts = parts_of_motion(body, material, frame)
         step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
         # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
@@ -211,6 +210,8 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             collapsed = (found & COLLAPSED) > 0
             if t == 0:
                 s.tangled[b] = count_off(found, tangled)
+            # Not before: what nothing waits for comes from afar beside the particles.
+            material = ease(material, tangled, body, frame)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 sweep_colliders(t, width, b * colliders.shape[0], substep, colliders, frame, s.sweeps)
