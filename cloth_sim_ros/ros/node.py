@@ -158,6 +158,7 @@ class ClothSimNode(Node):
             self._clock_out.publish(Clock(clock=Time(sec=stamp[0], nanosec=stamp[1])))
         for output in self._outputs.values():
             output.wait(stamp)
+        world.finish()  # here, as the other thread may hold the interpreter from now on
         if sum(output.size for output in self._outputs.values()) < WORTH_ANOTHER_THREAD:
             self._publish()
         else:

@@ -16,8 +16,9 @@ from cloth_sim_ros.ros.world import World
 class SimulationLoop:
     """Runs `world` in a thread of its own.
 
-    send(world) is called after every frame, also while paused; tell(world, pace) once a second; built(world, ok) after
-    each attempt to build. values() gives the parameter values to build from. All are called in this thread.
+    send(world) is called after every frame, also while paused, and waits for the device; tell(world, pace) once a
+    second; built(world, ok) after each attempt to build. values() gives the parameter values to build from. All are
+    called in this thread.
     """
 
     TELL_PERIOD = 1.0  # [s]
@@ -94,7 +95,6 @@ class SimulationLoop:
         begin = time.monotonic()
         simulated = 0.0 if self.paused else self.world.advance()
         self._send(self.world)
-        self.world.finish()
         self._clock.worked(time.monotonic() - begin, simulated)
 
     def _run_commands(self) -> None:

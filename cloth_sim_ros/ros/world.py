@@ -182,7 +182,7 @@ class World:
     def fail(self, why: str) -> None:
         """Drops a simulation that cannot go on; the next structural parameter change builds another."""
         self._log.error(f"{why}; waiting for a parameter change")
-        self.sim, self.trouble = None, why
+        self.trouble, self.sim = why, None  # whoever sees that there is none finds out why
 
     def finish(self) -> None:
         """Waits until the device has done all that was asked of it, so that frames never pile up there."""
