@@ -57,18 +57,19 @@ class Bodies:
             materials,
             self.scene.wind is not None,
             name in self._strained,
-            self._pays_third_order(self.scene.objects[name]),
+            self._pays_third_order(name),
         )
 
-    def _pays_third_order(self, thing: Cloth | Rope) -> bool:
+    def _pays_third_order(self, name: str) -> bool:
         """Whether third order, of ropes that stretch and no more, is nearer at its price: in short substeps, where
         nothing is touched, which first order would take over, and not on a GPU, where one thread computes it."""
-        loaded = isinstance(thing, Rope) and thing.end_mass >= _LOAD * thing.mass
+        masses = self._elastic[name].masses
+        loaded = masses.max() >= _LOAD * (masses.sum() - masses.max())
         longest = _LONGEST_UNDER_LOAD if loaded else _LONGEST_OF_THIRD_ORDER
         short = self.settings.frame_dt <= longest * self.settings.substeps
         able = all(getattr(self.settings, setting) in wanted for setting, wanted in THIRD_ORDER_SETTINGS.items())
         alone = self._device.is_cpu and not self.scene.colliders
-        return short and alone and able and not beyond_third_order(thing)
+        return alone and short and able and not beyond_third_order(self.scene.objects[name])
 
     def _build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""
