@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.limits import THIRD_ORDER_SETTINGS, beyond_third_order
 from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.objects import Cloth, Rope
+from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.schedules.resident import capacity

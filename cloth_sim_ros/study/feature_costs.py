@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.study.timing import frame_times, quartiles
+from cloth_sim_ros.study.timing import frame_time, quartiles
 
 # Where a collider is: out of reach, or in the middle of the cloth.
 AWAY, AMID = (0.0, 5.0, 0.0), (0.0, 0.05, 0.0)
@@ -57,15 +57,15 @@ def measure(cloth: Cloth, device: str, substeps: int, rounds: int, frames: int) 
     sims = {"": None}
     for name, (scene, settings, _) in chosen.items():
         sims[name] = Simulation(scene, Settings(substeps=substeps, schedule=schedule, **settings), device=device)
-        frame_times(sims[name], 3)
+        sims[name].step(3)  # compiles, captures
     scene = chosen["all springs"][0]
     sims[""] = Simulation(scene, Settings(substeps=substeps, schedule=schedule), device=device)
-    frame_times(sims[""], 3)
+    sims[""].step(3)
     times = {name: [] for name in sims}
     for _ in range(rounds):
         for name, sim in sims.items():
             sim.reset()
-            times[name].append(float(np.median(frame_times(sim, frames))))
+            times[name].append(frame_time(sim, frames))
     rows = []
     for name, (_, _, base) in chosen.items():
         mine, without = np.array(times[name]), np.array(times["" if base == name else base])

@@ -22,7 +22,7 @@ from cloth_sim_ros.study.cases import Case
 from cloth_sim_ros.study.contenders import Run
 from cloth_sim_ros.study.figures import draw_speed
 from cloth_sim_ros.study.peers import PEERS, flex_times
-from cloth_sim_ros.study.timing import frame_times, machine, quartiles
+from cloth_sim_ros.study.timing import frame_time, machine, quartiles
 
 SCHEDULES = {"resident": "a frame", "tiled": "a substep", "coloured": "a pass"}  # and what each needs a launch for
 
@@ -140,13 +140,13 @@ def measure(resolution: int, arguments: argparse.Namespace) -> dict:
         if schedule == "tiled" and (automatic.device == "cpu" or arguments.iterations > 1):
             continue
         sim = Simulation(scene, Settings(schedule=schedule, **settings), arguments.device, arguments.worlds)
-        frame_times(sim, 3)  # compiles, captures
+        sim.step(3)  # compiles, captures
         sims[schedule] = sim
-        frames[schedule] = max(3, int(1e3 * arguments.seconds / np.median(frame_times(sim, 5))))
+        frames[schedule] = max(3, int(1e3 * arguments.seconds / frame_time(sim, 5)))
     found = {schedule: [] for schedule in sims}
     for _ in range(arguments.rounds):
         for schedule, sim in sims.items():
-            found[schedule].append(float(np.median(frame_times(sim, frames[schedule]))))
+            found[schedule].append(frame_time(sim, frames[schedule]))
     row = {"resolution": resolution, **settings, "device": automatic.device}
     for schedule in sims:
         row[schedule] = quartiles(found[schedule])
