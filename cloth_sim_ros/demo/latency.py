@@ -25,12 +25,13 @@ SETTLING = 2.0  # [s] after the first message, which are not counted
 
 @dataclass(frozen=True)
 class Told:
-    """One message on /diagnostics: its stamp [s], the frames since the one before, their median work [ms], and
-    simulated per real time."""
+    """One message on /diagnostics: its stamp [s], the frames since the one before, the time spent on one and waited for
+    the device in it [ms], both medians, and simulated per real time."""
 
     stamp: float
     frames: int
     ms_per_frame: float
+    ms_waiting: float
     real_time_factor: float
 
 
@@ -79,7 +80,7 @@ def listen(node: subprocess.Popen, seconds: float) -> int:
     def note(array: DiagnosticArray) -> None:
         values = {item.key: item.value for item in array.status[0].values}
         stamp = array.header.stamp.sec + 1e-9 * array.header.stamp.nanosec
-        numbers = (float(values[key]) for key in ("ms_per_frame", "real_time_factor"))
+        numbers = (float(values[key]) for key in ("ms_per_frame", "ms_waiting", "real_time_factor"))
         told.append(Told(stamp, int(values["frames"]), *numbers))
 
     listener.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
@@ -111,10 +112,11 @@ def table(arrived: dict[str, list[tuple[float, float]]], told: list[Told]) -> st
     they were. arrived: topic -> (stamp, arrival) [s]."""
     first, last = told[0], told[-1]
     longest = max(map(len, arrived))
-    work, factor = (np.median([getattr(each, key) for each in told]) for key in ("ms_per_frame", "real_time_factor"))
+    keys = ("ms_per_frame", "ms_waiting", "real_time_factor")
+    work, waiting, factor = (np.median([getattr(each, key) for each in told]) for key in keys)
     lines = [
-        f"{last.stamp - first.stamp:.0f} s at real-time factor {factor:.2f}, {work:.2f} ms of work a frame in the "
-        "thread that simulates"
+        f"{last.stamp - first.stamp:.0f} s at real-time factor {factor:.2f}, {work:.2f} ms a frame in the thread "
+        f"that simulates, of which it waits {waiting:.2f} for the device"
     ]
     lines.append(f"{'topic':<{longest}}  {'messages':>8}  {'lost':>5}  {'ms old: median':>14}  {'p95':>6}  {'most':>6}")
     counted = {

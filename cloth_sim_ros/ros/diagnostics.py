@@ -18,6 +18,7 @@ def diagnostics(node_name: str, world: World, pace: Pace, paused: bool, refused:
     values: dict[str, Any] = {
         "real_time_factor": pace.real_time_factor,
         "ms_per_frame": pace.ms_per_frame,
+        "ms_waiting": pace.ms_waiting,
         "frames": pace.frames,
         "resets": world.resets,
         "inputs_refused": refused,

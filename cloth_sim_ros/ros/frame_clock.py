@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 import threading
 import time
 from dataclasses import dataclass
@@ -9,10 +10,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Pace:
-    """real_time_factor: simulated per real second while not paused; ms_per_frame: median work on one frame [ms]."""
+    """real_time_factor: simulated per real second while not paused; ms_per_frame: median time spent on one frame [ms];
+    ms_waiting: the same of what the thread waited for the device in it."""
 
     real_time_factor: float
     ms_per_frame: float
+    ms_waiting: float
     frames: int
 
 
@@ -30,15 +33,18 @@ class FrameClock:
         self._deadline = time.monotonic()
         self._since = self._deadline
         self._works: list[float] = []
+        self._waits: list[float] = []
         self._simulated = 0.0
 
     def restart(self, period: float) -> None:
         """Counts and deadlines anew from now on."""
         self.__init__(period)
 
-    def worked(self, seconds: float, simulated: float) -> None:
-        """Notes a frame that took `seconds` to compute and to hand over for sending and covers `simulated` seconds."""
+    def worked(self, seconds: float, waited: float, simulated: float) -> None:
+        """Notes a frame that took `seconds` to compute and to hand over for sending, `waited` of them for the device,
+        and covers `simulated` seconds."""
         self._works.append(seconds)
+        self._waits.append(waited)
         self._simulated += simulated
 
     def wait(self, stop: threading.Event) -> None:
@@ -51,7 +57,11 @@ class FrameClock:
     def pace(self) -> Pace:
         """The pace since the last call."""
         now = time.monotonic()
-        elapsed, works = max(now - self._since, 1e-9), sorted(self._works)
-        pace = Pace(self._simulated / elapsed, 1e3 * works[len(works) // 2] if works else 0.0, len(works))
-        self._since, self._works, self._simulated = now, [], 0.0
+        elapsed, work, wait = max(now - self._since, 1e-9), _median_ms(self._works), _median_ms(self._waits)
+        pace = Pace(self._simulated / elapsed, work, wait, len(self._works))
+        self._since, self._works, self._waits, self._simulated = now, [], [], 0.0
         return pace
+
+
+def _median_ms(seconds: list[float]) -> float:
+    return 1e3 * statistics.median(seconds) if seconds else 0.0

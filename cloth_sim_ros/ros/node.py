@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from functools import partial
@@ -149,20 +150,23 @@ class ClothSimNode(Node):
             else:
                 output.detach()
 
-    def _send(self, world: World) -> None:
+    def _send(self, world: World) -> float:
         self._end_sending()
         for output in self._outputs.values():
             output.request()
         stamp = divmod(self._now(world), 1_000_000_000)
         if self._clock_out is not None:
             self._clock_out.publish(Clock(clock=Time(sec=stamp[0], nanosec=stamp[1])))
+        begin = time.monotonic()
         for output in self._outputs.values():
             output.wait(stamp)
         world.finish()  # here, as the other thread may hold the interpreter from now on
+        waited = time.monotonic() - begin
         if sum(output.size for output in self._outputs.values()) < WORTH_ANOTHER_THREAD:
             self._publish()
         else:
             self._sending = self._sender.submit(self._publish)
+        return waited
 
     def _end_sending(self) -> None:
         """Waits for the other thread, before anything that it reads is written anew."""

@@ -16,9 +16,9 @@ from cloth_sim_ros.ros.world import World
 class SimulationLoop:
     """Runs `world` in a thread of its own.
 
-    send(world) is called after every frame, also while paused, and waits for the device; tell(world, pace) once a
-    second; built(world, ok) after each attempt to build. values() gives the parameter values to build from. All are
-    called in this thread.
+    send(world) is called after every frame, also while paused, and waits until the device is done, so that frames never
+    pile up there; it returns for how long [s]. tell(world, pace) is called once a second; built(world, ok) after each
+    attempt to build. values() gives the parameter values to build from. All are called in this thread.
     """
 
     TELL_PERIOD = 1.0  # [s]
@@ -28,7 +28,7 @@ class SimulationLoop:
         world: World,
         values: Callable[[], dict[str, Any]],
         built: Callable[[World, bool], None],
-        send: Callable[[World], None],
+        send: Callable[[World], float],
         tell: Callable[..., None],
         log: Any,
     ):
@@ -94,8 +94,8 @@ class SimulationLoop:
             return
         begin = time.monotonic()
         simulated = 0.0 if self.paused else self.world.advance()
-        self._send(self.world)
-        self._clock.worked(time.monotonic() - begin, simulated)
+        waited = self._send(self.world)
+        self._clock.worked(time.monotonic() - begin, waited, simulated)
 
     def _run_commands(self) -> None:
         while not self._commands.empty():

@@ -185,7 +185,7 @@ class World:
         self.trouble, self.sim = why, None  # whoever sees that there is none finds out why
 
     def finish(self) -> None:
-        """Waits until the device has done all that was asked of it, so that frames never pile up there."""
+        """Waits until the device has done all that was asked of it."""
         warp.synchronize_device(self.sim.device)
 
 

@@ -23,7 +23,7 @@ def test_latency_counts_every_topic_and_what_is_lost(tmp_path):
 
 
 def test_what_lacks_is_lost():
-    told = [latency.Told(10.0, 9, 1.0, 1.0), latency.Told(12.0, 20, 1.0, 1.0)]
+    told = [latency.Told(10.0, 9, 1.0, 0.5, 1.0), latency.Told(12.0, 20, 1.0, 0.5, 1.0)]
     stamps = [10.0 + (k + 1) / 10 for k in range(20)]
     arrived = {"whole": [(s, s + 0.002) for s in stamps], "torn": [(s, s + 0.004) for s in stamps if round(10 * s) % 5]}
     rows = [line.split() for line in latency.table(arrived, told).splitlines()[2:]]

@@ -63,7 +63,15 @@ def test_diagnostics(client, clouds):
     values = {item.key: item.value for item in status.values}
     assert status.name == "cloth_sim: simulation" and status.hardware_id
     assert status.level in (DiagnosticStatus.OK, DiagnosticStatus.WARN)
-    for key in ("real_time_factor", "ms_per_frame", "max_strain", "max_penetration", "residual", "rope.kinetic_energy"):
+    for key in (
+        "real_time_factor",
+        "ms_per_frame",
+        "ms_waiting",
+        "max_strain",
+        "max_penetration",
+        "residual",
+        "rope.kinetic_energy",
+    ):
         assert float(values[key]) >= 0.0, key
     assert values["method"].startswith("xpbd") and values["resets"] == "1"
     apart = seconds(arrays[-1].header.stamp) - seconds(arrays[-2].header.stamp)
