@@ -22,6 +22,7 @@ from cloth_sim_ros.sim.cells import (
     lengths,
     passes,
 )
+from cloth_sim_ros.sim.schedules import coloured, coloured_kernels
 from cloth_sim_ros.sim.topology import build
 
 SHAPES = [(2, 2), (2, 9), (3, 2), (3, 3), (5, 5), (6, 5), (8, 8), (31, 17)]
@@ -134,3 +135,27 @@ def test_cells_side_by_side_move_like_one_by_one(resolution, device):
         found.append(sim.positions("it"))
     assert np.abs(found[0] - x).max() > 1e-3
     assert np.abs(found[0] - found[1]).max() < 2e-6
+
+
+@pytest.mark.parametrize(
+    "settings", [{"iterations": 1, "order": 1}, {"iterations": 3, "order": 1}, {"iterations": 2, "order": 2}]
+)
+@pytest.mark.parametrize("damping", [0.0, 0.002])
+def test_eight_at_a_time_are_projected_as_one_by_one(settings, damping, monkeypatch):
+    cloth = Cloth(resolution=(9, 8), pins="corners", shear_compliance=3e-3, bend_compliance=0.1, damping=damping)
+
+    def run():
+        sim = Simulation(Scene({"it": cloth}), Settings(**settings, substeps=5, schedule="coloured"), "cpu")
+        sim.set_velocities("it", np.random.default_rng(3).normal(size=(72, 3)))
+        sim.step(3)
+        return sim.positions("it"), sim.report()["it"]["residual"]
+
+    together, left = run()
+    monkeypatch.setattr(coloured, "LANES", 1)
+    monkeypatch.setattr(
+        coloured, "make_kernels", lambda features, lanes: coloured_kernels.make_kernels(features, False)
+    )
+    alone, left_alone = run()
+    assert not np.array_equal(together, alone)  # other arithmetic, or nothing is compared
+    assert np.abs(together - alone).max() < 3e-6
+    assert left == pytest.approx(left_alone, rel=1e-2)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring, make_project_tuple
-from cloth_sim_ros.sim.constraints.cell import is_collapsed, is_off, is_plain, springs_of
+from cloth_sim_ros.sim.constraints.cell import is_collapsed, is_off, springs_of
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES, project_lanes
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
@@ -67,8 +67,9 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
             springs = springs_of(here.body, material, here.step)
             m = arrays.model
             if wp.static(lanes):
-                if is_plain(material, here.step):
-                    project_lanes(k, springs, m, here.x, here.d)
+                if not here.step.collapsed:
+                    s, step = arrays.state, here.step
+                    project_lanes(k, springs, m, s, here.body, material, step, here.x, here.low, here.d)
                     return
             for n in range(k, wp.min(k + wp.static(LANES if lanes else 1), group[3])):
                 project_one_cell(

@@ -95,10 +95,10 @@ def make_sweep_lanes(order: int):
     ):
         springs = springs_of(body, material, step)
         backward = goes_backward(body, step)
-        if is_plain(material, step):
+        if not step.collapsed:
             for n in range(0, body.cells_end - body.cells, wp.static(LANES)):
                 k = wp.where(backward, body.cells_end - wp.static(LANES) - n, body.cells + n)
-                project_lanes(k, springs, m, x, d)
+                project_lanes(k, springs, m, s, body, material, step, x, low, d)
         else:
             for n in range(body.cells_end - body.cells):
                 k = wp.where(backward, body.cells_end - 1 - n, body.cells + n)
