@@ -20,7 +20,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     Moving,
     in_turn,
     make_finish,
-    make_panel,
+    make_panels,
     make_predict,
     moving_of,
     pack,
@@ -69,7 +69,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     The compiler knows that a block has `block` threads, so that their registers fit the multiprocessor.
     """
     predict, finish = make_predict(features), make_finish(features)
-    panel = make_panel(features) if features.panels else None
+    panels = make_panels(features) if features.panels else None
     contact = make_contact(features) if features.shapes else None
     edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     project_tuple = make_project_tuple(features.constraints, features.order)
@@ -197,8 +197,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 turn(m, s, body, drive, frame.dt, x, low)
             sync()
         if wp.static(features.panels != ""):
-            for k in range(body.panels + t, body.panels_end, width):
-                panel(k, m, s, body, material, frame, x)
+            panels(t, width, m, s, body, material, frame, x)
             sync()
         if wp.static(not at_once):
             for i in range(last - t, -1, -width):
@@ -262,8 +261,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     turn(m, s, body, drive, frame.dt, x, low)
                 sync()
             if wp.static(features.panels != ""):
-                for k in range(body.panels + t, body.panels_end, width):
-                    panel(k, m, s, body, material, frame, x)
+                panels(t, width, m, s, body, material, frame, x)
                 sync()
             if wp.static(features.looks_back):
                 history = wp.where(rough == 0, 1, 0)

@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.schedules.row_lanes import finish_lanes, predict_lanes, r
 from cloth_sim_ros.sim.schedules.stages import (
     first_share,
     make_accelerate,
-    make_panel,
+    make_panels,
     pack,
     spring_constants,
     sweep_colliders,
@@ -123,7 +123,7 @@ def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Plane
 @lru_cache
 def make_frame(features: Features):
     """The kernel of a whole frame for `features`."""
-    panel, accelerate = (make_panel(features), make_accelerate(features)) if features.panels else (None, None)
+    panels, accelerate = (make_panels(features), make_accelerate(features)) if features.panels else (None, None)
     contact = make_contact(features) if features.shapes else None
     edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     argument = given_type(features)
@@ -159,11 +159,10 @@ def make_frame(features: Features):
         constants = spring_constants(material)
         step = make_step(frame.dt, s.history[b] > 0, 1, 0.0, frame.global_damping)
         for substep in range(frame.substeps):
-            if wp.static(panel is not None):
+            if wp.static(panels is not None):
                 write4(numbers, size, wp.static(row_lanes.X), count, x)
                 write3(numbers, size, wp.static(row_lanes.V), count, v)
-                for k in range(body.panels, body.panels_end):
-                    panel(k, m, s, body, material, frame, x)
+                panels(0, 1, m, s, body, material, frame, x)
                 for i in range(count):
                     pushed = accelerate(body.particles + i, load4(x, i)[3], xyz(load4(v, i)), m, s, frame)
                     store4(d, i, pack(xyz(pushed), eased_by(pushed[3], step.effective)))
@@ -182,7 +181,7 @@ def make_frame(features: Features):
                 frame.gravity,
                 frame.global_damping,
                 step.eased,
-                wp.static(panel is not None),
+                wp.static(panels is not None),
                 first_share(step),
                 step.effective,
             )

@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, xyz
 from cloth_sim_ros.sim.schedules.radau import finish_stages, keep_tensions, make_predict_stages, solve_stages
 from cloth_sim_ros.sim.schedules.rope_watch import make_slacken
-from cloth_sim_ros.sim.schedules.stages import make_finish, make_panel, make_predict, moving_of, sweep_colliders
+from cloth_sim_ros.sim.schedules.stages import make_finish, make_panels, make_predict, moving_of, sweep_colliders
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, Material, State, gathered, given_type
 
@@ -160,7 +160,7 @@ def make_frame(features: Features):
     """The kernel of a whole frame for `features`, of order 3."""
     touch = make_touch(dataclasses.replace(features, order=1)) if features.shapes else None
     smooth_substep, rough_substep = make_smooth_substep(features, touch), make_rough_substep(features, touch)
-    panel, slacken = make_panel(features) if features.panels else None, make_slacken(features)
+    panels, slacken = make_panels(features) if features.panels else None, make_slacken(features)
     argument = given_type(features)
 
     @wp.kernel(enable_backward=False, module="unique", module_options=CPU_FLAGS)
@@ -189,8 +189,7 @@ def make_frame(features: Features):
             if wp.static(bool(features.shapes)):
                 sweep_colliders(0, 1, b * arrays.colliders.shape[0], substep, arrays.colliders, frame, s.sweeps)
             if wp.static(features.panels != ""):
-                for k in range(body.panels, body.panels_end):
-                    panel(k, m, s, body, material, frame, x)
+                panels(0, 1, m, s, body, material, frame, x)
             step.store = frame.iterations > 1 or substep == frame.substeps - 1
             smooth = bool(False)
             if not rough:

@@ -102,12 +102,11 @@ def make_air(features: Features):
     return air
 
 
-def make_panel(features: Features):
-    """The stage that computes the air's force on panel k of the batch."""
-    air = make_air(features)
+def _make_corners_of(features: Features):
+    """A Warp function: what panel k of the batch, which belongs to `body`, is spanned by."""
 
     @wp.func
-    def panel_force(k: int, m: Model, s: State, body: Body, material: Material, frame: Frame, x: wp.uint64):
+    def corners_of(k: int, m: Model, s: State, body: Body, x: wp.uint64) -> Corners:
         p = m.panels[k]
         corners = Corners()
         corners.a = xyz(load4(x, p[0]))
@@ -117,9 +116,39 @@ def make_panel(features: Features):
         if wp.static(features.panels == "triangles"):
             corners.c = xyz(load4(x, p[2]))
             corners.vc = xyz(load_row(s.velocities, body.particles + p[2]))
-        store_row(s.panel_forces, k, air(corners, frame, material))
+        return corners
+
+    return corners_of
+
+
+def make_panel(features: Features):
+    """The stage that computes the air's force on panel k of the batch."""
+    air, corners_of = make_air(features), _make_corners_of(features)
+
+    @wp.func
+    def panel_force(k: int, m: Model, s: State, body: Body, material: Material, frame: Frame, x: wp.uint64):
+        store_row(s.panel_forces, k, air(corners_of(k, m, s, body, x), frame, material))
 
     return panel_force
+
+
+def make_panels(features: Features):
+    """The same for all panels of a body: thread t of `width` computes its share."""
+    air, corners_of = make_air(features), _make_corners_of(features)
+
+    @wp.func
+    def panel_forces(
+        t: int, width: int, m: Model, s: State, body: Body, material: Material, frame: Frame, x: wp.uint64
+    ):
+        for k in range(body.panels + t, body.panels_end, 2 * width):
+            # Two at once: the way to memory and back is most of it. The last one may be told twice, alike.
+            beside = wp.min(k + width, body.panels_end - 1)
+            here, there = corners_of(k, m, s, body, x), corners_of(beside, m, s, body, x)
+            force, other = air(here, frame, material), air(there, frame, material)
+            store_row(s.panel_forces, k, force)
+            store_row(s.panel_forces, beside, other)
+
+    return panel_forces
 
 
 @wp.func
@@ -214,16 +243,27 @@ def kick(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, low: wp.
 def make_accelerate(features: Features):
     """A Warp function: the acceleration [m/s^2] of particle g of the batch by gravity, drag and the panels around it,
     and its drag rate [1/s]."""
+    around = 6 if features.panels == "triangles" else 2  # so many within a grid, or along a rope
+    Panels, Forces = wp.types.vector(around, int), wp.types.matrix((around, 4), float)
 
     @wp.func
     def accelerate(g: int, w: float, v: wp.vec3, m: Model, s: State, frame: Frame) -> wp.vec4:
         a = frame.gravity - frame.global_damping * v
         rate = frame.global_damping
         if wp.static(features.panels != ""):
-            for k in range(m.panel_start[g], m.panel_start[g + 1]):
-                force = load_row(s.panel_forces, m.particle_panels[k])
-                a += w * xyz(force)
-                rate += w * force[3]
+            first, end = m.panel_start[g], m.panel_start[g + 1]
+            panels = Panels()
+            forces = Forces()
+            for k in range(first, end, wp.static(around)):
+                # All are asked for before any is added, and what is asked for too much weighs nothing.
+                for q in range(wp.static(around)):
+                    panels[q] = m.particle_panels[wp.min(k + q, end - 1)]
+                for q in range(wp.static(around)):
+                    forces[q] = load_row(s.panel_forces, panels[q])
+                for q in range(wp.static(around)):
+                    there = wp.where(k + q < end, 1.0, 0.0)
+                    a += (there * w) * xyz(forces[q])
+                    rate += (there * w) * forces[q][3]
         return pack(a, rate)
 
     return accelerate
