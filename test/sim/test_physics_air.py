@@ -65,3 +65,28 @@ def test_light_sheet_takes_the_speed_of_a_gale_and_no_more(device, substeps):
         sim.step()
         fastest = max(fastest, fall_speed(sim) * -1.0)
     assert 50.0 < fastest < 100.0 * (1.0 + 1e-4)
+
+
+@pytest.mark.parametrize("schedule", ["resident", "coloured"])
+def test_forces_on_crumpled_triangles_are_those_of_the_formula(device, schedule):
+    """Ling 2000; Wilson et al. 2014, in float64; 60 triangles, which eight at a time do not divide, one of no area."""
+    rng = np.random.default_rng(7)
+    wind, lift = np.array((3.0, -1.0, 2.0)), 0.7
+    scene = Scene({"it": Cloth(resolution=(7, 6))}, wind=Wind(tuple(wind), RHO, CD, lift))
+    sim = Simulation(scene, Settings(substeps=1, iterations=1, frame_dt=1e-4, schedule=schedule), device=device)
+    triangles = sim.triangles("it")
+    x, v = rng.normal(size=(42, 3)).astype(np.float32), rng.normal(size=(42, 3)).astype(np.float32)
+    x[triangles[11][1]] = x[triangles[11][0]]
+    sim.set_positions("it", x)
+    sim.set_velocities("it", v)
+    x, v = sim.positions("it").astype(float), sim.velocities("it").astype(float)  # nudged, and pins rest
+    sim.step()
+    doubled = np.cross(x[triangles[:, 1]] - x[triangles[:, 0]], x[triangles[:, 2]] - x[triangles[:, 0]])
+    size = np.linalg.norm(doubled, axis=1, keepdims=True)
+    n, relative = doubled / np.maximum(size, 1e-30), wind - v[triangles].mean(1)
+    speed, across = np.linalg.norm(relative, axis=1, keepdims=True), (relative * n).sum(1, keepdims=True)
+    factor = 0.25 * RHO * size / 3.0
+    force = factor * ((CD - lift) * np.abs(across) * relative + lift * speed**2 * np.sign(across) * n)
+    found = sim.device_arrays("it")[0].state.panel_forces.numpy()
+    assert np.allclose(found[:, :3], force, rtol=1e-4, atol=1e-5 * np.abs(force).max())
+    assert np.allclose(found[:, 3:], factor * CD * speed, rtol=1e-5, atol=1e-6)

@@ -14,6 +14,31 @@ from cloth_sim_ros.sim.state import Material, State
 
 LANES = 8
 
+# Between rows of four numbers in memory and a vector of LANES for each number.
+ROWS = f"""
+typedef float Lanes __attribute__((ext_vector_type({LANES})));
+typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
+// Four rows of four numbers to their columns, in both halves of the lanes; twice it is what it was.
+auto turn = [](const Lanes* from, Lanes* to) {{
+    const Lanes ab = __builtin_shufflevector(from[0], from[1], 0, 8, 1, 9, 4, 12, 5, 13);
+    const Lanes AB = __builtin_shufflevector(from[0], from[1], 2, 10, 3, 11, 6, 14, 7, 15);
+    const Lanes ce = __builtin_shufflevector(from[2], from[3], 0, 8, 1, 9, 4, 12, 5, 13);
+    const Lanes CE = __builtin_shufflevector(from[2], from[3], 2, 10, 3, 11, 6, 14, 7, 15);
+    to[0] = __builtin_shufflevector(ab, ce, 0, 1, 8, 9, 4, 5, 12, 13);
+    to[1] = __builtin_shufflevector(ab, ce, 2, 3, 10, 11, 6, 7, 14, 15);
+    to[2] = __builtin_shufflevector(AB, CE, 0, 1, 8, 9, 4, 5, 12, 13);
+    to[3] = __builtin_shufflevector(AB, CE, 2, 3, 10, 11, 6, 7, 14, 15);
+}};
+auto load = [&](uint64_t address, const int* at, Lanes* to) {{
+    const Row* row = (const Row*)address;
+    Lanes rows[4];
+    for (int lane = 0; lane < 4; ++lane) {{
+        rows[lane] = __builtin_shufflevector(row[at[lane]], row[at[lane + 4]], 0, 1, 2, 3, 4, 5, 6, 7);
+    }}
+    turn(rows, to);
+}};
+"""
+
 # Where there are dashpots, what they see of a corner: the rounding that displacements carry, and the last ones.
 _LOAD_MORE = """
     if (gamma > 0.0f) {
@@ -53,7 +78,7 @@ def _source(whole: bool) -> str:
     """C++ of the projection; of the `whole`, with dashpots and multipliers, or of what is_plain."""
     return f"""
 #if !defined(__CUDA_ARCH__)
-typedef float Lanes __attribute__((ext_vector_type({LANES})));
+{ROWS}
 typedef int Flags __attribute__((ext_vector_type({LANES})));
 typedef float Kept __attribute__((ext_vector_type({LANES}), aligned(4)));
 struct Corner {{
@@ -73,26 +98,6 @@ for (int lane = 0; lane < {LANES}; ++lane) {{
     flags[lane] = record[0];
     for (int c = 0; c < 4; ++c) corners[c].at[lane] = record[c] & {(1 << INDEX) - 1};
 }}
-typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
-// Four rows of four numbers to their columns, in both halves of the lanes; twice it is what it was.
-auto turn = [](const Lanes* from, Lanes* to) {{
-    const Lanes ab = __builtin_shufflevector(from[0], from[1], 0, 8, 1, 9, 4, 12, 5, 13);
-    const Lanes AB = __builtin_shufflevector(from[0], from[1], 2, 10, 3, 11, 6, 14, 7, 15);
-    const Lanes ce = __builtin_shufflevector(from[2], from[3], 0, 8, 1, 9, 4, 12, 5, 13);
-    const Lanes CE = __builtin_shufflevector(from[2], from[3], 2, 10, 3, 11, 6, 14, 7, 15);
-    to[0] = __builtin_shufflevector(ab, ce, 0, 1, 8, 9, 4, 5, 12, 13);
-    to[1] = __builtin_shufflevector(ab, ce, 2, 3, 10, 11, 6, 7, 14, 15);
-    to[2] = __builtin_shufflevector(AB, CE, 0, 1, 8, 9, 4, 5, 12, 13);
-    to[3] = __builtin_shufflevector(AB, CE, 2, 3, 10, 11, 6, 7, 14, 15);
-}};
-auto load = [&](uint64_t address, const int* at, Lanes* to) {{
-    const Row* row = (const Row*)address;
-    Lanes rows[4];
-    for (int lane = 0; lane < 4; ++lane) {{
-        rows[lane] = __builtin_shufflevector(row[at[lane]], row[at[lane + 4]], 0, 1, 2, 3, 4, 5, 6, 7);
-    }}
-    turn(rows, to);
-}};
 for (int c = 0; c < 4; ++c) {{
     load(x, corners[c].at, corners[c].x);
     load(d, corners[c].at, corners[c].d);

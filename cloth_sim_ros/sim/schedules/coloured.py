@@ -78,7 +78,8 @@ class Coloured:
                 if self._features.winch:
                     self._launch("reel", 1, b)
                 if self._features.panels:
-                    self._launch("panel", body["panels_end"] - body["panels"], b)
+                    threads = 1 if self._device.is_cpu else -(-(body["panels_end"] - body["panels"]) // 2)
+                    self._launch("panels", threads, b, g=threads)
                 self._launch("predict", body["count"], b)
                 for iteration in range(iterations):
                     store = int(iterations > 1 or substep == substeps - 1)

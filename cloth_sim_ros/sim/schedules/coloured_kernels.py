@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load_row
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.rope_watch import make_settle_ends, make_slacken
-from cloth_sim_ros.sim.schedules.stages import make_finish, make_panel, make_predict, moving_of, sweep_collider
+from cloth_sim_ros.sim.schedules.stages import make_finish, make_panels, make_predict, moving_of, sweep_collider
 from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
 from cloth_sim_ros.sim.schedules.tangle import count_found, make_material_of
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
@@ -102,7 +102,7 @@ def _make_look(features: Features):
 def _add_motion(stage: Callable, look: wp.Function, features: Features) -> None:
     """The stages around the constraints: what moves particles into a substep and out of it."""
     predict_particle, finish_particle = make_predict(features), make_finish(features)
-    panel_force = make_panel(features) if features.panels else None
+    panel_forces = make_panels(features) if features.panels else None
     turn = make_turn(features.order) if features.winch else None
 
     @stage
@@ -138,17 +138,11 @@ def _add_motion(stage: Callable, look: wp.Function, features: Features) -> None:
     if features.panels:
 
         @stage
-        def panel(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-            here = look(arrays, b, 0, 0)
-            panel_force(
-                here.body.panels + i,
-                arrays.model,
-                arrays.state,
-                here.body,
-                arrays.materials[b],
-                arrays.frames[0],
-                here.x,
-            )
+        def panels(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+            # g is how many threads share them.
+            m, s, body = arrays.model, arrays.state, arrays.model.bodies[b]
+            x = array_address(s.positions, body.particles)
+            panel_forces(i, g, m, s, body, arrays.materials[b], arrays.frames[0], x)
 
     if turn is not None:
 

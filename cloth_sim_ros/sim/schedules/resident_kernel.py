@@ -261,7 +261,8 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     turn(m, s, body, drive, frame.dt, x, low)
                 sync()
             if wp.static(features.panels != ""):
-                panels(t, width, m, s, body, material, frame, x)
+                if substep + 1 < frame.substeps:
+                    panels(t, width, m, s, body, material, frame, x)
                 sync()
             if wp.static(features.looks_back):
                 history = wp.where(rough == 0, 1, 0)

@@ -1,6 +1,6 @@
 """The stages of a substep besides the constraints, one function an element, made for the features of a batch.
 
-Every schedule runs: sweep and panel, then predict, then per iteration (constraints, chain, contact), then finish.
+Every schedule runs: sweep and panels, then predict, then per iteration (constraints, chain, contact), then finish.
 Particle indices count within the body; x, low and d are addresses of its positions, of what float32 lost of them, and
 of its displacements (schedules/native.py).
 """
@@ -22,6 +22,7 @@ from cloth_sim_ros.sim.schedules.native import (
     store_row,
     xyz,
 )
+from cloth_sim_ros.sim.schedules.panel_lanes import triangle_forces
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
 
 
@@ -102,8 +103,9 @@ def make_air(features: Features):
     return air
 
 
-def _make_corners_of(features: Features):
-    """A Warp function: what panel k of the batch, which belongs to `body`, is spanned by."""
+def make_panels(features: Features):
+    """The stage that computes the air's force on all panels of a body: thread t of `width` its share."""
+    air = make_air(features)
 
     @wp.func
     def corners_of(k: int, m: Model, s: State, body: Body, x: wp.uint64) -> Corners:
@@ -118,28 +120,13 @@ def _make_corners_of(features: Features):
             corners.vc = xyz(load_row(s.velocities, body.particles + p[2]))
         return corners
 
-    return corners_of
-
-
-def make_panel(features: Features):
-    """The stage that computes the air's force on panel k of the batch."""
-    air, corners_of = make_air(features), _make_corners_of(features)
-
-    @wp.func
-    def panel_force(k: int, m: Model, s: State, body: Body, material: Material, frame: Frame, x: wp.uint64):
-        store_row(s.panel_forces, k, air(corners_of(k, m, s, body, x), frame, material))
-
-    return panel_force
-
-
-def make_panels(features: Features):
-    """The same for all panels of a body: thread t of `width` computes its share."""
-    air, corners_of = make_air(features), _make_corners_of(features)
-
     @wp.func
     def panel_forces(
         t: int, width: int, m: Model, s: State, body: Body, material: Material, frame: Frame, x: wp.uint64
     ):
+        if wp.static(features.panels == "triangles"):
+            if triangle_forces(m, s, body, frame, x):
+                return
         for k in range(body.panels + t, body.panels_end, 2 * width):
             # Two at once: the way to memory and back is most of it. The last one may be told twice, alike.
             beside = wp.min(k + width, body.panels_end - 1)
