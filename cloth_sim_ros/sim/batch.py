@@ -24,7 +24,7 @@ from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
 Schedule = Resident | Coloured | Tiled | Patched | Rows | Serial
-KEPT = ("positions", "low", "good_positions", "good_low", "velocities")
+KEPT = ("positions", "low", "good_positions", "velocities")
 
 
 @dataclass(frozen=True)
@@ -160,12 +160,9 @@ class Batch:
     def _write_rows(self, name: str, positions: np.ndarray, inverse_mass: np.ndarray, world: int | None) -> None:
         high, span = positions.astype(np.float32), self.span(name)
         packed = np.column_stack([high, inverse_mass]).astype(np.float32)
-        for whole, good, rows in (
-            ("positions", "good_positions", packed),
-            ("low", "good_low", _padded(positions - high.astype(np.float64))),
-        ):
-            self._assign(whole, span, world, rows)
-            self._assign(good, span, world, rows)
+        self._assign("positions", span, world, packed)
+        self._assign("good_positions", span, world, packed)
+        self._assign("low", span, world, _padded(positions - high.astype(np.float64)))
         self._forget(name, world)
 
     def read_body(self, array: str, name: str, world: int | None) -> np.ndarray:

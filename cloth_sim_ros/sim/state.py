@@ -206,8 +206,7 @@ class State:
     sweeps: wp.array(dtype=Sweep)  # (B K,)
     reels: wp.array(dtype=Reel)  # (B,) of ropes that a winch feeds, and when the body was last good
     good_reels: wp.array(dtype=Reel)  # (B,)
-    good_positions: wp.array(dtype=wp.vec4)  # (N,) positions and low parts when the body was last good, see watch.py
-    good_low: wp.array(dtype=wp.vec4)  # (N,)
+    good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see watch.py
     faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
     recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
     collapsed: wp.array(dtype=int)  # (B,) whether a spring had no length when the frame began, coloured schedule

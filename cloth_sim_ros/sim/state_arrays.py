@@ -58,7 +58,6 @@ def make_states(
         "reels": bodies if features.winch else 0,
         "good_reels": bodies if features.winch else 0,
         "good_positions": particles,
-        "good_low": particles,
         "faulty": bodies,
         "recoveries": bodies,
         "collapsed": bodies if "cell" in features.constraints else 0,

@@ -1,8 +1,9 @@
 """The watch over every body at the end of a frame: what is not finite or ran away is put back, and it alone.
 
-A body in which any particle is bad returns to where all of them were last good, at rest, with its history and
-multipliers forgotten; velocities are not kept, or the same runaway would come again. Where it comes again from there,
-frame after frame, that state was not good: the body then returns to its rest shape. Other bodies never notice.
+A body in which any particle is bad returns to where all of them were last good (rounded to float32), at rest, with its
+history and multipliers forgotten; velocities are not kept, or the same runaway would come again. Where it comes again
+from there, frame after frame, that state was not good: the body then returns to its rest shape. Other bodies never
+notice.
 """
 
 import warp as wp
@@ -30,7 +31,6 @@ def keep(g: int, position: wp.vec4, low: wp.vec4, s: State):
     store_row(s.positions, g, position)
     store_row(s.good_positions, g, position)
     store_row(s.low, g, low)
-    store_row(s.good_low, g, low)
 
 
 @wp.func
@@ -50,7 +50,6 @@ def put_back(g: int, relapses: int, m: Model, s: State):
     if relapses >= RELAPSES:
         rest = m.rest[g]
         s.good_positions[g] = wp.vec4(rest[0], rest[1], rest[2], s.good_positions[g][3])
-        s.good_low[g] = wp.vec4(0.0)
     store_row(s.positions, g, load_row(s.good_positions, g))
-    store_row(s.low, g, load_row(s.good_low, g))
+    store_row(s.low, g, wp.vec4(0.0))
     store_row(s.velocities, g, wp.vec4(0.0))
