@@ -144,11 +144,15 @@ class Batch:
         for array in ("recoveries", "relapses"):
             self._part(array, slice(b, b + 1), world).zero_()
 
-    def write_positions(self, name: str, positions: np.ndarray, world: int | None) -> None:
+    def write_positions(self, name: str, positions: np.ndarray, world: int | None, thrown: bool = False) -> None:
         """Positions (N, 3) float64 [m], kept to more digits than float32 has; history and multipliers start anew.
 
-        What is on a drum stays there, where the first particle is put.
+        What is on a drum stays there, where the first particle is put. thrown: whether a spring is strained by more
+        than half.
         """
+        if "cell" in self.features.constraints:
+            b = self.index[name]
+            self._part("thrown", slice(b, b + 1), world).fill_(int(thrown))
         if not self.features.winch:
             self._write_rows(name, positions, self._inverse_mass[name], world)
             return

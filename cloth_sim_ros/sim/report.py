@@ -12,7 +12,9 @@ from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.constraints.cell import spring_of
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.schedules.native import as_index, xyz
+from cloth_sim_ros.sim.schedules.resident import Resident
 from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
+from cloth_sim_ros.sim.schedules.tangle import last_frame
 from cloth_sim_ros.sim.state import Arrays
 
 # Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.
@@ -25,7 +27,6 @@ def measure_springs(
     b: int,
     first: int,
     kind: int,
-    dt: float,
     second: bool,
     implicit: bool,
     result: wp.array(dtype=float),
@@ -35,7 +36,8 @@ def measure_springs(
     spring = arrays.model.springs[k]
     i = body.particles + as_index(spring[0])
     j = body.particles + as_index(spring[1])
-    h = effective_step(dt, second, parts_of_motion(body, arrays.materials[b], arrays.frames[0]))
+    frame = arrays.frames[0]
+    h = effective_step(frame.dt, second, parts_of_motion(body, arrays.materials[b], frame))
     force = arrays.state.spring_multipliers[k] / (h * h)
     _measure(
         arrays, b, i, j, spring[2], 0.0, spring[3] * arrays.materials[b].compliance[kind] * force, implicit, result
@@ -48,9 +50,9 @@ def measure_cells(
     b: int,
     first: int,
     kind: int,
-    dt: float,
     second: bool,
     implicit: bool,
+    refines: bool,
     result: wp.array(dtype=float),
 ):
     q, k = wp.tid()
@@ -61,7 +63,10 @@ def measure_cells(
         return
     i, j = body.particles + spring.i, body.particles + spring.j
     compliance = spring.scale * arrays.materials[b].compliance[spring.kind]
-    h = effective_step(dt, second, parts_of_motion(body, arrays.materials[b], arrays.frames[0]))
+    frame = arrays.frames[0]
+    if refines:
+        frame = last_frame(arrays, b)
+    h = effective_step(frame.dt, second, parts_of_motion(body, arrays.materials[b], frame))
     held = compliance * arrays.state.cell_multipliers[q * arrays.model.cells.shape[0] + k] / (h * h)
     _measure(arrays, b, i, j, spring.rest, 0.0, held, implicit, result)
 
@@ -137,7 +142,7 @@ class Reporter:
         self._device = device
         self._result = wp.zeros(3, dtype=float, device=device)
 
-    def measure(self, batch: Batch, name: str, dt: float, world: int) -> dict[str, float]:
+    def measure(self, batch: Batch, name: str, world: int) -> dict[str, float]:
         """kinetic_energy [J], max_strain [-], max_penetration [m], residual [m] and recoveries of one body."""
         b, span, arrays = batch.index[name], batch.span(name), batch.worlds[world]
         self._result.zero_()
@@ -146,7 +151,8 @@ class Reporter:
         for _, kind, first, end in groups:
             in_cells = constraint == "cell"
             kernel, dim = (measure_cells, (6, end - first)) if in_cells else (measure_springs, end - first)
-            inputs = [arrays, b, first, kind, dt, second, implicit, self._result]
+            refines = [implicit and isinstance(batch.schedule, Resident)] if in_cells else []
+            inputs = [arrays, b, first, kind, second, implicit, *refines, self._result]
             wp.launch(kernel, dim=dim, inputs=inputs, device=self._device)
         if batch.features.chain:
             segments = span.stop - span.start - 1

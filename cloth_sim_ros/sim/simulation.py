@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.live import Live, compliances_of
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.scene import Scene
+from cloth_sim_ros.sim.schedules.tangle import SMALL
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.starts import off_symmetry
 
@@ -80,7 +81,8 @@ class Simulation(Live):
 
     def _trial(self, substeps: int) -> dict[str, np.ndarray]:
         """Positions after the frame with `substeps`, from its start without history; the state is put back."""
-        self._frame.write(0, None, dt=self.settings.frame_dt / substeps, substeps=substeps)
+        finer = substeps / self.settings.substeps
+        self._frame.write(0, None, dt=self.settings.frame_dt / substeps, substeps=substeps, small=SMALL / finer)
         for batch in self._batches:
             batch.forget_steps()
         self._advance(substeps)
@@ -128,8 +130,8 @@ class Simulation(Live):
         if batch.features.winch:
             batch.write_body("reels", name, source.read_body("reels", name, 0), None)
         rows = other.positions(name)
-        self._leave_if_strained(name, rows)
-        self._batch[name].write_positions(name, rows, None)
+        thrown = self._leave_if_strained(name, rows)
+        self._batch[name].write_positions(name, rows, None, thrown)
         self.set_velocities(name, other.velocities(name))
         if batch.features.twist:
             batch.write_body("twists", name, source.read_body("twists", name, 0), None)
@@ -137,12 +139,14 @@ class Simulation(Live):
     def set_positions(self, name: str, positions: Any, world: int | None = None) -> None:
         """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew.
 
-        Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
+        Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry, and a grid of
+        stiff springs that becomes a tangle then goes on in substeps as small as by default, see schedules/tangle.py.
         """
         rows, some = self._rows(name, positions, "positions", _FAR), self._some(world)
-        if self._leave_if_strained(name, rows) and self._elastic[name].reel is None:  # what is on a drum stays there
+        thrown = self._leave_if_strained(name, rows)
+        if thrown and self._elastic[name].reel is None:  # what is on a drum stays there
             rows = off_symmetry(self._elastic[name], rows)
-        self._batch[name].write_positions(name, rows, some)
+        self._batch[name].write_positions(name, rows, some, thrown)
 
     def _leave_if_strained(self, name: str, rows: np.ndarray) -> bool:
         """Whether positions strain a spring by more than half; `auto` then leaves the object to implicit steps."""
@@ -182,8 +186,7 @@ class Simulation(Live):
         """
         self._one(world)
         self._upload()
-        dt = self.settings.frame_dt / self.settings.substeps
-        found = {name: self._reporter.measure(batch, name, dt, world) for name, batch in self._batch.items()}
+        found = {name: self._reporter.measure(batch, name, world) for name, batch in self._batch.items()}
         for name, thing in self.scene.objects.items():
             if isinstance(thing, Rope):
                 found[name] |= self._measure_rope(name, thing, world)

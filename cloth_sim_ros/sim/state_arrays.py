@@ -62,6 +62,7 @@ def make_states(
         "recoveries": bodies,
         "collapsed": bodies if "cell" in features.constraints else 0,
         "tangled": bodies if "cell" in features.constraints else 0,
+        "thrown": bodies if "cell" in features.constraints else 0,
         "off": bodies if "cell" in features.constraints else 0,
         "relapses": bodies,
         "torn": bodies if features.chain else 0,

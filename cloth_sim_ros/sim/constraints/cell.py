@@ -11,7 +11,6 @@ from cloth_sim_ros.sim.schedules.native import load4, store_xyz, xyz
 from cloth_sim_ros.sim.state import Material, State, compliance_of
 from cloth_sim_ros.sim.topology import KINDS
 
-STRAINED = 0.1  # of its rest length is more than the springs of a cell that is solved at all are off by
 _SOFT = wp.constant(1.0e-20)  # [1/kg] keeps the divisor of a rigid spring between pinned particles from 0
 
 
@@ -141,14 +140,14 @@ def is_collapsed(record: wp.vec4i, x: wp.uint64) -> bool:
 
 
 @wp.func
-def off_by(square: float, inverse: float) -> float:
-    """How far the square of a length is from where it may be, in units of the rest length's square."""
-    return wp.abs(square * inverse - wp.static(1.0 + STRAINED * STRAINED))
+def off_by(square: float, inverse: float, most: float) -> float:
+    """How far the square of a length is from the middle of where it may be, in units of the rest length's square."""
+    return wp.abs(square * inverse - (1.0 + most * most))
 
 
 @wp.func
-def is_off(record: wp.vec4i, inverse_squares: wp.vec3, x: wp.uint64) -> bool:
-    """Whether a side or a diagonal of the cell is off by more than STRAINED of its length, or any spring has no length.
+def is_off(record: wp.vec4i, inverse_squares: wp.vec3, most: float, x: wp.uint64) -> bool:
+    """Whether a side or a diagonal of the cell is off by more than `most` of its length, or any spring has no length.
 
     Far sides bend, and may be short. inverse_squares: of rest lengths along x, along y and of diagonals [1/m^2].
     """
@@ -165,15 +164,15 @@ def is_off(record: wp.vec4i, inverse_squares: wp.vec3, x: wp.uint64) -> bool:
     bc = wp.dot(c - b, c - b)
     alone = has(record[0], wp.static(ALONE))
     along = wp.where(has(record[0], wp.static(TURNED)), inverse_squares[1], inverse_squares[0])
-    pairs = wp.max(off_by(ab, along), off_by(ce, along))
-    sides = wp.max(pairs, wp.max(off_by(ac, inverse_squares[1]), off_by(be, inverse_squares[1])))
+    pairs = wp.max(off_by(ab, along, most), off_by(ce, along, most))
+    sides = wp.max(pairs, wp.max(off_by(ac, inverse_squares[1], most), off_by(be, inverse_squares[1], most)))
     sides = wp.where(alone, pairs, sides)
-    diagonals = wp.max(off_by(ae, inverse_squares[2]), off_by(bc, inverse_squares[2]))
-    most = wp.where(has(record[1], wp.static(HAS_SIDES)) and not has(record[1], wp.static(FAR)), sides, 0.0)
-    most = wp.max(most, wp.where(has(record[1], wp.static(HAS_DIAGONALS)) and not alone, diagonals, 0.0))
+    diagonals = wp.max(off_by(ae, inverse_squares[2], most), off_by(bc, inverse_squares[2], most))
+    worst = wp.where(has(record[1], wp.static(HAS_SIDES)) and not has(record[1], wp.static(FAR)), sides, 0.0)
+    worst = wp.max(worst, wp.where(has(record[1], wp.static(HAS_DIAGONALS)) and not alone, diagonals, 0.0))
     shortest = wp.min(ab, ce)
     shortest = wp.where(alone, shortest, wp.min(shortest, wp.min(wp.min(ac, be), wp.min(ae, bc))))
-    off = most > wp.static(2.0 * STRAINED) or shortest < SHORTEST * SHORTEST
+    off = worst > 2.0 * most or shortest < SHORTEST * SHORTEST
     return off and not is_empty(record)
 
 

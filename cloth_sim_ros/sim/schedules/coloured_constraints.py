@@ -11,7 +11,14 @@ from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import array_address, load4i
 from cloth_sim_ros.sim.schedules.stages import in_turn
-from cloth_sim_ros.sim.schedules.tangle import COLLAPSED, OFF, inverse_squares_of, make_material_of, note_found
+from cloth_sim_ros.sim.schedules.tangle import (
+    COLLAPSED,
+    OFF,
+    inverse_squares_of,
+    make_material_of,
+    most_off,
+    note_found,
+)
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.state import Arrays, compliance_of
 
@@ -53,7 +60,7 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
             body = arrays.model.bodies[b]
             record = arrays.model.cells[arrays.model.groups[body.groups][2] + i]
             x = array_address(arrays.state.positions, body.particles)
-            if is_off(record, inverse_squares_of(body), x):
+            if is_off(record, inverse_squares_of(body), most_off(arrays.state.tangled[b]), x):
                 note_found(OFF + wp.where(is_collapsed(record, x), COLLAPSED, 0), b, arrays.state)
 
         @stage

@@ -181,13 +181,13 @@ def _make_advance(
         sync()
         if wp.static(waits or not last):
             if first == 0:
-                found = look_over(t, wp.static(block), body, records, x)
+                found = look_over(t, wp.static(block), body, records, tangled, x)
                 if wp.static(waits):
                     step.collapsed = (found & COLLAPSED) > 0
                 elif t == 0:
                     note_found(found, b, s)
         # Not before: what nothing waits for comes from afar beside the particles.
-        material = ease(material, tangled, body, frame)
+        material = ease(material, tangled, body, frame.dt, frame)
         for k in range(count):
             if wp.static(waits):
                 if k > 0:

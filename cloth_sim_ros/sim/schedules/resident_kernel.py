@@ -5,16 +5,16 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_tuple
-from cloth_sim_ros.sim.model import Body, Features
+from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import make_step
-from cloth_sim_ros.sim.schedules import native
+from cloth_sim_ros.sim.schedules import native, tangle
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, load_row, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.past import copy_past, with_past_at
 from cloth_sim_ros.sim.schedules.reel import make_turn
-from cloth_sim_ros.sim.schedules.rope_watch import make_settle_ends, make_slacken
+from cloth_sim_ros.sim.schedules.rope_watch import make_settle_body
 from cloth_sim_ros.sim.schedules.scan import THREADS, scan_size
 from cloth_sim_ros.sim.schedules.stages import (
     Moving,
@@ -28,10 +28,9 @@ from cloth_sim_ros.sim.schedules.stages import (
 )
 from cloth_sim_ros.sim.schedules.sweeps import make_sweep
 from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
-from cloth_sim_ros.sim.schedules.tangle import COLLAPSED, count_off, look_over, make_ease
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
-from cloth_sim_ros.sim.state import State, compliance_of, given_type
+from cloth_sim_ros.sim.state import compliance_of, given_type
 
 CELL_THREADS = 512  # of a multiprocessor, each with 128 registers
 
@@ -39,26 +38,6 @@ CELL_THREADS = 512  # of a multiprocessor, each with 128 registers
 def bounds_for(features: Features, block: int) -> tuple[int, int]:
     """What the compiler fits the registers to: threads of a block, and blocks that share a multiprocessor."""
     return block, max(1, CELL_THREADS // block) if "cell" in features.constraints else 1
-
-
-def make_settle_body(features: Features):
-    """A Warp function: what of body b besides its particles the watch keeps or puts back at the end of a frame."""
-    slacken, settle_ends = make_slacken(features), make_settle_ends(features)
-
-    @wp.func
-    def settle_body(t: int, width: int, b: int, faulty: bool, relapses: int, history: int, s: State, body: Body):
-        if faulty:
-            for k in range(body.segments + t, body.segments_end, width):
-                slacken(k, s)
-        if t == 0:
-            settle_ends(b, faulty, s)
-            s.relapses[b] = wp.where(faulty, relapses + 1, 0)
-            if faulty:
-                s.recoveries[b] += 1
-            if wp.static(features.looks_back):
-                s.history[b] = wp.where(faulty, 0, history)
-
-    return settle_body
 
 
 @lru_cache
@@ -92,7 +71,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     at_once = shared > 0 and features.method == "xpbd" and not (features.panels or features.winch)
     staged_address = native.make_tile_address(staged) if staged else None
     span_address = native.make_tile_address(slots) if slots else None
-    ease = make_ease(features)
+    ease = tangle.make_ease(features)
     argument = given_type(features)
     bounds = bounds_for(features, block)
 
@@ -205,12 +184,23 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         bad = int(0)
         collapsed = bool(False)
         if wp.static("cell" in features.constraints):
-            found = look_over(t, width, body, records, x)
-            collapsed = (found & COLLAPSED) > 0
+            found = tangle.look_over(t, width, body, records, tangled, x)
+            collapsed = (found & tangle.COLLAPSED) > 0
             if t == 0:
-                s.tangled[b] = count_off(found, tangled)
+                s.tangled[b] = tangle.count_off(found, tangled)
             # Not before: what nothing waits for comes from afar beside the particles.
-            material = ease(material, tangled, body, frame)
+            dt = frame.dt
+            if tangle.is_or_was_tangle(tangled):
+                frame = tangle.in_small_steps(s.thrown[b], material, body, frame)
+                if frame.dt < dt:
+                    if tangled > 0:
+                        history = 0
+                    parts = parts_of_motion(body, material, frame)
+                    step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
+                    for i in range(last - t, -1, -width):
+                        moving = moving_of(i, s, body, x, low)
+                        predict(i, moving, m, s, body, material, frame, step, x, low, d)
+            material = ease(material, tangled, body, dt, frame)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 sweep_colliders(t, width, b * colliders.shape[0], substep, colliders, frame, s.sweeps)

@@ -1,8 +1,8 @@
-"""What of a rope, besides its particles, the watch over bodies keeps or puts back at the end of a frame (watch.py)."""
+"""What of a body, besides its particles, the watch keeps or puts back at the end of a frame (watch.py)."""
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.state import State
 
 
@@ -39,3 +39,23 @@ def make_settle_ends(features: Features):
                 s.good_reels[b] = s.reels[b]
 
     return settle_ends
+
+
+def make_settle_body(features: Features):
+    """A Warp function: what of body b besides its particles the watch keeps or puts back at the end of a frame."""
+    slacken, settle_ends = make_slacken(features), make_settle_ends(features)
+
+    @wp.func
+    def settle_body(t: int, width: int, b: int, faulty: bool, relapses: int, history: int, s: State, body: Body):
+        if faulty:
+            for k in range(body.segments + t, body.segments_end, width):
+                slacken(k, s)
+        if t == 0:
+            settle_ends(b, faulty, s)
+            s.relapses[b] = wp.where(faulty, relapses + 1, 0)
+            if faulty:
+                s.recoveries[b] += 1
+            if wp.static(features.looks_back):
+                s.history[b] = wp.where(faulty, 0, history)
+
+    return settle_body
