@@ -87,14 +87,12 @@ def summary(rows: list[dict]) -> str:
     held, refused, failed = ([row for row in rows if row["outcome"] == outcome] for outcome in OUTCOMES)
     asked = sum(row["substeps"] > row["options"]["substeps"] for row in held)
     folds = sum(row["fold"] > 0.0 for row in held)
-    helped = sum(row["helped"] for row in held)
     most = max((row["substeps"] for row in held), default=0)
     return (
         f"{len(rows)} combinations: {len(held) + len(failed)} ran, of which {len(held)} held and {len(failed)} failed; "
         f"{len(refused)} refused as is guaranteed, none skipped\n"
         f"of those that held {asked} had first refused too few substeps and then ran with what they asked for (up to "
-        f"{most}), {helped} were back in shape only with more sweeps from a second before their end on, as report() "
-        f"asks for, {folds} came to lie in folds in which their springs are in equilibrium"
+        f"{most}), {folds} came to lie in folds in which their springs are in equilibrium"
     )
 
 

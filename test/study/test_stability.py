@@ -114,17 +114,11 @@ def test_a_shape_counts_as_recovered_only_where_it_is():
     assert energy.fold(torn) < 1e-2
 
 
-def test_what_few_sweeps_do_not_bring_back_is_run_again_with_more_of_them(monkeypatch):
-    """A sheet at a hundredth of its size under one sweep a frame; report() tells, and with more sweeps it is back."""
-    options = {"substeps": 1, "iterations": 1}
-    combination = judge.Combination("bad start", "sheet", "xpbd 1", {**options, "start": "stretched"}, 1230121886)
-    asked = []
-    help_ = judge._help
-    monkeypatch.setattr(judge, "_help", lambda sim: (asked.append(sim.settings.substeps), help_(sim)))
-    verdict = judge.judge(combination, "cpu")
-    assert (verdict.outcome, verdict.helped, asked) == ("held", True, [1])
-    calm = judge.Combination("degenerate", "sheet", "xpbd 1", {"substeps": 20, "iterations": 10}, 1)
-    assert not judge.judge(calm, "cpu").helped and asked == [1]
+def test_one_sweep_a_frame_brings_back_what_was_stretched():
+    """A sheet at ten times its size, which stays strained by some 15 % where every frame is one substep."""
+    options = {"substeps": 1, "iterations": 1, "start": "stretched"}
+    verdict = judge.judge(judge.Combination("bad start", "sheet", "xpbd 1", options, 1230121886), "cpu")
+    assert (verdict.outcome, verdict.fold) == ("held", 0.0), verdict.why
 
 
 def test_energy_is_what_the_equations_say():
