@@ -6,12 +6,9 @@ the difference of their unit tangents; the moment there is M = EI / span (kappa 
 force, and one solve finds by how much they change. It is linear, and the same for x, y and z: a scalar, symmetric,
 pentadiagonal matrix m + G^T (EI / span) G, factored as L D L^T from one end to the other.
 
-A bent rest shape is a length of kappa; rest points where kappa did before the substep. With that held fast
-|kappa - rest| is nowhere less than what kappa's length lacks, and at first the same, so that a solve gives no energy to
-the rope whatever the substep (majorization, Hunter and Lange 2004); where rest pointed along the prediction, it would.
-What it costs is that kappa is turned against EI / span rest^2, from substep to substep anew: a stiff rope of a bent
-rest shape turns as in honey. Its moments pull along the segments too, which its tension has not met yet, and are not
-carried over.
+A bent rest shape is a length of kappa; rest points where kappa did before the substep, turned with the rope as a whole
+(see beam_turn.py). Where rest pointed along the prediction, joint by joint, a solve would give energy to the rope. Its
+moments pull along the segments too, which its tension has not met yet, and are not carried over.
 """
 
 import warp as wp
@@ -19,11 +16,19 @@ import warp as wp
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.bending import rest_turn
 from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.schedules.beam_turn import Sums, rotation_of, with_joint, with_particle
 from cloth_sim_ros.sim.schedules.native import larger, load4, quotient, store4, xyz
 from cloth_sim_ros.sim.state import BeamRow, Material, State
 
 # Beyond this many times the particles' inertia float32 could not tell the one from the other: stiffer is as stiff.
 STIFFEST = wp.constant(1.0e5)
+
+
+@wp.func
+def weights_at(j: int, m: Model, body: Body) -> wp.vec3:
+    """By which the particles of joint j turn it [1/m]."""
+    joint = m.joints[body.segments + j]
+    return wp.vec3(joint[2], -(joint[2] + joint[3]), joint[3])
 
 
 @wp.func
@@ -38,19 +43,23 @@ def stiffness_at(j: int, m: Model, body: Body, material: Material, step: Step, d
 
 @wp.func
 def turn_at(j: int, m: Model, body: Body, x: wp.uint64, d: wp.uint64) -> wp.vec3:
-    """What the turn vector at joint j lacks to its rest shape, which points where it did before the substep."""
+    """The turn vector at joint j."""
     joint = m.joints[body.segments + j]
     di = xyz(load4(d, j))
     dj = xyz(load4(d, j + 1))
     dk = xyz(load4(d, j + 2))
-    before = xyz(load4(x, j + 1) - load4(x, j))
-    behind = xyz(load4(x, j + 2) - load4(x, j + 1))
-    first = before + (dj - di)
-    last = behind + (dk - dj)
-    turn = last * joint[3] - first * joint[2]
-    if joint[0] > 0.0:
-        turn -= rest_turn(behind * joint[3] - before * joint[2], joint[0])
-    return turn
+    first = xyz(load4(x, j + 1) - load4(x, j)) + (dj - di)
+    last = xyz(load4(x, j + 2) - load4(x, j + 1)) + (dk - dj)
+    return last * joint[3] - first * joint[2]
+
+
+@wp.func
+def rest_at(j: int, m: Model, body: Body, x: wp.uint64) -> wp.vec3:
+    """The rest turn vector at joint j, which points where the turn vector did before the substep."""
+    joint = m.joints[body.segments + j]
+    first = xyz(load4(x, j + 1) - load4(x, j))
+    last = xyz(load4(x, j + 2) - load4(x, j + 1))
+    return rest_turn(last * joint[3] - first * joint[2], joint[0])
 
 
 @wp.func
@@ -79,76 +88,183 @@ def bend_by_moments(i: int, m: Model, s: State, body: Body, step: Step, d: wp.ui
     store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
 
 
-@wp.func
-def solve_beam(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64):
-    """One solve over all joints of a body: moves its particles and changes its moments."""
-    square = step.effective * step.effective
-    joints = body.count - 2
-    # The three joints around a particle, the one that it begins, is the middle of, and ends.
-    near = wp.vec3(0.0)
-    change_near = wp.vec3(0.0)
-    stiff_near = float(0.0)
-    far = wp.vec3(0.0)
-    change_far = wp.vec3(0.0)
-    stiff_far = float(0.0)
-    one = BeamRow()
-    two = BeamRow()
-    for i in range(body.count):
-        weights = wp.vec3(0.0)
-        change = wp.vec3(0.0)
-        stiff = float(0.0)
-        if i < joints:
-            joint = m.joints[body.segments + i]
-            weights = wp.vec3(joint[2], -(joint[2] + joint[3]), joint[3])
-            stiff = stiffness_at(i, m, body, material, step, d)
-            change = stiff * turn_at(i, m, body, x, d) - square * held_at(i, m, s, body, step)
-        w = load4(d, i)[3]
-        row = BeamRow()
-        if w > 0.0:
-            below = stiff_near * near[1] * near[0] + stiff_far * far[2] * far[1]
-            beyond = stiff_far * far[2] * far[0]
-            diagonal = quotient(1.0, w) + stiff * weights[0] * weights[0]
-            diagonal += stiff_near * near[1] * near[1] + stiff_far * far[2] * far[2]
-            row.second = beyond * two.inverse
-            row.first = (below - row.second * two.pivot * one.first) * one.inverse
-            left = row.first * row.first * one.pivot + row.second * row.second * two.pivot
-            row.pivot = larger(diagonal - left, quotient(1.0, w))
-            row.inverse = quotient(1.0, row.pivot)
-            pull = -(weights[0] * change + near[1] * change_near + far[2] * change_far)
-            row.move = pull - row.first * one.move - row.second * two.move
-        s.beam[body.particles + i] = row
-        two = one
-        one = row
-        far = near
-        change_far = change_near
-        stiff_far = stiff_near
-        near = weights
-        change_near = change
-        stiff_near = stiff
-    _move_back(s, body, d)
-    for j in range(joints):
+def make_keep_moment(bent: bool):
+    """A Warp function: the moment at joint j after a solve whose rest shape turned by `rotation` + 1."""
+
+    @wp.func
+    def keep_moment(
+        j: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        d: wp.uint64,
+        rotation: wp.mat33,
+    ):
         stiff = stiffness_at(j, m, body, material, step, d)
-        s.moments[body.segments + j] = (stiff * step.inverse_square) * turn_at(j, m, body, x, d)
+        turn = turn_at(j, m, body, x, d)
+        if wp.static(bent):
+            rest = rest_at(j, m, body, x)
+            turn -= rest + rotation * rest
+        s.moments[body.segments + j] = (stiff * step.inverse_square) * turn
+
+    return keep_moment
 
 
 @wp.func
-def _move_back(s: State, body: Body, d: wp.uint64):
-    """Substitute from the last particle to the first, and move them."""
-    one = wp.vec3(0.0)
-    two = wp.vec3(0.0)
-    first = float(0.0)
-    second = float(0.0)
-    ahead = float(0.0)
-    for r in range(body.count):
-        i = body.count - 1 - r
+def add_joint(
+    j: int,
+    m: Model,
+    s: State,
+    body: Body,
+    material: Material,
+    step: Step,
+    x: wp.uint64,
+    d: wp.uint64,
+    u: wp.mat33,
+    y: wp.mat33,
+    sums: Sums,
+) -> Sums:
+    """The sums of beam_turn.py with joint j, whose particles the rows of u and y move."""
+    weights = weights_at(j, m, body)
+    stiff = stiffness_at(j, m, body, material, step, d)
+    rest = rest_at(j, m, body, x)
+    turned = _turned(y, weights)
+    held = (step.effective * step.effective) * held_at(j, m, s, body, step)
+    moment = stiff * ((turn_at(j, m, body, x, d) - rest) + _turned(u, weights))
+    return with_joint(sums, stiff, turned - rest, moment, turned, held)
+
+
+@wp.func
+def _turned(moves: wp.mat33, weights: wp.vec3) -> wp.vec3:
+    """By how much three particles that move turn their joint."""
+    return (moves[2] - moves[1]) * weights[2] - (moves[1] - moves[0]) * weights[0]
+
+
+def _make_walks(bent: bool):
+    """Two Warp functions: elimination, and substitution."""
+
+    @wp.func
+    def eliminate(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64):
+        """From the first particle to the last: L D L^T, and what it makes of the pulls."""
+        square = step.effective * step.effective
+        joints = body.count - 2
+        # The three joints around a particle, the one that it begins, is the middle of, and ends.
+        near = wp.vec3(0.0)
+        change_near = wp.vec3(0.0)
+        rest_near = wp.vec3(0.0)
+        stiff_near = float(0.0)
+        far = wp.vec3(0.0)
+        change_far = wp.vec3(0.0)
+        rest_far = wp.vec3(0.0)
+        stiff_far = float(0.0)
+        one = BeamRow()
+        two = BeamRow()
+        for i in range(body.count):
+            weights = wp.vec3(0.0)
+            change = wp.vec3(0.0)
+            rest = wp.vec3(0.0)
+            stiff = float(0.0)
+            if i < joints:
+                weights = weights_at(i, m, body)
+                stiff = stiffness_at(i, m, body, material, step, d)
+                turn = turn_at(i, m, body, x, d)
+                if wp.static(bent):
+                    rest = rest_at(i, m, body, x)
+                    turn -= rest
+                    rest *= stiff
+                change = stiff * turn - square * held_at(i, m, s, body, step)
+            w = load4(d, i)[3]
+            row = BeamRow()
+            if w > 0.0:
+                below = stiff_near * near[1] * near[0] + stiff_far * far[2] * far[1]
+                beyond = stiff_far * far[2] * far[0]
+                diagonal = quotient(1.0, w) + stiff * weights[0] * weights[0]
+                diagonal += stiff_near * near[1] * near[1] + stiff_far * far[2] * far[2]
+                row.second = beyond * two.inverse
+                row.first = (below - row.second * two.pivot * one.first) * one.inverse
+                left = row.first * row.first * one.pivot + row.second * row.second * two.pivot
+                row.pivot = larger(diagonal - left, quotient(1.0, w))
+                row.inverse = quotient(1.0, row.pivot)
+                pull = -(weights[0] * change + near[1] * change_near + far[2] * change_far)
+                row.move = pull - row.first * one.move - row.second * two.move
+                if wp.static(bent):
+                    turning = weights[0] * rest + near[1] * rest_near + far[2] * rest_far
+                    row.turn = turning - row.first * one.turn - row.second * two.turn
+            s.beam[body.particles + i] = row
+            two = one
+            one = row
+            far = near
+            change_far = change_near
+            rest_far = rest_near
+            stiff_far = stiff_near
+            near = weights
+            change_near = change
+            rest_near = rest
+            stiff_near = stiff
+
+    @wp.func
+    def substitute(s: State, body: Body):
+        """From the last particle to the first: how they move."""
+        one = BeamRow()
+        two = BeamRow()
+        for r in range(body.count):
+            g = body.particles + body.count - 1 - r
+            row = s.beam[g]
+            # What couples a row to those behind it is theirs; all of a pinned one is 0.
+            row.move = row.inverse * row.move - one.first * one.move - two.second * two.move
+            if wp.static(bent):
+                row.turn = row.inverse * row.turn - one.first * one.turn - two.second * two.turn
+            s.beam[g] = row
+            two = one
+            one = row
+
+    return eliminate, substitute
+
+
+@wp.func
+def _rotation(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64) -> wp.mat33:
+    """By how much the rest shape turns, less 1, when rows tell how particles move."""
+    sums = Sums()
+    for i in range(body.count):
         row = s.beam[body.particles + i]
-        move = wp.vec3(0.0)
-        p = load4(d, i)
-        if p[3] > 0.0:
-            move = row.inverse * row.move - first * one - second * two
-            store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
-        two = one
-        one = move
-        second = ahead
-        first = row.first
-        ahead = row.second
+        w = load4(d, i)[3]
+        if w > 0.0:
+            sums = with_particle(sums, quotient(1.0, w), row.move, row.turn)
+    for j in range(body.count - 2):
+        first = s.beam[body.particles + j]
+        middle = s.beam[body.particles + j + 1]
+        last = s.beam[body.particles + j + 2]
+        u = wp.matrix_from_rows(first.move, middle.move, last.move)
+        y = wp.matrix_from_rows(first.turn, middle.turn, last.turn)
+        sums = add_joint(j, m, s, body, material, step, x, d, u, y, sums)
+    return rotation_of(sums)
+
+
+def make_solve_beam(bent: bool):
+    """A Warp function: one solve over all joints of a body, `bent` at rest or straight, by one thread; it moves the
+    particles and changes the moments."""
+    keep_moment = make_keep_moment(bent)
+    eliminate, substitute = _make_walks(bent)
+
+    @wp.func
+    def solve_beam(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64):
+        eliminate(m, s, body, material, step, x, d)
+        substitute(s, body)
+        rotation = wp.mat33(0.0)
+        if wp.static(bent):
+            rotation = _rotation(m, s, body, material, step, x, d)
+        for i in range(body.count):
+            p = load4(d, i)
+            if p[3] > 0.0:
+                row = s.beam[body.particles + i]
+                move = row.move
+                if wp.static(bent):
+                    move += rotation * row.turn
+                store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+        for j in range(body.count - 2):
+            keep_moment(j, m, s, body, material, step, x, d, rotation)
+
+    return solve_beam

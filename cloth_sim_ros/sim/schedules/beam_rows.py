@@ -8,47 +8,72 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.beam import held_at, stiffness_at, turn_at
+from cloth_sim_ros.sim.schedules.beam import (
+    add_joint,
+    held_at,
+    make_keep_moment,
+    rest_at,
+    stiffness_at,
+    turn_at,
+    weights_at,
+)
+from cloth_sim_ros.sim.schedules.beam_turn import SUMS, Sums, rotation_of, sums_of_block, with_particle
 from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, xyz
+from cloth_sim_ros.sim.schedules.scan import scan_size
 from cloth_sim_ros.sim.state import BeamRow, Material, State
 
-ROWS = wp.constant(3)  # vec4 a particle: two of its row, and one of the joint that it begins
+
+def rows_of(bent: bool) -> int:
+    """vec4 a particle: two of its row, and one of the joint that it begins; one more of each where rest is bent."""
+    return 5 if bent else 3
 
 
-@wp.func
-def _weights(j: int, m: Model, body: Body) -> wp.vec3:
-    """By which the particles of joint j turn it [1/m]."""
-    joint = m.joints[body.segments + j]
-    return wp.vec3(joint[2], -(joint[2] + joint[3]), joint[3])
+def most_together(threads: int, bent: bool) -> int:
+    """The particles of the longest body that `threads` threads solve together in the shared memory of their scans."""
+    return (scan_size(threads) - (SUMS * threads // 32 if bent else 0)) // rows_of(bent)
 
 
 @wp.struct
 class Joint:
-    """One joint: the weights of its particles, its stiffness, and by how much its moment is to change."""
+    """One joint: the weights of its particles, its stiffness, by how much its moment is to change, and what that would
+    be without its rest turn."""
 
     weights: wp.vec3
     change: wp.vec3
+    rest: wp.vec3
     stiff: float
 
 
-@wp.func
-def _shown(j: int, m: Model, body: Body, rows: wp.uint64) -> Joint:
-    """Joint j as a thread has shown it; without stiffness where there is none."""
-    joint = Joint()
-    if j >= 0 and j < body.count - 2:
-        shown = load4(rows, ROWS * j + 2)
-        joint.weights = _weights(j, m, body)
-        joint.change = xyz(shown)
-        joint.stiff = shown[3]
-    return joint
+def _make_joint_at(bent: bool):
+    """A Warp function: joint j of a body before a solve."""
+
+    @wp.func
+    def joint_at(
+        j: int, m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64
+    ) -> Joint:
+        square = step.effective * step.effective
+        joint = Joint()
+        joint.weights = weights_at(j, m, body)
+        joint.stiff = stiffness_at(j, m, body, material, step, d)
+        turn = turn_at(j, m, body, x, d)
+        if wp.static(bent):
+            rest = rest_at(j, m, body, x)
+            turn -= rest
+            joint.rest = joint.stiff * rest
+        joint.change = joint.stiff * turn - square * held_at(j, m, s, body, step)
+        return joint
+
+    return joint_at
 
 
 @wp.func
 def _row_of(w: float, begun: Joint, near: Joint, far: Joint):
     """The row of a particle of inverse mass w that one joint begins with, one has in its middle and one ends with:
-    its pivot so far, what couples it to the two before it, and its inertia, 0 where it is pinned; and its pull."""
+    its pivot so far, what couples it to the two before it, and its inertia, 0 where it is pinned; its pull, and what
+    that would be from the rest turns alone."""
     row = wp.vec4(0.0)
     pull = wp.vec3(0.0)
+    turning = wp.vec3(0.0)
     if w > 0.0:
         below = near.stiff * near.weights[1] * near.weights[0] + far.stiff * far.weights[2] * far.weights[1]
         beyond = far.stiff * far.weights[2] * far.weights[0]
@@ -56,70 +81,136 @@ def _row_of(w: float, begun: Joint, near: Joint, far: Joint):
         diagonal += near.stiff * near.weights[1] * near.weights[1] + far.stiff * far.weights[2] * far.weights[2]
         row = wp.vec4(diagonal, below, beyond, quick_quotient(1.0, w))
         pull = -(begun.weights[0] * begun.change + near.weights[1] * near.change + far.weights[2] * far.change)
-    return row, pull
+        turning = begun.weights[0] * begun.rest + near.weights[1] * near.rest + far.weights[2] * far.rest
+    return row, pull, turning
 
 
-@wp.func
-def _eliminate(count: int, rows: wp.uint64):
-    """From the first particle to the last: L D L^T, and what it makes of the pulls.
+def _make_walks(bent: bool):
+    """Two Warp functions by one thread: elimination, and substitution."""
+    width = rows_of(bent)
 
-    In a row that is pinned all is 0, and so is what couples the next two to it.
+    @wp.func
+    def eliminate(count: int, rows: wp.uint64):
+        """From the first particle to the last: L D L^T, and what it makes of the pulls.
+
+        In a row that is pinned all is 0, and so is what couples the next two to it.
+        """
+        one = BeamRow()
+        two = BeamRow()
+        row = load4(rows, 0)
+        pull = load4(rows, 1)
+        turning = wp.vec4(0.0)
+        if wp.static(bent):
+            turning = load4(rows, 3)
+        for i in range(count):
+            # One ahead: the next row comes while this one is reckoned.
+            after = width * wp.min(i + 1, count - 1)
+            next_row = load4(rows, after)
+            next_pull = load4(rows, after + 1)
+            here = BeamRow()
+            here.second = row[2] * two.inverse
+            here.first = (row[1] - here.second * two.pivot * one.first) * one.inverse
+            left = here.first * here.first * one.pivot + here.second * here.second * two.pivot
+            here.pivot = wp.max(row[0] - left, row[3])
+            here.inverse = wp.where(row[3] > 0.0, quick_quotient(1.0, wp.max(here.pivot, 1.0e-30)), 0.0)
+            here.move = xyz(pull) - here.first * one.move - here.second * two.move
+            move = here.inverse * here.move
+            store4(rows, width * i, wp.vec4(move[0], move[1], move[2], here.first))
+            turn = wp.vec3(0.0)
+            if wp.static(bent):
+                here.turn = xyz(turning) - here.first * one.turn - here.second * two.turn
+                turn = here.inverse * here.turn
+                turning = load4(rows, after + 3)
+            store4(rows, width * i + 1, wp.vec4(here.second, turn[0], turn[1], turn[2]))
+            two = one
+            one = here
+            row = next_row
+            pull = next_pull
+
+    @wp.func
+    def substitute(count: int, rows: wp.uint64):
+        """From the last particle to the first: how they move."""
+        one = wp.vec3(0.0)
+        two = wp.vec3(0.0)
+        turn_one = wp.vec3(0.0)
+        turn_two = wp.vec3(0.0)
+        first = float(0.0)
+        second = float(0.0)
+        ahead = float(0.0)
+        row = load4(rows, width * (count - 1))
+        coupled = load4(rows, width * (count - 1) + 1)
+        for r in range(count):
+            i = count - 1 - r
+            before = width * wp.max(i - 1, 0)
+            next_row = load4(rows, before)
+            next_coupled = load4(rows, before + 1)
+            move = xyz(row) - first * one - second * two
+            store4(rows, width * i, wp.vec4(move[0], move[1], move[2], 0.0))
+            two = one
+            one = move
+            if wp.static(bent):
+                turn = wp.vec3(coupled[1], coupled[2], coupled[3]) - first * turn_one - second * turn_two
+                store4(rows, width * i + 3, wp.vec4(turn[0], turn[1], turn[2], 0.0))
+                turn_two = turn_one
+                turn_one = turn
+            second = ahead
+            first = row[3]
+            ahead = coupled[0]
+            row = next_row
+            coupled = next_coupled
+
+    return eliminate, substitute
+
+
+def make_solve_beam_together(threads: int, bent: bool):
+    """A Warp function that all of `threads` threads call together, one solve over all joints of a body, `bent` at rest
+    or straight: it moves the particles and changes the moments. `rows` is the address of what the threads share, by
+    no more than most_together() particles.
     """
-    one = BeamRow()
-    two = BeamRow()
-    row = load4(rows, 0)
-    pull = load4(rows, 1)
-    for i in range(count):
-        # One ahead: the next row comes while this one is reckoned.
-        after = ROWS * wp.min(i + 1, count - 1)
-        next_row = load4(rows, after)
-        next_pull = load4(rows, after + 1)
-        here = BeamRow()
-        here.second = row[2] * two.inverse
-        here.first = (row[1] - here.second * two.pivot * one.first) * one.inverse
-        left = here.first * here.first * one.pivot + here.second * here.second * two.pivot
-        here.pivot = wp.max(row[0] - left, row[3])
-        here.inverse = wp.where(row[3] > 0.0, quick_quotient(1.0, wp.max(here.pivot, 1.0e-30)), 0.0)
-        here.move = xyz(pull) - here.first * one.move - here.second * two.move
-        move = here.inverse * here.move
-        store4(rows, ROWS * i, wp.vec4(move[0], move[1], move[2], here.first))
-        store4(rows, ROWS * i + 1, wp.vec4(here.second, 0.0, 0.0, 0.0))
-        two = one
-        one = here
-        row = next_row
-        pull = next_pull
+    width = rows_of(bent)
+    joint_at, keep_moment = _make_joint_at(bent), make_keep_moment(bent)
+    eliminate, substitute = _make_walks(bent)
 
+    @wp.func
+    def shown(j: int, m: Model, body: Body, rows: wp.uint64) -> Joint:
+        """Joint j as a thread has shown it; without stiffness where there is none."""
+        joint = Joint()
+        if j >= 0 and j < body.count - 2:
+            row = load4(rows, width * j + 2)
+            joint.weights = weights_at(j, m, body)
+            joint.change = xyz(row)
+            joint.stiff = row[3]
+            if wp.static(bent):
+                joint.rest = xyz(load4(rows, width * j + 4))
+        return joint
 
-@wp.func
-def _substitute(count: int, rows: wp.uint64):
-    """From the last particle to the first: how they move."""
-    one = wp.vec3(0.0)
-    two = wp.vec3(0.0)
-    first = float(0.0)
-    second = float(0.0)
-    ahead = float(0.0)
-    row = load4(rows, ROWS * (count - 1))
-    coupled = load4(rows, ROWS * (count - 1) + 1)[0]
-    for r in range(count):
-        i = count - 1 - r
-        before = ROWS * wp.max(i - 1, 0)
-        next_row = load4(rows, before)
-        next_coupled = load4(rows, before + 1)[0]
-        move = xyz(row) - first * one - second * two
-        store4(rows, ROWS * i, wp.vec4(move[0], move[1], move[2], 0.0))
-        two = one
-        one = move
-        second = ahead
-        first = row[3]
-        ahead = coupled
-        row = next_row
-        coupled = next_coupled
-
-
-def make_solve_beam(threads: int):
-    """A Warp function that all of `threads` threads call together, one solve over all joints of a body: it moves the
-    particles and changes the moments. `rows` is the address of ROWS vec4 a particle that the threads share.
-    """
+    @wp.func
+    def rotation(
+        t: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        d: wp.uint64,
+        rows: wp.uint64,
+    ) -> wp.mat33:
+        """By how much the rest shape turns, less 1, when rows tell how particles move."""
+        sums = Sums()
+        for i in range(t, body.count, threads):
+            w = load4(d, i)[3]
+            if w > 0.0:
+                u = xyz(load4(rows, width * i))
+                sums = with_particle(sums, quick_quotient(1.0, w), u, xyz(load4(rows, width * i + 3)))
+        for j in range(t, body.count - 2, threads):
+            at = width * j
+            u0, y0 = xyz(load4(rows, at)), xyz(load4(rows, at + 3))
+            u1, y1 = xyz(load4(rows, at + width)), xyz(load4(rows, at + width + 3))
+            u2, y2 = xyz(load4(rows, at + 2 * width)), xyz(load4(rows, at + 2 * width + 3))
+            u, y = wp.matrix_from_rows(u0, u1, u2), wp.matrix_from_rows(y0, y1, y2)
+            sums = add_joint(j, m, s, body, material, step, x, d, u, y, sums)
+        return rotation_of(sums_of_block(t, threads, sums, width * body.count, rows))
 
     @wp.func
     def solve_beam_together(
@@ -135,27 +226,33 @@ def make_solve_beam(threads: int):
     ):
         joints = body.count - 2
         for j in range(t, joints, threads):
-            square = step.effective * step.effective
-            stiff = stiffness_at(j, m, body, material, step, d)
-            change = stiff * turn_at(j, m, body, x, d) - square * held_at(j, m, s, body, step)
-            store4(rows, ROWS * j + 2, wp.vec4(change[0], change[1], change[2], stiff))
+            joint = joint_at(j, m, s, body, material, step, x, d)
+            store4(rows, width * j + 2, wp.vec4(joint.change[0], joint.change[1], joint.change[2], joint.stiff))
+            if wp.static(bent):
+                store4(rows, width * j + 4, wp.vec4(joint.rest[0], joint.rest[1], joint.rest[2], 0.0))
         sync()
         for i in range(t, body.count, threads):
-            begun = _shown(i, m, body, rows)
-            row, pull = _row_of(load4(d, i)[3], begun, _shown(i - 1, m, body, rows), _shown(i - 2, m, body, rows))
-            store4(rows, ROWS * i, row)
-            store4(rows, ROWS * i + 1, wp.vec4(pull[0], pull[1], pull[2], 0.0))
+            begun, near, far = shown(i, m, body, rows), shown(i - 1, m, body, rows), shown(i - 2, m, body, rows)
+            row, pull, turning = _row_of(load4(d, i)[3], begun, near, far)
+            store4(rows, width * i, row)
+            store4(rows, width * i + 1, wp.vec4(pull[0], pull[1], pull[2], 0.0))
+            if wp.static(bent):
+                store4(rows, width * i + 3, wp.vec4(turning[0], turning[1], turning[2], 0.0))
         sync()
         if t == 0:
-            _eliminate(body.count, rows)
-            _substitute(body.count, rows)
+            eliminate(body.count, rows)
+            substitute(body.count, rows)
         sync()
+        turned = wp.mat33(0.0)
+        if wp.static(bent):
+            turned = rotation(t, m, s, body, material, step, x, d, rows)
         for i in range(t, body.count, threads):
-            move = load4(rows, ROWS * i)
+            move = xyz(load4(rows, width * i))
+            if wp.static(bent):
+                move += turned * xyz(load4(rows, width * i + 3))
             store4(d, i, load4(d, i) + wp.vec4(move[0], move[1], move[2], 0.0))
         sync()
         for j in range(t, joints, threads):
-            stiff = stiffness_at(j, m, body, material, step, d)
-            s.moments[body.segments + j] = (stiff * step.inverse_square) * turn_at(j, m, body, x, d)
+            keep_moment(j, m, s, body, material, step, x, d, turned)
 
     return solve_beam_together

@@ -13,13 +13,13 @@ import warp as wp
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.chain import Span, turn_frame
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.beam import bend_by_moments, solve_beam
-from cloth_sim_ros.sim.schedules.beam_ends import solve_beam_from_both_ends
-from cloth_sim_ros.sim.schedules.beam_rows import ROWS, make_solve_beam
+from cloth_sim_ros.sim.schedules.beam import bend_by_moments, make_solve_beam
+from cloth_sim_ros.sim.schedules.beam_ends import make_solve_beam_from_both_ends
+from cloth_sim_ros.sim.schedules.beam_rows import make_solve_beam_together, most_together
 from cloth_sim_ros.sim.schedules.both_ends import prepare_both_ends, solve_both_ends
 from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.reel import first_out
-from cloth_sim_ros.sim.schedules.scan import make_scans, scan_size
+from cloth_sim_ros.sim.schedules.scan import make_scans
 from cloth_sim_ros.sim.schedules.segment_lanes import lack
 from cloth_sim_ros.sim.schedules.segments import ATTEMPTS, NEWTON_STEPS, backward, forward, make_prepare, settle
 from cloth_sim_ros.sim.schedules.shares import Share, make_gather, make_reach_back, make_share
@@ -77,8 +77,10 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
     bending, solved after its stretch, and between two clamps twist; of a chain on a winch, what is out is solved.
     """
     prepare = make_prepare(features.order, features.winch, threads > 1)
-    beam, winch, twist = features.beam, features.winch, features.twist
-    solve_beam_together = make_solve_beam(threads) if beam else None
+    beam, bent, winch, twist = features.beam, features.bent, features.winch, features.twist
+    solve_beam = make_solve_beam(bent) if beam else None
+    solve_beam_from_both_ends = make_solve_beam_from_both_ends(bent) if beam and threads == 1 else None
+    solve_beam_together = make_solve_beam_together(threads, bent) if beam and threads > 1 else None
     find_twist = make_find_twist(features.order) if twist else None
     gather = make_gather(stored)
     reach_back = make_reach_back(stored)
@@ -230,7 +232,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
         if wp.static(beam):
             sync()
             if wp.static(threads > 1):
-                if body.count <= wp.static(scan_size(threads) // ROWS):
+                if body.count <= wp.static(most_together(threads, bent)):
                     solve_beam_together(t, m, s, body, material, step, x, d, shared)
                 elif t == 0:
                     solve_beam(m, s, body, material, step, x, d)

@@ -117,6 +117,14 @@ _SYNC = """
 __syncthreads();
 #endif
 """
+_SUM_OF_WARP = """
+#if defined(__CUDA_ARCH__)
+for (int way = 16; way > 0; way /= 2) {
+    for (int k = 0; k < 4; ++k) v[k] += __shfl_xor_sync(0xffffffffu, v[k], way);
+}
+#endif
+return v;
+"""
 _SYNC_WARP = """
 #if defined(__CUDA_ARCH__)
 __syncwarp();
@@ -245,6 +253,12 @@ def sync(): ...
 @wp.func_native(_SYNC_WARP)
 def sync_warp():
     """A barrier of the 32 threads of a warp, which see afterwards what any of them has stored before."""
+    ...
+
+
+@wp.func_native(_SUM_OF_WARP)
+def sum_of_warp(v: wp.vec4) -> wp.vec4:
+    """The sum over the 32 threads of a warp, the same in each; on a CPU v."""
     ...
 
 
