@@ -201,15 +201,15 @@ def make_solve_beam_together(threads: int, bent: bool):
         for i in range(t, body.count, threads):
             w = load4(d, i)[3]
             if w > 0.0:
-                u = xyz(load4(rows, width * i))
-                sums = with_particle(sums, quick_quotient(1.0, w), u, xyz(load4(rows, width * i + 3)))
+                move = xyz(load4(rows, width * i))
+                sums = with_particle(sums, quick_quotient(1.0, w), move, xyz(load4(rows, width * i + 3)))
         for j in range(t, body.count - 2, threads):
-            at = width * j
-            u0, y0 = xyz(load4(rows, at)), xyz(load4(rows, at + 3))
-            u1, y1 = xyz(load4(rows, at + width)), xyz(load4(rows, at + width + 3))
-            u2, y2 = xyz(load4(rows, at + 2 * width)), xyz(load4(rows, at + 2 * width + 3))
-            u, y = wp.matrix_from_rows(u0, u1, u2), wp.matrix_from_rows(y0, y1, y2)
-            sums = add_joint(j, m, s, body, material, step, x, d, u, y, sums)
+            moves = wp.mat33(0.0)
+            turns = wp.mat33(0.0)
+            for k in range(3):
+                moves[k] = xyz(load4(rows, width * (j + k)))
+                turns[k] = xyz(load4(rows, width * (j + k) + 3))
+            sums = add_joint(j, m, s, body, material, step, x, d, moves, turns, sums)
         return rotation_of(sums_of_block(t, threads, sums, width * body.count, rows))
 
     @wp.func

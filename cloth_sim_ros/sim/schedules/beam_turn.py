@@ -62,7 +62,7 @@ def sums_of_block(t: int, threads: int, own: Sums, at: int, shared: wp.uint64) -
         store4(shared, mine + 3, fourth)
     sync()
     total = Sums()
-    for warp in range(threads / 32):
+    for warp in range((threads + 31) / 32):
         p = load4(shared, at + SUMS * warp)
         q = load4(shared, at + SUMS * warp + 1)
         r = load4(shared, at + SUMS * warp + 2)
