@@ -28,9 +28,9 @@ class Features:
     method: str
     worlds: bool = False  # whether there are many, each with a state of its own
     beam: bool = False  # a chain that resists bending
-    bent: bool = False  # a beam that is bent at rest
     winch: bool = False  # a chain that a winch feeds
     twist: bool = False  # a beam that resists twist between two clamps
+    bent: bool = False  # a beam that is bent at rest
 
     def key(self) -> str:
         """A name for kernels with these features, the same in every process, so that caches on disk are found."""
@@ -67,9 +67,9 @@ class Features:
             method=method,
             worlds=worlds,
             beam=beam,
-            bent=beam and bool(topology.bends.rest.any()),
             winch=topology.reel is not None,
             twist=beam and topology.twists,
+            bent=beam and bool(topology.bends.rest.any()),
         )
 
 

@@ -17,7 +17,7 @@ import warp as wp
 from cloth_sim_ros.sim.schedules.native import load4, store4, sum_of_warp, sync
 
 SUMS = wp.constant(4)  # vec4 by which a warp hands on its sums
-STEPS = wp.constant(3)
+STEPS = wp.constant(2)
 LARGEST = wp.constant(0.5)  # a step of Newton's method turns by no more [rad]
 
 
