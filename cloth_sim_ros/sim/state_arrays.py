@@ -48,6 +48,7 @@ def make_states(
         "staged": arrays.size["segment_length"] if third else 0,
         "moments": arrays.size["joints"],
         "beam": particles if features.beam else 0,
+        "bend_moves": particles if features.bent else 0,
         "couples": arrays.size["joints"] if features.twist else 0,
         "twists": bodies if features.twist else 0,
         "good_twists": bodies if features.twist else 0,

@@ -62,30 +62,32 @@ def rest_at(j: int, m: Model, body: Body, x: wp.uint64) -> wp.vec3:
     return rest_turn(last * joint[3] - first * joint[2], joint[0])
 
 
-@wp.func
-def held_at(j: int, m: Model, s: State, body: Body, step: Step) -> wp.vec3:
-    """The moment at joint j of which the displacement already knows: none in a first solve where rest is bent."""
-    if step.first and m.joints[body.segments + j][0] > 0.0:
-        return wp.vec3(0.0)
-    return s.moments[body.segments + j]
+def make_bend_by_moments(bent: bool):
+    """A Warp function: add to the prediction of particle i what the moments of the last substep do to it, where joints
+    are straight at rest."""
 
+    @wp.func
+    def bend_by_moments(i: int, m: Model, s: State, body: Body, step: Step, d: wp.uint64):
+        move = wp.vec3(0.0)
+        p = load4(d, i)
+        if p[3] > 0.0:
+            joints = body.count - 2
+            force = wp.vec3(0.0)
+            for place in range(3):
+                j = i - place
+                if j >= 0 and j < joints:
+                    joint = m.joints[body.segments + j]
+                    weight = wp.where(place == 0, joint[2], wp.where(place == 1, -(joint[2] + joint[3]), joint[3]))
+                    held = s.moments[body.segments + j]
+                    if wp.static(bent):
+                        held *= wp.where(joint[0] > 0.0, 0.0, 1.0)
+                    force -= weight * held
+            move = (step.effective * step.effective * p[3]) * force
+            store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+        if wp.static(bent):
+            s.bend_moves[body.particles + i] = move
 
-@wp.func
-def bend_by_moments(i: int, m: Model, s: State, body: Body, step: Step, d: wp.uint64):
-    """Add to the prediction of particle i what the moments of the last substep do to it."""
-    p = load4(d, i)
-    if p[3] == 0.0:
-        return
-    joints = body.count - 2
-    force = wp.vec3(0.0)
-    for place in range(3):
-        j = i - place
-        if j >= 0 and j < joints:
-            joint = m.joints[body.segments + j]
-            weight = wp.where(place == 0, joint[2], wp.where(place == 1, -(joint[2] + joint[3]), joint[3]))
-            force -= weight * held_at(j, m, s, body, step)
-    move = (step.effective * step.effective * p[3]) * force
-    store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+    return bend_by_moments
 
 
 def make_keep_moment(bent: bool):
@@ -117,7 +119,6 @@ def make_keep_moment(bent: bool):
 def add_joint(
     j: int,
     m: Model,
-    s: State,
     body: Body,
     material: Material,
     step: Step,
@@ -131,10 +132,8 @@ def add_joint(
     weights = weights_at(j, m, body)
     stiff = stiffness_at(j, m, body, material, step, d)
     rest = rest_at(j, m, body, x)
-    turned = _turned(y, weights)
-    held = (step.effective * step.effective) * held_at(j, m, s, body, step)
-    moment = stiff * ((turn_at(j, m, body, x, d) - rest) + _turned(u, weights))
-    return with_joint(sums, stiff, turned - rest, moment, turned, held)
+    lack = (turn_at(j, m, body, x, d) - rest) + _turned(u, weights)
+    return with_joint(sums, stiff, _turned(y, weights) - rest, lack)
 
 
 @wp.func
@@ -173,9 +172,10 @@ def _make_walks(bent: bool):
                 turn = turn_at(i, m, body, x, d)
                 if wp.static(bent):
                     rest = rest_at(i, m, body, x)
-                    turn -= rest
+                    change = stiff * (turn - rest)
                     rest *= stiff
-                change = stiff * turn - square * held_at(i, m, s, body, step)
+                else:
+                    change = stiff * turn + (-square) * s.moments[body.segments + i]
             w = load4(d, i)[3]
             row = BeamRow()
             if w > 0.0:
@@ -189,6 +189,8 @@ def _make_walks(bent: bool):
                 row.pivot = larger(diagonal - left, quotient(1.0, w))
                 row.inverse = quotient(1.0, row.pivot)
                 pull = -(weights[0] * change + near[1] * change_near + far[2] * change_far)
+                if wp.static(bent):
+                    pull -= quotient(1.0, w) * s.bend_moves[body.particles + i]
                 row.move = pull - row.first * one.move - row.second * two.move
                 if wp.static(bent):
                     turning = weights[0] * rest + near[1] * rest_near + far[2] * rest_far
@@ -232,14 +234,14 @@ def _rotation(m: Model, s: State, body: Body, material: Material, step: Step, x:
         row = s.beam[body.particles + i]
         w = load4(d, i)[3]
         if w > 0.0:
-            sums = with_particle(sums, quotient(1.0, w), row.move, row.turn)
+            sums = with_particle(sums, quotient(1.0, w), s.bend_moves[body.particles + i] + row.move, row.turn)
     for j in range(body.count - 2):
         first = s.beam[body.particles + j]
         middle = s.beam[body.particles + j + 1]
         last = s.beam[body.particles + j + 2]
         u = wp.matrix_from_rows(first.move, middle.move, last.move)
         y = wp.matrix_from_rows(first.turn, middle.turn, last.turn)
-        sums = add_joint(j, m, s, body, material, step, x, d, u, y, sums)
+        sums = add_joint(j, m, body, material, step, x, d, u, y, sums)
     return rotation_of(sums)
 
 
@@ -263,6 +265,7 @@ def make_solve_beam(bent: bool):
                 move = row.move
                 if wp.static(bent):
                     move += rotation * row.turn
+                    s.bend_moves[body.particles + i] += move
                 store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
         for j in range(body.count - 2):
             keep_moment(j, m, s, body, material, step, x, d, rotation)

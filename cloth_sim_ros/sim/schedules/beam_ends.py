@@ -36,11 +36,11 @@ def make_solve_beam_from_both_ends(bent: bool):
             d,
             m.joints,
             s.moments,
+            s.bend_moves,
             s.ladder,
             compliance,
             step.effective,
             STIFFEST,
-            step.first,
         )
         walk(p, body.count, x, d, s.ladder)
         rotation = wp.mat33(0.0)
@@ -50,7 +50,7 @@ def make_solve_beam_from_both_ends(bent: bool):
             sums.inertia = wp.matrix_from_rows(found[0], found[1], found[2])
             sums.lag = wp.matrix_from_rows(found[3], found[4], found[5])
             rotation = rotation_of(sums)
-        move(p, body.segments, body.count, x, d, s.moments, s.ladder, step.inverse_square, rotation)
+        move(p, body.segments, body.count, x, d, s.moments, s.bend_moves, s.ladder, step.inverse_square, rotation)
         return True
 
     return solve_beam_from_both_ends

@@ -11,11 +11,12 @@ from cloth_sim_ros.sim.schedules.walks import NUMBERS
 # every step of the walks, for both side by side, what couples a row to the two before it, and D^-1 of its pull. Before
 # the first and behind the last there are two places where nothing is. Where rows are one too few for walks of as many
 # steps and two between them, one more is there, which moves nothing. Where rest is bent (beam_turn.py), pulls and moves
-# have three columns more, by which the rest shape turns, and of every joint there are its rest turn and what of its
-# moment the displacement knows.
+# have three columns more, by which the rest shape turns; and there are the rest turn of every joint and by how much
+# bending has moved every particle before.
 _PLANES = """
 enum { STIFF, BEFORE, BEHIND, CHANGE, WEIGHT = 6, DIAGONAL, BELOW, BEYOND, PULL, COLUMNS = BENT ? 6 : 3,
-    MOVED = PULL + COLUMNS, WALKS = MOVED + COLUMNS, REST = WALKS + 2 + COLUMNS + 1, HELD = REST + 3 };
+    MOVED = PULL + COLUMNS, WALKS = MOVED + COLUMNS, REST = WALKS + 2 + COLUMNS + 1,
+    KNOWN = REST + 3 };
 typedef double Four __attribute__((ext_vector_type(4), aligned(8)));
 typedef double Two __attribute__((ext_vector_type(2), aligned(8)));
 typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
@@ -45,13 +46,16 @@ auto residual = [&](int j, Four* turn) {
 };
 """
 _PREPARE = """
-for (int which = STIFF; which < (BENT ? HELD + 3 : (int)MOVED); ++which) {
+for (int which = STIFF; which < (BENT ? KNOWN + 3 : (int)MOVED); ++which) {
     if (which == WALKS) which = REST;
     double* place = plane(which);
     place[-2] = place[-1] = 0.0;
     for (int i = turns; i < count + 4; ++i) place[i] = 0.0;
 }
 for (int i = 0; i < count; ++i) plane(WEIGHT)[i] = displaced[i][3];
+for (int i = 0; BENT && i < count; ++i) {
+    for (int axis = 0; axis < 3; ++axis) plane(KNOWN + axis)[i] = moves.data[particles + i][axis];
+}
 const double square = (double)effective * effective;
 for (int begin = 0; begin < turns; begin += 4) {
     const int j = begin < turns - 4 ? begin : turns - 4;
@@ -78,12 +82,9 @@ for (int begin = 0; begin < turns; begin += 4) {
     }
     residual(j, turn);
     const float* moment = (const float*)(moments.data + segments + j);
-    const auto carries = (column(joint, 0) == 0.0) | (first ? 0 : -1);
     for (int axis = 0; axis < 3; ++axis) {
         const Four held = {moment[axis], moment[axis + 3], moment[axis + 6], moment[axis + 9]};
-        const Four known = square * (carries ? held : Four(0.0));
-        at(CHANGE + axis, j) = stiff * turn[axis] - known;
-        if (BENT) at(HELD + axis, j) = known;
+        at(CHANGE + axis, j) = stiff * turn[axis] - (BENT ? Four(0.0) : square * held);
     }
 }
 for (int begin = 0; begin < count; begin += 4) {
@@ -99,7 +100,8 @@ for (int begin = 0; begin < count; begin += 4) {
     for (int axis = 0; axis < 3; ++axis) {
         const double* change = plane(CHANGE + axis) + i;
         const Four pull = first * *(Four*)change + middle * *(Four*)(change - 1) + last * *(Four*)(change - 2);
-        at(PULL + axis, i) = w > 0.0 ? -pull : Four(0.0);
+        const Four inertia = BENT ? at(KNOWN + axis, i) / w : Four(0.0);
+        at(PULL + axis, i) = w > 0.0 ? -pull - inertia : Four(0.0);
         if (BENT) {
             const double* rest = plane(REST + axis) + i;
             const Four turning = begun * *(Four*)rest + near * *(Four*)(rest - 1) + far * *(Four*)(rest - 2);
@@ -172,7 +174,7 @@ for (int i = 0; i < count; i += 4) {
     const Four w = at(WEIGHT, i), mass = w > 0.0 ? 1.0 / w : Four(0.0);
     Four u[3], y[3], heavy[3];
     for (int axis = 0; axis < 3; ++axis) {
-        u[axis] = at(MOVED + axis, i);
+        u[axis] = at(KNOWN + axis, i) + at(MOVED + axis, i);
         y[axis] = at(MOVED + 3 + axis, i);
         heavy[axis] = mass * y[axis];
     }
@@ -181,18 +183,14 @@ for (int i = 0; i < count; i += 4) {
 }
 for (int j = 0; j < turns; j += 4) {
     const Four stiff = at(STIFF, j);
-    Four z[3], strong[3], turn[3], moment[3], minus[3];
+    Four z[3], strong[3], moment[3];
     for (int axis = 0; axis < 3; ++axis) {
-        const Four held = at(HELD + axis, j);
-        turn[axis] = turned(MOVED + 3 + axis, j);
-        z[axis] = turn[axis] - at(REST + axis, j);
+        z[axis] = turned(MOVED + 3 + axis, j) - at(REST + axis, j);
         strong[axis] = stiff * z[axis];
-        moment[axis] = at(CHANGE + axis, j) + held + stiff * turned(MOVED + axis, j);
-        minus[axis] = -held;
+        moment[axis] = at(CHANGE + axis, j) + stiff * turned(MOVED + axis, j);
     }
     add(strong, z, inertia);
     add(z, moment, lag);
-    add(turn, minus, lag);
 }
 wp::mat_t<6, 3, float> sums;
 for (int k = 0; k < 9; ++k) {
@@ -210,10 +208,15 @@ auto rotate = [&](int which, int by, int i) {
     }
 };
 for (int i = 0; BENT && i < count; i += 4) rotate(MOVED, MOVED + 3, i);
-for (int j = 0; BENT && j < turns; j += 4) rotate(REST, REST, j);
+for (int j = 0; BENT && j < turns; j += 4) {
+    for (int axis = 0; axis < 3; ++axis) at(CHANGE + axis, j) += at(STIFF, j) * at(REST + axis, j);
+    rotate(REST, REST, j);
+    for (int axis = 0; axis < 3; ++axis) at(CHANGE + axis, j) -= at(STIFF, j) * at(REST + axis, j);
+}
 for (int i = 0; i < count; ++i) {
     const double* move = plane(MOVED) + i;
     displaced[i] += Row{(float)move[0], (float)move[size], (float)move[2 * size], 0.0f};
+    for (int axis = 0; BENT && axis < 3; ++axis) moves.data[particles + i][axis] += (float)move[axis * size];
 }
 for (int begin = 0; begin < turns; begin += 4) {
     const int j = begin < turns - 4 ? begin : turns - 4;
@@ -246,11 +249,11 @@ def make_lanes(bent: bool) -> tuple[Callable, ...]:
         d: wp.uint64,
         joints: wp.array(dtype=wp.vec4),
         moments: wp.array(dtype=wp.vec3),
+        moves: wp.array(dtype=wp.vec3),
         ladder: wp.array(dtype=wp.float64),
         compliance: float,
         effective: float,
         stiffest: float,
-        first: bool,
     ):
         """The planes of joints and rows of `count` particles."""
         ...
@@ -275,6 +278,7 @@ def make_lanes(bent: bool) -> tuple[Callable, ...]:
         x: wp.uint64,
         d: wp.uint64,
         moments: wp.array(dtype=wp.vec3),
+        moves: wp.array(dtype=wp.vec3),
         ladder: wp.array(dtype=wp.float64),
         inverse_square: float,
         rotation: wp.mat33,

@@ -10,7 +10,6 @@ from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.beam import (
     add_joint,
-    held_at,
     make_keep_moment,
     rest_at,
     stiffness_at,
@@ -51,16 +50,17 @@ def _make_joint_at(bent: bool):
     def joint_at(
         j: int, m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64
     ) -> Joint:
-        square = step.effective * step.effective
         joint = Joint()
         joint.weights = weights_at(j, m, body)
         joint.stiff = stiffness_at(j, m, body, material, step, d)
         turn = turn_at(j, m, body, x, d)
         if wp.static(bent):
             rest = rest_at(j, m, body, x)
-            turn -= rest
+            joint.change = joint.stiff * (turn - rest)
             joint.rest = joint.stiff * rest
-        joint.change = joint.stiff * turn - square * held_at(j, m, s, body, step)
+        else:
+            square = step.effective * step.effective
+            joint.change = joint.stiff * turn - square * s.moments[body.segments + j]
         return joint
 
     return joint_at
@@ -201,7 +201,7 @@ def make_solve_beam_together(threads: int, bent: bool):
         for i in range(t, body.count, threads):
             w = load4(d, i)[3]
             if w > 0.0:
-                move = xyz(load4(rows, width * i))
+                move = s.bend_moves[body.particles + i] + xyz(load4(rows, width * i))
                 sums = with_particle(sums, quick_quotient(1.0, w), move, xyz(load4(rows, width * i + 3)))
         for j in range(t, body.count - 2, threads):
             moves = wp.mat33(0.0)
@@ -209,7 +209,7 @@ def make_solve_beam_together(threads: int, bent: bool):
             for k in range(3):
                 moves[k] = xyz(load4(rows, width * (j + k)))
                 turns[k] = xyz(load4(rows, width * (j + k) + 3))
-            sums = add_joint(j, m, s, body, material, step, x, d, moves, turns, sums)
+            sums = add_joint(j, m, body, material, step, x, d, moves, turns, sums)
         return rotation_of(sums_of_block(t, threads, sums, width * body.count, rows))
 
     @wp.func
@@ -235,6 +235,8 @@ def make_solve_beam_together(threads: int, bent: bool):
             begun, near, far = shown(i, m, body, rows), shown(i - 1, m, body, rows), shown(i - 2, m, body, rows)
             row, pull, turning = _row_of(load4(d, i)[3], begun, near, far)
             store4(rows, width * i, row)
+            if wp.static(bent):
+                pull -= row[3] * s.bend_moves[body.particles + i]
             store4(rows, width * i + 1, wp.vec4(pull[0], pull[1], pull[2], 0.0))
             if wp.static(bent):
                 store4(rows, width * i + 3, wp.vec4(turning[0], turning[1], turning[2], 0.0))
@@ -250,6 +252,7 @@ def make_solve_beam_together(threads: int, bent: bool):
             move = xyz(load4(rows, width * i))
             if wp.static(bent):
                 move += turned * xyz(load4(rows, width * i + 3))
+                s.bend_moves[body.particles + i] += move
             store4(d, i, load4(d, i) + wp.vec4(move[0], move[1], move[2], 0.0))
         sync()
         for j in range(t, joints, threads):

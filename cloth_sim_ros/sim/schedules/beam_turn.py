@@ -7,9 +7,10 @@ energy to the rope (majorization, Hunter and Lange 2004). And where no other R i
 whole: a free rope keeps its angular momentum, and one that hangs by an end swings.
 
 For any R the matrix of the solve is the same A = m + G^T (EI / span) G. With u for R = 1 and A y = G^T (EI / span) r
-the displacements are u + (R - 1) y. R brings y nearest to y - u and z = G y - r nearest to z - (kappa - r), weighted by
-masses and by EI / span (Procrustes: Schoenemann 1966), by Newton's method on the torque. What is summed is of one sign
-or as small as the motion, so that single precision knows R - 1 as well as it knows a displacement.
+bending moves particles by u + (R - 1) y, in all solves of the substep together. R brings y nearest to y - u and
+z = G y - r nearest to z - (kappa - r), weighted by masses and by EI / span (Procrustes: Schoenemann 1966), by Newton's
+method on the torque. What is summed is of one sign or as small as the motion, so that single precision knows R - 1 as
+well as it knows a displacement.
 """
 
 import warp as wp
@@ -26,22 +27,22 @@ class Sums:
     """Over the particles and joints of a rope [kg m^2]."""
 
     inertia: wp.mat33  # m y y^T and EI / span z z^T
-    lag: wp.mat33  # m y u^T and z (moment)^T, less what of the moment the displacement knew before
+    lag: wp.mat33  # m y u^T and EI / span z (kappa - r)^T
 
 
 @wp.func
 def with_particle(sums: Sums, mass: float, u: wp.vec3, y: wp.vec3) -> Sums:
-    """The sums with a particle, which moves by u, or if the rest shape turns by u + (R - 1) y."""
+    """The sums with a particle, which bending moves by u, or if the rest shape turns by u + (R - 1) y."""
     sums.inertia += mass * wp.outer(y, y)
     sums.lag += mass * wp.outer(y, u)
     return sums
 
 
 @wp.func
-def with_joint(sums: Sums, stiff: float, z: wp.vec3, moment: wp.vec3, turned: wp.vec3, held: wp.vec3) -> Sums:
-    """The sums with a joint, which u gives a moment, held before, and which y turns by `turned`."""
+def with_joint(sums: Sums, stiff: float, z: wp.vec3, lack: wp.vec3) -> Sums:
+    """The sums with a joint whose turn vector lacks so much to its rest when particles move by u."""
     sums.inertia += stiff * wp.outer(z, z)
-    sums.lag += wp.outer(z, moment) - wp.outer(turned, held)
+    sums.lag += stiff * wp.outer(z, lack)
     return sums
 
 

@@ -13,7 +13,7 @@ import warp as wp
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.chain import Span, turn_frame
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.beam import bend_by_moments, make_solve_beam
+from cloth_sim_ros.sim.schedules.beam import make_bend_by_moments, make_solve_beam
 from cloth_sim_ros.sim.schedules.beam_ends import make_solve_beam_from_both_ends
 from cloth_sim_ros.sim.schedules.beam_rows import make_solve_beam_together, most_together
 from cloth_sim_ros.sim.schedules.both_ends import prepare_both_ends, solve_both_ends
@@ -78,6 +78,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
     """
     prepare = make_prepare(features.order, features.winch, threads > 1)
     beam, bent, winch, twist = features.beam, features.bent, features.winch, features.twist
+    bend_by_moments = make_bend_by_moments(bent) if beam else None
     solve_beam = make_solve_beam(bent) if beam else None
     solve_beam_from_both_ends = make_solve_beam_from_both_ends(bent) if beam and threads == 1 else None
     solve_beam_together = make_solve_beam_together(threads, bent) if beam and threads > 1 else None
