@@ -1,5 +1,5 @@
-"""Ropes with a bent rest shape: let go, they gain no energy; stiff ones swing and spin as rigid bodies; and they hang as a
-chain that is bent at rest does."""
+"""Ropes with a bent rest shape: let go, they gain no energy; stiff ones swing as rigid bodies, thrown ones keep their
+angular momentum; and they hang as a chain that is bent at rest does."""
 
 import numpy as np
 import pytest
@@ -115,7 +115,7 @@ def test_stiff_half_circle_swings_as_a_rigid_pendulum(device, segments, complian
     wanted = swung(points, masses, 1.0, times)
     swings = zeros(times, wanted)
     # First order loses a share of its swing each second, and faster swings are shorter.
-    period, height = (0.01, 0.08) if order == 1 else (2e-3, 0.02)
+    period, height = (0.01, 0.08) if order == 1 else (4e-3, 0.03)
     assert zeros(times, np.array(found)) == pytest.approx(swings, rel=period)
     last = times > swings[-2]
     assert np.abs(found)[last].max() == pytest.approx(np.abs(wanted)[last].max(), rel=height)
