@@ -91,7 +91,12 @@ def make_bend_by_moments(bent: bool):
 
 
 def make_keep_moment(bent: bool):
-    """A Warp function: the moment at joint j after a solve whose rest shape turned by `rotation` + 1."""
+    """A Warp function: the moment at joint j after a solve by which its particles are to move by the rows of `moves`
+    and the rest shape turned by `rotation` + 1.
+
+    Told before they are moved: with what rounds their places moments would know more than they did, and give stiff
+    ropes energy.
+    """
 
     @wp.func
     def keep_moment(
@@ -103,10 +108,11 @@ def make_keep_moment(bent: bool):
         step: Step,
         x: wp.uint64,
         d: wp.uint64,
+        moves: wp.mat33,
         rotation: wp.mat33,
     ):
         stiff = stiffness_at(j, m, body, material, step, d)
-        turn = turn_at(j, m, body, x, d)
+        turn = turn_at(j, m, body, x, d) + _turned(moves, weights_at(j, m, body))
         if wp.static(bent):
             rest = rest_at(j, m, body, x)
             turn -= rest + rotation * rest
@@ -258,16 +264,19 @@ def make_solve_beam(bent: bool):
         rotation = wp.mat33(0.0)
         if wp.static(bent):
             rotation = _rotation(m, s, body, material, step, x, d)
+            for i in range(body.count):
+                row = s.beam[body.particles + i]
+                row.move += rotation * row.turn
+                s.bend_moves[body.particles + i] += row.move
+                s.beam[body.particles + i] = row
+        for j in range(body.count - 2):
+            g = body.particles + j
+            moves = wp.matrix_from_rows(s.beam[g].move, s.beam[g + 1].move, s.beam[g + 2].move)
+            keep_moment(j, m, s, body, material, step, x, d, moves, rotation)
         for i in range(body.count):
             p = load4(d, i)
             if p[3] > 0.0:
-                row = s.beam[body.particles + i]
-                move = row.move
-                if wp.static(bent):
-                    move += rotation * row.turn
-                    s.bend_moves[body.particles + i] += move
+                move = s.beam[body.particles + i].move
                 store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
-        for j in range(body.count - 2):
-            keep_moment(j, m, s, body, material, step, x, d, rotation)
 
     return solve_beam

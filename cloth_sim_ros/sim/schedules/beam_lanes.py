@@ -218,14 +218,14 @@ for (int i = 0; i < count; ++i) {
     displaced[i] += Row{(float)move[0], (float)move[size], (float)move[2 * size], 0.0f};
     for (int axis = 0; BENT && axis < 3; ++axis) moves.data[particles + i][axis] += (float)move[axis * size];
 }
-for (int begin = 0; begin < turns; begin += 4) {
-    const int j = begin < turns - 4 ? begin : turns - 4;
-    Four turn[3];
-    residual(j, turn);
+for (int j = 0; j < turns; j += 4) {
     float* moment = (float*)(moments.data + segments + j);
     for (int axis = 0; axis < 3; ++axis) {
-        const Four held = at(STIFF, j) * inverse_square * turn[axis];
-        for (int s = 0; s < 4; ++s) moment[3 * s + axis] = (float)held[s];
+        const Four change = (at(CHANGE + axis, j) + at(STIFF, j) * turned(MOVED + axis, j)) * inverse_square;
+        for (int s = 0; s < 4 && j + s < turns; ++s) {
+            float* held = moment + 3 * s + axis;
+            *held = (float)(change[s] + (BENT ? 0.0 : *held));
+        }
     }
 }
 """

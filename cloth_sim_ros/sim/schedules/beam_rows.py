@@ -185,6 +185,13 @@ def make_solve_beam_together(threads: int, bent: bool):
         return joint
 
     @wp.func
+    def moved(j: int, place: int, rows: wp.uint64) -> wp.mat33:
+        """What rows hold at `place` for the particles of joint j."""
+        first = xyz(load4(rows, width * j + place))
+        middle = xyz(load4(rows, width * (j + 1) + place))
+        return wp.matrix_from_rows(first, middle, xyz(load4(rows, width * (j + 2) + place)))
+
+    @wp.func
     def rotation(
         t: int,
         m: Model,
@@ -204,12 +211,7 @@ def make_solve_beam_together(threads: int, bent: bool):
                 move = s.bend_moves[body.particles + i] + xyz(load4(rows, width * i))
                 sums = with_particle(sums, quick_quotient(1.0, w), move, xyz(load4(rows, width * i + 3)))
         for j in range(t, body.count - 2, threads):
-            moves = wp.mat33(0.0)
-            turns = wp.mat33(0.0)
-            for k in range(3):
-                moves[k] = xyz(load4(rows, width * (j + k)))
-                turns[k] = xyz(load4(rows, width * (j + k) + 3))
-            sums = add_joint(j, m, body, material, step, x, d, moves, turns, sums)
+            sums = add_joint(j, m, body, material, step, x, d, moved(j, 0, rows), moved(j, 3, rows), sums)
         return rotation_of(sums_of_block(t, threads, sums, width * body.count, rows))
 
     @wp.func
@@ -248,14 +250,15 @@ def make_solve_beam_together(threads: int, bent: bool):
         turned = wp.mat33(0.0)
         if wp.static(bent):
             turned = rotation(t, m, s, body, material, step, x, d, rows)
-        for i in range(t, body.count, threads):
-            move = xyz(load4(rows, width * i))
-            if wp.static(bent):
-                move += turned * xyz(load4(rows, width * i + 3))
+            for i in range(t, body.count, threads):
+                move = xyz(load4(rows, width * i)) + turned * xyz(load4(rows, width * i + 3))
+                store4(rows, width * i, wp.vec4(move[0], move[1], move[2], 0.0))
                 s.bend_moves[body.particles + i] += move
-            store4(d, i, load4(d, i) + wp.vec4(move[0], move[1], move[2], 0.0))
-        sync()
+            sync()
         for j in range(t, joints, threads):
-            keep_moment(j, m, s, body, material, step, x, d, turned)
+            keep_moment(j, m, s, body, material, step, x, d, moved(j, 0, rows), turned)
+        sync()
+        for i in range(t, body.count, threads):
+            store4(d, i, load4(d, i) + load4(rows, width * i))
 
     return solve_beam_together
