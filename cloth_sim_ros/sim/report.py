@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.schedules.tangle import last_frame
 from cloth_sim_ros.sim.state import Arrays
 
 # Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.
-STRAIN, RESIDUAL, PENETRATION = 0, 1, 2
+STRAIN, RESIDUAL, PENETRATION, SUBSTEPS = 0, 1, 2, 3
 
 
 @wp.kernel(enable_backward=False)
@@ -66,6 +66,7 @@ def measure_cells(
     frame = arrays.frames[0]
     if refines:
         frame = last_frame(arrays, b)
+        wp.atomic_max(result, SUBSTEPS, float(frame.substeps))
     h = effective_step(frame.dt, second, parts_of_motion(body, arrays.materials[b], frame))
     held = compliance * arrays.state.cell_multipliers[q * arrays.model.cells.shape[0] + k] / (h * h)
     _measure(arrays, b, i, j, spring.rest, 0.0, held, implicit, result)
@@ -140,10 +141,11 @@ class Reporter:
 
     def __init__(self, device: wp.Device) -> None:
         self._device = device
-        self._result = wp.zeros(3, dtype=float, device=device)
+        self._result = wp.zeros(4, dtype=float, device=device)
 
-    def measure(self, batch: Batch, name: str, world: int) -> dict[str, float]:
-        """kinetic_energy [J], max_strain [-], max_penetration [m], residual [m] and recoveries of one body."""
+    def measure(self, batch: Batch, name: str, substeps: int, world: int) -> dict[str, float]:
+        """kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries and substeps a frame of one
+        body, of which so many `substeps` are set."""
         b, span, arrays = batch.index[name], batch.span(name), batch.worlds[world]
         self._result.zero_()
         second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
@@ -172,4 +174,5 @@ class Reporter:
             "max_penetration": float(result[PENETRATION]),
             "residual": float(result[RESIDUAL]),
             "recoveries": recoveries,
+            "substeps": max(substeps, int(result[SUBSTEPS])),
         }

@@ -174,19 +174,21 @@ class Simulation(Live):
         return rows
 
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
-        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries;
+        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries, substeps;
         of a rope also max_tension, start_tension, end_tension [N], of all, the first and the last of its segments, and
         of one on a winch paid_out [m], pay_out [m/s] and winch_stopped, whether a limit of length holds it back; of one
         that resists twist, twist [rad] from start to end and torsion [N m].
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
-        object was put back, at rest, to where it was last good, because a particle was not finite or ran away. Method
+        object was put back, at rest, to where it was last good, because a particle was not finite or ran away; substeps
+        are those of a frame, more than are set where it was thrown together (see `set_positions`). Method
         auto leaves what was put back or is strained by more than half to the implicit method, until the next reset.
         """
         self._one(world)
         self._upload()
-        found = {name: self._reporter.measure(batch, name, world) for name, batch in self._batch.items()}
+        substeps = self.settings.substeps
+        found = {name: self._reporter.measure(batch, name, substeps, world) for name, batch in self._batch.items()}
         for name, thing in self.scene.objects.items():
             if isinstance(thing, Rope):
                 found[name] |= self._measure_rope(name, thing, world)

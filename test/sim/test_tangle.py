@@ -96,10 +96,12 @@ def test_a_former_tangle_is_computed_and_told_of_as_by_default(device, substeps,
         sim = sheet(device, substeps=settings[0], iterations=settings[1])
         for name in ("stretch", "shear"):
             sim.set(f"it.{name}_compliance", 1e-4)
+        assert sim.report()["it"]["substeps"] == settings[0]
         state = sim.device_arrays("it")[0].state
         state.tangled.fill_(-1)
         state.thrown.fill_(1)
         sim.step(4)
+        assert sim.report()["it"]["substeps"] == 20
         found.append((sim.positions("it"), sim.report()["it"]["residual"], sim.step_and_estimate()["it"]))
     assert np.abs(found[0][0] - found[1][0]).max() < 1e-5
     assert found[0][1:] == pytest.approx(found[1][1:], rel=1e-2)

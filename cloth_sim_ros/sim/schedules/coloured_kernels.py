@@ -82,12 +82,12 @@ def _make_look(features: Features):
         smooth = bool(False)
         if wp.static(features.looks_back):
             smooth = arrays.state.history[b] > 0
-        material, frame = material_of(arrays, b), arrays.frames[0]
-        parts = parts_of_motion(here.body, material, frame)
+        frame = arrays.frames[0]
+        parts = parts_of_motion(here.body, arrays.materials[b], frame)
         here.step = make_step(frame.dt, smooth, wp.static(features.order), parts, frame.global_damping)
         here.step.first = iteration == 0
         if wp.static(features.order == 2):
-            here.step.backward = goes_back(iteration, here.body, material, frame)
+            here.step.backward = goes_back(iteration, here.body, material_of(arrays, b), frame)
         here.step.store = store != 0
         here.step.repeats = frame.iterations > 1
         if wp.static("cell" in features.constraints):
