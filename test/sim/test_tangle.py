@@ -24,7 +24,8 @@ def thrown_together(sim, seed):
 
 
 def strain(sim):
-    pairs, rest, _ = (np.concatenate([kind[k] for kind in sim.springs("it").values()]) for k in range(3))
+    stretch = [sim.springs("it")[kind] for kind in ("structural", "shear")]
+    pairs, rest, _ = (np.concatenate([kind[k] for kind in stretch]) for k in range(3))
     x = sim.positions("it")[pairs]
     return np.sqrt(((np.linalg.norm(x[:, 1] - x[:, 0], axis=1) / rest - 1.0) ** 2).mean())
 
@@ -156,3 +157,15 @@ def test_new_positions_begin_anew(device):
     assert frames_tangled(sim) > 0
     sim.reset()
     assert frames_tangled(sim) == 0
+
+
+def test_dashpots_do_not_hold_what_was_thrown_together(device):
+    """Springs too soft for so short a substep to matter, with dashpots that are not: they held it strained by 2.8 %."""
+    soft = {"stretch_compliance": 1e-4, "shear_compliance": 2e-4, "bend_compliance": 0.1, "damping": 1e-2}
+    cloth = Cloth(resolution=(10, 10), size=(0.9, 0.9), mass=0.2, pins="corners", **soft)
+    sim = Simulation(Scene({"it": cloth}), Settings(substeps=80, global_damping=2.0), device)
+    start = sim.rest_positions("it") * [-1.0, 1.0, 1.0]
+    start[list(HELD)] = sim.rest_positions("it")[list(HELD)]
+    sim.set_positions("it", start)
+    sim.step(120)
+    assert strain(sim) < 0.02

@@ -187,7 +187,7 @@ def _make_advance(
                 elif t == 0:
                     note_found(found, b, s)
         # Not before: what nothing waits for comes from afar beside the particles.
-        material = ease(material, tangled, body, frame.dt, frame)
+        material = ease(material, tangled, s.thrown[b], body, frame.dt, frame)
         for k in range(count):
             if wp.static(waits):
                 if k > 0:

@@ -200,7 +200,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     for i in range(last - t, -1, -width):
                         moving = moving_of(i, s, body, x, low)
                         predict(i, moving, m, s, body, material, frame, step, x, low, d)
-            material = ease(material, tangled, body, dt, frame)
+            material = ease(material, tangled, s.thrown[b], body, dt, frame)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 sweep_colliders(t, width, b * colliders.shape[0], substep, colliders, frame, s.sweeps)

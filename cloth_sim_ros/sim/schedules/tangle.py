@@ -5,7 +5,8 @@ the one before it did, and a cloth that was thrown together stays so. Dashpots s
 well. A body is a tangle where a spring was off by more than a tenth of its length for several frames on end and is
 stiffer than the inertia of a substep, so that hardly any load explains it, until all of them nearly have their lengths.
 Then no spring is far stiffer than that, and dashpots are light: sweeps are small steps down the energy of the springs.
-What is softer anyway is left as it is.
+What is softer anyway is left as it is; of what was put together strained by more than half, dashpots that are stiffer
+than the inertia are light as well.
 
 What was a tangle once, since it was put somewhere, is one again as soon as springs are off by a little.
 
@@ -78,12 +79,17 @@ def make_ease(features: Features):
     """A Warp function: what a body of the material `own` is made of, substeps set to dt [s], taken as in `frame`."""
 
     @wp.func
-    def ease(own: Material, tangled: int, body: Body, dt: float, frame: Frame) -> Material:
+    def ease(own: Material, tangled: int, thrown: int, body: Body, dt: float, frame: Frame) -> Material:
         material = own
         if wp.static("cell" in features.constraints):
             if frames_off(tangled) >= PERSISTENT:
-                if wp.max((dt * dt) * body.lightness - own.compliance) > 0.0:
+                inertia = (dt * dt) * body.lightness
+                # A dashpot holds like a spring so much stiffer. What hangs stretched by a load needs its own.
+                held = own.compliance / (1.0 + own.damping / dt)
+                stiff = wp.max(inertia - own.compliance) > 0.0
+                if stiff or (thrown > 0 and wp.max(inertia - held) > 0.0):
                     material.damping = wp.min(own.damping, SLOWED * frame.dt)
+                if stiff:
                     material.compliance = wp.max(own.compliance, least_compliance(body, dt))
         return material
 
@@ -97,10 +103,12 @@ def make_material_of(features: Features):
     @wp.func
     def material_of(arrays: Arrays, b: int) -> Material:
         tangled = int(0)
+        thrown = int(0)
         if wp.static("cell" in features.constraints):
             tangled = arrays.state.tangled[b]
+            thrown = arrays.state.thrown[b]
         frame = arrays.frames[0]
-        return ease(arrays.materials[b], tangled, arrays.model.bodies[b], frame.dt, frame)
+        return ease(arrays.materials[b], tangled, thrown, arrays.model.bodies[b], frame.dt, frame)
 
     return material_of
 
