@@ -41,7 +41,8 @@ def test_the_error_of_a_frame_is_estimated_once_a_period():
     assert changes == [60, 120] and set(seen[-1]) == set(world.sim.scene.objects)
     assert all(0.0 < error < 1.0 for error in seen[-1].values())
     told = {
-        each.key: each.value for each in diagnostics("cloth_sim", world, Pace(1.0, 1.0, 1), False, 0).status[0].values
+        each.key: each.value
+        for each in diagnostics("cloth_sim", world, Pace(1.0, 1.0, 0.5, 1), False, 0).status[0].values
     }
     assert float(told["sheet.error_per_frame"]) > 0.0
     world.set_live("estimate_period", 0.0, world.values)
@@ -58,14 +59,14 @@ def test_an_object_that_goes_bad_is_named_in_log_and_diagnostics(caplog):
     rows[5] = np.nan
     arrays.state.velocities[span].assign(rows)
     world.advance()
-    status = diagnostics("cloth_sim", world, Pace(1.0, 1.0, 1), False, 0).status[0]
+    status = diagnostics("cloth_sim", world, Pace(1.0, 1.0, 0.5, 1), False, 0).status[0]
     assert status.level == DiagnosticStatus.WARN and "line (1 times)" in status.message
     assert [r.message for r in caplog.records if "put back" in r.message] == [
         "line was not finite or ran away and was put back, at rest, 1 times"
     ]
     assert np.isfinite(world.sim.positions("line")).all()
     world.reset()
-    assert diagnostics("cloth_sim", world, Pace(1.0, 1.0, 1), False, 0).status[0].level == DiagnosticStatus.OK
+    assert diagnostics("cloth_sim", world, Pace(1.0, 1.0, 0.5, 1), False, 0).status[0].level == DiagnosticStatus.OK
 
 
 def test_an_order_that_an_object_cannot_have_is_refused_and_the_simulation_goes_on(caplog):
