@@ -140,8 +140,8 @@ def test_thrown_bent_rope_keeps_its_angular_momentum(device, shape, compliance, 
 
     before = angular_momentum()
     sim.step(60)
-    # In single precision, as GPUs solve it, bending as stiff as it can be tells turns by a few hundredths: at most 0.062
-    # of it was lost on an H200, and 0.36 to all of it while the rest shape was held for a substep.
+    # In single precision, as GPUs solve it, bending as stiff as it can be tells turns by a few hundredths: at most
+    # 0.062 of it was lost on an H200, and 0.36 to all of it while the rest shape was held for a substep.
     share = 1e-3 if device == "cpu" and shape != "short" else 0.1
     assert np.linalg.norm(angular_momentum() - before) < share * np.linalg.norm(before)
 
