@@ -40,14 +40,14 @@ auto load = [&](uint64_t address, const int* at, Lanes* to) {{
 """
 
 # Where there are dashpots, what they see of a corner: the rounding that displacements carry, and the last ones.
-_LOAD_MORE = """
-    if (gamma > 0.0f) {
+_LOAD_MORE = f"""
+    if (gamma > 0.0f) {{
         load(low, corners[c].at, corners[c].low);
-        for (int lane = 0; lane < 8 && second; ++lane) {
+        for (int lane = 0; lane < {LANES} && second; ++lane) {{
             const wp::vec3& row = last.data[particle + corners[c].at[lane]];
             for (int axis = 0; axis < 3; ++axis) corners[c].last[axis][lane] = row[axis];
-        }
-    }
+        }}
+    }}
 """
 
 # What holds a spring beside its length: multipliers so far, and dashpots.

@@ -7,13 +7,14 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.schedules.air import make_panels
 from cloth_sim_ros.sim.schedules.coloured_constraints import add_constraints
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load_row
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.rope_watch import make_settle_ends, make_slacken
-from cloth_sim_ros.sim.schedules.stages import make_finish, make_panels, make_predict, moving_of, sweep_collider
+from cloth_sim_ros.sim.schedules.stages import make_finish, make_predict, moving_of, sweep_collider
 from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
 from cloth_sim_ros.sim.schedules.tangle import count_found, make_material_of
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back

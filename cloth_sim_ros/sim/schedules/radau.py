@@ -32,6 +32,7 @@ from cloth_sim_ros.sim.physics.complex_chain import (
 )
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import Step, split_sum
+from cloth_sim_ros.sim.schedules.air import make_accelerate
 from cloth_sim_ros.sim.schedules.native import inverse_root, load4, quick_quotient, root, store4, store_row, xyz
 from cloth_sim_ros.sim.schedules.segments import LARGEST_TURN, NEWTON_STEPS, SETTLED_SPEED, STIFFEST, TORN
 from cloth_sim_ros.sim.schedules.stage_lanes import pass_both_ends
@@ -41,20 +42,16 @@ from cloth_sim_ros.sim.state import Frame, Material, StagedSegment, State
 
 def make_predict_stages(features: Features):
     """The stage that predicts how far particle i moves by both stages without the rope, under linear drag."""
+    accelerate = make_accelerate(features)
 
     @wp.func
     def predict_stages(i: int, moving: Moving, m: Model, s: State, body: Body, frame: Frame, step: Step, d: wp.uint64):
         g = body.particles + i
         v = moving.velocity
-        a = frame.gravity - frame.global_damping * v
-        rate = frame.global_damping
-        if wp.static(features.panels != ""):
-            for k in range(m.panel_start[g], m.panel_start[g + 1]):
-                force = s.panel_forces[m.particle_panels[k]]
-                a += moving.w * xyz(force)
-                rate += moving.w * force[3]
+        pushed = accelerate(g, moving.w, v, m, s, frame)
+        a = xyz(pushed)
         h = step.effective
-        drag = h * rate
+        drag = h * pushed[3]
         first = moving.low
         second = moving.low
         if moving.w > 0.0:

@@ -8,6 +8,7 @@ from cloth_sim_ros.sim.constraints import make_project_tuple
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules import native, tangle
+from cloth_sim_ros.sim.schedules.air import make_panels
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
@@ -20,7 +21,6 @@ from cloth_sim_ros.sim.schedules.stages import (
     Moving,
     in_turn,
     make_finish,
-    make_panels,
     make_predict,
     moving_of,
     pack,

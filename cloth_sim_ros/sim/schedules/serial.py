@@ -11,13 +11,14 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.schedules.air import make_panels
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, xyz
 from cloth_sim_ros.sim.schedules.radau import finish_stages, keep_tensions, make_predict_stages, solve_stages
 from cloth_sim_ros.sim.schedules.rope_watch import make_slacken
-from cloth_sim_ros.sim.schedules.stages import make_finish, make_panels, make_predict, moving_of, sweep_colliders
+from cloth_sim_ros.sim.schedules.stages import make_finish, make_predict, moving_of, sweep_colliders
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, Material, State, gathered, given_type
 

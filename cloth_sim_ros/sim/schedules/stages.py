@@ -8,9 +8,9 @@ of its displacements (schedules/native.py).
 import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Features, Model
-from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.integrate import Step, carried, eased_by, predict_displacement, split_sum
+from cloth_sim_ros.sim.schedules.air import make_accelerate
 from cloth_sim_ros.sim.schedules.native import (
     array_address,
     divide,
@@ -22,7 +22,6 @@ from cloth_sim_ros.sim.schedules.native import (
     store_row,
     xyz,
 )
-from cloth_sim_ros.sim.schedules.panel_lanes import triangle_forces
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
 
 
@@ -74,68 +73,6 @@ def sweep_colliders(
     for c in range(t, colliders.shape[0], width):
         begin, count = float(substep), float(frame.substeps)
         sweeps[first + c] = sweep_collider(colliders[c], begin / count, (begin + 1.0) / count)
-
-
-@wp.struct
-class Corners:
-    """Positions [m] and velocities [m/s] of a panel's particles; a rope's segment has no third."""
-
-    a: wp.vec3
-    b: wp.vec3
-    c: wp.vec3
-    va: wp.vec3
-    vb: wp.vec3
-    vc: wp.vec3
-
-
-def make_air(features: Features):
-    """The force of the air [N] on one particle of a panel, and its drag rate [N s/m]."""
-
-    @wp.func
-    def air(p: Corners, frame: Frame, material: Material) -> wp.vec4:
-        if wp.static(features.panels == "triangles"):
-            relative = frame.wind - (p.va + p.vb + p.vc) / 3.0
-            return triangle_force(p.a, p.b, p.c, relative, frame.air_density, frame.drag, frame.lift) / 3.0
-        else:
-            relative = frame.wind - (p.va + p.vb) / 2.0
-            return segment_force(p.a, p.b, material.thickness, relative, frame.air_density, frame.drag) / 2.0
-
-    return air
-
-
-def make_panels(features: Features):
-    """The stage that computes the air's force on all panels of a body: thread t of `width` its share."""
-    air = make_air(features)
-
-    @wp.func
-    def corners_of(k: int, m: Model, s: State, body: Body, x: wp.uint64) -> Corners:
-        p = m.panels[k]
-        corners = Corners()
-        corners.a = xyz(load4(x, p[0]))
-        corners.b = xyz(load4(x, p[1]))
-        corners.va = xyz(load_row(s.velocities, body.particles + p[0]))
-        corners.vb = xyz(load_row(s.velocities, body.particles + p[1]))
-        if wp.static(features.panels == "triangles"):
-            corners.c = xyz(load4(x, p[2]))
-            corners.vc = xyz(load_row(s.velocities, body.particles + p[2]))
-        return corners
-
-    @wp.func
-    def panel_forces(
-        t: int, width: int, m: Model, s: State, body: Body, material: Material, frame: Frame, x: wp.uint64
-    ):
-        if wp.static(features.panels == "triangles"):
-            if triangle_forces(m, s, body, frame, x):
-                return
-        for k in range(body.panels + t, body.panels_end, 2 * width):
-            # Two at once: the way to memory and back is most of it. The last one may be told twice, alike.
-            beside = wp.min(k + width, body.panels_end - 1)
-            here, there = corners_of(k, m, s, body, x), corners_of(beside, m, s, body, x)
-            force, other = air(here, frame, material), air(there, frame, material)
-            store_row(s.panel_forces, k, force)
-            store_row(s.panel_forces, beside, other)
-
-    return panel_forces
 
 
 @wp.func
@@ -225,35 +162,6 @@ def kick(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, low: wp.
     displacement = predict_displacement(base, v, a, step.effective, eased)
     # The implicit drag weighs like added mass; with it the static balance of drag, weight and springs is exact.
     return pack(displacement + low, w * eased)
-
-
-def make_accelerate(features: Features):
-    """A Warp function: the acceleration [m/s^2] of particle g of the batch by gravity, drag and the panels around it,
-    and its drag rate [1/s]."""
-    around = 6 if features.panels == "triangles" else 2  # so many within a grid, or along a rope
-    Panels, Forces = wp.types.vector(around, int), wp.types.matrix((around, 4), float)
-
-    @wp.func
-    def accelerate(g: int, w: float, v: wp.vec3, m: Model, s: State, frame: Frame) -> wp.vec4:
-        a = frame.gravity - frame.global_damping * v
-        rate = frame.global_damping
-        if wp.static(features.panels != ""):
-            first, end = m.panel_start[g], m.panel_start[g + 1]
-            panels = Panels()
-            forces = Forces()
-            for k in range(first, end, wp.static(around)):
-                # All are asked for before any is added, and what is asked for too much weighs nothing.
-                for q in range(wp.static(around)):
-                    panels[q] = m.particle_panels[wp.min(k + q, end - 1)]
-                for q in range(wp.static(around)):
-                    forces[q] = load_row(s.panel_forces, panels[q])
-                for q in range(wp.static(around)):
-                    there = wp.where(k + q < end, 1.0, 0.0)
-                    a += (there * w) * xyz(forces[q])
-                    rate += (there * w) * forces[q][3]
-        return pack(a, rate)
-
-    return accelerate
 
 
 def make_predict(features: Features):

@@ -3,8 +3,9 @@
 import warp as wp
 
 from cloth_sim_ros.sim.model import Features, Model
+from cloth_sim_ros.sim.schedules.air import Corners, make_air
 from cloth_sim_ros.sim.schedules.native import array_address, load4, xyz
-from cloth_sim_ros.sim.schedules.stages import Corners, make_air, pack, spoke_constant, spoke_force
+from cloth_sim_ros.sim.schedules.stages import pack, spoke_constant, spoke_force
 from cloth_sim_ros.sim.schedules.tiles import PLACES, Tiles
 from cloth_sim_ros.sim.state import Frame, Material
 
