@@ -200,10 +200,7 @@ class State:
     staged: wp.array(dtype=StagedSegment)  # (C,) order 3 alone
     moments: wp.array(dtype=wp.vec3)  # (C,) bending moment [N m] behind each segment of a chain that bends
     beam: wp.array(dtype=BeamRow)  # (N,)
-    bend_moves: wp.array(
-        dtype=wp.vec3
-    )  # (N,) by how much bending moved particles so far in this substep, of ropes that
-    # are bent at rest
+    bend_moves: wp.array(dtype=wp.vec3)  # (N,) [m] by bending so far in this substep, of ropes that are bent at rest
     couples: wp.array(dtype=wp.vec3)  # (C,) torsional moment x half the curvature binormal [N m] at each such joint
     twists: wp.array(dtype=Twist)  # (B,) of ropes that resist twist, and when the body was last good
     good_twists: wp.array(dtype=Twist)  # (B,)
