@@ -1,0 +1,1 @@
+"""Springs solved line by line: a line as a whole, the lines of a family side by side."""

@@ -1,0 +1,153 @@
+// One Newton step of XPBD along up to eight lines of springs side by side, in the vector registers of a CPU core.
+// solve.py declares the arguments and states the equations.
+#if !defined(__CUDA_ARCH__)
+typedef float Lanes __attribute__((ext_vector_type(8)));
+typedef float Kept __attribute__((ext_vector_type(8), aligned(4)));
+typedef int Flags __attribute__((ext_vector_type(8)));
+typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
+constexpr float kShortest = 1.0e-12f;
+
+// Four vectors of rows (x y z w of two particles each) to a vector for each of x, y, z, w; its own inverse.
+auto transpose = [](const Lanes* from, Lanes* to) {
+    const Lanes ab = __builtin_shufflevector(from[0], from[1], 0, 8, 1, 9, 4, 12, 5, 13);
+    const Lanes AB = __builtin_shufflevector(from[0], from[1], 2, 10, 3, 11, 6, 14, 7, 15);
+    const Lanes ce = __builtin_shufflevector(from[2], from[3], 0, 8, 1, 9, 4, 12, 5, 13);
+    const Lanes CE = __builtin_shufflevector(from[2], from[3], 2, 10, 3, 11, 6, 14, 7, 15);
+    to[0] = __builtin_shufflevector(ab, ce, 0, 1, 8, 9, 4, 5, 12, 13);
+    to[1] = __builtin_shufflevector(ab, ce, 2, 3, 10, 11, 6, 7, 14, 15);
+    to[2] = __builtin_shufflevector(AB, CE, 0, 1, 8, 9, 4, 5, 12, 13);
+    to[3] = __builtin_shufflevector(AB, CE, 2, 3, 10, 11, 6, 7, 14, 15);
+};
+auto gather = [](uint64_t address, const int* at, Lanes* rows) {
+    const Row* row = (const Row*)address;
+    for (int k = 0; k < 4; ++k) {
+        rows[k] = __builtin_shufflevector(row[at[k]], row[at[k + 4]], 0, 1, 2, 3, 4, 5, 6, 7);
+    }
+};
+auto dot = [](const Lanes* a, const Lanes* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; };
+
+// What forward elimination keeps of each spring for the way back.
+struct Spring {
+    Lanes u[3], inverse, coupling, rest, weight;
+};
+Spring* springs = (Spring*)(((uint64_t)scratch.data + 63) & ~(uint64_t)63);
+const int* at = nodes.data + (size_t)8 * first;
+const float* rest = rests.data + (size_t)8 * first;
+const float* scale = scales.data + (size_t)8 * first;
+float* kept = multipliers.data + (size_t)8 * first;
+
+Lanes x[4], d[4], motion[4];
+auto moved_of = [&](const int* at, const Lanes* d, Lanes* to) {  // this substep's motion, as a dashpot sees it
+    Lanes rows[4];
+    gather(low, at, rows);
+    for (int k = 0; k < 4; ++k) to[k] = d[k] - rows[k];
+    if (carried > 0.0f) {
+        for (int k = 0; k < 4; ++k) {
+            for (int half = 0; half < 2; ++half) {
+                const wp::vec3& row = last.data[particle + at[k + 4 * half]];
+                for (int axis = 0; axis < 3; ++axis) to[k][4 * half + axis] -= carried * row[axis];
+            }
+        }
+    }
+};
+gather(x_address, at, x);
+gather(d_address, at, d);
+if (gamma > 0.0f) moved_of(at, d, motion);
+Lanes columns[4];
+transpose(d, columns);
+Lanes weight = columns[3];
+Spring none = {};
+const Spring* before = &none;
+for (int k = 0; k + 1 < slots; ++k) {
+    Spring& spring = springs[k];
+    const int* next = at + 8 * (k + 1);
+    Lanes next_x[4], next_d[4], e[4];
+    gather(x_address, next, next_x);
+    gather(d_address, next, next_d);
+    for (int r = 0; r < 4; ++r) {
+        const Lanes edge = (next_x[r] - x[r]) + (next_d[r] - d[r]);
+        e[r] = __builtin_shufflevector(edge, next_d[r], 0, 1, 2, 11, 4, 5, 6, 15);  // beside it the inverse mass
+        x[r] = next_x[r];
+    }
+    transpose(e, columns);
+    const Lanes next_weight = columns[3];
+    const Lanes free_length = *(const Kept*)(rest + 8 * k);
+    const Flags is_there = free_length >= 0.0f;
+    Lanes square = dot(columns, columns);
+    if (__builtin_reduce_min(is_there ? square : Lanes(1.0f)) < kShortest * kShortest) {
+        for (int lane = 0; lane < 8; ++lane) {
+            if (square[lane] >= kShortest * kShortest) continue;
+            const wp::vec3 way = opening((first + k) * 8 + lane);
+            for (int axis = 0; axis < 3; ++axis) columns[axis][lane] = way[axis];
+        }
+        square = dot(columns, columns);
+    }
+    const Lanes inverse_length = 1.0f / __builtin_elementwise_sqrt(square + 1.0e-30f);
+    const Lanes there = is_there ? Lanes(1.0f) : Lanes(0.0f);
+    for (int axis = 0; axis < 3; ++axis) spring.u[axis] = columns[axis] * inverse_length * there;
+    const Lanes compliance = alpha * *(const Kept*)(scale + 8 * k);
+    Lanes violation = square * inverse_length - free_length;
+    if (!fresh) violation += compliance * *(const Kept*)(kept + 8 * k);
+    if (gamma > 0.0f) {
+        Lanes next_motion[4], apart[4];
+        moved_of(next, next_d, next_motion);
+        for (int r = 0; r < 4; ++r) {
+            apart[r] = next_motion[r] - motion[r];
+            motion[r] = next_motion[r];
+        }
+        Lanes de[4], was[3];
+        transpose(apart, de);
+        for (int axis = 0; axis < 3; ++axis) was[axis] = columns[axis] - de[axis];
+        const Lanes lengths = square * inverse_length + __builtin_elementwise_sqrt(dot(was, was));
+        Lanes sum[3];
+        for (int axis = 0; axis < 3; ++axis) sum[axis] = columns[axis] + was[axis];
+        violation += gamma * (dot(sum, de) / (lengths + 1.0e-30f));
+    }
+    const Lanes both = weight + next_weight;
+    const Lanes diagonal = (1.0f + gamma) * both + compliance + 1.0e-6f * both + 1.0e-30f;
+    spring.coupling = -(1.0f + gamma) * weight * dot(spring.u, before->u);
+    const Lanes share = spring.coupling * before->inverse;
+    spring.inverse = there / (diagonal - spring.coupling * share);
+    spring.rest = -violation * there - share * before->rest;
+    spring.weight = next_weight;
+    weight = next_weight;
+    for (int r = 0; r < 4; ++r) d[r] = next_d[r];
+    before = &spring;
+}
+// Back substitution, which moves each particle by the difference of the impulses around it.
+Lanes behind[3] = {0.0f, 0.0f, 0.0f}, coupled = 0.0f;
+Row* displacements = (Row*)d_address;
+auto push = [&](const int* at, const Lanes* by) {
+    Lanes rows[4];
+    transpose(by, rows);
+    for (int lane = 0; lane < lines; ++lane) {
+        const Lanes& row = rows[lane & 3];
+        const Row change = lane < 4 ? __builtin_shufflevector(row, row, 0, 1, 2, 3)
+                                    : __builtin_shufflevector(row, row, 4, 5, 6, 7);
+        displacements[at[lane]] += change;
+    }
+};
+for (int k = slots - 2; k >= 0; --k) {
+    const Spring& spring = springs[k];
+    const Lanes lambda = spring.inverse * (spring.rest - coupled);
+    if (stores) {
+        Kept& stored = *(Kept*)(kept + 8 * k);
+        stored = fresh ? lambda : stored + lambda;
+    }
+    Lanes by[4];
+    for (int axis = 0; axis < 3; ++axis) {
+        const Lanes impulse = lambda * spring.u[axis];
+        by[axis] = spring.weight * (impulse - behind[axis]);
+        behind[axis] = impulse;
+    }
+    by[3] = 0.0f;
+    push(at + 8 * (k + 1), by);
+    coupled = spring.coupling * lambda;
+}
+gather(d_address, at, d);
+transpose(d, columns);
+Lanes by[4];
+for (int axis = 0; axis < 3; ++axis) by[axis] = -columns[3] * behind[axis];
+by[3] = 0.0f;
+push(at, by);
+#endif

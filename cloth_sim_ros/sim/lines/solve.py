@@ -1,0 +1,150 @@
+"""XPBD along lines of springs: one Newton step for all multipliers of a line at once.
+
+For the springs j of a line, with unit vectors u_j, inverse masses w and violation C_j = |e_j| - rest_j,
+
+    (J M^-1 J^T (1 + gamma) + alpha / h^2) dlambda = -(C + alpha / h^2 lambda + gamma slip)
+
+is Macklin, Mueller and Chentanez (2016, eq. 18 and 26) for the line as one block. The matrix is tridiagonal: its
+diagonal is w_i + w_j, and beside it stands -w u_j . u_j+1 of the particle between two springs. A thousandth of a
+thousandth of w_i + w_j is added, so that a rigid line between two pins has a solution.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import warp as wp
+
+from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.schedules.native import sync
+from cloth_sim_ros.sim.state import Material, State, compliance_of
+
+LANES = 8  # lines side by side on a CPU
+WARP = 32  # threads that share a row of lines on a GPU
+SCRATCH = 7 * LANES  # floats for each particle along a row, on a CPU
+
+_OPENING = """
+// A tiny edge for a spring without length, in a direction of its own: the R3 sequence in a cube (Roberts 2018).
+auto opening = [](int number) {
+    const float n = (float)(number % 65536);
+    const float a = 0.81917251f * n, b = 0.67104361f * n, c = 0.54970048f * n;
+    return wp::vec3(1.0e-12f * (a - floorf(a) - 0.5f), 1.0e-12f * (b - floorf(b) - 0.5f),
+                    1.0e-12f * (c - floorf(c) - 0.5f));
+};
+"""
+
+
+@lru_cache
+def _source(slots: int) -> str:
+    here = Path(__file__).parent
+    return f"constexpr int Slots = {slots};\n{_OPENING}" + "".join((here / f).read_text() for f in ("lanes.h", "warp.h"))
+
+
+@lru_cache
+def make_solve_row(slots_a_thread: int):
+    """A Warp function that moves the particles of one row of lines; all 32 threads of a warp call it together.
+
+    slots_a_thread: particles that each thread of a warp holds.
+    """
+
+    @wp.func_native(_source(slots_a_thread))
+    def solve_row(
+        first: int,
+        slots: int,
+        lines: int,
+        nodes: wp.array(dtype=int),
+        rests: wp.array(dtype=float),
+        scales: wp.array(dtype=float),
+        multipliers: wp.array(dtype=float),
+        scratch: wp.array(dtype=float),
+        alpha: float,
+        gamma: float,
+        carried: float,
+        particle: int,
+        last: wp.array(dtype=wp.vec3),
+        fresh: bool,
+        stores: bool,
+        x_address: wp.uint64,
+        low: wp.uint64,
+        d_address: wp.uint64,
+    ): ...
+
+    return solve_row
+
+
+def make_solve_family(features: Features):
+    """A Warp function: thread t of `width` moves the particles of its share of the lines of one family."""
+    solve_row = make_solve_row(features.line_slots)
+
+    @wp.func
+    def solve_family(
+        t: int,
+        width: int,
+        g: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        low: wp.uint64,
+        d: wp.uint64,
+    ):
+        group = m.groups[g]
+        alpha = compliance_of(material, group[1]) * step.inverse_square
+        gamma = material.damping * step.inverse
+        carried = float(0.0)
+        if wp.static(features.order == 2):
+            if step.second:
+                carried = wp.static(1.0 / 3.0)
+        team = wp.min(width, wp.static(WARP))
+        for r in range(group[2] + t / team, group[3], wp.max(width / team, 1)):
+            row = m.line_rows[r]
+            solve_row(
+                row[0],
+                row[1],
+                row[2],
+                m.line_nodes,
+                m.line_rests,
+                m.line_scales,
+                s.line_multipliers,
+                s.line_scratch,
+                alpha,
+                gamma,
+                carried,
+                body.particles,
+                s.last_displacements,
+                step.first,
+                step.store,
+                x,
+                low,
+                d,
+            )
+
+    return solve_family
+
+
+def make_solve_lines(features: Features):
+    """A Warp function: the threads of a block solve all families of a body, one after the other."""
+    solve_family = make_solve_family(features)
+
+    @wp.func
+    def solve_lines(
+        t: int,
+        width: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        step: Step,
+        x: wp.uint64,
+        low: wp.uint64,
+        d: wp.uint64,
+    ):
+        for g in range(body.groups, body.tuple_groups):
+            solve_family(t, width, g, m, s, body, material, step, x, low, d)
+            sync()
+
+    return solve_lines
