@@ -79,13 +79,7 @@ SOLVER = (
         "xpbd: implicit, holds when stiff; verlet: explicit, exact where substeps suffice; auto: by object, says why.",
         ("xpbd", "verlet", "auto"),
     ),
-    _integer(
-        "order",
-        1,
-        "Of xpbd: 1 is implicit Euler, 2 is BDF2, for smooth motion, 3 is Radau IIA, for plain ropes.",
-        1,
-        3,
-    ),
+    _integer("order", 1, "Of xpbd: 1 is implicit Euler, 2 is BDF2, for smooth motion.", 1, 2),
     _choice(
         "schedule",
         "auto",

@@ -16,14 +16,13 @@ from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.patched import Patched
 from cloth_sim_ros.sim.schedules.resident import Resident, capacity, threads_for
 from cloth_sim_ros.sim.schedules.rows import Rows
-from cloth_sim_ros.sim.schedules.serial import Serial
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
-Schedule = Resident | Coloured | Tiled | Patched | Rows | Serial
+Schedule = Resident | Coloured | Tiled | Patched | Rows
 KEPT = ("positions", "low", "good_positions", "velocities")
 
 
@@ -97,8 +96,6 @@ class Batch:
     def _make_schedule(self, wanted: str, topologies: list[Topology]) -> Schedule:
         if wanted == "rows":
             return Rows(self.features, self.worlds, topologies, self.device)
-        if self.features.order == 3:
-            return Serial(self.features, self.worlds, self.device)
         largest, limit = max(self.counts), capacity(self.device, self.features)
         if wanted in ("auto", "tiled") and (wanted == "tiled" or self.device.is_cuda):
             try:
@@ -228,10 +225,8 @@ class Batch:
                 wp.copy(rows, self._saved[name])
 
     def forget_steps(self) -> None:
-        """The length of a substep changed: order 2 starts from its first-order substep again, order 3 forgets how the
-        tensions changed in one."""
-        for array in ("history", "tension_changes"):
-            self.states[array].zero_()
+        """The length of a substep changed: order 2 starts from its first-order substep again."""
+        self.states["history"].zero_()
 
     def _part(self, array: str, span: slice, world: int | None) -> wp.array:
         """(worlds, n) elements `span` of an array of the state, of one world or of all."""
@@ -262,9 +257,6 @@ class Batch:
             self._part("tangled", slice(b, b + 1), world).zero_()
         if self.features.looks_back:
             self._part("history", slice(b, b + 1), world).zero_()
-        if self.features.order == 3:
-            self._part("rough", slice(b, b + 1), world).zero_()
-            self._part("tension_changes", segments, world).zero_()
         if self.features.order == 2:
             # Whether the first substep is smooth is told by the one before it: none, from rest.
             for array in ("last_displacements", "last_velocities"):

@@ -12,7 +12,6 @@ from cloth_sim_ros.sim import topology
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.choice import Choice, choose
 from cloth_sim_ros.sim.colliders import shapes_of
-from cloth_sim_ros.sim.limits import THIRD_ORDER_SETTINGS, beyond_third_order
 from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.objects import Rope
@@ -25,10 +24,6 @@ from cloth_sim_ros.sim.state import Frame
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
-# [s] of a substep: in longer ones second order is as near to the motion of a chain at half the price.
-_LONGEST_OF_THIRD_ORDER = 1.001 / 240
-_LONGEST_UNDER_LOAD = 1.001 / 180
-_LOAD = 1000.0  # times its mass holds a rope so tight that it hardly swings across itself
 
 
 class Bodies:
@@ -51,25 +46,8 @@ class Bodies:
 
     def _choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]]) -> Choice:
         """How an object with these pairs of compliances and damping is to be computed."""
-        return choose(
-            self.settings,
-            self._elastic[name],
-            materials,
-            self.scene.wind is not None,
-            name in self._strained,
-            self._pays_third_order(name),
-        )
-
-    def _pays_third_order(self, name: str) -> bool:
-        """Whether third order, of ropes that stretch and no more, is nearer at its price: in short substeps, where
-        nothing is touched, which first order would take over, and not on a GPU, where one thread computes it."""
-        masses = self._elastic[name].masses
-        loaded = masses.max() >= _LOAD * (masses.sum() - masses.max())
-        longest = _LONGEST_UNDER_LOAD if loaded else _LONGEST_OF_THIRD_ORDER
-        short = self.settings.frame_dt <= longest * self.settings.substeps
-        able = all(getattr(self.settings, setting) in wanted for setting, wanted in THIRD_ORDER_SETTINGS.items())
-        alone = self._device.is_cpu and not self.scene.colliders
-        return alone and short and able and not beyond_third_order(self.scene.objects[name])
+        crumples = self.scene.wind is not None
+        return choose(self.settings, self._elastic[name], materials, crumples, name in self._strained)
 
     def _build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""

@@ -37,7 +37,6 @@ class Simulation(Live):
         super().__init__(scene, settings or Settings(), device, worlds)
         for name, thing in scene.objects.items():
             self._check_rope(name, thing)
-            self._check_third_order(name, thing)
         materials = {name: (compliances_of(thing), thing.damping) for name, thing in scene.objects.items()}
         if self.settings.method == "verlet":
             for name, material in materials.items():

@@ -73,22 +73,10 @@ def test_second_order_is_bdf2(device, rope_solver):
     assert np.log2(stretch[0] / stretch[1]) == pytest.approx(2.0, abs=0.2)
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.02])
-@pytest.mark.parametrize("drag", [0.0, 3.0])
-def test_third_order_is_radau_to_the_digit(device, damping, drag):
-    """Also with a dashpot and drag, both of which the method has within its stages."""
-    h = 1.0 / 60
-    q = motion(device, 60, damping, order=3, substeps=1, global_damping=drag)
-    zeta = 0.5 * (damping * FREQUENCY + drag / FREQUENCY)
-    z, expected = growth(q), oscillator.radau(FREQUENCY * h, zeta)
-    assert oscillator.decay_rate(z, h) == pytest.approx(oscillator.decay_rate(expected, h), rel=5e-3)
-    assert oscillator.period(z, h) == pytest.approx(oscillator.period(expected, h), rel=1e-5)
-
-
-@pytest.mark.parametrize(("order", "counts"), [(1, [8, 16, 32, 64]), (2, [8, 16, 32, 64]), (3, [1, 2, 3, 4])])
-def test_fitted_order_of_the_oscillator(device, order, counts):
-    """Of third order as long as float32 tells its error."""
+@pytest.mark.parametrize("order", [1, 2])
+def test_fitted_order_of_the_oscillator(device, order):
+    counts = [8, 16, 32, 64]
     exact = STRETCH * np.cos(FREQUENCY * np.arange(31) / 60)
     errors = [np.sqrt(np.mean((motion(device, 30, order=order, substeps=n) - exact) ** 2)) for n in counts]
     slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
-    assert slope == pytest.approx(order, abs={1: 0.15, 2: 0.2, 3: 0.3}[order])
+    assert slope == pytest.approx(order, abs={1: 0.15, 2: 0.2}[order])

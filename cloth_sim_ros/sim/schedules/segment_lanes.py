@@ -5,7 +5,7 @@ That is what no segment waits for; the rest is walks.py.
 
 import warp as wp
 
-from cloth_sim_ros.sim.schedules.walks import LANES, planes
+from cloth_sim_ros.sim.schedules.walks import LANES, PLANES
 
 # What a linear solve cannot tell of a motion: that a segment turns too far, changes its length too much, or had better
 # be solved again.
@@ -13,7 +13,7 @@ TOO_FAR = wp.constant(1)
 TEARS = wp.constant(2)
 UNSETTLED = wp.constant(4)
 
-_PLANES = planes(1) + LANES
+_PLANES = PLANES + LANES
 
 # The last four overlap those before.
 _PREPARE = f"""

@@ -22,11 +22,9 @@ from cloth_sim_ros.study.hard.trials.contact import SHAPES
 METHODS: dict[str, dict[str, Any]] = {
     "xpbd 1": {"method": "xpbd", "order": 1},
     "xpbd 2": {"method": "xpbd", "order": 2},
-    "xpbd 3": {"method": "xpbd", "order": 3},
     "auto": {"method": "auto"},
     "verlet": {"method": "verlet"},  # with as many substeps as it asks for, once it has refused those that are too few
 }
-KINDS_OF = {"xpbd 3": ("rope",)}  # of a method that does not compute all of them
 SUBSTEPS, ITERATIONS = (1, 5, 20, 80), (1, 10)
 MOST_SUBSTEPS = 10000  # a frame, the most that Settings take
 LEAST = 1e-4  # [J] that energies are compared to
@@ -70,8 +68,6 @@ def combinations(seed: int, names: list[str] | None = None, methods: list[str] |
         for kind, method, options in itertools.product(case.kinds, METHODS, _grid(case)):
             drawn = {"substeps": int(random.choice(SUBSTEPS)), "iterations": int(random.choice(ITERATIONS)), **options}
             own = int(random.integers(2**31))
-            if kind not in KINDS_OF.get(method, case.kinds):
-                continue
             if case.name in (names or CASES) and method in (methods or METHODS):
                 yield Combination(case.name, kind, method, drawn, own)
 
