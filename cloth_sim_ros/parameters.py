@@ -86,12 +86,6 @@ SOLVER = (
         "resident: one launch per body and frame; coloured: one per colour; tiled: pieces over a GPU; auto chooses.",
         ("auto", "resident", "coloured", "tiled"),
     ),
-    _choice(
-        "rope_solver",
-        "direct",
-        "direct: one exact solve along each rope an iteration; gauss_seidel: segment by segment, for comparison.",
-        ("direct", "gauss_seidel"),
-    ),
     _integer("substeps", 20, "Substeps a frame.", 1, 10000, live=True),
     _integer("iterations", 1, "Solver iterations a substep.", 1, 1000, live=True),
     _double("global_damping", 0.0, "Drag on every particle, relative to its momentum.", "1/s", 0, 1e4),

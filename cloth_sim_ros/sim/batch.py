@@ -70,7 +70,7 @@ class Batch:
         for topology in topologies.values():
             collected.add(topology)
         self.spring_groups = collected.spring_groups
-        self.spring_order, self.tuple_order = collected.spring_order, collected.tuple_order
+        self.spring_order = collected.spring_order
         self._bodies = collected.bodies
         self.counts = [row["count"] for row in self._bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)

@@ -54,7 +54,7 @@ class Bodies:
         self._choices = choices
         self._topologies = {
             name: topology.build(thing, name, True)
-            if self.settings.rope_solver == "direct" and choices[name].method == "xpbd" and isinstance(thing, Rope)
+            if choices[name].method == "xpbd" and isinstance(thing, Rope)
             else self._elastic[name]
             for name, thing in self.scene.objects.items()
         }

@@ -48,7 +48,7 @@ def choose(
     implicit = "is computed by xpbd order 2, since"
     if topology.reel is not None:
         return Choice("xpbd", 2, f"{implicit} a winch feeds it, which explicit steps lack")
-    if topology.others():
+    if topology.bends_by_angles:
         return Choice("xpbd", 2, f"{implicit} it bends by angles, which explicit steps lack")
     if strained:
         return Choice(

@@ -123,7 +123,7 @@ class Live(Ropes):
     def _check_explicit(self, name: str, compliance: Any, damping: float, substeps: int) -> None:
         """Raise ValueError where method verlet cannot hold an object, saying what it would need."""
         topo = self._elastic[name]
-        if topo.others():
+        if topo.bends_by_angles:
             raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
         needed = limits.explicit_substeps(
             topo, compliance, damping, self.settings.frame_dt, self.scene.wind is not None

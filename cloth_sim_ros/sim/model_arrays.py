@@ -28,7 +28,7 @@ class ModelArrays:
     bodies[b]: the fields of Body; groups: the rows of Model.groups; size: name of an array in Model -> rows so far;
     particles: of all bodies so far. spring_groups[b]: "spring" or "cell", and the groups of these in body b.
     spring_order[b][kind] is (first, order), for springs that lie in no cell: element `order[i]` of that kind lies at
-    first + i; tuple_order[b][constraint] the same of the tuples.
+    first + i.
     With `spokes` every particle knows its springs; of cells, at most `width` are projected at a time.
     """
 
@@ -40,7 +40,6 @@ class ModelArrays:
         self.particles, self.size = 0, dict.fromkeys(self._rows, 0)
         self.spring_groups: list[tuple[str, list[tuple[int, int, int, int]]]] = []
         self.spring_order: list[dict[str, tuple[int, np.ndarray]]] = []
-        self.tuple_order: list[dict[str, tuple[int, np.ndarray]]] = []
 
     def _append(self, name: str, rows: np.ndarray) -> int:
         start = self.size[name]
@@ -58,7 +57,6 @@ class ModelArrays:
         self._append("rest", topology.rest)
         groups, first_cell = len(self.groups), self.size["cells"]
         self.spring_order.append({})
-        self.tuple_order.append({})
         width = 0
         if topology.grid is None:
             self._add_springs(topology)
@@ -115,14 +113,12 @@ class ModelArrays:
         return width
 
     def _add_tuples(self, topology: Topology) -> None:
-        for constraint, elements, extra in topology.others():
-            order, spans = colour_sorted(elements)
-            start = self._append(
-                "tuples", np.pad(elements.particles, ((0, 0), (0, 4 - elements.particles.shape[1])), "edge")[order]
-            )
-            self.tuple_order[-1][constraint] = (start, order)
-            self._append("tuple_rest", np.column_stack([elements.rest, elements.scale, extra])[order])
-            self._append_groups(constraint, KINDS.index("bending"), start, spans)
+        if topology.hinges is None:
+            return
+        order, spans = colour_sorted(topology.hinges)
+        start = self._append("tuples", topology.hinges.particles[order])
+        self._append("tuple_rest", np.column_stack([topology.hinges.rest, topology.hinges.scale])[order])
+        self._append_groups("hinge", KINDS.index("bending"), start, spans)
 
     def _add_edges(self, topology: Topology) -> None:
         for elements in topology.edges():

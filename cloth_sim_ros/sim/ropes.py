@@ -69,9 +69,8 @@ class Ropes(Queries):
         if not isinstance(thing, Rope) or (thing.winch is None and thing.twist_compliance is None):
             return
         what = "a winch on" if thing.winch is not None else "twist in"
-        for setting, wanted in (("method", "verlet"), ("rope_solver", "gauss_seidel")):
-            if getattr(self.settings, setting) == wanted:
-                raise ValueError(f"solver.{setting} is {wanted!r} with {what} {name}; allowed is another")
+        if self.settings.method == "verlet":
+            raise ValueError(f"solver.method is 'verlet' with {what} {name}; allowed is another")
 
     def _measure_rope(self, name: str, thing: Rope, world: int) -> dict[str, float]:
         """What `report` says of ropes alone."""

@@ -56,7 +56,7 @@ def test_a_sharp_edge_does_not_poke_between_the_particles(device, settings):
     assert dragged_over_the_edge(device, True, **settings) < 0.01 * SPACING
 
 
-@pytest.mark.parametrize("settings", [{}, {"rope_solver": "gauss_seidel"}, {"schedule": "coloured", "iterations": 2}])
+@pytest.mark.parametrize("settings", [{}, {"schedule": "coloured", "iterations": 2}])
 def test_a_rope_lies_over_the_edge_with_its_segments(device, settings):
     assert dragged_over_the_edge(device, False, rope=True, **settings) > 0.08 * SPACING
     assert dragged_over_the_edge(device, True, rope=True, **settings) < 0.01 * SPACING

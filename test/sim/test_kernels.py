@@ -107,7 +107,6 @@ ALL_FUNCTIONS = {
     "springs": "project_spring",
     "cells": "project_cell pull_along",
     "hinges": "hinge_gradients",
-    "bends": "turn_residual",
     "beam": "stiffness_at",
     "bent": "rest_turn rotation_of",
     "chain": "series_admittance",
@@ -118,7 +117,7 @@ ALL_FUNCTIONS = {
 
 
 SHEET_AND_BALL = Features(("cell", "hinge"), False, "triangles", ("sphere",), 2, "xpbd")
-ROPE_AND_ROOM = Features(("bend", "edge"), True, "segments", ("plane", "box"), 1, "xpbd")
+ROPE_AND_ROOM = Features(("edge",), True, "segments", ("plane", "box"), 1, "xpbd")
 
 
 @pytest.mark.parametrize(
@@ -131,7 +130,7 @@ ROPE_AND_ROOM = Features(("bend", "edge"), True, "segments", ("plane", "box"), 1
         (Features((), True, "", (), 2, "xpbd", beam=True, bent=True), {"chain", "beam", "bent"}),
         (Features(("cell",), False, "", (), 1, "xpbd"), {"cells"}),
         (SHEET_AND_BALL, {"cells", "hinges", "wind on cloth", "colliders", "sphere"}),
-        (ROPE_AND_ROOM, {"bends", "chain", "wind on ropes", "colliders", "plane", "box", "edges"}),
+        (ROPE_AND_ROOM, {"chain", "wind on ropes", "colliders", "plane", "box", "edges"}),
     ],
 )
 def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present, tmp_path):

@@ -197,7 +197,7 @@ def test_a_body_gone_bad_is_put_back_alone(device):
 @pytest.mark.parametrize(
     ("scene", "settings", "words"),
     [
-        (Scene({"it": Rope(segments=4)}), {"rope_solver": "direct"}, "xpbd of other than the springs of a grid"),
+        (Scene({"it": Rope(segments=4)}), {}, "xpbd of other than the springs of a grid"),
     ],
 )
 def test_what_tiles_cannot_do_is_refused(scene, settings, words):

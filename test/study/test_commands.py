@@ -41,7 +41,7 @@ def test_error_writes_table_and_figures(monkeypatch, tmp_path, capsys):
     stem = "error_clamped_sheet_8_cpu"
     rows = json.loads((tmp_path / f"{stem}.json").read_text())["rows"]
     methods = {row["method"] for row in rows}
-    assert methods == {contender.label for contender in CONTENDERS if not contender.ropes_only}
+    assert methods == {contender.label for contender in CONTENDERS}
     assert any(row["front"] for row in rows)
     for method in ("XPBD, second order", "Verlet", "leapfrog Verlet (NumPy)"):
         errors = [row["position"] for row in rows if row["method"] == method]
