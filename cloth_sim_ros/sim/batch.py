@@ -11,9 +11,7 @@ from cloth_sim_ros.sim.constraints.cell_lanes import LANES
 from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
-from cloth_sim_ros.sim.schedules import patches
 from cloth_sim_ros.sim.schedules.coloured import Coloured
-from cloth_sim_ros.sim.schedules.patched import Patched
 from cloth_sim_ros.sim.schedules.resident import Resident, capacity, threads_for
 from cloth_sim_ros.sim.schedules.rows import Rows
 from cloth_sim_ros.sim.schedules.tiled import Tiled
@@ -22,7 +20,7 @@ from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
-Schedule = Resident | Coloured | Tiled | Patched | Rows
+Schedule = Resident | Coloured | Tiled | Rows
 KEPT = ("positions", "low", "good_positions", "velocities")
 
 
@@ -97,9 +95,9 @@ class Batch:
         if wanted == "rows":
             return Rows(self.features, self.worlds, topologies, self.device)
         largest, limit = max(self.counts), capacity(self.device, self.features)
-        if wanted in ("auto", "tiled") and (wanted == "tiled" or self.device.is_cuda):
+        if wanted == "tiled" or (wanted == "auto" and self.device.is_cuda):
             try:
-                return self._make_tiled(topologies, wanted == "tiled", largest <= limit)
+                return Tiled(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
             except Unfit:
                 if wanted == "tiled":
                     raise
@@ -111,15 +109,6 @@ class Batch:
         if wanted == "coloured" or largest > limit:
             return Coloured(self.features, self.worlds, self.device)
         return Resident(self.features, self.worlds, self.device, largest, self._threads)
-
-    def _make_tiled(self, topologies: list[Topology], forced: bool, resident: bool) -> Tiled | Patched:
-        """Bodies cut into pieces. Raises Unfit where they cannot be, or, unless `forced`, need not where `resident`."""
-        if self.features.method == "verlet":
-            return Tiled(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
-        chosen = patches.plan(self.features, topologies, len(self.worlds), self.device)
-        if resident and not forced and chosen.cost > chosen.whole:
-            raise Unfit("bodies that are faster whole", "schedule 'resident'")
-        return Patched(self.features, self.worlds, chosen, self.device)
 
     def span(self, name: str) -> slice:
         """Where the particles of a body lie."""

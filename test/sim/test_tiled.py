@@ -194,15 +194,9 @@ def test_a_body_gone_bad_is_put_back_alone(device):
     assert sim.report()["small"]["recoveries"] == 1 and np.abs(sim.positions("small") - x).max() > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("scene", "settings", "words"),
-    [
-        (Scene({"it": Rope(segments=4)}), {}, "xpbd of other than the springs of a grid"),
-    ],
-)
-def test_what_tiles_cannot_do_is_refused(scene, settings, words):
-    with pytest.raises(ValueError, match=f"solver.schedule is 'tiled' with {words}; allowed is"):
-        Simulation(scene, Settings(schedule="tiled", substeps=60, **settings), device="cpu")
+def test_implicit_steps_in_tiles_are_refused():
+    with pytest.raises(ValueError, match="solver.schedule is 'tiled' with method 'xpbd'; allowed is method 'verlet'"):
+        Simulation(Scene({"it": Rope(segments=4)}), Settings(schedule="tiled"), device="cpu")
 
 
 def test_too_many_springs_at_a_particle_are_refused():

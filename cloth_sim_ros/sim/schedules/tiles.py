@@ -104,6 +104,8 @@ def plan(
 
     waits: within a launch for one another, an even depth; None: where they can. Raises Unfit where there are none.
     """
+    if features.method != "verlet":
+        raise Unfit("method 'xpbd'", "method 'verlet'")
     if "edge" in features.constraints:
         raise Unfit("edge_contact", "contact of particles alone")
     around = _around(model, bool(features.panels))
