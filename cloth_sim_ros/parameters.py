@@ -80,12 +80,6 @@ SOLVER = (
         ("xpbd", "verlet", "auto"),
     ),
     _integer("order", 1, "Of xpbd: 1 is implicit Euler, 2 is BDF2, for smooth motion.", 1, 2),
-    _choice(
-        "schedule",
-        "auto",
-        "resident: one launch per body and frame; coloured: one per colour; tiled: pieces over a GPU; auto chooses.",
-        ("auto", "resident", "coloured", "tiled"),
-    ),
     _integer("substeps", 20, "Substeps a frame.", 1, 10000, live=True),
     _integer("iterations", 1, "Solver iterations a substep.", 1, 1000, live=True),
     _double("global_damping", 0.0, "Drag on every particle, relative to its momentum.", "1/s", 0, 1e4),

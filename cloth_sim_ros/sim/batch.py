@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +15,7 @@ from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
 from cloth_sim_ros.sim.schedules.coloured import Coloured
 from cloth_sim_ros.sim.schedules.resident import Resident, capacity, threads_for
-from cloth_sim_ros.sim.schedules.rows import Rows
+from cloth_sim_ros.sim.schedules.rows import Rows, fits_rows
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Material, Reel
@@ -21,7 +23,28 @@ from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
 Schedule = Resident | Coloured | Tiled | Rows
+_forced: str | None = None
 KEPT = ("positions", "low", "good_positions", "velocities")
+
+
+@contextmanager
+def forced_schedule(name: str | None) -> Iterator[None]:
+    """For tests and studies: batches that are built within have the schedule "resident", "coloured" or "tiled".
+
+    With None it is chosen, as without. Building a batch raises ValueError where a body does not fit a block of the
+    device, or tiles cannot serve it.
+    """
+    global _forced
+    before, _forced = _forced, name
+    try:
+        yield
+    finally:
+        _forced = before
+
+
+def goes_in_rows(features: Features, topology: Topology, device: wp.Device) -> bool:
+    """Whether a body is computed in rows."""
+    return _forced is None and fits_rows(features, topology, device)
 
 
 @dataclass(frozen=True)
@@ -38,16 +61,15 @@ class BodyState:
 class Batch:
     """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
-    schedule: one of Settings, or "rows". The model is there once; `states` has a row a world, and `worlds[w]` is what
-    kernels know of world w. Raises ValueError where schedule "resident" is asked for and a body does not fit a
-    block of the device.
+    rows: whether they are computed in rows. The model is there once; `states` has a row a world, and `worlds[w]` is
+    what kernels know of world w.
     """
 
     def __init__(
         self,
         topologies: dict[str, Topology],
         features: Features,
-        schedule: str,
+        rows: bool,
         frame: LiveArray,
         colliders: LiveArray,
         worlds: int,
@@ -63,7 +85,7 @@ class Batch:
         self._reels = {name: _wound(topology) for name, topology in topologies.items() if topology.reel is not None}
         largest = max(len(topology.masses) for topology in topologies.values())
         self._threads = threads_for(features, largest, len(topologies) * worlds, device)
-        spokes = features.method == "verlet" and schedule != "rows"  # which lays out its own
+        spokes = features.method == "verlet" and not rows  # which lay out their own
         collected = ModelArrays(spokes, width=LANES if device.is_cpu else self._threads)
         for topology in topologies.values():
             collected.add(topology)
@@ -79,7 +101,7 @@ class Batch:
         model = collected.upload(device)
         self.worlds = [self._world(w, model, frame, colliders) for w in range(worlds)]
         self._saved: dict[str, wp.array] | None = None
-        self.schedule = self._make_schedule(schedule, list(topologies.values()))
+        self.schedule = self._make_schedule(rows, list(topologies.values()))
         for name in topologies:
             self.reset(name, None)
 
@@ -91,22 +113,22 @@ class Batch:
         arrays.ends = row_of(self.ends.array, w)
         return arrays
 
-    def _make_schedule(self, wanted: str, topologies: list[Topology]) -> Schedule:
-        if wanted == "rows":
+    def _make_schedule(self, rows: bool, topologies: list[Topology]) -> Schedule:
+        if rows:
             return Rows(self.features, self.worlds, topologies, self.device)
         largest, limit = max(self.counts), capacity(self.device, self.features)
-        if wanted == "tiled" or (wanted == "auto" and self.device.is_cuda):
+        if _forced == "tiled" or (_forced is None and self.device.is_cuda):
             try:
                 return Tiled(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
             except Unfit:
-                if wanted == "tiled":
+                if _forced == "tiled":
                     raise
-        if wanted == "resident" and largest > limit:
+        if _forced == "resident" and largest > limit:
             raise ValueError(
-                f"solver.schedule is 'resident' with a body of {largest} particles; allowed are up to {limit} on "
-                f"{self.device.alias}, or schedule 'auto'"
+                f"the schedule 'resident' is forced on a body of {largest} particles; allowed are up to {limit} on "
+                f"{self.device.alias}"
             )
-        if wanted == "coloured" or largest > limit:
+        if _forced == "coloured" or largest > limit:
             return Coloured(self.features, self.worlds, self.device)
         return Resident(self.features, self.worlds, self.device, largest, self._threads)
 

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim import topology
-from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.batch import Batch, goes_in_rows
 from cloth_sim_ros.sim.choice import Choice, choose
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.live_array import LiveArray
@@ -18,7 +18,6 @@ from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.schedules.resident import capacity
-from cloth_sim_ros.sim.schedules.rows import fits_rows
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.state import Frame
 
@@ -79,19 +78,18 @@ class Bodies:
             _LOG.info("%s now %s", name, chosen[name].reason)
 
     def _make_batches(self) -> list[Batch]:
-        """A batch of each group of objects with the same features and schedule."""
+        """A batch of each group of objects with the same features, in rows or not."""
         shapes = shapes_of(self.scene.colliders.values())
         wind = self.scene.wind is not None
-        alike: dict[tuple[Features, str], dict[str, topology.Topology]] = {}
+        alike: dict[tuple[Features, bool], dict[str, topology.Topology]] = {}
         for name, topo in self._topologies.items():
-            choice, schedule = self._choices[name], self.settings.schedule
+            choice = self._choices[name]
             features = Features.of(topo, wind, shapes, choice.order, choice.method, self.worlds > 1)
-            if schedule == "auto" and fits_rows(features, topo, self._device):
-                schedule = "rows"
-            alike.setdefault((features, schedule), {})[name] = topo
+            rows = goes_in_rows(features, topo, self._device)
+            alike.setdefault((features, rows), {})[name] = topo
         return [
-            Batch(bodies, features, schedule, self._frame, self._colliders, self.worlds, self._device)
-            for (features, schedule), bodies in alike.items()
+            Batch(bodies, features, rows, self._frame, self._colliders, self.worlds, self._device)
+            for (features, rows), bodies in alike.items()
         ]
 
     def _leave_to_implicit(self, name: str) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
+from cloth_sim_ros.sim.batch import forced_schedule
 from cloth_sim_ros.study import feature_costs
 from cloth_sim_ros.study.cases import Case
 from cloth_sim_ros.study.contenders import Run
@@ -137,7 +138,8 @@ def measure(resolution: int, arguments: argparse.Namespace) -> dict:
     for schedule in SCHEDULES:
         if schedule == "resident" and not automatic.fits_a_block:
             continue
-        sim = Simulation(scene, Settings(schedule=schedule, **settings), arguments.device, arguments.worlds)
+        with forced_schedule(schedule):
+            sim = Simulation(scene, Settings(**settings), arguments.device, arguments.worlds)
         sim.step(3)  # compiles, captures
         sims[schedule] = sim
         frames[schedule] = max(3, int(1e3 * arguments.seconds / frame_time(sim, 5)))

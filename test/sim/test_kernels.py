@@ -26,6 +26,7 @@ from cloth_sim_ros.sim import (
     topology,
     wrench,
 )
+from cloth_sim_ros.sim.batch import forced_schedule
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules import coloured_kernels, resident_kernel
 
@@ -48,8 +49,9 @@ def busy_scene(**cloth):
     )
 
 
-def states(device, frames=8, cloth=None, **settings):
-    sim = Simulation(busy_scene(**(cloth or {})), Settings(**settings), device=device)
+def states(device, frames=8, cloth=None, schedule=None, **settings):
+    with forced_schedule(schedule):
+        sim = Simulation(busy_scene(**(cloth or {})), Settings(**settings), device=device)
     for frame in range(frames):
         sim.set_collider_pose("ball", (0, 0.02 * frame, -0.2), (0, 0, 0.05 * frame, 1))
         sim.step()

@@ -52,7 +52,7 @@ class Unfit(ValueError):
     """Tiles cannot serve a batch; the message says why."""
 
     def __init__(self, reason: str, allowed: str):
-        super().__init__(f"solver.schedule is 'tiled' with {reason}; allowed is {allowed}, or schedule 'auto'")
+        super().__init__(f"the schedule 'tiled' is forced with {reason}; allowed is {allowed}")
 
 
 @dataclass(frozen=True)
