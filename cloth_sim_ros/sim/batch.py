@@ -152,15 +152,11 @@ class Batch:
         for array in ("recoveries", "relapses"):
             self._part(array, slice(b, b + 1), world).zero_()
 
-    def write_positions(self, name: str, positions: np.ndarray, world: int | None, thrown: bool = False) -> None:
+    def write_positions(self, name: str, positions: np.ndarray, world: int | None) -> None:
         """Positions (N, 3) float64 [m], kept to more digits than float32 has; history and multipliers start anew.
 
-        What is on a drum stays there, where the first particle is put. thrown: whether a spring is strained by more
-        than half.
+        What is on a drum stays there, where the first particle is put.
         """
-        if "cell" in self.features.constraints:
-            b = self.index[name]
-            self._part("thrown", slice(b, b + 1), world).fill_(int(thrown))
         if not self.features.winch:
             self._write_rows(name, positions, self._inverse_mass[name], world)
             return
@@ -265,7 +261,6 @@ class Batch:
             every = self.worlds[0].model.cells.shape[0]
             for q in range(0, 6 * every, every):
                 self._part("cell_multipliers", slice(q + first, q + end), world).zero_()
-            self._part("tangled", slice(b, b + 1), world).zero_()
         if self.features.looks_back:
             self._part("history", slice(b, b + 1), world).zero_()
         if self.features.order == 2:

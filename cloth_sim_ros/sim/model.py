@@ -96,7 +96,6 @@ class Body:
     spoke_width: int
     cell: wp.vec3  # rest lengths [m] along x, along y and of diagonals of a grid
     yielding: float  # the inverse of its mass [1/kg]
-    lightness: wp.vec3  # the most inverse mass at a spring of each kind, over its share of the compliance [1/kg]
 
 
 @wp.struct

@@ -90,7 +90,6 @@ class ModelArrays:
             "spoke_width": spoke_width,
             "cell": (0.0, 0.0, 0.0) if topology.grid is None else cells.lengths(topology),
             "yielding": 1.0 / float(topology.masses.sum()),
-            "lightness": _lightness(topology),
         }
         self.bodies.append(body)
 
@@ -190,15 +189,6 @@ def _spacing(topology: Topology) -> float:
     """The mean rest length of all springs and segments [m], 1 where there are none."""
     kinds = [*topology.springs.values(), *([] if topology.chain is None else [topology.chain])]
     return float(np.concatenate([elements.rest for elements in kinds]).mean()) if kinds else 1.0
-
-
-def _lightness(topology: Topology) -> tuple[float, ...]:
-    """Of structural, shear and bending springs: the largest w_i + w_j over scale [1/kg], 0 where there are none."""
-    w, found = np.where(topology.pinned, 0.0, 1.0 / topology.masses), []
-    for kind in KINDS:
-        e = topology.springs.get(kind)
-        found.append(0.0 if e is None else float((w[e.particles].sum(1) / e.scale).max()))
-    return tuple(found)
 
 
 def bits(indices: np.ndarray) -> np.ndarray:

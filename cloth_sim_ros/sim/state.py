@@ -32,15 +32,14 @@ def compliance_of(material: Material, kind: int) -> float:
 
 @wp.struct
 class Frame:
-    """One batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], small: a substep of what was a tangle [s],
-    wind [m/s], air_density [kg/m^3]."""
+    """One batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], wind [m/s],
+    air_density [kg/m^3]."""
 
     gravity: wp.vec3
     dt: float
     substeps: int
     iterations: int
     global_damping: float
-    small: float
     wind: wp.vec3
     air_density: float
     drag: float
@@ -191,10 +190,6 @@ class State:
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see watch.py
     faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
     recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
-    collapsed: wp.array(dtype=int)  # (B,) whether a spring had no length when the frame began, coloured schedule
-    off: wp.array(dtype=int)  # (B,) whether a spring was far from its length then, coloured schedule
-    tangled: wp.array(dtype=int)  # (B,) for how many frames on end n one was, or -1 - n (schedules/tangle.py)
-    thrown: wp.array(dtype=int)  # (B,) whether it was last put where a spring is strained by more than half
     relapses: wp.array(dtype=int)  # (B,) how many frames in a row ended so
     torn: wp.array(dtype=int)  # (B,) whether a chain is torn in this substep, coloured schedule
     history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet

@@ -51,7 +51,6 @@ def prepare_both_ends(
         step.effective,
         step.inverse_square,
         step.second and s.last_displacements.shape[0] > 0,
-        step.parts,
         STIFFEST * body.yielding,
         SHORTEST,
     )

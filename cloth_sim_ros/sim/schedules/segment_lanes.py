@@ -49,7 +49,7 @@ for (int begin = 0; begin < n; begin += 4) {{
         if (carries) {{
             const auto* last = (const wp::vec3*)last_displacements.data + particles + k;
             for (int s = 0; s < 4; ++s) {{
-                for (int axis = 0; axis < 3; ++axis) change[axis][s] = (last[s + 1][axis] - last[s][axis]) / parts;
+                for (int axis = 0; axis < 3; ++axis) change[axis][s] = (last[s + 1][axis] - last[s][axis]) / 3.0f;
             }}
             slip -= dot(direction, change);
         }}
@@ -161,7 +161,6 @@ def prepare_segments(
     effective: float,
     inverse_square: float,
     carries: bool,
-    parts: float,
     least: float,
     shortest: float,
 ) -> bool:
