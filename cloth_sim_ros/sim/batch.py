@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,20 +13,38 @@ from cloth_sim_ros.sim.constraints.cell_lanes import LANES
 from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
-from cloth_sim_ros.sim.schedules import patches
 from cloth_sim_ros.sim.schedules.coloured import Coloured
-from cloth_sim_ros.sim.schedules.patched import Patched
 from cloth_sim_ros.sim.schedules.resident import Resident, capacity, threads_for
-from cloth_sim_ros.sim.schedules.rows import Rows
-from cloth_sim_ros.sim.schedules.serial import Serial
+from cloth_sim_ros.sim.schedules.rows import Rows, fits_rows
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
 from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
-Schedule = Resident | Coloured | Tiled | Patched | Rows | Serial
+Schedule = Resident | Coloured | Tiled | Rows
+_forced: str | None = None
 KEPT = ("positions", "low", "good_positions", "velocities")
+
+
+@contextmanager
+def forced_schedule(name: str | None) -> Iterator[None]:
+    """For tests and studies: batches that are built within have the schedule "resident", "coloured" or "tiled".
+
+    With None it is chosen, as without. Building a batch raises ValueError where a body does not fit a block of the
+    device, or tiles cannot serve it.
+    """
+    global _forced
+    before, _forced = _forced, name
+    try:
+        yield
+    finally:
+        _forced = before
+
+
+def goes_in_rows(features: Features, topology: Topology, device: wp.Device) -> bool:
+    """Whether a body is computed in rows."""
+    return _forced is None and fits_rows(features, topology, device)
 
 
 @dataclass(frozen=True)
@@ -41,16 +61,15 @@ class BodyState:
 class Batch:
     """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
-    schedule: one of Settings, or "rows". The model is there once; `states` has a row a world, and `worlds[w]` is what
-    kernels know of world w. Raises ValueError where schedule "resident" is asked for and a body does not fit a
-    block of the device.
+    rows: whether they are computed in rows. The model is there once; `states` has a row a world, and `worlds[w]` is
+    what kernels know of world w.
     """
 
     def __init__(
         self,
         topologies: dict[str, Topology],
         features: Features,
-        schedule: str,
+        rows: bool,
         frame: LiveArray,
         colliders: LiveArray,
         worlds: int,
@@ -66,12 +85,12 @@ class Batch:
         self._reels = {name: _wound(topology) for name, topology in topologies.items() if topology.reel is not None}
         largest = max(len(topology.masses) for topology in topologies.values())
         self._threads = threads_for(features, largest, len(topologies) * worlds, device)
-        spokes = features.method == "verlet" and schedule != "rows"  # which lays out its own
+        spokes = features.method == "verlet" and not rows  # which lay out their own
         collected = ModelArrays(spokes, width=LANES if device.is_cpu else self._threads)
         for topology in topologies.values():
             collected.add(topology)
         self.spring_groups = collected.spring_groups
-        self.spring_order, self.tuple_order = collected.spring_order, collected.tuple_order
+        self.spring_order = collected.spring_order
         self._bodies = collected.bodies
         self.counts = [row["count"] for row in self._bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)
@@ -82,7 +101,7 @@ class Batch:
         model = collected.upload(device)
         self.worlds = [self._world(w, model, frame, colliders) for w in range(worlds)]
         self._saved: dict[str, wp.array] | None = None
-        self.schedule = self._make_schedule(schedule, list(topologies.values()))
+        self.schedule = self._make_schedule(rows, list(topologies.values()))
         for name in topologies:
             self.reset(name, None)
 
@@ -94,35 +113,24 @@ class Batch:
         arrays.ends = row_of(self.ends.array, w)
         return arrays
 
-    def _make_schedule(self, wanted: str, topologies: list[Topology]) -> Schedule:
-        if wanted == "rows":
+    def _make_schedule(self, rows: bool, topologies: list[Topology]) -> Schedule:
+        if rows:
             return Rows(self.features, self.worlds, topologies, self.device)
-        if self.features.order == 3:
-            return Serial(self.features, self.worlds, self.device)
         largest, limit = max(self.counts), capacity(self.device, self.features)
-        if wanted in ("auto", "tiled") and (wanted == "tiled" or self.device.is_cuda):
+        if _forced == "tiled" or (_forced is None and self.device.is_cuda):
             try:
-                return self._make_tiled(topologies, wanted == "tiled", largest <= limit)
+                return Tiled(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
             except Unfit:
-                if wanted == "tiled":
+                if _forced == "tiled":
                     raise
-        if wanted == "resident" and largest > limit:
+        if _forced == "resident" and largest > limit:
             raise ValueError(
-                f"solver.schedule is 'resident' with a body of {largest} particles; allowed are up to {limit} on "
-                f"{self.device.alias}, or schedule 'auto'"
+                f"the schedule 'resident' is forced on a body of {largest} particles; allowed are up to {limit} on "
+                f"{self.device.alias}"
             )
-        if wanted == "coloured" or largest > limit:
+        if _forced == "coloured" or largest > limit:
             return Coloured(self.features, self.worlds, self.device)
         return Resident(self.features, self.worlds, self.device, largest, self._threads)
-
-    def _make_tiled(self, topologies: list[Topology], forced: bool, resident: bool) -> Tiled | Patched:
-        """Bodies cut into pieces. Raises Unfit where they cannot be, or, unless `forced`, need not where `resident`."""
-        if self.features.method == "verlet":
-            return Tiled(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
-        chosen = patches.plan(self.features, topologies, len(self.worlds), self.device)
-        if resident and not forced and chosen.cost > chosen.whole:
-            raise Unfit("bodies that are faster whole", "schedule 'resident'")
-        return Patched(self.features, self.worlds, chosen, self.device)
 
     def span(self, name: str) -> slice:
         """Where the particles of a body lie."""
@@ -144,15 +152,11 @@ class Batch:
         for array in ("recoveries", "relapses"):
             self._part(array, slice(b, b + 1), world).zero_()
 
-    def write_positions(self, name: str, positions: np.ndarray, world: int | None, thrown: bool = False) -> None:
+    def write_positions(self, name: str, positions: np.ndarray, world: int | None) -> None:
         """Positions (N, 3) float64 [m], kept to more digits than float32 has; history and multipliers start anew.
 
-        What is on a drum stays there, where the first particle is put. thrown: whether a spring is strained by more
-        than half.
+        What is on a drum stays there, where the first particle is put.
         """
-        if "cell" in self.features.constraints:
-            b = self.index[name]
-            self._part("thrown", slice(b, b + 1), world).fill_(int(thrown))
         if not self.features.winch:
             self._write_rows(name, positions, self._inverse_mass[name], world)
             return
@@ -228,10 +232,8 @@ class Batch:
                 wp.copy(rows, self._saved[name])
 
     def forget_steps(self) -> None:
-        """The length of a substep changed: order 2 starts from its first-order substep again, order 3 forgets how the
-        tensions changed in one."""
-        for array in ("history", "tension_changes"):
-            self.states[array].zero_()
+        """The length of a substep changed: order 2 starts from its first-order substep again."""
+        self.states["history"].zero_()
 
     def _part(self, array: str, span: slice, world: int | None) -> wp.array:
         """(worlds, n) elements `span` of an array of the state, of one world or of all."""
@@ -259,12 +261,8 @@ class Batch:
             every = self.worlds[0].model.cells.shape[0]
             for q in range(0, 6 * every, every):
                 self._part("cell_multipliers", slice(q + first, q + end), world).zero_()
-            self._part("tangled", slice(b, b + 1), world).zero_()
         if self.features.looks_back:
             self._part("history", slice(b, b + 1), world).zero_()
-        if self.features.order == 3:
-            self._part("rough", slice(b, b + 1), world).zero_()
-            self._part("tension_changes", segments, world).zero_()
         if self.features.order == 2:
             # Whether the first substep is smooth is told by the one before it: none, from rest.
             for array in ("last_displacements", "last_velocities"):

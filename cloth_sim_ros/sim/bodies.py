@@ -9,26 +9,20 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim import topology
-from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.batch import Batch, goes_in_rows
 from cloth_sim_ros.sim.choice import Choice, choose
 from cloth_sim_ros.sim.colliders import shapes_of
-from cloth_sim_ros.sim.limits import THIRD_ORDER_SETTINGS, beyond_third_order
 from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.schedules.resident import capacity
-from cloth_sim_ros.sim.schedules.rows import fits_rows
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.state import Frame
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
-# [s] of a substep: in longer ones second order is as near to the motion of a chain at half the price.
-_LONGEST_OF_THIRD_ORDER = 1.001 / 240
-_LONGEST_UNDER_LOAD = 1.001 / 180
-_LOAD = 1000.0  # times its mass holds a rope so tight that it hardly swings across itself
 
 
 class Bodies:
@@ -51,32 +45,15 @@ class Bodies:
 
     def _choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]]) -> Choice:
         """How an object with these pairs of compliances and damping is to be computed."""
-        return choose(
-            self.settings,
-            self._elastic[name],
-            materials,
-            self.scene.wind is not None,
-            name in self._strained,
-            self._pays_third_order(name),
-        )
-
-    def _pays_third_order(self, name: str) -> bool:
-        """Whether third order, of ropes that stretch and no more, is nearer at its price: in short substeps, where
-        nothing is touched, which first order would take over, and not on a GPU, where one thread computes it."""
-        masses = self._elastic[name].masses
-        loaded = masses.max() >= _LOAD * (masses.sum() - masses.max())
-        longest = _LONGEST_UNDER_LOAD if loaded else _LONGEST_OF_THIRD_ORDER
-        short = self.settings.frame_dt <= longest * self.settings.substeps
-        able = all(getattr(self.settings, setting) in wanted for setting, wanted in THIRD_ORDER_SETTINGS.items())
-        alone = self._device.is_cpu and not self.scene.colliders
-        return alone and short and able and not beyond_third_order(self.scene.objects[name])
+        crumples = self.scene.wind is not None
+        return choose(self.settings, self._elastic[name], materials, crumples, name in self._strained)
 
     def _build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""
         self._choices = choices
         self._topologies = {
             name: topology.build(thing, name, True)
-            if self.settings.rope_solver == "direct" and choices[name].method == "xpbd" and isinstance(thing, Rope)
+            if choices[name].method == "xpbd" and isinstance(thing, Rope)
             else self._elastic[name]
             for name, thing in self.scene.objects.items()
         }
@@ -101,19 +78,18 @@ class Bodies:
             _LOG.info("%s now %s", name, chosen[name].reason)
 
     def _make_batches(self) -> list[Batch]:
-        """A batch of each group of objects with the same features and schedule."""
+        """A batch of each group of objects with the same features, in rows or not."""
         shapes = shapes_of(self.scene.colliders.values())
         wind = self.scene.wind is not None
-        alike: dict[tuple[Features, str], dict[str, topology.Topology]] = {}
+        alike: dict[tuple[Features, bool], dict[str, topology.Topology]] = {}
         for name, topo in self._topologies.items():
-            choice, schedule = self._choices[name], self.settings.schedule
+            choice = self._choices[name]
             features = Features.of(topo, wind, shapes, choice.order, choice.method, self.worlds > 1)
-            if schedule == "auto" and fits_rows(features, topo, self._device):
-                schedule = "rows"
-            alike.setdefault((features, schedule), {})[name] = topo
+            rows = goes_in_rows(features, topo, self._device)
+            alike.setdefault((features, rows), {})[name] = topo
         return [
-            Batch(bodies, features, schedule, self._frame, self._colliders, self.worlds, self._device)
-            for (features, schedule), bodies in alike.items()
+            Batch(bodies, features, rows, self._frame, self._colliders, self.worlds, self._device)
+            for (features, rows), bodies in alike.items()
         ]
 
     def _leave_to_implicit(self, name: str) -> None:

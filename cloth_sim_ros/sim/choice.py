@@ -34,32 +34,30 @@ def choose(
     materials: Iterable[tuple[Sequence[float], float]],
     crumples: bool,
     strained: bool,
-    third: bool,
 ) -> Choice:
     """The method for an object of `topology` with its springs and these pairs of compliances and damping, one or more
     of all its worlds, which wind `crumples`; see Simulation.choices.
 
-    Explicit steps where the substeps suffice, as they are nearest by far at that price; else an implicit method: of
-    `third` order where that can be and pays, or BDF2, which nowhere was behind implicit Euler by more than its price.
-    An object that is or was `strained` beyond all rest is left to it.
+    Explicit steps where the substeps suffice, as they are nearest by far at that price; else BDF2, which
+    nowhere was behind implicit Euler by more than its price. An object that is or was `strained` beyond all rest is
+    left to it.
     """
     if settings.method != "auto":
         order = settings.order if settings.method == "xpbd" else 1
         return Choice(settings.method, order, f"is computed by {settings.method}, as set")
-    order = 3 if third else 2
-    implicit = f"is computed by xpbd order {order}, since"
+    implicit = "is computed by xpbd order 2, since"
     if topology.reel is not None:
         return Choice("xpbd", 2, f"{implicit} a winch feeds it, which explicit steps lack")
-    if topology.others():
+    if topology.bends_by_angles:
         return Choice("xpbd", 2, f"{implicit} it bends by angles, which explicit steps lack")
     if strained:
         return Choice(
-            "xpbd", order, f"{implicit} it is or was strained by more than {STRAINED:g} and explicit steps heat it"
+            "xpbd", 2, f"{implicit} it is or was strained by more than {STRAINED:g} and explicit steps heat it"
         )
     needed = max(limits.explicit_substeps(topology, *material, settings.frame_dt, crumples) for material in materials)
     if settings.substeps < needed:
         return Choice(
-            "xpbd", order, f"{implicit} explicit steps would need {needed:g} substeps and there are {settings.substeps}"
+            "xpbd", 2, f"{implicit} explicit steps would need {needed:g} substeps and there are {settings.substeps}"
         )
     return Choice(
         "verlet", 1, f"is computed by verlet, since {settings.substeps} substeps are at least the {needed:g} it needs"

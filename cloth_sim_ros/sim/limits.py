@@ -1,5 +1,4 @@
-"""What a method cannot do: how large a step an explicit one may take, by NumPy on the rest shape, and what is not for
-third order; nothing of the device."""
+"""How large a step an explicit method may take, by NumPy on the rest shape; nothing of the device."""
 
 from __future__ import annotations
 
@@ -8,10 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.topology import KINDS, Topology
-
-THIRD_ORDER_SETTINGS = {"rope_solver": ("direct",), "schedule": ("auto", "resident")}  # with which it can be computed
 
 
 class Unstable(ValueError):
@@ -71,12 +67,3 @@ def explicit_substeps(
     longest = 4.0 / largest / (damping + math.sqrt(damping**2 + 4.0 / largest))
     share = _SHARE if len(topology.triangles) else _SHARE_OF_LINES
     return float(math.ceil(frame_dt / (share * longest)))
-
-
-def beyond_third_order(thing: Cloth | Rope) -> str:
-    """What keeps an object from third order, which is for ropes that stretch and no more, in words; "" if nothing."""
-    if isinstance(thing, Cloth):
-        return "a cloth"
-    if thing.bend_compliance is not None:
-        return "a rope that resists bending"
-    return "a rope on a winch" if thing.winch is not None else ""

@@ -14,7 +14,6 @@ from cloth_sim_ros.sim.colliders import NAMES, shape_of
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.quaternion import unit_quaternion
 from cloth_sim_ros.sim.ropes import Ropes
-from cloth_sim_ros.sim.schedules.tangle import SMALL
 
 # Where in Material.compliance each lies; of shear and twist, an object has at most one.
 _COMPLIANCES = {"stretch_compliance": 0, "shear_compliance": 1, "twist_compliance": 1, "bend_compliance": 2}
@@ -123,7 +122,7 @@ class Live(Ropes):
     def _check_explicit(self, name: str, compliance: Any, damping: float, substeps: int) -> None:
         """Raise ValueError where method verlet cannot hold an object, saying what it would need."""
         topo = self._elastic[name]
-        if topo.others():
+        if topo.bends_by_angles:
             raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
         needed = limits.explicit_substeps(
             topo, compliance, damping, self.settings.frame_dt, self.scene.wind is not None
@@ -145,7 +144,6 @@ class Live(Ropes):
             substeps=s.substeps,
             iterations=s.iterations,
             global_damping=s.global_damping,
-            small=SMALL,
         )
 
     def _write_scene(self) -> None:

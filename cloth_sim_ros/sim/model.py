@@ -13,7 +13,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.topology import Topology
 
-CONSTRAINTS = ("spring", "cell", "hinge", "bend", "edge")
+CONSTRAINTS = ("spring", "cell", "hinge", "edge")
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Features:
         """The features of a body with `topology` in a scene with or without wind and with colliders of `shapes`."""
         springs = "spring" if topology.grid is None else "cell"
         constraints = [springs] if topology.springs and method == "xpbd" else []
-        constraints += [name for name, _, _ in topology.others()]
+        constraints += ["hinge"] if topology.hinges is not None else []
         if topology.edges() and set(shapes) - {"plane"}:  # before a plane, an end of every edge comes first
             constraints.append("edge")
         panels = "triangles" if len(topology.triangles) else "segments"
@@ -96,7 +96,6 @@ class Body:
     spoke_width: int
     cell: wp.vec3  # rest lengths [m] along x, along y and of diagonals of a grid
     yielding: float  # the inverse of its mass [1/kg]
-    lightness: wp.vec3  # the most inverse mass at a spring of each kind, over its share of the compliance [1/kg]
 
 
 @wp.struct
@@ -112,8 +111,8 @@ class Model:
     groups: wp.array(dtype=wp.vec4i)
     springs: wp.array(dtype=wp.vec4)  # (S, 4) both particles as the bits of their indices, rest length [m], scale
     cells: wp.array(dtype=wp.vec4i)  # (Q,) records of the cells of grids, pass by pass (sim/cells.py)
-    tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles, the last repeated where there are three
-    tuple_rest: wp.array(dtype=wp.vec4)  # (E, 4) rest, scale and two more
+    tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles
+    tuple_rest: wp.array(dtype=wp.vec2)  # (E, 2) rest, scale
     edges: wp.array(dtype=wp.vec2i)  # (D,) particles of edges that touch colliders
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
     particle_masses: wp.array(dtype=float)  # (N,) [kg] when they are out whole, of bodies that a winch feeds

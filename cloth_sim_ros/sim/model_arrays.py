@@ -28,7 +28,7 @@ class ModelArrays:
     bodies[b]: the fields of Body; groups: the rows of Model.groups; size: name of an array in Model -> rows so far;
     particles: of all bodies so far. spring_groups[b]: "spring" or "cell", and the groups of these in body b.
     spring_order[b][kind] is (first, order), for springs that lie in no cell: element `order[i]` of that kind lies at
-    first + i; tuple_order[b][constraint] the same of the tuples.
+    first + i.
     With `spokes` every particle knows its springs; of cells, at most `width` are projected at a time.
     """
 
@@ -40,7 +40,6 @@ class ModelArrays:
         self.particles, self.size = 0, dict.fromkeys(self._rows, 0)
         self.spring_groups: list[tuple[str, list[tuple[int, int, int, int]]]] = []
         self.spring_order: list[dict[str, tuple[int, np.ndarray]]] = []
-        self.tuple_order: list[dict[str, tuple[int, np.ndarray]]] = []
 
     def _append(self, name: str, rows: np.ndarray) -> int:
         start = self.size[name]
@@ -58,7 +57,6 @@ class ModelArrays:
         self._append("rest", topology.rest)
         groups, first_cell = len(self.groups), self.size["cells"]
         self.spring_order.append({})
-        self.tuple_order.append({})
         width = 0
         if topology.grid is None:
             self._add_springs(topology)
@@ -92,7 +90,6 @@ class ModelArrays:
             "spoke_width": spoke_width,
             "cell": (0.0, 0.0, 0.0) if topology.grid is None else cells.lengths(topology),
             "yielding": 1.0 / float(topology.masses.sum()),
-            "lightness": _lightness(topology),
         }
         self.bodies.append(body)
 
@@ -115,14 +112,12 @@ class ModelArrays:
         return width
 
     def _add_tuples(self, topology: Topology) -> None:
-        for constraint, elements, extra in topology.others():
-            order, spans = colour_sorted(elements)
-            start = self._append(
-                "tuples", np.pad(elements.particles, ((0, 0), (0, 4 - elements.particles.shape[1])), "edge")[order]
-            )
-            self.tuple_order[-1][constraint] = (start, order)
-            self._append("tuple_rest", np.column_stack([elements.rest, elements.scale, extra])[order])
-            self._append_groups(constraint, KINDS.index("bending"), start, spans)
+        if topology.hinges is None:
+            return
+        order, spans = colour_sorted(topology.hinges)
+        start = self._append("tuples", topology.hinges.particles[order])
+        self._append("tuple_rest", np.column_stack([topology.hinges.rest, topology.hinges.scale])[order])
+        self._append_groups("hinge", KINDS.index("bending"), start, spans)
 
     def _add_edges(self, topology: Topology) -> None:
         for elements in topology.edges():
@@ -194,15 +189,6 @@ def _spacing(topology: Topology) -> float:
     """The mean rest length of all springs and segments [m], 1 where there are none."""
     kinds = [*topology.springs.values(), *([] if topology.chain is None else [topology.chain])]
     return float(np.concatenate([elements.rest for elements in kinds]).mean()) if kinds else 1.0
-
-
-def _lightness(topology: Topology) -> tuple[float, ...]:
-    """Of structural, shear and bending springs: the largest w_i + w_j over scale [1/kg], 0 where there are none."""
-    w, found = np.where(topology.pinned, 0.0, 1.0 / topology.masses), []
-    for kind in KINDS:
-        e = topology.springs.get(kind)
-        found.append(0.0 if e is None else float((w[e.particles].sum(1) / e.scale).max()))
-    return tuple(found)
 
 
 def bits(indices: np.ndarray) -> np.ndarray:

@@ -12,13 +12,10 @@ from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.constraints.cell import spring_of
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.schedules.native import as_index, xyz
-from cloth_sim_ros.sim.schedules.resident import Resident
-from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
-from cloth_sim_ros.sim.schedules.tangle import last_frame
 from cloth_sim_ros.sim.state import Arrays
 
 # Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.
-STRAIN, RESIDUAL, PENETRATION, SUBSTEPS = 0, 1, 2, 3
+STRAIN, RESIDUAL, PENETRATION = 0, 1, 2
 
 
 @wp.kernel(enable_backward=False)
@@ -36,8 +33,7 @@ def measure_springs(
     spring = arrays.model.springs[k]
     i = body.particles + as_index(spring[0])
     j = body.particles + as_index(spring[1])
-    frame = arrays.frames[0]
-    h = effective_step(frame.dt, second, parts_of_motion(body, arrays.materials[b], frame))
+    h = effective_step(arrays.frames[0].dt, second)
     force = arrays.state.spring_multipliers[k] / (h * h)
     _measure(
         arrays, b, i, j, spring[2], 0.0, spring[3] * arrays.materials[b].compliance[kind] * force, implicit, result
@@ -52,7 +48,6 @@ def measure_cells(
     kind: int,
     second: bool,
     implicit: bool,
-    refines: bool,
     result: wp.array(dtype=float),
 ):
     q, k = wp.tid()
@@ -63,11 +58,7 @@ def measure_cells(
         return
     i, j = body.particles + spring.i, body.particles + spring.j
     compliance = spring.scale * arrays.materials[b].compliance[spring.kind]
-    frame = arrays.frames[0]
-    if refines:
-        frame = last_frame(arrays, b)
-        wp.atomic_max(result, SUBSTEPS, float(frame.substeps))
-    h = effective_step(frame.dt, second, parts_of_motion(body, arrays.materials[b], frame))
+    h = effective_step(arrays.frames[0].dt, second)
     held = compliance * arrays.state.cell_multipliers[q * arrays.model.cells.shape[0] + k] / (h * h)
     _measure(arrays, b, i, j, spring.rest, 0.0, held, implicit, result)
 
@@ -141,11 +132,10 @@ class Reporter:
 
     def __init__(self, device: wp.Device) -> None:
         self._device = device
-        self._result = wp.zeros(4, dtype=float, device=device)
+        self._result = wp.zeros(3, dtype=float, device=device)
 
-    def measure(self, batch: Batch, name: str, substeps: int, world: int) -> dict[str, float]:
-        """kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries and substeps a frame of one
-        body, of which so many `substeps` are set."""
+    def measure(self, batch: Batch, name: str, world: int) -> dict[str, float]:
+        """kinetic_energy [J], max_strain [-], max_penetration [m], residual [m] and recoveries of one body."""
         b, span, arrays = batch.index[name], batch.span(name), batch.worlds[world]
         self._result.zero_()
         second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
@@ -153,8 +143,7 @@ class Reporter:
         for _, kind, first, end in groups:
             in_cells = constraint == "cell"
             kernel, dim = (measure_cells, (6, end - first)) if in_cells else (measure_springs, end - first)
-            refines = [implicit and isinstance(batch.schedule, Resident)] if in_cells else []
-            inputs = [arrays, b, first, kind, second, implicit, *refines, self._result]
+            inputs = [arrays, b, first, kind, second, implicit, self._result]
             wp.launch(kernel, dim=dim, inputs=inputs, device=self._device)
         if batch.features.chain:
             segments = span.stop - span.start - 1
@@ -174,5 +163,4 @@ class Reporter:
             "max_penetration": float(result[PENETRATION]),
             "residual": float(result[RESIDUAL]),
             "recoveries": recoveries,
-            "substeps": max(substeps, int(result[SUBSTEPS])),
         }

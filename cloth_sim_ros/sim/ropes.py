@@ -9,7 +9,6 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.batch import Batch
-from cloth_sim_ros.sim.limits import THIRD_ORDER_SETTINGS, beyond_third_order
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.queries import Queries
 from cloth_sim_ros.sim.tension import Tensions, read_tensions
@@ -70,23 +69,8 @@ class Ropes(Queries):
         if not isinstance(thing, Rope) or (thing.winch is None and thing.twist_compliance is None):
             return
         what = "a winch on" if thing.winch is not None else "twist in"
-        for setting, wanted in (("method", "verlet"), ("rope_solver", "gauss_seidel")):
-            if getattr(self.settings, setting) == wanted:
-                raise ValueError(f"solver.{setting} is {wanted!r} with {what} {name}; allowed is another")
-
-    def _check_third_order(self, name: str, thing: Cloth | Rope) -> None:
-        """Raise ValueError where order 3 is set and an object is no rope of segments alone, solved directly."""
-        s = self.settings
-        if s.method != "xpbd" or s.order != 3:
-            return
-        if what := beyond_third_order(thing):
-            raise ValueError(
-                f"solver.order is 3, for ropes that stretch and no more, and {name} is {what}; allowed is 1 or 2"
-            )
-        for setting, wanted in THIRD_ORDER_SETTINGS.items():
-            if (given := getattr(s, setting)) not in wanted:
-                words = " or ".join(map(repr, wanted))
-                raise ValueError(f"solver.{setting} is {given!r} with order 3 for {name}; allowed is {words}")
+        if self.settings.method == "verlet":
+            raise ValueError(f"solver.method is 'verlet' with {what} {name}; allowed is another")
 
     def _measure_rope(self, name: str, thing: Rope, world: int) -> dict[str, float]:
         """What `report` says of ropes alone."""

@@ -18,8 +18,6 @@ class Settings:
     substeps: int = 20
     iterations: int = 1
     global_damping: float = 0.0
-    schedule: str = "auto"
-    rope_solver: str = "direct"
 
     def __post_init__(self) -> None:
         check_fields(self, (*table.SOLVER, table.FRAME_DT))

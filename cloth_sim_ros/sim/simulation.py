@@ -16,7 +16,6 @@ from cloth_sim_ros.sim.live import Live, compliances_of
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.scene import Scene
-from cloth_sim_ros.sim.schedules.tangle import SMALL
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.starts import off_symmetry
 
@@ -37,7 +36,6 @@ class Simulation(Live):
         super().__init__(scene, settings or Settings(), device, worlds)
         for name, thing in scene.objects.items():
             self._check_rope(name, thing)
-            self._check_third_order(name, thing)
         materials = {name: (compliances_of(thing), thing.damping) for name, thing in scene.objects.items()}
         if self.settings.method == "verlet":
             for name, material in materials.items():
@@ -81,8 +79,7 @@ class Simulation(Live):
 
     def _trial(self, substeps: int) -> dict[str, np.ndarray]:
         """Positions after the frame with `substeps`, from its start without history; the state is put back."""
-        finer = substeps / self.settings.substeps
-        self._frame.write(0, None, dt=self.settings.frame_dt / substeps, substeps=substeps, small=SMALL / finer)
+        self._frame.write(0, None, dt=self.settings.frame_dt / substeps, substeps=substeps)
         for batch in self._batches:
             batch.forget_steps()
         self._advance(substeps)
@@ -130,8 +127,8 @@ class Simulation(Live):
         if batch.features.winch:
             batch.write_body("reels", name, source.read_body("reels", name, 0), None)
         rows = other.positions(name)
-        thrown = self._leave_if_strained(name, rows)
-        self._batch[name].write_positions(name, rows, None, thrown)
+        self._leave_if_strained(name, rows)
+        self._batch[name].write_positions(name, rows, None)
         self.set_velocities(name, other.velocities(name))
         if batch.features.twist:
             batch.write_body("twists", name, source.read_body("twists", name, 0), None)
@@ -139,14 +136,13 @@ class Simulation(Live):
     def set_positions(self, name: str, positions: Any, world: int | None = None) -> None:
         """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew.
 
-        Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry, and a grid of
-        stiff springs that becomes a tangle then goes on in substeps as small as by default, see schedules/tangle.py.
+        Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
         """
         rows, some = self._rows(name, positions, "positions", _FAR), self._some(world)
-        thrown = self._leave_if_strained(name, rows)
-        if thrown and self._elastic[name].reel is None:  # what is on a drum stays there
+        strained = self._leave_if_strained(name, rows)
+        if strained and self._elastic[name].reel is None:  # what is on a drum stays there
             rows = off_symmetry(self._elastic[name], rows)
-        self._batch[name].write_positions(name, rows, some, thrown)
+        self._batch[name].write_positions(name, rows, some)
 
     def _leave_if_strained(self, name: str, rows: np.ndarray) -> bool:
         """Whether positions strain a spring by more than half; `auto` then leaves the object to implicit steps."""
@@ -174,21 +170,19 @@ class Simulation(Live):
         return rows
 
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
-        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries, substeps;
+        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries;
         of a rope also max_tension, start_tension, end_tension [N], of all, the first and the last of its segments, and
         of one on a winch paid_out [m], pay_out [m/s] and winch_stopped, whether a limit of length holds it back; of one
         that resists twist, twist [rad] from start to end and torsion [N m].
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
-        object was put back, at rest, to where it was last good, because a particle was not finite or ran away; substeps
-        are those of a frame, more than are set where it was thrown together (see `set_positions`). Method
+        object was put back, at rest, to where it was last good, because a particle was not finite or ran away. Method
         auto leaves what was put back or is strained by more than half to the implicit method, until the next reset.
         """
         self._one(world)
         self._upload()
-        substeps = self.settings.substeps
-        found = {name: self._reporter.measure(batch, name, substeps, world) for name, batch in self._batch.items()}
+        found = {name: self._reporter.measure(batch, name, world) for name, batch in self._batch.items()}
         for name, thing in self.scene.objects.items():
             if isinstance(thing, Rope):
                 found[name] |= self._measure_rope(name, thing, world)

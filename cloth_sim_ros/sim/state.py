@@ -8,7 +8,6 @@ from __future__ import annotations
 import warp as wp
 
 from cloth_sim_ros.sim.model import Features, Model
-from cloth_sim_ros.sim.physics.complex_chain import ComplexMatrix, ComplexVector
 
 
 @wp.struct
@@ -33,15 +32,14 @@ def compliance_of(material: Material, kind: int) -> float:
 
 @wp.struct
 class Frame:
-    """One batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], small: a substep of what was a tangle [s],
-    wind [m/s], air_density [kg/m^3]."""
+    """One batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], wind [m/s],
+    air_density [kg/m^3]."""
 
     gravity: wp.vec3
     dt: float
     substeps: int
     iterations: int
     global_damping: float
-    small: float
     wind: wp.vec3
     air_density: float
     drag: float
@@ -97,23 +95,6 @@ class Segment:
     torn: int
     unsettled: int
     pull: float
-
-
-@wp.struct
-class StagedSegment:
-    """The same in a substep of third order (see schedules/radau.py)."""
-
-    frame: wp.mat33
-    admittance: ComplexMatrix
-    compliance: ComplexMatrix
-    free: ComplexVector
-    held: ComplexVector
-    gap: wp.vec2
-    along: wp.vec2
-    across: float
-    reach: float
-    first: float  # tension at the first stage [N]
-    second: float  # and at the second
 
 
 @wp.struct
@@ -194,10 +175,6 @@ class State:
     chain_forces: wp.array(dtype=wp.vec3)  # (N,) of a chain on its particles in the last substep [N], chains alone
     segments: wp.array(dtype=Segment)  # (C,)
     ladder: wp.array(dtype=wp.float64)  # scratch of the same on a CPU (see schedules/walks.py)
-    stages: wp.array(dtype=wp.vec4)  # (N,) displacements at the first stage [m], and drag rate x h, order 3 alone
-    first_targets: wp.array(dtype=wp.vec3)  # (N,) what these would be without the chain [m], order 3 alone
-    tension_changes: wp.array(dtype=float)  # (C,) by which tensions grow in a substep [N], order 3 alone
-    staged: wp.array(dtype=StagedSegment)  # (C,) order 3 alone
     moments: wp.array(dtype=wp.vec3)  # (C,) bending moment [N m] behind each segment of a chain that bends
     beam: wp.array(dtype=BeamRow)  # (N,)
     bend_moves: wp.array(dtype=wp.vec3)  # (N,) [m] by bending so far in this substep, of ropes that are bent at rest
@@ -213,14 +190,9 @@ class State:
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see watch.py
     faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
     recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
-    collapsed: wp.array(dtype=int)  # (B,) whether a spring had no length when the frame began, coloured schedule
-    off: wp.array(dtype=int)  # (B,) whether a spring was far from its length then, coloured schedule
-    tangled: wp.array(dtype=int)  # (B,) for how many frames on end n one was, or -1 - n (schedules/tangle.py)
-    thrown: wp.array(dtype=int)  # (B,) whether it was last put where a spring is strained by more than half
     relapses: wp.array(dtype=int)  # (B,) how many frames in a row ended so
     torn: wp.array(dtype=int)  # (B,) whether a chain is torn in this substep, coloured schedule
     history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet
-    rough: wp.array(dtype=int)  # (B,) whether the next substep is to be one of first order, order 3 alone
     events: wp.array(dtype=int)  # (B,) 1 + the substep in which a motion was last not smooth, coloured schedule
 
 

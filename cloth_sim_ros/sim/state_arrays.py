@@ -24,7 +24,6 @@ def make_states(
     """
     particles, bodies = arrays.particles, len(arrays.bodies)
     second = particles if features.order == 2 else 0
-    third = particles if features.order == 3 else 0
     edges = arrays.size["edges"] if "edge" in features.constraints else 0
     sizes = {
         "positions": particles,
@@ -42,10 +41,6 @@ def make_states(
         "chain_forces": particles if features.chain else 0,
         "segments": arrays.size["segment_length"],
         "ladder": NUMBERS * particles if features.chain and device.is_cpu else 0,
-        "stages": third,
-        "first_targets": third,
-        "tension_changes": arrays.size["segment_length"] if third else 0,
-        "staged": arrays.size["segment_length"] if third else 0,
         "moments": arrays.size["joints"],
         "beam": particles if features.beam else 0,
         "bend_moves": particles if features.bent else 0,
@@ -61,14 +56,9 @@ def make_states(
         "good_positions": particles,
         "faulty": bodies,
         "recoveries": bodies,
-        "collapsed": bodies if "cell" in features.constraints else 0,
-        "tangled": bodies if "cell" in features.constraints else 0,
-        "thrown": bodies if "cell" in features.constraints else 0,
-        "off": bodies if "cell" in features.constraints else 0,
         "relapses": bodies,
         "torn": bodies if features.chain else 0,
         "history": bodies if features.looks_back else 0,
-        "rough": bodies if features.order == 3 else 0,
         "events": bodies if features.looks_back else 0,
     }
     dtypes = {name: State.vars[name].type.dtype for name in sizes}

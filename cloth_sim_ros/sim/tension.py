@@ -14,12 +14,8 @@ import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.physics.distance import SHORTEST
-from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.schedules.native import xyz
-from cloth_sim_ros.sim.schedules.symmetry import parts_of_motion
 from cloth_sim_ros.sim.state import Arrays
-
-DIRECT, MULTIPLIERS, SPRINGS = 0, 1, 2  # where a rope's tension is found
 
 # Of the fit between two held ends, how much what the solve says along a segment weighs against what lies across it: it
 # decides where a rope is straight.
@@ -83,37 +79,18 @@ def balance(arrays: Arrays, b: int, forces: wp.array(dtype=wp.vec3)):
             total = wp.vec3d()
 
 
-@wp.func
-def last_step(arrays: Arrays, b: int) -> float:
-    """The effective length of the last substep [s], where it was as smooth as the one before it."""
-    frame = arrays.frames[0]
-    second = bool(False)
-    if arrays.state.last_displacements.shape[0] > 0:
-        second = arrays.state.history[b] > 0
-    return effective_step(frame.dt, second, parts_of_motion(arrays.model.bodies[b], arrays.materials[b], frame))
-
-
 @wp.kernel(enable_backward=False)
-def pull_of_springs(
-    arrays: Arrays, b: int, implicit: bool, springs: wp.array(dtype=int), forces: wp.array(dtype=wp.vec3)
-):
-    """The same where segments are springs: from their multipliers, h^2 times the force that closes them, or if they
-    are not solved for, from their length and its rate."""
+def pull_of_springs(arrays: Arrays, b: int, springs: wp.array(dtype=int), forces: wp.array(dtype=wp.vec3)):
+    """The same where segments are springs of explicit steps: from their length and its rate."""
     k = wp.tid()
     i = arrays.model.bodies[b].particles + k
     e = edge_at(arrays, i)
     length = wp.max(wp.length(e), SHORTEST)
     n = e / length
-    tension = float(0.0)
-    if implicit:
-        h = last_step(arrays, b)
-        tension = -arrays.state.spring_multipliers[springs[k]] / (h * h)
-    else:
-        numbers = arrays.model.springs[springs[k]]
-        rate = wp.dot(n, xyz(arrays.state.velocities[i + 1] - arrays.state.velocities[i]))
-        stretch = length - numbers[2] + arrays.materials[b].damping * rate
-        tension = stretch / (arrays.materials[b].compliance[0] * numbers[3])
-    forces[k] = tension * n
+    numbers = arrays.model.springs[springs[k]]
+    rate = wp.dot(n, xyz(arrays.state.velocities[i + 1] - arrays.state.velocities[i]))
+    stretch = length - numbers[2] + arrays.materials[b].damping * rate
+    forces[k] = stretch / (arrays.materials[b].compliance[0] * numbers[3]) * n
 
 
 @wp.kernel(enable_backward=False)
@@ -143,7 +120,7 @@ class Tensions:
             rows = np.zeros(segments, dtype=np.int32)
             rows[order] = start + np.arange(segments)
             springs = wp.array(rows, dtype=int, device=device)
-            inputs = [arrays, b, batch.features.method == "xpbd", springs, self.forces]
+            inputs = [arrays, b, springs, self.forces]
             first = wp.launch(pull_of_springs, dim=segments, inputs=inputs, device=device, record_cmd=True)
         self._commands = [first]
         if out is not None:

@@ -10,40 +10,25 @@ from cloth_sim_ros.sim.schedules.native import xyz
 from cloth_sim_ros.sim.schedules.reel import density_at
 from cloth_sim_ros.sim.schedules.twist import push_of
 from cloth_sim_ros.sim.state import Arrays
-from cloth_sim_ros.sim.tension import Tensions, edge_at, is_held, last_step
+from cloth_sim_ros.sim.tension import Tensions, edge_at, is_held
 
 
 @wp.func
-def moment_at(arrays: Arrays, b: int, j: int, bends: wp.array(dtype=int)) -> wp.vec3:
-    """The bending moment [N m] at joint j of a rope; bends: the tuple that each joint is, none for direct solves."""
-    if bends.shape[0] == 0:
-        return arrays.state.moments[arrays.model.bodies[b].segments + j]
-    h = last_step(arrays, b)
-    return -arrays.state.tuple_multipliers[bends[j]] / (h * h)
-
-
-@wp.func
-def bending_force(arrays: Arrays, b: int, i: int, bends: wp.array(dtype=int)) -> wp.vec3:
+def bending_force(arrays: Arrays, b: int, i: int) -> wp.vec3:
     """The force [N] of the joints around particle i of a rope on it (see schedules/beam.py)."""
     body = arrays.model.bodies[b]
     force = wp.vec3(0.0)
     for place in range(3):
         j = i - place
         if j >= 0 and j < body.count - 2:
-            joint = wp.vec4(0.0)
-            if bends.shape[0] == 0:
-                joint = arrays.model.joints[body.segments + j]
-            else:
-                joint = arrays.model.tuple_rest[bends[j]]
+            joint = arrays.model.joints[body.segments + j]
             weight = wp.where(place == 0, joint[2], wp.where(place == 1, -(joint[2] + joint[3]), joint[3]))
-            force -= weight * moment_at(arrays, b, j, bends)
+            force -= weight * arrays.state.moments[body.segments + j]
     return force
 
 
 @wp.func
-def load_on(
-    arrays: Arrays, b: int, i: int, forces: wp.array(dtype=wp.vec3), bends: wp.array(dtype=int), bending: bool
-) -> wp.vec3:
+def load_on(arrays: Arrays, b: int, i: int, forces: wp.array(dtype=wp.vec3), bending: bool) -> wp.vec3:
     """The force [N] of the rope and of the air on particle i, without its own weight."""
     body = arrays.model.bodies[b]
     load = wp.vec3(0.0)
@@ -52,7 +37,7 @@ def load_on(
     if i > 0:
         load -= forces[i - 1]
     if bending:
-        load += bending_force(arrays, b, i, bends)
+        load += bending_force(arrays, b, i)
     if arrays.state.twists.shape[0] > 0:
         load += push_of(i, arrays.model, arrays.state, body)
     if arrays.state.panel_forces.shape[0] > 0:
@@ -78,7 +63,6 @@ def write_wrenches(
     arrays: Arrays,
     b: int,
     forces: wp.array(dtype=wp.vec3),
-    bends: wp.array(dtype=int),
     bending: bool,
     masses: wp.array(dtype=float),
     out: wp.array2d(dtype=float),
@@ -93,9 +77,7 @@ def write_wrenches(
     place = int(0)
     while place <= last and is_held(arrays, first + wp.where(end == 0, place, last - place)):
         i = wp.where(end == 0, place, last - place)
-        load = (
-            load_on(arrays, b, i, forces, bends, bending) + held_mass(arrays, b, i, masses) * arrays.frames[0].gravity
-        )
+        load = load_on(arrays, b, i, forces, bending) + held_mass(arrays, b, i, masses) * arrays.frames[0].gravity
         force += load
         torque += wp.cross(xyz(arrays.state.positions[first + i] - arrays.state.positions[first + tip]), load)
         place += 1
@@ -115,19 +97,11 @@ class EndWrenches:
     def __init__(self, batch: Batch, name: str, world: int, masses: np.ndarray, out: wp.array) -> None:
         b, arrays, device = batch.index[name], batch.worlds[world], batch.device
         self._tensions = Tensions(batch, name, world)
-        rows = np.zeros(0, dtype=np.int32)
-        bending = batch.features.beam
-        if "bend" in batch.tuple_order[b]:
-            bending = True
-            start, order = batch.tuple_order[b]["bend"]
-            rows = np.zeros(len(order), dtype=np.int32)
-            rows[order] = start + np.arange(len(order))
         inputs = [
             arrays,
             b,
             self._tensions.forces,
-            wp.array(rows, dtype=int, device=device),
-            bending,
+            batch.features.beam,
             wp.array(masses, dtype=float, device=device),
             out,
         ]

@@ -38,25 +38,21 @@ class Contender:
     """`simulate` a run -> frames (F + 1, N, 3) [m], not finite from where it blew up, and milliseconds of every frame.
 
     iterations: the numbers of them to try in place of the command line's, (1,) where there are none; numpy: a reference
-    in NumPy, timed on one core of the host; ropes_only: knows nothing else, or differs from another row only there;
-    no_bending: knows bodies without it alone; own_limit: is not made of springs, knows sheets alone, and is judged by
-    what it converges to itself.
+    in NumPy, timed on one core of the host; own_limit: is not made of springs, knows sheets alone, and is
+    judged by what it converges to itself.
     """
 
     label: str
     simulate: Simulate
     iterations: tuple[int, ...] = ()
     numpy: bool = False
-    ropes_only: bool = False
-    no_bending: bool = False
     own_limit: bool = False
 
     def takes(self, case: Case) -> bool:
         """Whether it has a run to make of `case`."""
         if self.own_limit:
             return case.springs_alone and not case.is_rope
-        knows = (case.is_rope or not self.ropes_only) and not (case.bends and self.no_bending)
-        return knows and (case.springs_alone or not self.numpy)
+        return case.springs_alone or not self.numpy
 
 
 def product(**settings: object) -> Simulate:
@@ -114,9 +110,6 @@ def classic(make: Callable[[SpringSystem, int], motion.Step]) -> Simulate:
 CONTENDERS = (
     Contender("XPBD, first order", product(method="xpbd", order=1)),
     Contender("XPBD, second order", product(method="xpbd", order=2)),
-    Contender("XPBD, third order", product(method="xpbd", order=3), ropes_only=True, no_bending=True),
-    Contender("XPBD by segments, first order", product(order=1, rope_solver="gauss_seidel"), ropes_only=True),
-    Contender("XPBD by segments, second order", product(order=2, rope_solver="gauss_seidel"), ropes_only=True),
     Contender("Verlet", where_stable(product(method="verlet")), iterations=(1,)),
     Contender("auto", product(method="auto")),
     Contender("forward Euler (NumPy)", classic(lambda *_: motion.forward_euler), iterations=(1,), numpy=True),

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim.batch import forced_schedule
 from cloth_sim_ros.study.timing import frame_time, quartiles
 
 # Where a collider is: out of reach, or in the middle of the cloth.
@@ -56,10 +57,12 @@ def measure(cloth: Cloth, device: str, substeps: int, rounds: int, frames: int) 
     schedule = "resident" if fits else "coloured"
     sims = {"": None}
     for name, (scene, settings, _) in chosen.items():
-        sims[name] = Simulation(scene, Settings(substeps=substeps, schedule=schedule, **settings), device=device)
+        with forced_schedule(schedule):
+            sims[name] = Simulation(scene, Settings(substeps=substeps, **settings), device=device)
         sims[name].step(3)  # compiles, captures
     scene = chosen["all springs"][0]
-    sims[""] = Simulation(scene, Settings(substeps=substeps, schedule=schedule), device=device)
+    with forced_schedule(schedule):
+        sims[""] = Simulation(scene, Settings(substeps=substeps), device=device)
     sims[""].step(3)
     times = {name: [] for name in sims}
     for _ in range(rounds):

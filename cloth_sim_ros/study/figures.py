@@ -70,7 +70,7 @@ def draw_speed(rows: list[dict], peers: list[dict], title: str, path: Path) -> N
     axes = figure.subplots()
     lines: dict[str, list[tuple[int, dict]]] = {}
     for row in rows:
-        for schedule in ("resident", "tiled", "coloured"):
+        for schedule in ("resident", "coloured"):
             if schedule in row:
                 lines.setdefault(f"ours, {schedule}", []).append((row["resolution"] ** 2, row[schedule]))
     for row in peers:

@@ -47,7 +47,7 @@ SLACK = 0.05  # of the energy: between frames nobody knows it
 
 def rows(peers: bool, device: str) -> list[tuple[Contender, int]]:
     """(method, iterations) in the order of the figure: the product's, the classic ones, the peers."""
-    own = [each for each in CONTENDERS if not each.numpy and not each.ropes_only]
+    own = [each for each in CONTENDERS if not each.numpy]
     classic = [each for each in CONTENDERS if each.label in CLASSIC]
     others = peers_on(device) if peers else []
     every = own + classic + [each for each in others if each.takes(chain(RATIOS[0]))]

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
+from cloth_sim_ros.sim.batch import forced_schedule
 from cloth_sim_ros.study import feature_costs
 from cloth_sim_ros.study.cases import Case
 from cloth_sim_ros.study.contenders import Run
@@ -24,7 +25,7 @@ from cloth_sim_ros.study.figures import draw_speed
 from cloth_sim_ros.study.peers import PEERS, flex_times
 from cloth_sim_ros.study.timing import frame_time, machine, quartiles
 
-SCHEDULES = {"resident": "a frame", "tiled": "a substep", "coloured": "a pass"}  # and what each needs a launch for
+SCHEDULES = {"resident": "a frame", "coloured": "a pass"}  # and what each needs a launch for
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -129,7 +130,7 @@ def best(row: dict) -> str:
 def measure(resolution: int, arguments: argparse.Namespace) -> dict:
     """Medians over the rounds of all schedules [ms per frame], their quartiles, and the ratio of colours to frames.
 
-    A cloth too large for one block of the device has no launch a frame; on a CPU none a substep is taken.
+    A cloth too large for one block of the device has no launch a frame.
     """
     settings = {"substeps": arguments.substeps, "iterations": arguments.iterations}
     scene, sims, frames = Scene(objects={"cloth": hanging_cloth(resolution)}), {}, {}
@@ -137,9 +138,8 @@ def measure(resolution: int, arguments: argparse.Namespace) -> dict:
     for schedule in SCHEDULES:
         if schedule == "resident" and not automatic.fits_a_block:
             continue
-        if schedule == "tiled" and (automatic.device == "cpu" or arguments.iterations > 1):
-            continue
-        sim = Simulation(scene, Settings(schedule=schedule, **settings), arguments.device, arguments.worlds)
+        with forced_schedule(schedule):
+            sim = Simulation(scene, Settings(**settings), arguments.device, arguments.worlds)
         sim.step(3)  # compiles, captures
         sims[schedule] = sim
         frames[schedule] = max(3, int(1e3 * arguments.seconds / frame_time(sim, 5)))

@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Cloth, Readback, Rope, Scene, Settings, Simulation, Sphere, Winch
+from cloth_sim_ros.sim import Cloth, Readback, Rope, Scene, Settings, Simulation, Sphere
 from cloth_sim_ros.sim.limits import explicit_substeps
 from cloth_sim_ros.sim.topology import build
 
@@ -29,34 +29,12 @@ def test_each_object_gets_its_own_method_and_a_reason():
         }
     )
     words = {name: choice.words for name, choice in sim.choices.items()}
-    assert words == {name: "xpbd order 2" for name in words} | {"soft": "verlet", "rope": "xpbd order 3"}
+    assert words == {name: "xpbd order 2" for name in words} | {"soft": "verlet"}
     assert f"{NEEDED} substeps are at least the {NEEDED}" in sim.choices["soft"].reason
     assert f"would need inf substeps and there are {NEEDED}" in sim.choices["rigid"].reason
     assert "bends by angles" in sim.choices["folded"].reason
     assert sim.method.startswith("auto: ") and "verlet" in sim.method and "xpbd order 2" in sim.method
     assert len(sim.springs("rope")["structural"][1]) == 5
-
-
-@pytest.mark.parametrize(("substeps", "touches"), [(4, False), (3, False), (4, True)])
-def test_plain_ropes_that_touch_nothing_are_of_third_order(substeps, touches):
-    ends = {"segments": 5, "start": (0, 0, 1), "end": (1, 0, 1)}
-    ropes = {"plain": Rope(**ends), "bends": Rope(**ends, bend_compliance=1.0), "wound": Rope(**ends, winch=Winch())}
-    sim = auto(ropes, substeps, colliders={"ball": Sphere(radius=0.1)} if touches else {})
-    words = {name: choice.words for name, choice in sim.choices.items()}
-    assert words == {name: "xpbd order 2" for name in ropes} | (
-        {} if touches or substeps < 4 else {"plain": "xpbd order 3"}
-    )
-    sim.step(3)
-    assert np.isfinite(sim.positions("plain")).all()
-
-
-@pytest.mark.parametrize(("load", "order"), [(100.0, 2), (1e4, 3)])
-def test_a_heavy_load_makes_third_order_pay_in_longer_substeps(load, order):
-    ends = {"segments": 4, "start": (0, 0, 1), "end": (1, 0, 1)}
-    loaded = Rope(**ends, mass=0.2, end_mass=0.2 * load)
-    given = Rope(**ends, particle_masses=[0.05, 0.05, 0.05, 0.05, 0.2 * load])
-    chosen = auto({"loaded": loaded, "given": given}, 3).choices
-    assert [chosen["loaded"].order, chosen["given"].order] == [order, order]
 
 
 @pytest.mark.parametrize(("substeps", "alone"), [(NEEDED, {"method": "verlet"}), (NEEDED - 1, {"order": 2})])

@@ -1,9 +1,10 @@
-"""Cells of a grid: every spring once, no particle twice in a pass, records that say so, collapsed ones that open."""
+"""Cells of a grid: every spring once, no particle twice in a pass, records that say so."""
 
 import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
+from cloth_sim_ros.sim.batch import forced_schedule
 from cloth_sim_ros.sim.cells import (
     ALONE,
     BANKS,
@@ -109,19 +110,6 @@ def test_a_grid_takes_six_passes():
     assert max(sizes) <= 1024
 
 
-@pytest.mark.parametrize("iterations", [1, 3])
-def test_a_point_opens_alike_in_both_schedules(device, iterations):
-    scene = Scene(objects={"cloth": Cloth(resolution=(10, 10), bend_compliance=1e-2, pins="none")}, gravity=(0, 0, 0))
-    found = []
-    for schedule in ("resident", "coloured"):
-        sim = Simulation(scene, Settings(schedule=schedule, iterations=iterations, global_damping=0.5), device=device)
-        sim.set_positions("cloth", np.zeros((100, 3)))
-        sim.step(4)
-        found.append(sim.positions("cloth"))
-    assert np.ptp(found[0], axis=0).min() > 0.05
-    assert np.abs(found[0] - found[1]).max() < 1e-4
-
-
 @pytest.mark.parametrize("resolution", SHAPES)
 def test_cells_side_by_side_move_like_one_by_one(resolution, device):
     """Any dashpot, however weak, takes the way of every case, a cell at a time."""
@@ -145,7 +133,8 @@ def test_eight_at_a_time_are_projected_as_one_by_one(settings, damping, monkeypa
     cloth = Cloth(resolution=(9, 8), pins="corners", shear_compliance=3e-3, bend_compliance=0.1, damping=damping)
 
     def run():
-        sim = Simulation(Scene({"it": cloth}), Settings(**settings, substeps=5, schedule="coloured"), "cpu")
+        with forced_schedule("coloured"):
+            sim = Simulation(Scene({"it": cloth}), Settings(**settings, substeps=5), "cpu")
         sim.set_velocities("it", np.random.default_rng(3).normal(size=(72, 3)))
         sim.step(3)
         return sim.positions("it"), sim.report()["it"]["residual"]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.sim.batch import forced_schedule
 
 SHEET = Cloth(resolution=(9, 9), pins="top", stretch_compliance=1e-3, shear_compliance=1e-3)
 METHODS = {
@@ -18,8 +19,9 @@ METHODS = {
 BALL = {"ball": Sphere(radius=0.2, position=(0, 0.2, -0.22))}
 
 
-def simulation(device, substeps=40, colliders=None, **settings):
-    return Simulation(Scene({"it": SHEET}, colliders or {}), Settings(substeps=substeps, **settings), device=device)
+def simulation(device, substeps=40, colliders=None, schedule=None, **settings):
+    with forced_schedule(schedule):
+        return Simulation(Scene({"it": SHEET}, colliders or {}), Settings(substeps=substeps, **settings), device=device)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -5,6 +5,7 @@ import pytest
 import warp as wp
 
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim.batch import forced_schedule
 
 SHEET = {"resolution": (12, 12), "position": (0.0, 0.0, 1.0), "pins": None, "damping": 1e-3}
 
@@ -21,8 +22,9 @@ def scene(names):
     return Scene(objects={name: objects[name] for name in names}, colliders=colliders, wind=Wind(velocity=(2, 0, 0)))
 
 
-def run(names, device, **settings):
-    sim = Simulation(scene(names), Settings(**settings), device=device)
+def run(names, device, schedule=None, **settings):
+    with forced_schedule(schedule):
+        sim = Simulation(scene(names), Settings(**settings), device=device)
     for frame in range(40):
         sim.set_collider_pose("ball", (0.02 * frame, 0.0, 0.5))
         sim.step()
@@ -138,7 +140,8 @@ def test_both_devices_agree_on_the_curtain(schedule):
     scene = Scene(objects={"it": curtain}, colliders={"ball": ball}, wind=Wind(velocity=(0.5, 1.0, 0.0)))
     found = []
     for device in ("cpu", "cuda:0"):
-        sim = Simulation(scene, Settings(schedule=schedule), device=device)
+        with forced_schedule(schedule):
+            sim = Simulation(scene, device=device)
         for frame in range(12):
             sim.set_collider_pose("ball", (0.0, -0.5 + 0.03 * frame, 0.9))
             sim.step()

@@ -36,12 +36,11 @@ def growth(q):
     return 0.5 * twice + 1j * np.sqrt(square - 0.25 * twice**2)
 
 
-@pytest.mark.parametrize("rope_solver", ["direct", "gauss_seidel"])
 @pytest.mark.parametrize("damping", [0.0, 0.02])
 @pytest.mark.parametrize("iterations", [1, 4])
-def test_first_order_is_implicit_euler_to_the_digit(device, rope_solver, damping, iterations):
+def test_first_order_is_implicit_euler_to_the_digit(device, damping, iterations):
     h = 1.0 / 60
-    q = motion(device, 60, damping, substeps=1, iterations=iterations, rope_solver=rope_solver)
+    q = motion(device, 60, damping, substeps=1, iterations=iterations)
     zeta = 0.5 * damping * FREQUENCY
     z, expected = growth(q), oscillator.implicit_euler(FREQUENCY * h, zeta)
     assert oscillator.decay_rate(z, h) == pytest.approx(oscillator.decay_rate(expected, h), rel=1e-4)
@@ -58,12 +57,11 @@ def test_dashpot_damps_by_its_time_constant(device):
     assert zeta - numerical == pytest.approx(dashpot, rel=5e-3)
 
 
-@pytest.mark.parametrize("rope_solver", ["direct", "gauss_seidel"])
-def test_second_order_is_bdf2(device, rope_solver):
+def test_second_order_is_bdf2(device):
     h, damping, stretch = 1.0 / 60, [], []
     for substeps in (1, 2):
         theta = FREQUENCY * h / substeps
-        q = motion(device, 120, order=2, substeps=substeps, rope_solver=rope_solver)[20:]
+        q = motion(device, 120, order=2, substeps=substeps)[20:]
         z, expected = growth(q), oscillator.bdf2(theta) ** substeps
         assert oscillator.decay_rate(z, h) == pytest.approx(oscillator.decay_rate(expected, h), rel=2e-3)
         assert oscillator.period(z, h) == pytest.approx(oscillator.period(expected, h), rel=1e-3)
@@ -73,22 +71,10 @@ def test_second_order_is_bdf2(device, rope_solver):
     assert np.log2(stretch[0] / stretch[1]) == pytest.approx(2.0, abs=0.2)
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.02])
-@pytest.mark.parametrize("drag", [0.0, 3.0])
-def test_third_order_is_radau_to_the_digit(device, damping, drag):
-    """Also with a dashpot and drag, both of which the method has within its stages."""
-    h = 1.0 / 60
-    q = motion(device, 60, damping, order=3, substeps=1, global_damping=drag)
-    zeta = 0.5 * (damping * FREQUENCY + drag / FREQUENCY)
-    z, expected = growth(q), oscillator.radau(FREQUENCY * h, zeta)
-    assert oscillator.decay_rate(z, h) == pytest.approx(oscillator.decay_rate(expected, h), rel=5e-3)
-    assert oscillator.period(z, h) == pytest.approx(oscillator.period(expected, h), rel=1e-5)
-
-
-@pytest.mark.parametrize(("order", "counts"), [(1, [8, 16, 32, 64]), (2, [8, 16, 32, 64]), (3, [1, 2, 3, 4])])
-def test_fitted_order_of_the_oscillator(device, order, counts):
-    """Of third order as long as float32 tells its error."""
+@pytest.mark.parametrize("order", [1, 2])
+def test_fitted_order_of_the_oscillator(device, order):
+    counts = [8, 16, 32, 64]
     exact = STRETCH * np.cos(FREQUENCY * np.arange(31) / 60)
     errors = [np.sqrt(np.mean((motion(device, 30, order=order, substeps=n) - exact) ** 2)) for n in counts]
     slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
-    assert slope == pytest.approx(order, abs={1: 0.15, 2: 0.2, 3: 0.3}[order])
+    assert slope == pytest.approx(order, abs={1: 0.15, 2: 0.2}[order])

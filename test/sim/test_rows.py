@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Box, Cloth, Rope, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim.batch import forced_schedule
 
 SPRINGS = {"stretch_compliance": 1e-3, "shear_compliance": 1e-3}
 MESH = Cloth.from_mesh(
@@ -17,9 +18,14 @@ def both(things, substeps=60, worlds=1, iterations=1, frame_dt=1 / 60, **scene):
     things = things if isinstance(things, dict) else {"it": things}
     numbers = {"substeps": substeps, "iterations": iterations, "frame_dt": frame_dt, "global_damping": 0.3}
     return [
-        Simulation(Scene(things, **scene), Settings("verlet", schedule=schedule, **numbers), "cpu", worlds)
-        for schedule in ("auto", "resident")
+        simulation(Scene(things, **scene), Settings("verlet", **numbers), worlds, schedule)
+        for schedule in (None, "resident")
     ]
+
+
+def simulation(scene, settings, worlds, schedule):
+    with forced_schedule(schedule):
+        return Simulation(scene, settings, "cpu", worlds)
 
 
 def states(sims, name="it"):

@@ -8,6 +8,7 @@ import pytest
 import warp as wp
 
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim.batch import forced_schedule
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules import tiled
 from cloth_sim_ros.sim.schedules.tile_kernels import make_kernels
@@ -26,11 +27,16 @@ def busy_scene():
     )
 
 
+def forced(schedule, scene, settings, device, worlds=1):
+    with forced_schedule(schedule):
+        return Simulation(scene, settings, device, worlds)
+
+
 def simulation(device, size=None, depth=None, scene=None, substeps=45, waits=None, **settings):
     """A simulation whose tiles hold `size` particles and `depth` rings and wait for one another, or what the product
     chooses."""
-    chosen = Settings(method="verlet", schedule="tiled", substeps=substeps, **settings)
-    sim = Simulation(scene or busy_scene(), chosen, device=device)
+    chosen = Settings(method="verlet", substeps=substeps, **settings)
+    sim = forced("tiled", scene or busy_scene(), chosen, device)
     for batch in sim._batches:
         layouts = [sim._topologies[name].layout for name in batch.index]
         batch.schedule = tiled.Tiled(batch.features, batch.worlds, layouts, batch.device, size, depth, waits)
@@ -145,7 +151,7 @@ def test_a_tile_that_is_never_heard_of_is_a_fault_and_not_a_hang():
 
 
 def test_it_agrees_with_the_resident_schedule(device):
-    resident = Simulation(busy_scene(), Settings(method="verlet", substeps=45, schedule="resident"), device=device)
+    resident = forced("resident", busy_scene(), Settings(method="verlet", substeps=45), device)
     found, wanted = states(simulation(device, 40, 4), 5), states(resident, 5)
     assert np.abs(found - wanted)[:, :3].max() < 2e-6  # what compilers round differently has not yet grown
     assert np.abs(wanted[:, 2]).max() > 0.02
@@ -153,8 +159,7 @@ def test_it_agrees_with_the_resident_schedule(device):
 
 def test_worlds_have_their_own_tiles(device):
     single = {gravity: simulation(device, 40, 4) for gravity in (-9.81, -3.0)}
-    settings = Settings(method="verlet", schedule="tiled", substeps=45)
-    many = Simulation(busy_scene(), settings, device, worlds=3)
+    many = forced("tiled", busy_scene(), Settings(method="verlet", substeps=45), device, worlds=3)
     many.set("gravity", (0, 0, -3.0), world=1)
     single[-3.0].set("gravity", (0, 0, -3.0))
     for sim in (*single.values(), many):
@@ -194,15 +199,9 @@ def test_a_body_gone_bad_is_put_back_alone(device):
     assert sim.report()["small"]["recoveries"] == 1 and np.abs(sim.positions("small") - x).max() > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("scene", "settings", "words"),
-    [
-        (Scene({"it": Rope(segments=4)}), {"rope_solver": "direct"}, "xpbd of other than the springs of a grid"),
-    ],
-)
-def test_what_tiles_cannot_do_is_refused(scene, settings, words):
-    with pytest.raises(ValueError, match=f"solver.schedule is 'tiled' with {words}; allowed is"):
-        Simulation(scene, Settings(schedule="tiled", substeps=60, **settings), device="cpu")
+def test_implicit_steps_in_tiles_are_refused():
+    with pytest.raises(ValueError, match="'tiled' is forced with method 'xpbd'; allowed is method 'verlet'"):
+        forced("tiled", Scene({"it": Rope(segments=4)}), Settings(), "cpu")
 
 
 def test_too_many_springs_at_a_particle_are_refused():
@@ -221,7 +220,7 @@ def test_wind_blows_through_tiles(device, kind):
     whole = states(simulation(device, 200, 1, scene), 20)
     for size, depth in ((16, 3), (7, 1), (None, None)):
         assert np.array_equal(whole, states(simulation(device, size, depth, scene), 20))
-    resident = Simulation(scene, Settings(method="verlet", substeps=45, schedule="resident"), device=device)
+    resident = forced("resident", scene, Settings(method="verlet", substeps=45), device)
     early = states(simulation(device, 16, 3, scene), 4)
     # In the fifth frame the sheet buckles, and what compilers round differently grows a hundredfold.
     assert np.abs(states(resident, 4) - early)[:, :3].max() < 1e-6

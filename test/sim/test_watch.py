@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Wind
+from cloth_sim_ros.sim.batch import forced_schedule
 
 
 def scene():
@@ -24,7 +25,8 @@ def poison(sim, name, value):
 @pytest.mark.parametrize("settings", [{}, {"order": 2}, {"method": "verlet", "substeps": 120}])
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
 def test_a_bad_object_is_put_back_alone(device, schedule, settings, value):
-    sims = [Simulation(scene(), Settings(schedule=schedule, **settings), device=device) for _ in range(2)]
+    with forced_schedule(schedule):
+        sims = [Simulation(scene(), Settings(**settings), device=device) for _ in range(2)]
     for sim in sims:
         sim.step(5)
     last_good = {name: sims[0].positions(name) for name in ("rope2", "cloth1")}
@@ -54,8 +56,9 @@ def test_a_state_that_always_runs_away_gives_way_to_the_rest_shape(device, sched
     monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_: 1)
     wild = Rope(segments=8, stretch_compliance=1e-7)
     calm = Rope(segments=8, stretch_compliance=1e-2, position=(0, 3, 0))
-    settings = Settings(method="verlet", substeps=60, schedule=schedule)
-    sims = [Simulation(Scene({"wild": wild, "calm": calm}, gravity=(0, 0, 0)), settings, device=device) for _ in "ab"]
+    settings, both = Settings(method="verlet", substeps=60), Scene({"wild": wild, "calm": calm}, gravity=(0, 0, 0))
+    with forced_schedule(schedule):
+        sims = [Simulation(both, settings, device=device) for _ in "ab"]
     start = sims[0].rest_positions("wild") * 1.3
     sims[0].set_positions("wild", start)
     found = []

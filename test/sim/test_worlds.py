@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Plane, Readback, Rope, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim.batch import forced_schedule
 
 SETTINGS = [
-    {},
-    {"order": 2, "iterations": 2},
-    {"method": "verlet", "substeps": 80},
-    {"schedule": "coloured"},
-    {"schedule": "coloured", "order": 2, "iterations": 2},
+    (None, {}),
+    (None, {"order": 2, "iterations": 2}),
+    (None, {"method": "verlet", "substeps": 80}),
+    ("coloured", {}),
+    ("coloured", {"order": 2, "iterations": 2}),
 ]
 
 
@@ -46,10 +47,11 @@ def states(sim, world=0):
     return [read(name, world) for name in sim.scene.objects for read in (sim.positions, sim.velocities)]
 
 
-@pytest.mark.parametrize("settings", SETTINGS)
-def test_each_world_is_what_it_would_be_alone(device, settings):
-    many = Simulation(scene(), Settings(**settings), device, worlds=4)
-    alone = [Simulation(scene(), Settings(**settings), device) for _ in range(4)]
+@pytest.mark.parametrize(("schedule", "settings"), SETTINGS)
+def test_each_world_is_what_it_would_be_alone(device, schedule, settings):
+    with forced_schedule(schedule):
+        many = Simulation(scene(), Settings(**settings), device, worlds=4)
+        alone = [Simulation(scene(), Settings(**settings), device) for _ in range(4)]
     for poses in zip(
         *(drive(many, w, w) for w in range(4)), *(drive(alone[w], w, None) for w in range(4)), strict=True
     ):
@@ -79,7 +81,8 @@ def test_writing_without_a_world_writes_to_all(device):
 @pytest.mark.parametrize("schedule", ["resident", "coloured"])
 def test_a_bad_world_leaves_63_others_as_they_were(device, schedule):
     """NaN forced into the state of one of 64 worlds: it alone is put back and counted."""
-    sims = [Simulation(scene(), Settings(substeps=4, schedule=schedule), device, worlds=64) for _ in range(2)]
+    with forced_schedule(schedule):
+        sims = [Simulation(scene(), Settings(substeps=4), device, worlds=64) for _ in range(2)]
     for sim in sims:
         for w in range(64):
             sim.set_wind((0.1 * w, 1, 0), w)

@@ -34,22 +34,6 @@ def test_implicit_euler(theta, zeta):
         assert oscillator.decay_rate(z, theta) == pytest.approx(np.log(1 + theta**2) / (2 * theta), rel=1e-12)
 
 
-@pytest.mark.parametrize("theta, zeta", [(0.05, 0.0), (0.7, 0.0), (0.3, 0.2)])
-def test_radau(theta, zeta):
-    """Both stages solved for q and its velocity, from Butcher's table."""
-    matrix, table = np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]]), np.array([[5.0, -1.0], [9.0, 3.0]]) / 12.0
-    state, q = np.array([1.0, 0.0]), [1.0]
-    for _ in range(20):
-        slopes = np.linalg.solve(np.eye(4) - theta * np.kron(table, matrix), np.tile(matrix @ state, 2))
-        state = state + theta * np.kron(table[1], np.eye(2)) @ slopes
-        q.append(state[0])
-    z = oscillator.radau(theta, zeta)
-    assert is_sequence_of(z, np.array(q))
-    if theta == 0.05:
-        assert oscillator.decay_rate(z, theta) == pytest.approx(theta**3 / 72, rel=0.01)
-        assert oscillator.period(z, theta) / (2 * np.pi) - 1 == pytest.approx(theta**4 / 270, rel=0.01)
-
-
 def test_forward_euler_grows():
     z = oscillator.forward_euler(0.2)
     assert is_sequence_of(z, stepped("explicit", 0.2, 0.0, 20))

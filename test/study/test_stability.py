@@ -22,8 +22,6 @@ CHOSEN = [
     ("bad start", "sheet", "verlet", {"start": "stretched"}),
     ("bad start, loaded", "rope", "xpbd 1", {"start": "random", "ratio": 1e5}),
     ("bad start, loaded", "rope", "xpbd 2", {"start": "stretched", "ratio": 100.0}),
-    ("end load", "rope", "xpbd 3", {"ratio": 1e2, "substeps": 5}),
-    *(("bad start, loaded", "rope", "xpbd 3", {"start": start, "ratio": 1e5}) for start in ("random", "stretched")),
     ("degenerate", "sheet with hinges", "xpbd 1", {}),
     *(("compliance", "sheet", "xpbd 1", {"compliance": value}) for value in (0.0, 1e-9, 1e3)),
     ("compliance", "sheet with hinges", "xpbd 1", {"compliance": 1e3}),

@@ -27,7 +27,7 @@ cloth_sim:
     ball: {shape: sphere, dimensions: [0.1], position: [0.0, 3.0, 0.0]}
     solver:
       substeps: 3   # keep me
-      rope_solver: direct
+      iterations: 2
 """
 
 
@@ -80,10 +80,10 @@ def test_bad_files_give_one_sentence(scene, old, new, word):
     "old, new",
     [
         ("", ""),
-        ("    solver:\n      substeps: 3   # keep me\n      rope_solver: direct\n", ""),
+        ("    solver:\n      substeps: 3   # keep me\n      iterations: 2\n", ""),
         ("    solver:\n      substeps: 3   # keep me\n", "    solver: {substeps: 3}  # keep me\n    x:\n"),
         (
-            "    solver:\n      substeps: 3   # keep me\n      rope_solver: direct\n",
+            "    solver:\n      substeps: 3   # keep me\n      iterations: 2\n",
             "    solver.substeps: 3 # keep me\n",
         ),
     ],
@@ -92,7 +92,7 @@ def test_solver_settings_are_put_in_place(scene, old, new):
     text = SCENE.replace(old, new) if old else SCENE
     scene.write_text(text)
     changed = scene_file.with_solver(scene, {"order": 2, "substeps": 7, "iterations": 4})
-    scene.write_text(changed.replace("    x:\n      rope_solver: direct\n", ""))
+    scene.write_text(changed.replace("    x:\n      iterations: 2\n", ""))
     settings = scene_file.read_plan(scene).settings
     assert (settings.order, settings.substeps, settings.iterations) == (2, 7, 4)
     assert changed.count("#") == text.count("#")

@@ -7,7 +7,7 @@ from cloth_sim_ros.sim.cells import ALONE, DOUBLED, EMPTY, FAR, HAS_DIAGONALS, H
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.distance import SHORTEST, elongation, opened, pull_along
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import load4, store_xyz, xyz
+from cloth_sim_ros.sim.schedules.native import load4, store_xyz
 from cloth_sim_ros.sim.state import Material, State, compliance_of
 from cloth_sim_ros.sim.topology import KINDS
 
@@ -125,57 +125,6 @@ class Pull:
     share: float
 
 
-@wp.func
-def is_collapsed(record: wp.vec4i, x: wp.uint64) -> bool:
-    """Whether a spring of the cell has no length, as it may after a start from a point."""
-    # Chosen, not branched to, so that several records are looked at at once.
-    a = xyz(load4(x, index_of(record[0])))
-    b = xyz(load4(x, index_of(record[1]))) - a
-    c = xyz(load4(x, record[2])) - a
-    e = xyz(load4(x, wp.max(record[3], 0))) - a
-    sides = wp.min(wp.dot(b, b), wp.dot(e - c, e - c))
-    others = wp.min(wp.min(wp.dot(c, c), wp.dot(e - b, e - b)), wp.min(wp.dot(e, e), wp.dot(c - b, c - b)))
-    shortest = wp.where(has(record[0], wp.static(ALONE)), sides, wp.min(sides, others))
-    return shortest < SHORTEST * SHORTEST and not is_empty(record)
-
-
-@wp.func
-def off_by(square: float, inverse: float, most: float) -> float:
-    """How far the square of a length is from the middle of where it may be, in units of the rest length's square."""
-    return wp.abs(square * inverse - (1.0 + most * most))
-
-
-@wp.func
-def is_off(record: wp.vec4i, inverse_squares: wp.vec3, most: float, x: wp.uint64) -> bool:
-    """Whether a side or a diagonal of the cell is off by more than `most` of its length, or any spring has no length.
-
-    Far sides bend, and may be short. inverse_squares: of rest lengths along x, along y and of diagonals [1/m^2].
-    """
-    # Chosen, not branched to, so that several records are looked at at once.
-    a = xyz(load4(x, index_of(record[0])))
-    b = xyz(load4(x, index_of(record[1]))) - a
-    c = xyz(load4(x, record[2])) - a
-    e = xyz(load4(x, wp.max(record[3], 0))) - a
-    ab = wp.dot(b, b)
-    ce = wp.dot(e - c, e - c)
-    ac = wp.dot(c, c)
-    be = wp.dot(e - b, e - b)
-    ae = wp.dot(e, e)
-    bc = wp.dot(c - b, c - b)
-    alone = has(record[0], wp.static(ALONE))
-    along = wp.where(has(record[0], wp.static(TURNED)), inverse_squares[1], inverse_squares[0])
-    pairs = wp.max(off_by(ab, along, most), off_by(ce, along, most))
-    sides = wp.max(pairs, wp.max(off_by(ac, inverse_squares[1], most), off_by(be, inverse_squares[1], most)))
-    sides = wp.where(alone, pairs, sides)
-    diagonals = wp.max(off_by(ae, inverse_squares[2], most), off_by(bc, inverse_squares[2], most))
-    worst = wp.where(has(record[1], wp.static(HAS_SIDES)) and not has(record[1], wp.static(FAR)), sides, 0.0)
-    worst = wp.max(worst, wp.where(has(record[1], wp.static(HAS_DIAGONALS)) and not alone, diagonals, 0.0))
-    shortest = wp.min(ab, ce)
-    shortest = wp.where(alone, shortest, wp.min(shortest, wp.min(wp.min(ac, be), wp.min(ae, bc))))
-    off = worst > 2.0 * most or shortest < SHORTEST * SHORTEST
-    return off and not is_empty(record)
-
-
 @wp.struct
 class CellSpring:
     """One spring of a cell: its particles, kind in KINDS, rest length [m], 0 where the cell lacks it, and scale."""
@@ -214,7 +163,8 @@ def make_pull(order: int, path: str):
     """What spring i-j, the q-th of its cell, asks for.
 
     Paths without a branch are "quick", where multipliers start from 0 and nobody reads them afterwards, "damped", the
-    same with a dashpot, and "repeated", where they are carried on. "careful" takes all these and collapsed springs.
+    same with a dashpot, and "repeated", where they are carried on. "careful" is both, and
+    takes springs without a length.
     """
 
     @wp.func
@@ -227,7 +177,7 @@ def make_pull(order: int, path: str):
         if wp.static(order == 2):
             if step.second:
                 carried = s.last_displacements[g + j.i] - s.last_displacements[g + i.i]
-                slip -= wp.dot(e, carried) / (step.parts * wp.length(e))
+                slip -= wp.dot(e, carried) / (3.0 * wp.length(e))
         return slip
 
     @wp.func
@@ -401,8 +351,8 @@ def make_project_corners(order: int, path: str):
 
 @wp.func
 def is_plain(material: Material, step: Step) -> bool:
-    """Whether nobody reads multipliers, and no dashpots or collapsed springs have to be taken care of."""
-    return not (step.store or step.collapsed or material.damping > 0.0)
+    """Whether nobody reads multipliers, and no dashpots have to be taken care of."""
+    return not (step.store or material.damping > 0.0)
 
 
 def make_project_plainly(order: int):
@@ -434,7 +384,7 @@ def make_project_plainly(order: int):
 def make_project(order: int, stores: bool = True):
     """The projection of cell k, whose record the schedule has fetched, in every case.
 
-    Unless it `stores`, for a sweep that is the only one of its substep, without multipliers and collapsed springs.
+    Unless it `stores`, for a sweep that is the only one of its substep, without multipliers.
     """
     plainly, repeatedly = make_project_corners(order, "quick"), make_project_corners(order, "repeated")
     damped, carefully = make_project_corners(order, "damped"), make_project_corners(order, "careful")
@@ -457,7 +407,7 @@ def make_project(order: int, stores: bool = True):
             return
         q = corners_of(record, x, d)
         if wp.static(stores):
-            if step.collapsed or (material.damping > 0.0 and step.store):
+            if material.damping > 0.0 and step.store:
                 put_corners(carefully(q, record, k, springs, m, s, body, material, step, low), d)
                 return
             if step.store:

@@ -1,4 +1,4 @@
-"""Eight cells at a time in the vector registers of a CPU: the projection of cell.py but for collapsed springs.
+"""Eight cells at a time in the vector registers of a CPU: the projection of cell.py.
 
 Cells of a pass share no particle, so that eight of them go through the same instructions side by side; only rows of
 memory have to be turned into vectors and back. Compilers do not find this by themselves.
@@ -65,7 +65,7 @@ _HOLD = """
             if (second) carried += e[axis] * (j.last[axis] - i.last[axis]);
         }
         Lanes slip = change / (length + __builtin_elementwise_sqrt(before));
-        if (second) slip -= carried / (parts * length);
+        if (second) slip -= carried / (3.0f * length);
         off += gamma * slip;
         w *= 1.0f + gamma;
     }
@@ -190,7 +190,6 @@ def _project_whole(
     gamma: float,
     low: wp.uint64,
     second: bool,
-    parts: float,
     last: wp.array(dtype=wp.vec3),
     particle: int,
 ): ...
@@ -209,7 +208,7 @@ def project_lanes(
     low: wp.uint64,
     d: wp.uint64,
 ):
-    """Project the LANES cells from k on, of which the last of a pass may be empty, and none has a collapsed spring."""
+    """Project the LANES cells from k on, of which the last of a pass may be empty."""
     if is_plain(material, step):
         _project_plain(m.cells, k, springs.near, springs.far, springs.diagonal, springs.cell, x, d)
     else:
@@ -228,7 +227,6 @@ def project_lanes(
             material.damping * step.inverse,
             low,
             step.second,
-            step.parts,
             s.last_displacements,
             body.particles,
         )

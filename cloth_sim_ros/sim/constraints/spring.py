@@ -51,7 +51,7 @@ def make_project(order: int):
             if wp.static(order == 2):
                 if step.second:
                     carried = s.last_displacements[g + j] - s.last_displacements[g + i]
-                    slip -= wp.dot(e, carried) / (step.parts * length)
+                    slip -= wp.dot(e, carried) / (3.0 * length)
         multiplier = float(0.0)
         if not step.first:
             multiplier = s.spring_multipliers[k]

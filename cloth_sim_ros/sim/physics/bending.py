@@ -48,13 +48,3 @@ def wrap_angle(angle: float) -> float:
 def rest_turn(turn: wp.vec3, rest: float) -> wp.vec3:
     """The turn vector of length `rest` that is nearest to `turn`."""
     return turn * (rest / wp.max(wp.length(turn), 1.0e-9))
-
-
-@wp.func
-def turn_residual(turn: wp.vec3, rest: float) -> wp.vec3:
-    """What a turn vector (difference of unit tangents, length about the angle [rad]) lacks to its rest length `rest`.
-
-    A rope has no material frame here, so a bent rest shape fixes the amount of curvature and not its direction.
-    """
-    length = wp.length(turn)
-    return turn * wp.where(length > 1.0e-9, 1.0 - rest / wp.max(length, 1.0e-9), 1.0)

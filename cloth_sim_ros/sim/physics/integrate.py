@@ -13,11 +13,13 @@ import warp as wp
 
 from cloth_sim_ros.sim.schedules.native import divide, quotient
 
+_THIRD = wp.constant(1.0 / 3.0)
+
 
 @wp.func
-def effective_step(h: float, second: bool, parts: float) -> float:
+def effective_step(h: float, second: bool) -> float:
     """h_e [s] of a substep h [s]; `second` once two substeps of smooth history exist."""
-    return wp.where(second, h - h / parts, h)
+    return wp.where(second, h - h / 3.0, h)
 
 
 @wp.func
@@ -46,25 +48,20 @@ class Step:
     inverse_square: float
     eased: float  # what linear drag leaves of a velocity in it, where there is no wind
     second: bool  # a smooth substep lies behind this one
-    parts: float  # of which order 2 carries on one of the last displacement
-    part: float  # its inverse
     first: bool  # first iteration: multipliers start from zero
-    backward: bool  # colours in the opposite order: a sweep that favours one end of the cloth can feed it energy
     repeats: bool  # more iterations than one
     store: bool  # someone reads the multipliers afterwards
-    collapsed: bool  # a spring had no length at the start of the frame
     torn: bool  # a chain was put together from afar: its particles did not move so, they were placed
 
 
 @wp.func
-def carried(change: wp.vec3, step: Step) -> wp.vec3:
-    """The part of the last displacement or change of velocity that order 2 carries on.
+def carried(change: wp.vec3) -> wp.vec3:
+    """The third of the last displacement or change of velocity that order 2 carries on.
 
     Divided, because a product would be fused with a sum in one place and not in the other, and their difference would
-    push at every substep; from the inverse at hand, since CUDA's own division takes a slow way for 0.
+    push at every substep; from the inverse, since CUDA's own division takes a slow way for 0.
     """
-    p, inverse = step.parts, step.part
-    return wp.vec3(divide(change[0], p, inverse), divide(change[1], p, inverse), divide(change[2], p, inverse))
+    return wp.vec3(divide(change[0], 3.0, _THIRD), divide(change[1], 3.0, _THIRD), divide(change[2], 3.0, _THIRD))
 
 
 @wp.func
@@ -74,13 +71,11 @@ def eased_by(rate: float, effective: float) -> float:
 
 
 @wp.func
-def make_step(h: float, second: bool, order: int, parts: float, drag: float) -> Step:
+def make_step(h: float, second: bool, order: int, drag: float) -> Step:
     """The part of a Step that lasts for the substep, under linear `drag` [1/s]; `second`: a smooth substep lies behind
     it."""
     step = Step()
-    step.parts = parts
-    step.part = 1.0 / wp.max(parts, 1.0)
-    step.effective = effective_step(h, second and order == 2, parts)
+    step.effective = effective_step(h, second and order == 2)
     step.inverse = 1.0 / step.effective
     step.inverse_square = step.inverse * step.inverse
     step.eased = eased_by(drag, step.effective)

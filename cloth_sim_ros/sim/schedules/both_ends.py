@@ -23,10 +23,8 @@ from cloth_sim_ros.sim.schedules.segments import (
     STIFFEST,
     TORN,
 )
-from cloth_sim_ros.sim.schedules.walks import FEWEST, make_walk
+from cloth_sim_ros.sim.schedules.walks import FEWEST, walk
 from cloth_sim_ros.sim.state import Material, State
-
-_walk = make_walk(1)
 
 
 @wp.func
@@ -53,7 +51,6 @@ def prepare_both_ends(
         step.effective,
         step.inverse_square,
         step.second and s.last_displacements.shape[0] > 0,
-        step.parts,
         STIFFEST * body.yielding,
         SHORTEST,
     )
@@ -79,7 +76,7 @@ def solve_both_ends(
         while (events & TOO_FAR) != 0 and attempt < ATTEMPTS:
             if attempt > 0:
                 stiffen_segments(body.particles, n, s.ladder)
-            _walk(body.particles, n, lacking, s.ladder)
+            walk(body.particles, n, lacking, s.ladder)
             settled = SETTLED_SPEED * step.effective
             events = judge_segments(body.particles, n, lacking, s.ladder, LARGEST_TURN, settled, TORN)
             torn = torn or (events & (TOO_FAR | TEARS)) != 0

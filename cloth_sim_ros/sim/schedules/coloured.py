@@ -67,10 +67,6 @@ class Coloured:
         self._frame.append(self._recorded[key])
 
     def _launch_frame(self, substeps: int, iterations: int) -> None:
-        if "cell" in self._features.constraints:
-            for b, body in enumerate(self._bodies):
-                begin, end = self._groups[body["groups"]][2], self._groups[body["tuple_groups"] - 1][3]
-                self._launch("find_collapsed", end - begin, b)
         for substep in range(substeps):
             for b, body in enumerate(self._bodies):
                 if self._colliders:
@@ -93,7 +89,7 @@ class Coloured:
         self._launch("count_faults", len(self._bodies))
 
     def _launch_iteration(self, b: int, body: dict, iteration: int, store: int) -> None:
-        turn = iteration if iteration < 2 else 2 + iteration % 2  # of those after the first the parity alone matters
+        turn = min(iteration, 1)  # whether it is the first
         if self._features.chain:
             self._launch("chain", 1, b, iteration=turn, store=store)
         kinds = dict.fromkeys(("springs", "cells"), ("groups", "tuple_groups")) | {
@@ -103,7 +99,7 @@ class Coloured:
             if stage in self._kernels:
                 sizes = [self._groups[g][3] - self._groups[g][2] for g in range(body[begin], body[end])]
                 each = self._lanes if stage == "cells" else 1
-                for g, size in enumerate(map(max, sizes, reversed(sizes)), body[begin]):
+                for g, size in enumerate(sizes, body[begin]):
                     self._launch(stage, size // each, b, iteration=turn, store=store, g=g)
         if "edge" in self._features.constraints:
             for g in range(body["groups_end"], body["edge_groups_end"]):

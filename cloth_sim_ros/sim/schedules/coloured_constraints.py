@@ -5,20 +5,11 @@ from collections.abc import Callable
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_cell, make_project_spring, make_project_tuple
-from cloth_sim_ros.sim.constraints.cell import is_collapsed, is_off, springs_of
+from cloth_sim_ros.sim.constraints.cell import springs_of
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES, project_lanes
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
-from cloth_sim_ros.sim.schedules.native import array_address, load4i
-from cloth_sim_ros.sim.schedules.stages import in_turn
-from cloth_sim_ros.sim.schedules.tangle import (
-    COLLAPSED,
-    OFF,
-    inverse_squares_of,
-    make_material_of,
-    most_off,
-    note_found,
-)
+from cloth_sim_ros.sim.schedules.native import load4i
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.state import Arrays, compliance_of
 
@@ -28,17 +19,14 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
     project_one_spring, project_one_cell = make_project_spring(features.order), make_project_cell(features.order)
     project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features, 1, True) if features.chain else None
-    material_of = make_material_of(features)
 
     if "spring" in features.constraints:
 
         @stage
         def springs(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             here = look(arrays, b, iteration, store)
-            group = arrays.model.groups[in_turn(g, here.body.groups, here.body.tuple_groups, here.step)]
+            group = arrays.model.groups[g]
             k = group[2] + i
-            if k >= group[3]:
-                return
             project_one_spring(
                 arrays.model.springs[k],
                 k,
@@ -56,32 +44,20 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
     if "cell" in features.constraints:
 
         @stage
-        def find_collapsed(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-            body = arrays.model.bodies[b]
-            record = arrays.model.cells[arrays.model.groups[body.groups][2] + i]
-            x = array_address(arrays.state.positions, body.particles)
-            if is_off(record, inverse_squares_of(body), most_off(arrays.state.tangled[b]), x):
-                note_found(OFF + wp.where(is_collapsed(record, x), COLLAPSED, 0), b, arrays.state)
-
-        @stage
         def cells(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             here = look(arrays, b, iteration, store)
-            group = arrays.model.groups[in_turn(g, here.body.groups, here.body.tuple_groups, here.step)]
+            group = arrays.model.groups[g]
             k = group[2] + i * wp.static(LANES if lanes else 1)
-            if k >= group[3]:
-                return
-            material = material_of(arrays, b)
+            material = arrays.materials[b]
             springs = springs_of(here.body, material, here.step)
             m = arrays.model
             if wp.static(lanes):
-                if not here.step.collapsed:
-                    s, step = arrays.state, here.step
-                    project_lanes(k, springs, m, s, here.body, material, step, here.x, here.low, here.d)
-                    return
-            for n in range(k, wp.min(k + wp.static(LANES if lanes else 1), group[3])):
+                s, step = arrays.state, here.step
+                project_lanes(k, springs, m, s, here.body, material, step, here.x, here.low, here.d)
+            else:
                 project_one_cell(
-                    load4i(m.cells, n),
-                    n,
+                    load4i(m.cells, k),
+                    k,
                     springs,
                     m,
                     arrays.state,
@@ -98,12 +74,10 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, lane
         @stage
         def tuples(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             here = look(arrays, b, iteration, store)
-            group = arrays.model.groups[in_turn(g, here.body.tuple_groups, here.body.groups_end, here.step)]
-            material = material_of(arrays, b)
+            group = arrays.model.groups[g]
+            material = arrays.materials[b]
             alpha = compliance_of(material, group[1]) * here.step.inverse_square
             k = group[2] + i
-            if k >= group[3]:
-                return
             project_one_tuple(
                 group[0],
                 k,

@@ -15,8 +15,6 @@ from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load_ro
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.rope_watch import make_settle_ends, make_slacken
 from cloth_sim_ros.sim.schedules.stages import make_finish, make_predict, moving_of, sweep_collider
-from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
-from cloth_sim_ros.sim.schedules.tangle import count_found, make_material_of
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, given_type
 
@@ -71,7 +69,6 @@ def _make_stage(features: Features, module: str, kernels: dict[str, wp.Kernel]) 
 
 def _make_look(features: Features):
     """A Warp function: where body b is in this substep and iteration."""
-    material_of = make_material_of(features)
 
     @wp.func
     def look(arrays: Arrays, b: int, iteration: int, store: int) -> Here:
@@ -84,15 +81,10 @@ def _make_look(features: Features):
         if wp.static(features.looks_back):
             smooth = arrays.state.history[b] > 0
         frame = arrays.frames[0]
-        parts = parts_of_motion(here.body, arrays.materials[b], frame)
-        here.step = make_step(frame.dt, smooth, wp.static(features.order), parts, frame.global_damping)
+        here.step = make_step(frame.dt, smooth, wp.static(features.order), frame.global_damping)
         here.step.first = iteration == 0
-        if wp.static(features.order == 2):
-            here.step.backward = goes_back(iteration, here.body, material_of(arrays, b), frame)
         here.step.store = store != 0
         here.step.repeats = frame.iterations > 1
-        if wp.static("cell" in features.constraints):
-            here.step.collapsed = arrays.state.collapsed[b] > 0
         if wp.static(features.chain):
             here.step.torn = arrays.state.torn[b] > 0
         return here
@@ -242,5 +234,3 @@ def _add_watch(stage: Callable, features: Features) -> None:
         if count_fault(i, arrays.state):
             if wp.static(features.looks_back):
                 arrays.state.history[i] = 0
-        if wp.static("cell" in features.constraints):
-            count_found(i, arrays.state)

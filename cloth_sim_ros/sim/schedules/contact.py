@@ -31,7 +31,7 @@ def forgotten(past: wp.vec3, now: wp.vec3, normal: wp.vec3, hit: bool) -> wp.vec
 @wp.func
 def length_of(step: Step) -> float:
     """The length of a substep [s], which in order 2 is more than its effective step."""
-    return step.effective / wp.where(step.second, 1.0 - 1.0 / step.parts, 1.0)
+    return step.effective / wp.where(step.second, 2.0 / 3.0, 1.0)
 
 
 def make_meet(shapes: tuple[str, ...]):

@@ -121,25 +121,3 @@ def receive(exchange: Exchange, k: int) -> Message:
         message.late = not (same and as_index(message.v[3]) == number)
         tries += 1
     return message
-
-
-@wp.func
-def tell(piece: int, word: float, exchange: Exchange, k: int):
-    """Send one number to all other pieces, behind what particles sent."""
-    number = (exchange.number + k) | _NUMBERED
-    send_message(exchange.messages, 6 * exchange.apart + piece, wp.vec3(word, 0.0, 0.0), number)
-
-
-@wp.func
-def hear(piece: int, late: float, exchange: Exchange, k: int) -> float:
-    """Wait for what a piece tells; `late` if it does not."""
-    number = (exchange.number + k) | _NUMBERED
-    word = late
-    tries = int(0)
-    while tries < exchange.patience:
-        message = peek(exchange.messages, 6 * exchange.apart + piece)
-        tries += 1
-        if as_index(message[3]) == number:
-            word = message[0]
-            tries = exchange.patience
-    return word

@@ -161,12 +161,12 @@ def make_fed(order: int):
     per rest length; what of it order 2 carries on is left out, as of displacements."""
 
     @wp.func
-    def fed_to(k: int, length: float, s: State, body: Body, second: bool, parts: float) -> float:
+    def fed_to(k: int, length: float, s: State, body: Body, second: bool) -> float:
         reel = s.reels[body.index]
         fed = reel.fed
         if wp.static(order == 2):
             if second:
-                fed -= reel.last_fed / parts
+                fed -= reel.last_fed / 3.0
         return wp.where(k == reel.index, fed * length / reel.length, 0.0)
 
     return fed_to

@@ -7,7 +7,7 @@ import warp as wp
 from cloth_sim_ros.sim.constraints import make_project_tuple
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import make_step
-from cloth_sim_ros.sim.schedules import native, tangle
+from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.air import make_panels
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
@@ -19,7 +19,6 @@ from cloth_sim_ros.sim.schedules.rope_watch import make_settle_body
 from cloth_sim_ros.sim.schedules.scan import THREADS, scan_size
 from cloth_sim_ros.sim.schedules.stages import (
     Moving,
-    in_turn,
     make_finish,
     make_predict,
     moving_of,
@@ -27,7 +26,6 @@ from cloth_sim_ros.sim.schedules.stages import (
     sweep_colliders,
 )
 from cloth_sim_ros.sim.schedules.sweeps import make_sweep
-from cloth_sim_ros.sim.schedules.symmetry import goes_back, parts_of_motion
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import compliance_of, given_type
@@ -71,7 +69,6 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     at_once = shared > 0 and features.method == "xpbd" and not (features.panels or features.winch)
     staged_address = native.make_tile_address(staged) if staged else None
     span_address = native.make_tile_address(slots) if slots else None
-    ease = tangle.make_ease(features)
     argument = given_type(features)
     bounds = bounds_for(features, block)
 
@@ -102,11 +99,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         history = int(0)
         if wp.static(features.looks_back):
             history = s.history[b]
-        tangled = int(0)
-        if wp.static("cell" in features.constraints):
-            tangled = s.tangled[b]
-        parts = parts_of_motion(body, material, frame)
-        step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
+        step = make_step(frame.dt, history > 0, wp.static(features.order), frame.global_damping)
         # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
         last = body.count - 1
         x = native.array_address(s.positions, body.particles)
@@ -182,25 +175,6 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             for i in range(last - t, -1, -width):
                 predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
         bad = int(0)
-        collapsed = bool(False)
-        if wp.static("cell" in features.constraints):
-            found = tangle.look_over(t, width, body, records, tangled, x)
-            collapsed = (found & tangle.COLLAPSED) > 0
-            if t == 0:
-                s.tangled[b] = tangle.count_off(found, tangled)
-            # Not before: what nothing waits for comes from afar beside the particles.
-            dt = frame.dt
-            if tangle.is_or_was_tangle(tangled):
-                frame = tangle.in_small_steps(s.thrown[b], material, body, frame)
-                if frame.dt < dt:
-                    if tangled > 0:
-                        history = 0
-                    parts = parts_of_motion(body, material, frame)
-                    step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
-                    for i in range(last - t, -1, -width):
-                        moving = moving_of(i, s, body, x, low)
-                        predict(i, moving, m, s, body, material, frame, step, x, low, d)
-            material = ease(material, tangled, s.thrown[b], body, dt, frame)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 sweep_colliders(t, width, b * colliders.shape[0], substep, colliders, frame, s.sweeps)
@@ -209,9 +183,6 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 step.torn = False
             for iteration in range(frame.iterations):
                 step.first = iteration == 0
-                step.collapsed = collapsed
-                if wp.static(features.order == 2):
-                    step.backward = goes_back(iteration, body, material, frame)
                 step.repeats = frame.iterations > 1
                 step.store = frame.iterations > 1 or substep == frame.substeps - 1
                 if wp.static(features.chain):
@@ -222,7 +193,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     project_springs(t, width, m, s, body, material, step, records, x, low, d)
                 if wp.static(project_tuple is not None):
                     for q in range(body.tuple_groups, body.groups_end):
-                        group = m.groups[in_turn(q, body.tuple_groups, body.groups_end, step)]
+                        group = m.groups[q]
                         alpha = compliance_of(material, group[1]) * step.inverse_square
                         for k in range(group[2] + t, group[3], width):
                             project_tuple(group[0], k, alpha, m, s, body, material, step, x, low, d)
@@ -257,7 +228,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             if wp.static(features.looks_back):
                 history = wp.where(rough == 0, 1, 0)
                 if step.second != (history > 0):
-                    step = make_step(frame.dt, history > 0, wp.static(features.order), parts, frame.global_damping)
+                    step = make_step(frame.dt, history > 0, wp.static(features.order), frame.global_damping)
             # A thread owns its particles from the end of one substep to the next prediction; only methods that look
             # back or around need a barrier in between.
             ends = substep + 1 == frame.substeps

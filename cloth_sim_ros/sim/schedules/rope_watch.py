@@ -12,8 +12,6 @@ def make_slacken(features: Features):
     @wp.func
     def slacken(k: int, s: State):
         s.tensions[k] = 0.0
-        if wp.static(features.order == 3):
-            s.tension_changes[k] = 0.0
         if wp.static(features.beam):
             s.moments[k] = wp.vec3(0.0)
         if wp.static(features.twist):

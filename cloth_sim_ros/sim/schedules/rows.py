@@ -156,7 +156,7 @@ def make_frame(features: Features):
         read3(numbers, size, wp.static(row_lanes.LOW), count, low)
         read3(numbers, size, wp.static(row_lanes.V), count, v)
         constants = spring_constants(material)
-        step = make_step(frame.dt, s.history[b] > 0, 1, 0.0, frame.global_damping)
+        step = make_step(frame.dt, s.history[b] > 0, 1, frame.global_damping)
         for substep in range(frame.substeps):
             if wp.static(panels is not None):
                 write4(numbers, size, wp.static(row_lanes.X), count, x)

@@ -5,7 +5,7 @@ That is what no segment waits for; the rest is walks.py.
 
 import warp as wp
 
-from cloth_sim_ros.sim.schedules.walks import LANES, planes
+from cloth_sim_ros.sim.schedules.walks import LANES, PLANES
 
 # What a linear solve cannot tell of a motion: that a segment turns too far, changes its length too much, or had better
 # be solved again.
@@ -13,7 +13,7 @@ TOO_FAR = wp.constant(1)
 TEARS = wp.constant(2)
 UNSETTLED = wp.constant(4)
 
-_PLANES = planes(1) + LANES
+_PLANES = PLANES + LANES
 
 # The last four overlap those before.
 _PREPARE = f"""
@@ -49,7 +49,7 @@ for (int begin = 0; begin < n; begin += 4) {{
         if (carries) {{
             const auto* last = (const wp::vec3*)last_displacements.data + particles + k;
             for (int s = 0; s < 4; ++s) {{
-                for (int axis = 0; axis < 3; ++axis) change[axis][s] = (last[s + 1][axis] - last[s][axis]) / parts;
+                for (int axis = 0; axis < 3; ++axis) change[axis][s] = (last[s + 1][axis] - last[s][axis]) / 3.0f;
             }}
             slip -= dot(direction, change);
         }}
@@ -161,7 +161,6 @@ def prepare_segments(
     effective: float,
     inverse_square: float,
     carries: bool,
-    parts: float,
     least: float,
     shortest: float,
 ) -> bool:

@@ -84,9 +84,9 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
             slip = elongation(e, de - xyz(load4(low, k + 1) - load4(low, k)))
             if wp.static(order == 2):
                 if step.second:
-                    slip -= wp.dot(n, carried(s.last_displacements[g + 1] - s.last_displacements[g], step))
+                    slip -= wp.dot(n, carried(s.last_displacements[g + 1] - s.last_displacements[g]))
             if wp.static(winch):
-                slip -= fed_to(k, length, s, body, step.second, step.parts)
+                slip -= fed_to(k, length, s, body, step.second)
             gap += gamma * slip
         ahead = n
         near = p[3]

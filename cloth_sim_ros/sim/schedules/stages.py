@@ -31,15 +31,6 @@ def pack(v: wp.vec3, w: float) -> wp.vec4:
 
 
 @wp.func
-def in_turn(q: int, begin: int, end: int, step: Step) -> int:
-    """The colour group from `begin` to `end` that is q-th.
-
-    Of two none goes back: the second would come twice in a row and the second time do nothing.
-    """
-    return wp.where(step.backward and end - begin > 2, begin + end - 1 - q, q)
-
-
-@wp.func
 def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
     """The motion of a collider between two fractions of the frame; a resting one does not turn by rounding."""
     sweep = Sweep()
@@ -188,8 +179,8 @@ def make_predict(features: Features):
         base = wp.vec3(0.0)
         if wp.static(features.order == 2):
             if step.second:
-                base = carried(s.last_displacements[g], step)
-                v += carried(v - s.last_velocities[g], step)
+                base = carried(s.last_displacements[g])
+                v += carried(v - s.last_velocities[g])
         pushed = accelerate(g, w, v, m, s, frame)
         a = xyz(pushed)
         eased = step.eased
@@ -255,7 +246,7 @@ def make_finish(features: Features):
         if wp.static(features.order == 2):
             base = wp.vec3(0.0)
             if step.second:
-                base = carried(s.last_displacements[g], step)
+                base = carried(s.last_displacements[g])
             velocity = rate_of(displacement - base, step)
             if wp.length(displacement - s.last_displacements[g]) > SMOOTH * body.spacing:
                 moving.rough = 1

@@ -12,8 +12,7 @@ from cloth_sim_ros.sim.constraints.cell import has, is_plain, make_project_plain
 from cloth_sim_ros.sim.constraints.cell_lanes import LANES, project_lanes
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import array_address, load4, load4i, load_record, sync
-from cloth_sim_ros.sim.schedules.stages import in_turn
+from cloth_sim_ros.sim.schedules.native import array_address, load4, load_record, sync
 from cloth_sim_ros.sim.state import Material, State
 
 
@@ -23,7 +22,7 @@ def make_sweep(features: Features, shared: bool):
     records: address of the body's first cell, where there are cells.
     """
     if "cell" in features.constraints:
-        return make_sweep_cells(features.order) if shared else make_sweep_lanes(features.order)
+        return make_sweep_cells(features.order) if shared else make_sweep_lanes()
     return make_sweep_springs(features.order, shared) if "spring" in features.constraints else None
 
 
@@ -47,15 +46,14 @@ def make_sweep_springs(order: int, shared: bool):
     ):
         last = m.springs.shape[0] - 1
         records = array_address(m.springs, 0)
-        group = m.groups[in_turn(body.groups, body.groups, body.tuple_groups, step)]
+        group = m.groups[body.groups]
         spring = wp.vec4()
         following = wp.vec4()
         ahead = wp.vec4()
         if wp.static(shared):
             spring = load4(records, wp.min(group[2] + t, last))
         for g in range(body.groups, body.tuple_groups):
-            following_g = wp.min(g + 1, body.tuple_groups - 1)
-            next = m.groups[in_turn(following_g, body.groups, body.tuple_groups, step)]
+            next = m.groups[wp.min(g + 1, body.tuple_groups - 1)]
             if wp.static(shared):
                 ahead = load4(records, wp.min(next[2] + t, last))
             k = group[2] + t
@@ -75,9 +73,8 @@ def make_sweep_springs(order: int, shared: bool):
     return sweep_springs
 
 
-def make_sweep_lanes(order: int):
+def make_sweep_lanes():
     """The sweep over cells of springs on a CPU, LANES at a time."""
-    project_cell = make_project_cell(order)
 
     @wp.func
     def sweep_lanes(
@@ -94,27 +91,14 @@ def make_sweep_lanes(order: int):
         d: wp.uint64,
     ):
         springs = springs_of(body, material, step)
-        backward = goes_backward(body, step)
-        if not step.collapsed:
-            for n in range(0, body.cells_end - body.cells, wp.static(LANES)):
-                k = wp.where(backward, body.cells_end - wp.static(LANES) - n, body.cells + n)
-                project_lanes(k, springs, m, s, body, material, step, x, low, d)
-        else:
-            for n in range(body.cells_end - body.cells):
-                k = wp.where(backward, body.cells_end - 1 - n, body.cells + n)
-                project_cell(load4i(m.cells, k), k, springs, m, s, body, material, step, x, low, d)
+        for k in range(body.cells, body.cells_end, wp.static(LANES)):
+            project_lanes(k, springs, m, s, body, material, step, x, low, d)
 
     return sweep_lanes
 
 
-@wp.func
-def goes_backward(body: Body, step: Step) -> bool:
-    """Whether passes come in the opposite order (see in_turn)."""
-    return step.backward and body.tuple_groups - body.groups > 2
-
-
 def make_sweep_cells(order: int, stores: bool = True):
-    """The sweep over cells of springs on a GPU; unless it `stores`, without multipliers and collapsed springs.
+    """The sweep over cells of springs on a GPU; unless it `stores`, without multipliers.
 
     Passes hold multiples of the cell_width: a barrier is due where the next record of a thread is of another one.
     """
@@ -140,13 +124,10 @@ def make_sweep_cells(order: int, stores: bool = True):
             idle = t >= body.cell_width  # and comes along for the barriers
             k = wp.min(t, body.cell_width - 1)
             stride = body.cell_width
-            if goes_backward(body, step):
-                k += left - stride
-                stride = -stride
             ahead = load_record(records, k)
             while left > 0:
                 record = ahead
-                ahead = load_record(records, wp.clamp(k + stride, 0, last))
+                ahead = load_record(records, wp.min(k + stride, last))
                 if not idle:
                     project(record, body.cells + k, springs, m, s, body, material, step, x, low, d)
                 k += stride

@@ -220,7 +220,7 @@ def make_kernels(
             frame = given.frames[0]
             material = given.materials[body]
             colliders = given.colliders
-        step = make_step(frame.dt, first > 0 or s.history[body] > 0, 1, 0.0, frame.global_damping)
+        step = make_step(frame.dt, first > 0 or s.history[body] > 0, 1, frame.global_damping)
         constants = spring_constants(material)
         shared = tile_address(wp.tile_empty(shape=(wp.static(6 * capacity),), dtype=wp.vec4, storage="shared"))
         before = buffer_of(s, tiles, side, w)

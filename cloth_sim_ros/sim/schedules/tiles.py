@@ -52,7 +52,7 @@ class Unfit(ValueError):
     """Tiles cannot serve a batch; the message says why."""
 
     def __init__(self, reason: str, allowed: str):
-        super().__init__(f"solver.schedule is 'tiled' with {reason}; allowed is {allowed}, or schedule 'auto'")
+        super().__init__(f"the schedule 'tiled' is forced with {reason}; allowed is {allowed}")
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,8 @@ def plan(
 
     waits: within a launch for one another, an even depth; None: where they can. Raises Unfit where there are none.
     """
+    if features.method != "verlet":
+        raise Unfit("method 'xpbd'", "method 'verlet'")
     if "edge" in features.constraints:
         raise Unfit("edge_contact", "contact of particles alone")
     around = _around(model, bool(features.panels))

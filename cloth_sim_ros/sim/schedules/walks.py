@@ -19,39 +19,20 @@ Along a rigid edge T is 1 but for 1e-9 at least, of which double precision keeps
 forces, a product a segment, and displacements are what differences of forces do to each particle.
 """
 
-from collections.abc import Callable
-
 import warp as wp
 
-NUMBERS = 2 * 54  # a particle: planes of the larger layout, each up to twice as long as there are particles
+NUMBERS = 2 * 37  # a particle: planes of the larger layout, each up to twice as long as there are particles
 FEWEST = 5  # segments: they, and the joints between them, are told of four at a time
 
-
-def planes(parts: int) -> str:
-    """C++ that names where planes begin, each as long as the chain, of numbers of so many parts, 2 of complex ones.
-
-    Of every segment n, g, how far it reaches, g unless it turns and its largest turn so far, kappa, gap / alpha and H
-    (if that is along n: how much); of every particle w, how far it lies from where it would be without the chain, and
-    how it is to move; of every segment its force; and of every step of the walks, for both side by side, T and f_0.
-    """
-    sizes = {
-        "N": 3,
-        "G": 1,
-        "REACH": 1,
-        "ACROSS": 2 - parts,
-        "TURN": 2 - parts,
-        "KAPPA": parts,
-        "PUSH": parts,
-        "HELD": 1 if parts == 1 else 6,
-        "WEIGHT": parts,
-        "MISSING": 3 * parts,
-        "MOVED": 3 * parts,
-        "FORCE": 3 * parts,
-        "WALKS": 9 * parts,
-    }
-    places = [f"{name} = {sum(list(sizes.values())[:k])}" for k, name in enumerate(sizes)]
-    return f"""
-enum {{ {", ".join(places)}, PARTS = {parts} }};
+# Where planes begin, each as long as the chain. Of every segment n, g, how far it reaches, g unless it turns and its
+# largest turn so far, kappa, gap / alpha and how much H is along n; of every particle w, how far it lies from where it
+# would be without the chain, and how it is to move; of every segment its force; and of every step of the walks, for
+# both side by side, T and f_0.
+PLANES = f"""
+enum {{
+    N, G = N + 3, REACH, ACROSS, TURN, KAPPA, PUSH, HELD, WEIGHT, MISSING, MOVED = MISSING + 3, FORCE = MOVED + 3,
+    WALKS = FORCE + 3
+}};
 typedef double Four __attribute__((ext_vector_type(4), aligned(8)));
 typedef double Two __attribute__((ext_vector_type(2), aligned(8)));
 typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
@@ -60,7 +41,6 @@ const int size = n + 4;
 auto plane = [&](int which) {{ return numbers + (size_t)which * size; }};
 auto at = [&](int which, int i) -> Four& {{ return *(Four*)(plane(which) + i); }};
 """
-
 
 # Four at a time: rows to their columns, products, and how much longer an edge became (physics/distance.py).
 LANES = """
@@ -82,69 +62,30 @@ auto elongation = [&](const Four* e, const Four* change, Four length) {
 };
 """
 
-_REAL = """
-typedef Two Number;
-auto reciprocal = [](Two a) { return 1.0 / a; };
-auto both = [&](int which, int i, int j) { return Two{plane(which)[i], plane(which)[j]}; };
-auto put = [&](int which, int i, Two from, int side, double sign) { plane(which)[i] = sign * from[side]; };
-auto first_of = [](Two a, Two b) { return Two{a[0], b[1]}; };
-auto swapped = [](Two a) { return a.yx; };
-"""
-_COMPLEX = """
-struct Number {
-    Two re, im;
-    Number operator+(Number b) const { return {re + b.re, im + b.im}; }
-    Number operator-(Number b) const { return {re - b.re, im - b.im}; }
-    Number operator*(Two b) const { return {re * b, im * b}; }
-    Number operator*(Number b) const { return {re * b.re - im * b.im, re * b.im + im * b.re}; }
-};
-auto reciprocal = [](Number a) {
-    const Two scale = 1.0 / (a.re * a.re + a.im * a.im);
-    return Number{a.re * scale, -a.im * scale};
-};
-auto both = [&](int which, int i, int j) {
-    return Number{{plane(which)[i], plane(which)[j]}, {plane(which + 1)[i], plane(which + 1)[j]}};
-};
-auto put = [&](int which, int i, Number from, int side, double sign) {
-    plane(which)[i] = sign * from.re[side];
-    plane(which + 1)[i] = sign * from.im[side];
-};
-auto first_of = [](Number a, Number b) { return Number{{a.re[0], b.re[1]}, {a.im[0], b.im[1]}}; };
-auto swapped = [](Number a) { return Number{a.re.yx, a.im.yx}; };
-"""
-# H along the edge, or any; and W H.
-_ALONG = """
-const Two t = way * both(HELD, i, j);
-for (int axis = 0; axis < 3; ++axis) held[axis] = t * n[axis], yields[axis] = t * opened[axis];
-"""
-_ANY = """
-for (int axis = 0; axis < 3; ++axis) held[axis] = both(HELD + 2 * axis, i, j) * way;
-product(W, held, yields);
-"""
-
 # Of the two walks one goes from the start on, the other from the end back, until one edge is left between them. Where
 # their steps are not as many, the second stays where it is in the last. Symmetric matrices are six numbers: 00, 11, 22,
 # 01, 02 and 12.
 _WALK = """
 const int back = (n - 1) / 2, ahead = n - 1 - back;
 const Two way = {1.0, -1.0};
-const Number zero = {}, one = zero + Number{Two(1.0)};
-Number* kept = (Number*)plane(WALKS);
-auto real = [&](int which, int i, int j) { return Two{plane(which)[i], plane(which)[j]}; };
-auto product = [](const Number* m, const auto* v, Number* to) {
+const Two zero = {}, one = 1.0;
+Two* kept = (Two*)plane(WALKS);
+auto both = [&](int which, int i, int j) { return Two{plane(which)[i], plane(which)[j]}; };
+auto put = [&](int which, int i, Two from, int side, double sign) { plane(which)[i] = sign * from[side]; };
+auto first_of = [](Two a, Two b) { return Two{a[0], b[1]}; };
+auto swapped = [](Two a) { return a.yx; };
+auto product = [](const Two* m, const Two* v, Two* to) {
     to[0] = m[0] * v[0] + m[3] * v[1] + m[4] * v[2];
     to[1] = m[3] * v[0] + m[1] * v[1] + m[5] * v[2];
     to[2] = m[4] * v[0] + m[5] * v[1] + m[2] * v[2];
 };
-struct Edge { Number force[3], passed[6]; };  // f_0 and P
+struct Edge { Two force[3], passed[6]; };  // f_0 and P
 // The edges i and j, between particles that yield by W together and would move apart by `apart` but for the pull H.
-auto pass = [&](int i, int j, const Number* W, const Number* apart) {
+auto pass = [&](int i, int j, const Two* W, const Two* apart) {
     Edge edge;
-    Two n[3];
-    Number M[6], c[6], opened[3], v[3], a[3], held[3], yields[3];
-    for (int axis = 0; axis < 3; ++axis) n[axis] = real(N + axis, i, j);
-    const Two g = real(G, i, j);
-    const Number kappa = both(KAPPA, i, j);
+    Two M[6], c[6], n[3], opened[3], v[3], a[3];
+    for (int axis = 0; axis < 3; ++axis) n[axis] = both(N + axis, i, j);
+    const Two g = both(G, i, j), kappa = both(KAPPA, i, j), t = way * both(HELD, i, j);
     for (int k = 0; k < 6; ++k) M[k] = W[k] * g + (k < 3 ? one : zero);
     c[0] = M[1] * M[2] - M[5] * M[5];
     c[1] = M[0] * M[2] - M[4] * M[4];
@@ -152,41 +93,40 @@ auto pass = [&](int i, int j, const Number* W, const Number* apart) {
     c[3] = M[4] * M[5] - M[3] * M[2];
     c[4] = M[3] * M[5] - M[4] * M[1];
     c[5] = M[3] * M[4] - M[0] * M[5];
-    const Number determinant = M[0] * c[0] + M[3] * c[3] + M[4] * c[4], inverse = reciprocal(determinant);
+    const Two determinant = M[0] * c[0] + M[3] * c[3] + M[4] * c[4], inverse = 1.0 / determinant;
     product(c, n, v);
     product(W, n, opened);
-    const Number bent = opened[0] * v[0] + opened[1] * v[1] + opened[2] * v[2];
-    const Number eased = reciprocal(determinant + kappa * bent);
-    const Number spring = inverse * g, bar = (kappa * inverse) * eased, push = (both(PUSH, i, j) * way) * eased;
+    const Two bent = opened[0] * v[0] + opened[1] * v[1] + opened[2] * v[2];
+    const Two eased = 1.0 / (determinant + kappa * bent);
+    const Two spring = inverse * g, bar = (kappa * inverse) * eased, push = (both(PUSH, i, j) * way) * eased;
     edge.passed[0] = spring * c[0] + bar * (v[0] * v[0]);
     edge.passed[1] = spring * c[1] + bar * (v[1] * v[1]);
     edge.passed[2] = spring * c[2] + bar * (v[2] * v[2]);
     edge.passed[3] = spring * c[3] + bar * (v[0] * v[1]);
     edge.passed[4] = spring * c[4] + bar * (v[0] * v[2]);
     edge.passed[5] = spring * c[5] + bar * (v[1] * v[2]);
-    {PULL}
-    for (int axis = 0; axis < 3; ++axis) a[axis] = apart[axis] - yields[axis];
+    for (int axis = 0; axis < 3; ++axis) a[axis] = apart[axis] - t * opened[axis];
     product(edge.passed, a, edge.force);
-    for (int axis = 0; axis < 3; ++axis) edge.force[axis] = edge.force[axis] + (held[axis] + push * v[axis]);
+    for (int axis = 0; axis < 3; ++axis) edge.force[axis] = edge.force[axis] + (t * n[axis] + push * v[axis]);
     return edge;
 };
-Number Y[6], q[3], W[6], apart[3], p[3], force[3];
+Two Y[6], q[3], W[6], apart[3], p[3], force[3];
 for (int k = 0; k < 6; ++k) Y[k] = k < 3 ? both(WEIGHT, 0, n) : zero;
-for (int axis = 0; axis < 3; ++axis) q[axis] = lacking ? both(MISSING + PARTS * axis, 0, n) : zero;
+for (int axis = 0; axis < 3; ++axis) q[axis] = lacking ? both(MISSING + axis, 0, n) : zero;
 for (int s = 0; s < ahead; ++s) {
     const int i = s + 1, j = n - 1 - s;
-    const Number w = both(WEIGHT, i, j), square = w * w;
-    for (int axis = 0; axis < 3; ++axis) p[axis] = lacking ? both(MISSING + PARTS * axis, i, j) : zero;
+    const Two w = both(WEIGHT, i, j), square = w * w;
+    for (int axis = 0; axis < 3; ++axis) p[axis] = lacking ? both(MISSING + axis, i, j) : zero;
     for (int k = 0; k < 6; ++k) W[k] = k < 3 ? Y[k] + w : Y[k];
     for (int axis = 0; axis < 3; ++axis) apart[axis] = p[axis] - q[axis];
     const Edge edge = pass(s, j, W, apart);
     for (int k = 0; k < 6; ++k) {
-        const Number yields = (k < 3 ? w : zero) - square * edge.passed[k];
+        const Two yields = (k < 3 ? w : zero) - square * edge.passed[k];
         kept[9 * s + k] = w * edge.passed[k];
         Y[k] = s < back ? yields : first_of(yields, Y[k]);
     }
     for (int axis = 0; axis < 3; ++axis) {
-        const Number moves = p[axis] - w * edge.force[axis];
+        const Two moves = p[axis] - w * edge.force[axis];
         kept[9 * s + 6 + axis] = edge.force[axis];
         q[axis] = s < back ? moves : first_of(moves, q[axis]);
     }
@@ -196,33 +136,27 @@ for (int axis = 0; axis < 3; ++axis) apart[axis] = swapped(q[axis]) - q[axis];
 const Edge middle = pass(ahead, ahead, W, apart);
 for (int axis = 0; axis < 3; ++axis) {
     force[axis] = middle.force[axis];
-    put(FORCE + PARTS * axis, 0, zero, 0, 1.0);
-    put(FORCE + PARTS * axis, ahead + 1, force[axis], 0, 1.0);
-    put(FORCE + PARTS * axis, n + 1, zero, 0, 1.0);
+    put(FORCE + axis, 0, zero, 0, 1.0);
+    put(FORCE + axis, ahead + 1, force[axis], 0, 1.0);
+    put(FORCE + axis, n + 1, zero, 0, 1.0);
 }
 for (int s = ahead - 1; s >= 0; --s) {
-    Number behind[3];
+    Two behind[3];
     product(kept + 9 * s, force, behind);
     for (int axis = 0; axis < 3; ++axis) {
         behind[axis] = behind[axis] + kept[9 * s + 6 + axis];
         force[axis] = s < back ? behind[axis] : first_of(behind[axis], force[axis]);
-        put(FORCE + PARTS * axis, s + 1, force[axis], 0, 1.0);
-        put(FORCE + PARTS * axis, n - s, force[axis], 1, -1.0);
+        put(FORCE + axis, s + 1, force[axis], 0, 1.0);
+        put(FORCE + axis, n - s, force[axis], 1, -1.0);
     }
 }
 """
 
 
-def make_walk(parts: int) -> Callable:
-    """A Warp function: the forces in all n segments of a chain from what its planes say; on a GPU nothing.
+@wp.func_native(f"\n#if !defined(__CUDA_ARCH__)\n{PLANES}{_WALK}\n#endif\n")
+def walk(particles: int, n: int, lacking: bool, ladder: wp.array(dtype=wp.float64)):
+    """The forces in all n segments of a chain from what its planes say; on a GPU nothing.
 
     `lacking`: particles lie apart from where they would be without the chain.
     """
-    kind, pull = (_REAL, _ALONG) if parts == 1 else (_COMPLEX, _ANY)
-
-    body = planes(parts) + kind + _WALK.replace("{PULL}", pull)
-
-    @wp.func_native(f"\n#if !defined(__CUDA_ARCH__)\n{body}\n#endif\n")
-    def walk(particles: int, n: int, lacking: bool, ladder: wp.array(dtype=wp.float64)): ...
-
-    return walk
+    ...

@@ -58,14 +58,10 @@ class Topology:
         kinds = [self.springs.get("structural"), self.springs.get("shear"), self.chain] if self.edge_contact else []
         return [elements for elements in kinds if elements is not None]
 
-    def others(self) -> list[tuple[str, Elements, np.ndarray]]:
-        """(constraint, elements, (E, 2) further numbers) of every constraint that is projected and not a spring."""
-        found = []
-        if self.hinges is not None:
-            found.append(("hinge", self.hinges, np.zeros((len(self.hinges.rest), 2))))
-        if self.bends is not None and self.chain is None:
-            found.append(("bend", self.bends, self.bend_weights))
-        return found
+    @property
+    def bends_by_angles(self) -> bool:
+        """Whether hinges or the joints of a rope resist bending."""
+        return self.hinges is not None or self.bends is not None
 
 
 def colour(particles: np.ndarray, count: int) -> np.ndarray:

@@ -28,16 +28,6 @@ def bdf2(theta):
     return roots[np.argmin(np.abs(roots - np.exp(1j * theta)))]
 
 
-def radau(theta, zeta=0.0):
-    """z of the two-stage Radau IIA method: R(w) = (1 + w/3) / (1 - 2w/3 + w^2/6) at w = theta (-zeta + i sqrt(1 -
-    zeta^2)).
-
-    Undamped and for small theta the damping ratio is theta^3 / 72 and the period is longer by theta^4 / 270.
-    """
-    w = theta * (-zeta + 1j * np.sqrt(1.0 - zeta**2))
-    return (1.0 + w / 3.0) / (1.0 - 2.0 * w / 3.0 + w**2 / 6.0)
-
-
 def forward_euler(theta):
     """z = 1 + i theta of forward Euler: every step grows the motion by sqrt(1 + theta^2)."""
     return 1.0 + 1j * theta
