@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.constraints.cell_lanes import LANES
 from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
@@ -86,11 +85,10 @@ class Batch:
         largest = max(len(topology.masses) for topology in topologies.values())
         self._threads = threads_for(features, largest, len(topologies) * worlds, device)
         spokes = features.method == "verlet" and not rows  # which lay out their own
-        collected = ModelArrays(spokes, width=LANES if device.is_cpu else self._threads)
+        collected = ModelArrays(spokes, lanes=device.is_cpu)
         for topology in topologies.values():
             collected.add(topology)
-        self.spring_groups = collected.spring_groups
-        self.spring_order = collected.spring_order
+        self.lines = collected.lines
         self._bodies = collected.bodies
         self.counts = [row["count"] for row in self._bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)
@@ -245,8 +243,8 @@ class Batch:
 
     def _forget(self, name: str, world: int | None) -> None:
         segments, b = self.segments(name), self.index[name]
-        for first, order in self.spring_order[b].values():
-            self._part("spring_multipliers", slice(first, first + len(order)), world).zero_()
+        for _, first, end in self.lines[b]:
+            self._part("line_multipliers", slice(first, end), world).zero_()
         if segments.stop > segments.start:
             self._part("tensions", segments, world).zero_()
             self._part("chain_forces", self.span(name), world).zero_()
@@ -256,11 +254,6 @@ class Batch:
                 self._part("couples", segments, world).zero_()
                 for array in ("twists", "good_twists"):
                     self._part(array, slice(b, b + 1), world).zero_()
-        if "cell" in self.features.constraints:
-            first, end = (self._bodies[b][name] for name in ("cells", "cells_end"))
-            every = self.worlds[0].model.cells.shape[0]
-            for q in range(0, 6 * every, every):
-                self._part("cell_multipliers", slice(q + first, q + end), world).zero_()
         if self.features.looks_back:
             self._part("history", slice(b, b + 1), world).zero_()
         if self.features.order == 2:

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import warp as wp
 
+from cloth_sim_ros.sim.lines.layout import slots_a_thread
 from cloth_sim_ros.sim.topology import Topology
 
-CONSTRAINTS = ("spring", "cell", "hinge", "edge")
+CONSTRAINTS = ("line", "hinge", "edge")
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Features:
     winch: bool = False  # a chain that a winch feeds
     twist: bool = False  # a beam that resists twist between two clamps
     bent: bool = False  # a beam that is bent at rest
+    line_slots: int = 1  # particles of a line that a thread of a warp holds
 
     def key(self) -> str:
         """A name for kernels with these features, the same in every process, so that caches on disk are found."""
@@ -51,8 +53,7 @@ class Features:
         worlds: bool = False,
     ) -> Features:
         """The features of a body with `topology` in a scene with or without wind and with colliders of `shapes`."""
-        springs = "spring" if topology.grid is None else "cell"
-        constraints = [springs] if topology.springs and method == "xpbd" else []
+        constraints = ["line"] if topology.springs and method == "xpbd" else []
         constraints += ["hinge"] if topology.hinges is not None else []
         if topology.edges() and set(shapes) - {"plane"}:  # before a plane, an end of every edge comes first
             constraints.append("edge")
@@ -70,6 +71,7 @@ class Features:
             winch=topology.reel is not None,
             twist=beam and topology.twists,
             bent=beam and bool(topology.bends.rest.any()),
+            line_slots=slots_a_thread(topology.families),
         )
 
 
@@ -81,36 +83,34 @@ class Body:
     spacing: float  # mean rest length of its springs [m]
     particles: int
     count: int
-    groups: int  # springs or cells
+    groups: int  # families of lines
     tuple_groups: int
     groups_end: int
     edge_groups_end: int
-    cells: int
-    cells_end: int
-    cell_width: int  # of which passes hold multiples
     segments: int
     segments_end: int
     panels: int
     panels_end: int
     spokes: int
     spoke_width: int
-    cell: wp.vec3  # rest lengths [m] along x, along y and of diagonals of a grid
     yielding: float  # the inverse of its mass [1/kg]
 
 
 @wp.struct
 class Model:
-    """Constant arrays. groups: (constraint, material kind, first, end) of one colour; of cells (what they hold, kind of
-    their sides, first, end) of one pass.
+    """Constant arrays. groups: (constraint, material kind, first, end) of the rows of a family of lines, or of the
+    elements of a colour.
 
-    scale: element compliance / material compliance. A spring is one packed record of 16 bytes, because every substep
-    streams all of them; all other constraints share `tuples`, whose four numbers each constraint defines.
+    scale: element compliance / material compliance. What lies in slots of lines is told in lines/layout.py.
     """
 
     bodies: wp.array(dtype=Body)
     groups: wp.array(dtype=wp.vec4i)
-    springs: wp.array(dtype=wp.vec4)  # (S, 4) both particles as the bits of their indices, rest length [m], scale
-    cells: wp.array(dtype=wp.vec4i)  # (Q,) records of the cells of grids, pass by pass (sim/cells.py)
+    line_rows: wp.array(dtype=wp.vec3i)  # (R,) first slot, slots and lines of a row
+    line_nodes: wp.array(dtype=int)  # (S,) particle in each lane of each slot, -1 for none
+    line_others: wp.array(dtype=int)  # (S,) the particle behind it in its line, -1 for none
+    line_rests: wp.array(dtype=float)  # (S,) rest length of the spring between them [m], -1 where there is none
+    line_scales: wp.array(dtype=float)  # (S,) and its scale
     tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles
     tuple_rest: wp.array(dtype=wp.vec2)  # (E, 2) rest, scale
     edges: wp.array(dtype=wp.vec2i)  # (D,) particles of edges that touch colliders

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim import cells
+from cloth_sim_ros.sim.lines.layout import in_lanes, in_warps, slots_a_thread
 from cloth_sim_ros.sim.model import CONSTRAINTS, Body, Model
 from cloth_sim_ros.sim.topology import KINDS, Elements, Topology
 
@@ -26,20 +26,18 @@ class ModelArrays:
     """Collects the NumPy parts of a batch, body by body, and uploads them once.
 
     bodies[b]: the fields of Body; groups: the rows of Model.groups; size: name of an array in Model -> rows so far;
-    particles: of all bodies so far. spring_groups[b]: "spring" or "cell", and the groups of these in body b.
-    spring_order[b][kind] is (first, order), for springs that lie in no cell: element `order[i]` of that kind lies at
-    first + i.
-    With `spokes` every particle knows its springs; of cells, at most `width` are projected at a time.
+    particles: of all bodies so far. lines[b]: (kind, first, end) of the slots of every family of body b.
+    With `spokes` every particle knows its springs. Lines lie as a CPU's lanes or a GPU's warps take them.
     """
 
-    def __init__(self, spokes: bool, width: int) -> None:
-        self._with_spokes, self._width = spokes, width
+    def __init__(self, spokes: bool, lanes: bool) -> None:
+        self._with_spokes, self._lanes = spokes, lanes
         self.bodies: list[dict[str, Any]] = []
         self.groups: list[tuple[int, int, int, int]] = []
         self._rows: dict[str, list[np.ndarray]] = {name: [] for name in Model.vars if name not in ("bodies", "groups")}
         self.particles, self.size = 0, dict.fromkeys(self._rows, 0)
-        self.spring_groups: list[tuple[str, list[tuple[int, int, int, int]]]] = []
-        self.spring_order: list[dict[str, tuple[int, np.ndarray]]] = []
+        self.lines: list[list[tuple[int, int, int]]] = []
+        self.longest_row = 0  # slots
 
     def _append(self, name: str, rows: np.ndarray) -> int:
         start = self.size[name]
@@ -55,15 +53,9 @@ class ModelArrays:
         first = self.particles
         self.particles += len(topology.masses)
         self._append("rest", topology.rest)
-        groups, first_cell = len(self.groups), self.size["cells"]
-        self.spring_order.append({})
-        width = 0
-        if topology.grid is None:
-            self._add_springs(topology)
-        else:
-            width = self._add_cells(topology)
+        groups = len(self.groups)
+        self._add_lines(topology)
         tuple_groups = len(self.groups)
-        self.spring_groups.append(("spring" if topology.grid is None else "cell", self.groups[groups:]))
         self._add_tuples(topology)
         groups_end = len(self.groups)
         self._add_edges(topology)
@@ -79,37 +71,30 @@ class ModelArrays:
             "tuple_groups": tuple_groups,
             "groups_end": groups_end,
             "edge_groups_end": len(self.groups),
-            "cells": first_cell,
-            "cells_end": self.size["cells"],
-            "cell_width": width,
             "segments": segments,
             "segments_end": self.size["segment_length"],
             "panels": panels,
             "panels_end": self.size["panels"],
             "spokes": spokes,
             "spoke_width": spoke_width,
-            "cell": (0.0, 0.0, 0.0) if topology.grid is None else cells.lengths(topology),
             "yielding": 1.0 / float(topology.masses.sum()),
         }
         self.bodies.append(body)
 
-    def _add_springs(self, topology: Topology) -> None:
-        for kind, elements in topology.springs.items():
-            order, spans = colour_sorted(elements)
-            indices = bits(elements.particles[order])
-            numbers = np.stack([elements.rest, elements.scale], 1)[order].astype(np.float32)
-            start = self._append("springs", np.concatenate([indices, numbers], 1))
-            self.spring_order[-1][kind] = (start, order)
-            self._append_groups("spring", KINDS.index(kind), start, spans)
-
-    def _add_cells(self, topology: Topology) -> int:
-        sweep = cells.passes(topology)
-        width = cells.width_of(sweep, self._width)
-        for n, one in enumerate(sweep):
-            records = one.records(n % 2 == 1, width)
-            start = self._append("cells", records)
-            self.groups.append((one.holds, KINDS.index(one.kind), start, start + len(records)))
-        return width
+    def _add_lines(self, topology: Topology) -> None:
+        """The springs of a sheet, and of a rope that is not solved as a whole, family by family."""
+        slots = slots_a_thread(topology.families)
+        self.lines.append([])
+        for family in topology.families:
+            springs, kind = topology.springs[family.kind], KINDS.index(family.kind)
+            rows = in_lanes(family, springs) if self._lanes else in_warps(family, springs, slots)
+            lanes, first = rows.nodes.shape[1], self.size["line_nodes"]
+            for name in ("nodes", "others", "rests", "scales"):
+                self._append(f"line_{name}", getattr(rows, name).ravel())
+            start = self._append("line_rows", rows.table + [first // lanes, 0, 0])
+            self.longest_row = max(self.longest_row, int(rows.table[:, 1].max()))
+            self.lines[-1].append((kind, first, self.size["line_nodes"]))
+            self._append_groups("line", kind, start, [(0, len(rows.table))])
 
     def _add_tuples(self, topology: Topology) -> None:
         if topology.hinges is None:
@@ -189,8 +174,3 @@ def _spacing(topology: Topology) -> float:
     """The mean rest length of all springs and segments [m], 1 where there are none."""
     kinds = [*topology.springs.values(), *([] if topology.chain is None else [topology.chain])]
     return float(np.concatenate([elements.rest for elements in kinds]).mean()) if kinds else 1.0
-
-
-def bits(indices: np.ndarray) -> np.ndarray:
-    """Indices as float32 of the same bits, to pack them beside numbers; never computed with, only moved."""
-    return np.ascontiguousarray(indices, dtype=np.int32).view(np.float32)

@@ -9,9 +9,8 @@ import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.colliders import make_signed_distance
-from cloth_sim_ros.sim.constraints.cell import spring_of
 from cloth_sim_ros.sim.physics.integrate import effective_step
-from cloth_sim_ros.sim.schedules.native import as_index, xyz
+from cloth_sim_ros.sim.schedules.native import xyz
 from cloth_sim_ros.sim.state import Arrays
 
 # Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.
@@ -19,7 +18,7 @@ STRAIN, RESIDUAL, PENETRATION = 0, 1, 2
 
 
 @wp.kernel(enable_backward=False)
-def measure_springs(
+def measure_lines(
     arrays: Arrays,
     b: int,
     first: int,
@@ -29,38 +28,15 @@ def measure_springs(
     result: wp.array(dtype=float),
 ):
     k = first + wp.tid()
-    body = arrays.model.bodies[b]
-    spring = arrays.model.springs[k]
-    i = body.particles + as_index(spring[0])
-    j = body.particles + as_index(spring[1])
-    h = effective_step(arrays.frames[0].dt, second)
-    force = arrays.state.spring_multipliers[k] / (h * h)
-    _measure(
-        arrays, b, i, j, spring[2], 0.0, spring[3] * arrays.materials[b].compliance[kind] * force, implicit, result
-    )
-
-
-@wp.kernel(enable_backward=False)
-def measure_cells(
-    arrays: Arrays,
-    b: int,
-    first: int,
-    kind: int,
-    second: bool,
-    implicit: bool,
-    result: wp.array(dtype=float),
-):
-    q, k = wp.tid()
-    k += first
-    body = arrays.model.bodies[b]
-    spring = spring_of(q, arrays.model.cells[k], body.cell)
-    if spring.rest == 0.0:
+    m = arrays.model
+    if m.line_others[k] < 0:
         return
-    i, j = body.particles + spring.i, body.particles + spring.j
-    compliance = spring.scale * arrays.materials[b].compliance[spring.kind]
+    body = m.bodies[b]
     h = effective_step(arrays.frames[0].dt, second)
-    held = compliance * arrays.state.cell_multipliers[q * arrays.model.cells.shape[0] + k] / (h * h)
-    _measure(arrays, b, i, j, spring.rest, 0.0, held, implicit, result)
+    force = arrays.state.line_multipliers[k] / (h * h)
+    i, j = body.particles + m.line_nodes[k], body.particles + m.line_others[k]
+    held = m.line_scales[k] * arrays.materials[b].compliance[kind] * force
+    _measure(arrays, b, i, j, m.line_rests[k], 0.0, held, implicit, result)
 
 
 @wp.kernel(enable_backward=False)
@@ -139,12 +115,9 @@ class Reporter:
         b, span, arrays = batch.index[name], batch.span(name), batch.worlds[world]
         self._result.zero_()
         second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
-        constraint, groups = batch.spring_groups[b]
-        for _, kind, first, end in groups:
-            in_cells = constraint == "cell"
-            kernel, dim = (measure_cells, (6, end - first)) if in_cells else (measure_springs, end - first)
+        for kind, first, end in batch.lines[b]:
             inputs = [arrays, b, first, kind, second, implicit, self._result]
-            wp.launch(kernel, dim=dim, inputs=inputs, device=self._device)
+            wp.launch(measure_lines, dim=end - first, inputs=inputs, device=self._device)
         if batch.features.chain:
             segments = span.stop - span.start - 1
             wp.launch(measure_chain, dim=segments, inputs=[arrays, b, self._result], device=self._device)

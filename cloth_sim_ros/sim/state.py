@@ -157,7 +157,7 @@ class BeamRow:
 
 @wp.struct
 class State:
-    """Arrays of one batch; N particles, S springs, Q cells, E tuples, D edges, C segments, P panels, K colliders, B
+    """Arrays of one batch; N particles, S slots of lines, E tuples, D edges, C segments, P panels, K colliders, B
     bodies."""
 
     positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m] and inverse mass [1/kg], 0 is pinned
@@ -166,8 +166,8 @@ class State:
     velocities: wp.array(dtype=wp.vec4)  # (N,) [m/s]
     last_velocities: wp.array(dtype=wp.vec3)  # (N,) one substep ago, order 2 alone
     last_displacements: wp.array(dtype=wp.vec3)  # (N,) of the last substep [m], order 2 alone
-    spring_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m]
-    cell_multipliers: wp.array(dtype=float)  # (6 Q,) the same of the first springs of all cells, then of the second ...
+    line_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m] of the springs in the slots of lines
+    line_scratch: wp.array(dtype=float)  # what a line is eliminated in, on a CPU
     tuple_multipliers: wp.array(dtype=wp.vec3)  # (E, 3)
     tensions: wp.array(dtype=float)  # (C,) [N]
     targets: wp.array(dtype=wp.vec3)  # (N,) where particles of a chain would be without it [m], chains alone

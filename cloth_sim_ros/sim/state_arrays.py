@@ -9,6 +9,7 @@ import os
 
 import warp as wp
 
+from cloth_sim_ros.sim.lines.solve import scratch_of
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.model_arrays import ModelArrays
 from cloth_sim_ros.sim.schedules.walks import NUMBERS
@@ -32,8 +33,8 @@ def make_states(
         "velocities": particles,
         "last_velocities": second,
         "last_displacements": second,
-        "spring_multipliers": arrays.size["springs"],
-        "cell_multipliers": 6 * arrays.size["cells"],
+        "line_multipliers": arrays.size["line_nodes"],
+        "line_scratch": scratch_of(arrays.longest_row) if device.is_cpu and "line" in features.constraints else 0,
         "tuple_multipliers": arrays.size["tuples"],
         "tensions": arrays.size["segment_length"],
         "targets": particles if features.chain else 0,

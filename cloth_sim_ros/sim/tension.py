@@ -87,10 +87,10 @@ def pull_of_springs(arrays: Arrays, b: int, springs: wp.array(dtype=int), forces
     e = edge_at(arrays, i)
     length = wp.max(wp.length(e), SHORTEST)
     n = e / length
-    numbers = arrays.model.springs[springs[k]]
+    rest, scale = arrays.model.line_rests[springs[k]], arrays.model.line_scales[springs[k]]
     rate = wp.dot(n, xyz(arrays.state.velocities[i + 1] - arrays.state.velocities[i]))
-    stretch = length - numbers[2] + arrays.materials[b].damping * rate
-    forces[k] = stretch / (arrays.materials[b].compliance[0] * numbers[3]) * n
+    stretch = length - rest + arrays.materials[b].damping * rate
+    forces[k] = stretch / (arrays.materials[b].compliance[0] * scale) * n
 
 
 @wp.kernel(enable_backward=False)
@@ -116,9 +116,11 @@ class Tensions:
         if batch.features.chain:
             first = wp.launch(balance, dim=1, inputs=[arrays, b, self.forces], device=device, record_cmd=True)
         else:
-            start, order = batch.spring_order[b]["structural"]
+            _, first, end = batch.lines[b][0]
+            nodes, others = (array[first:end].numpy() for array in (arrays.model.line_nodes, arrays.model.line_others))
+            there = np.flatnonzero(others >= 0)
             rows = np.zeros(segments, dtype=np.int32)
-            rows[order] = start + np.arange(segments)
+            rows[np.minimum(nodes, others)[there]] = first + there
             springs = wp.array(rows, dtype=int, device=device)
             inputs = [arrays, b, springs, self.forces]
             first = wp.launch(pull_of_springs, dim=segments, inputs=inputs, device=device, record_cmd=True)

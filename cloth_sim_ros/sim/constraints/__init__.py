@@ -3,10 +3,7 @@
 A new constraint: a file with `make_project`, its elements in topology/, its name in model.CONSTRAINTS.
 """
 
-from cloth_sim_ros.sim.constraints import cell, hinge, spring
-
-make_project_spring = spring.make_project
-make_project_cell = cell.make_project
+from cloth_sim_ros.sim.constraints import hinge
 
 
 def make_project_tuple(present: tuple[str, ...], order: int):

@@ -1,30 +1,7 @@
 // One Newton step of XPBD along up to eight lines of springs side by side, in the vector registers of a CPU core.
 // solve.py declares the arguments and states the equations.
-#if !defined(__CUDA_ARCH__)
-typedef float Lanes __attribute__((ext_vector_type(8)));
-typedef float Kept __attribute__((ext_vector_type(8), aligned(4)));
 typedef int Flags __attribute__((ext_vector_type(8)));
-typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
 constexpr float kShortest = 1.0e-12f;
-
-// Four vectors of rows (x y z w of two particles each) to a vector for each of x, y, z, w; its own inverse.
-auto transpose = [](const Lanes* from, Lanes* to) {
-    const Lanes ab = __builtin_shufflevector(from[0], from[1], 0, 8, 1, 9, 4, 12, 5, 13);
-    const Lanes AB = __builtin_shufflevector(from[0], from[1], 2, 10, 3, 11, 6, 14, 7, 15);
-    const Lanes ce = __builtin_shufflevector(from[2], from[3], 0, 8, 1, 9, 4, 12, 5, 13);
-    const Lanes CE = __builtin_shufflevector(from[2], from[3], 2, 10, 3, 11, 6, 14, 7, 15);
-    to[0] = __builtin_shufflevector(ab, ce, 0, 1, 8, 9, 4, 5, 12, 13);
-    to[1] = __builtin_shufflevector(ab, ce, 2, 3, 10, 11, 6, 7, 14, 15);
-    to[2] = __builtin_shufflevector(AB, CE, 0, 1, 8, 9, 4, 5, 12, 13);
-    to[3] = __builtin_shufflevector(AB, CE, 2, 3, 10, 11, 6, 7, 14, 15);
-};
-auto gather = [](uint64_t address, const int* at, Lanes* rows) {
-    const Row* row = (const Row*)address;
-    for (int k = 0; k < 4; ++k) {
-        rows[k] = __builtin_shufflevector(row[at[k]], row[at[k + 4]], 0, 1, 2, 3, 4, 5, 6, 7);
-    }
-};
-auto dot = [](const Lanes* a, const Lanes* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; };
 
 // What forward elimination keeps of each spring for the way back.
 struct Spring {
@@ -150,4 +127,3 @@ Lanes by[4];
 for (int axis = 0; axis < 3; ++axis) by[axis] = -columns[3] * behind[axis];
 by[3] = 0.0f;
 push(at, by);
-#endif

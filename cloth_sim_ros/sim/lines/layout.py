@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cloth_sim_ros.sim.lines.solve import LANES, WARP
-from cloth_sim_ros.sim.topology import Elements
+from cloth_sim_ros.sim.schedules.simd import LANES
+from cloth_sim_ros.sim.topology.elements import Elements
 from cloth_sim_ros.sim.topology.lines import Family
+
+WARP = 32  # threads that share a row of lines on a GPU
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,12 @@ from pathlib import Path
 
 import warp as wp
 
+from cloth_sim_ros.sim.lines.layout import WARP
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.native import sync
+from cloth_sim_ros.sim.schedules.simd import LANES, ROWS
 from cloth_sim_ros.sim.state import Material, State, compliance_of
-
-LANES = 8  # lines side by side on a CPU
-WARP = 32  # threads that share a row of lines on a GPU
-SCRATCH = 7 * LANES  # floats for each particle along a row, on a CPU
 
 _OPENING = """
 // A tiny edge for a spring without length, in a direction of its own: the R3 sequence in a cube (Roberts 2018).
@@ -36,10 +34,24 @@ auto opening = [](int number) {
 """
 
 
+def scratch_of(slots: int) -> int:
+    """Floats that a CPU needs to solve rows of so many slots."""
+    return 7 * LANES * slots + 16
+
+
 @lru_cache
 def _source(slots: int) -> str:
-    here = Path(__file__).parent
-    return f"constexpr int Slots = {slots};\n{_OPENING}" + "".join((here / f).read_text() for f in ("lanes.h", "warp.h"))
+    on_cpu, on_gpu = ((Path(__file__).parent / name).read_text() for name in ("lanes.h", "warp.h"))
+    return f"""
+{_OPENING}
+#if defined(__CUDA_ARCH__)
+constexpr int Slots = {slots};
+{on_gpu}
+#else
+{ROWS}
+{on_cpu}
+#endif
+"""
 
 
 @lru_cache
@@ -74,15 +86,14 @@ def make_solve_row(slots_a_thread: int):
     return solve_row
 
 
-def make_solve_family(features: Features):
-    """A Warp function: thread t of `width` moves the particles of its share of the lines of one family."""
+def make_solve_line_row(features: Features):
+    """A Warp function that solves row r of the lines of a family of springs of one `kind`."""
     solve_row = make_solve_row(features.line_slots)
 
     @wp.func
-    def solve_family(
-        t: int,
-        width: int,
-        g: int,
+    def solve_line_row(
+        r: int,
+        kind: int,
         m: Model,
         s: State,
         body: Body,
@@ -92,43 +103,40 @@ def make_solve_family(features: Features):
         low: wp.uint64,
         d: wp.uint64,
     ):
-        group = m.groups[g]
-        alpha = compliance_of(material, group[1]) * step.inverse_square
+        row = m.line_rows[r]
+        alpha = compliance_of(material, kind) * step.inverse_square
         gamma = material.damping * step.inverse
         carried = float(0.0)
         if wp.static(features.order == 2):
             if step.second:
                 carried = wp.static(1.0 / 3.0)
-        team = wp.min(width, wp.static(WARP))
-        for r in range(group[2] + t / team, group[3], wp.max(width / team, 1)):
-            row = m.line_rows[r]
-            solve_row(
-                row[0],
-                row[1],
-                row[2],
-                m.line_nodes,
-                m.line_rests,
-                m.line_scales,
-                s.line_multipliers,
-                s.line_scratch,
-                alpha,
-                gamma,
-                carried,
-                body.particles,
-                s.last_displacements,
-                step.first,
-                step.store,
-                x,
-                low,
-                d,
-            )
+        solve_row(
+            row[0],
+            row[1],
+            row[2],
+            m.line_nodes,
+            m.line_rests,
+            m.line_scales,
+            s.line_multipliers,
+            s.line_scratch,
+            alpha,
+            gamma,
+            carried,
+            body.particles,
+            s.last_displacements,
+            step.first,
+            step.store,
+            x,
+            low,
+            d,
+        )
 
-    return solve_family
+    return solve_line_row
 
 
 def make_solve_lines(features: Features):
     """A Warp function: the threads of a block solve all families of a body, one after the other."""
-    solve_family = make_solve_family(features)
+    solve_line_row = make_solve_line_row(features)
 
     @wp.func
     def solve_lines(
@@ -143,8 +151,11 @@ def make_solve_lines(features: Features):
         low: wp.uint64,
         d: wp.uint64,
     ):
+        team = wp.min(width, wp.static(WARP))
         for g in range(body.groups, body.tuple_groups):
-            solve_family(t, width, g, m, s, body, material, step, x, low, d)
+            group = m.groups[g]
+            for r in range(group[2] + t / team, group[3], width / team):
+                solve_line_row(r, group[1], m, s, body, material, step, x, low, d)
             sync()
 
     return solve_lines

@@ -1,7 +1,6 @@
 // One Newton step of XPBD along the lines of a row by the 32 threads of a warp, each of which holds `Slots` particles.
 // solve.py declares the arguments and states the equations. Each thread eliminates all but its first spring; the
 // 32 that are left are solved by parallel cyclic reduction (Hockney 1965) in shuffles.
-#if defined(__CUDA_ARCH__)
 constexpr unsigned kAll = 0xffffffffu;
 constexpr float kShortest = 1.0e-12f;
 const int lane = threadIdx.x & 31;
@@ -148,4 +147,3 @@ for (int j = 0; j < Slots; ++j) {
     by = fy;
     bz = fz;
 }
-#endif

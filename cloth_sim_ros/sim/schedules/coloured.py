@@ -6,7 +6,7 @@ the rounding of the compiler's choices.
 
 import warp as wp
 
-from cloth_sim_ros.sim.constraints.cell_lanes import LANES
+from cloth_sim_ros.sim.lines.layout import WARP
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.schedules.coloured_kernels import make_kernels
 from cloth_sim_ros.sim.state import Arrays, gathered
@@ -19,8 +19,8 @@ class Coloured:
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device):
         self._features, self._device = features, device
-        self._kernels = make_kernels(features, device.is_cpu)
-        self._lanes = LANES if device.is_cpu else 1  # cells at a time
+        self._kernels = make_kernels(features, 1 if device.is_cpu else WARP)
+        self._threads_a_row = 1 if device.is_cpu else WARP
         self._worlds, self._given = len(worlds), gathered(worlds, device)
         arrays = worlds[0]
         self._colliders = arrays.colliders.shape[0]
@@ -92,15 +92,14 @@ class Coloured:
         turn = min(iteration, 1)  # whether it is the first
         if self._features.chain:
             self._launch("chain", 1, b, iteration=turn, store=store)
-        kinds = dict.fromkeys(("springs", "cells"), ("groups", "tuple_groups")) | {
-            "tuples": ("tuple_groups", "groups_end")
+        stages = {
+            "lines": ("groups", "tuple_groups", self._threads_a_row),
+            "tuples": ("tuple_groups", "groups_end", 1),
         }
-        for stage, (begin, end) in kinds.items():
-            if stage in self._kernels:
-                sizes = [self._groups[g][3] - self._groups[g][2] for g in range(body[begin], body[end])]
-                each = self._lanes if stage == "cells" else 1
-                for g, size in enumerate(sizes, body[begin]):
-                    self._launch(stage, size // each, b, iteration=turn, store=store, g=g)
+        for stage, (begin, end, threads) in stages.items():
+            for g in range(body[begin], body[end]):
+                size = threads * (self._groups[g][3] - self._groups[g][2])
+                self._launch(stage, size, b, iteration=turn, store=store, g=g)
         if "edge" in self._features.constraints:
             for g in range(body["groups_end"], body["edge_groups_end"]):
                 self._launch("edges", self._groups[g][3] - self._groups[g][2], b, iteration=turn, g=g)

@@ -31,13 +31,16 @@ class Here:
 
 
 @lru_cache
-def make_kernels(features: Features, lanes: bool) -> dict[str, wp.Kernel]:
-    """The kernels of the stages that `features` need, in one module of their own; `lanes`: cells LANES at a time."""
+def make_kernels(features: Features, threads_a_row: int) -> dict[str, wp.Kernel]:
+    """The kernels of the stages that `features` need, in one module of their own.
+
+    threads_a_row: how many threads share a row of lines.
+    """
     kernels: dict[str, wp.Kernel] = {}
-    stage = _make_stage(features, f"cloth_sim_ros.coloured.{features.key()}{'.lanes' if lanes else ''}", kernels)
+    stage = _make_stage(features, f"cloth_sim_ros.coloured.{features.key()}.{threads_a_row}", kernels)
     look = _make_look(features)
     _add_motion(stage, look, features)
-    add_constraints(stage, look, features, lanes)
+    add_constraints(stage, look, features, threads_a_row)
     if features.shapes:
         _add_contact(stage, look, features)
     _add_watch(stage, features)

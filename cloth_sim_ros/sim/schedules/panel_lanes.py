@@ -2,9 +2,9 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.constraints.cell_lanes import LANES, ROWS
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.schedules.native import array_address
+from cloth_sim_ros.sim.schedules.simd import LANES, ROWS
 from cloth_sim_ros.sim.state import Frame, State
 
 _FORCES = f"""

@@ -8,7 +8,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules.native import BYTES_A_PARTICLE
-from cloth_sim_ros.sim.schedules.resident_kernel import CELL_THREADS, bounds_for, make_frame
+from cloth_sim_ros.sim.schedules.resident_kernel import make_frame
 from cloth_sim_ros.sim.schedules.scan import THREADS, scan_size
 from cloth_sim_ros.sim.state import Arrays, gathered
 
@@ -33,8 +33,7 @@ class Resident:
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int, block: int):
         shared = 0 if device.is_cpu else -(-largest // 64) * 64
-        staged = 0 if device.is_cpu else staged_cells(features, worlds[0], shared, block, shared_memory(device))
-        kernel = make_frame(features, shared, block, shared_memory(device), staged)
+        kernel = make_frame(features, shared, block, shared_memory(device))
         bodies = worlds[0].model.bodies.shape[0]
         self._launch = wp.launch(
             kernel,
@@ -53,26 +52,14 @@ class Resident:
 def threads_for(features: Features, largest: int, bodies: int, device: wp.Device) -> int:
     """The threads of a block for a body of `largest` particles, one of so many at a time.
 
-    A thread takes a segment of a rope, a particle of an explicit method, a spring of a colour, or a cell of a pass; of
-    cells, which need many registers, two where there are many. Where every block has a multiprocessor to itself, cells
-    leave threads over, which halve the time of what is done for every particle; more of them only wait at barriers.
+    A thread takes a segment of a rope, a particle of an explicit method, or its slots of a row of lines. Where bodies
+    share multiprocessors, half as many threads each wait less at barriers.
     """
     if device.is_cpu:
         return 1
-    work, most = -(-largest // 2), 1024
+    work, most = largest, 1024
     if features.chain:
         work, most = largest - 1, THREADS
-    elif features.method == "verlet":
-        work = largest
-    elif "cell" in features.constraints:
-        alone = bodies <= device.sm_count
-        work, most = max(128, -(-largest // (2 if alone else 4))), CELL_THREADS
+    elif features.method == "xpbd":
+        work = max(128, largest // features.line_slots // (1 if bodies <= device.sm_count else 2))
     return min(most, -(-work // 32) * 32)
-
-
-def staged_cells(features: Features, arrays: Arrays, particles: int, block: int, shared: int) -> int:
-    """The records of cells that a block holds beside so many particles in `shared` bytes; 0 where they do not fit."""
-    bodies = arrays.model.bodies.numpy()
-    most = int((bodies["cells_end"] - bodies["cells"]).max())
-    size = 16 * (3 * particles + most)
-    return most if size <= shared // bounds_for(features, block)[1] else 0

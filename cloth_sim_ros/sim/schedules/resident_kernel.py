@@ -5,6 +5,7 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim.constraints import make_project_tuple
+from cloth_sim_ros.sim.lines.solve import make_solve_lines
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import make_step
 from cloth_sim_ros.sim.schedules import native
@@ -25,23 +26,15 @@ from cloth_sim_ros.sim.schedules.stages import (
     pack,
     sweep_colliders,
 )
-from cloth_sim_ros.sim.schedules.sweeps import make_sweep
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
 from cloth_sim_ros.sim.state import compliance_of, given_type
 
-CELL_THREADS = 512  # of a multiprocessor, each with 128 registers
-
-
-def bounds_for(features: Features, block: int) -> tuple[int, int]:
-    """What the compiler fits the registers to: threads of a block, and blocks that share a multiprocessor."""
-    return block, max(1, CELL_THREADS // block) if "cell" in features.constraints else 1
-
 
 @lru_cache
-def make_frame(features: Features, shared: int, block: int, most_shared: int = 0, staged: int = 0):
-    """The kernel of a whole frame for `features`; `shared` particles and `staged` cells in shared memory of
-    `most_shared` bytes; 0 is plain arrays.
+def make_frame(features: Features, shared: int, block: int, most_shared: int = 0):
+    """The kernel of a whole frame for `features`; `shared` particles in shared memory of `most_shared` bytes; 0 is
+    plain arrays.
 
     The compiler knows that a block has `block` threads, so that their registers fit the multiprocessor.
     """
@@ -56,7 +49,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     turn = make_turn(features.order) if features.winch else None
     # What every particle reads and writes once a substep lies in shared memory too where there is room.
     slots = scan_size(block) if shared and features.chain else 0
-    keeps_low = "cell" in features.constraints or features.chain
+    keeps_low = "line" in features.constraints or features.chain
     all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
     tile_size = (3 if all_shared else 2) * shared
     tile_address = native.make_tile_address(tile_size) if shared else None
@@ -64,15 +57,13 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     past = 5 * shared // 2 if all_shared and features.chain and features.order == 2 else 0
     past = past if 16 * (tile_size + slots + past) <= most_shared else 0
     past_address = native.make_tile_address(past) if past else None
-    project_springs = make_sweep(features, shared > 0)
+    solve_lines = make_solve_lines(features) if "line" in features.constraints else None
     # Where a prediction needs no other particle, it does not wait for those that others fetch.
     at_once = shared > 0 and features.method == "xpbd" and not (features.panels or features.winch)
-    staged_address = native.make_tile_address(staged) if staged else None
     span_address = native.make_tile_address(slots) if slots else None
     argument = given_type(features)
-    bounds = bounds_for(features, block)
 
-    @wp.kernel(enable_backward=False, module="unique", launch_bounds=bounds, module_options=native.CPU_FLAGS)
+    @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
     def simulate_frame(given: argument):
         # By the number of the thread alone: of two dimensions Warp would divide numbers of 64 bits.
         b = wp.tid() / wp.static(block)
@@ -105,14 +96,6 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         x = native.array_address(s.positions, body.particles)
         d = native.array_address(s.displacements, body.particles)
         low = native.array_address(s.low, body.particles)
-        records = native.record_address(m.cells, body.cells)
-        if wp.static(staged > 0):
-            # From afar they come later than a pass takes.
-            afar = records
-            records = staged_address(wp.tile_empty(shape=(wp.static(staged),), dtype=wp.vec4, storage="shared"))
-            last_record = body.cells_end - body.cells - 1
-            first = native.load_record(afar, wp.min(t, last_record))
-            second = native.load_record(afar, wp.min(t + wp.static(block), last_record))
         if wp.static(shared > 0):
             # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
             tile = wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared")
@@ -143,12 +126,6 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             s = with_past_at(begin, wp.static(shared), body, home)
             for i in range(last - t, -1, -width):
                 copy_past(body.particles + i, home, s)
-        if wp.static(staged > 0):
-            native.store_record(records, wp.min(t, last_record), first)
-            native.store_record(records, wp.min(t + wp.static(block), last_record), second)
-            for r in range(2, wp.static(-(-staged // block))):
-                k = wp.min(t + r * wp.static(block), last_record)
-                native.store_record(records, k, native.load_record(afar, k))
         spans = x
         if wp.static(slots > 0):
             span_tile = wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared")
@@ -189,8 +166,8 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     if solve_chain(t, m, s, body, material, step, x, low, d, spans):
                         step.torn = True
                     sync()
-                if wp.static(project_springs is not None):
-                    project_springs(t, width, m, s, body, material, step, records, x, low, d)
+                if wp.static(solve_lines is not None):
+                    solve_lines(t, width, m, s, body, material, step, x, low, d)
                 if wp.static(project_tuple is not None):
                     for q in range(body.tuple_groups, body.groups_end):
                         group = m.groups[q]

@@ -10,7 +10,7 @@ compiler's choice.
 
 import warp as wp
 
-from cloth_sim_ros.sim.constraints.cell_lanes import LANES
+from cloth_sim_ros.sim.schedules.simd import LANES
 
 # Where the planes of a number begin: position [m] and inverse mass [1/kg], low part [m], velocity [m/s], displacement
 # [m] and effective inverse mass.

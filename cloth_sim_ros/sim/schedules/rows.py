@@ -7,7 +7,6 @@ from functools import lru_cache
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.constraints.cell_lanes import LANES
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import eased_by, make_step
 from cloth_sim_ros.sim.schedules import row_lanes
@@ -16,6 +15,7 @@ from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, load_row, number_address, store4, xyz
 from cloth_sim_ros.sim.schedules.row_lanes import finish_lanes, predict_lanes, read3, read4, write3, write4
+from cloth_sim_ros.sim.schedules.simd import LANES
 from cloth_sim_ros.sim.schedules.stages import (
     first_share,
     pack,

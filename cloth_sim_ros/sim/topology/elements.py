@@ -7,9 +7,12 @@ live change of the material never touches these arrays. Nothing here knows of a 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+
+from cloth_sim_ros.sim.topology.lines import Family, families
 
 KINDS = ("structural", "shear", "bending")
 
@@ -52,6 +55,11 @@ class Topology:
     chain: Elements | None = None
     edge_contact: bool = False
     grid: tuple[int, int] | None = None
+
+    @cached_property
+    def families(self) -> list[Family]:
+        """All springs in lines, in families of lines that share no particle, in the order in which they are solved."""
+        return families(self.springs, self.layout, self.grid)
 
     def edges(self) -> list[Elements]:
         """What touches colliders between its particles: structural and shear springs, segments; none if not asked."""

@@ -8,10 +8,12 @@ straightest continuation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cloth_sim_ros.sim.topology.elements import Elements, Topology
+if TYPE_CHECKING:
+    from cloth_sim_ros.sim.topology.elements import Elements
 
 _STRAIGHTEST = -0.5  # cosine between two edges at a vertex, both seen from it, beyond which they do not continue
 _ORDER = ("bending", "shear", "structural")  # the last that is solved is met best
@@ -30,23 +32,25 @@ class Family:
     springs: np.ndarray
 
 
-def families(topology: Topology) -> list[Family]:
-    """All springs of a sheet, each in one line of one family, in the order in which they are solved."""
+def families(springs: dict[str, Elements], points: np.ndarray, grid: tuple[int, int] | None) -> list[Family]:
+    """All `springs`, by kind, each in one line of one family, in the order in which they are solved.
+
+    points (N, 3) [m]: particles at rest; grid: how many of them lie along x and y, None where they are no grid.
+    """
     found = []
     for kind in _ORDER:
-        if kind in topology.springs:
-            springs = topology.springs[kind]
-            if topology.grid is None:
-                woven = _paths(springs.particles, topology.layout)
+        if kind in springs:
+            if grid is None:
+                woven = _paths(springs[kind].particles, points)
             else:
-                woven = [_numbered(lines, springs, len(topology.masses)) for lines in _directions(topology, kind)]
+                woven = [_numbered(lines, springs[kind], len(points)) for lines in _directions(grid, kind)]
             found += [Family(kind, *lines) for lines in woven]
     return found
 
 
-def _directions(topology: Topology, kind: str) -> list[np.ndarray]:
+def _directions(grid: tuple[int, int], kind: str) -> list[np.ndarray]:
     """Particles (L, n) of the lines of a grid along each direction in which it has springs of a kind."""
-    nx, ny = topology.grid
+    nx, ny = grid
     index = np.arange(nx * ny).reshape(ny, nx)
     if kind == "shear":
         return [_diagonals(index), _diagonals(index[:, ::-1])]
