@@ -49,7 +49,7 @@ for (int first = begin; first < end; first += {LANES}) {{
     }}
     force[3] = factor * (drag > lift ? drag : lift) * speed;
     Lanes rows[4];
-    turn(force, rows);
+    transpose(force, rows);
     Row* to = (Row*)(forces.data + first);
     for (int lane = 0; lane < {LANES} && first + lane < end; ++lane) {{
         to[lane] = lane < 4 ? rows[lane].lo : rows[lane - 4].hi;
