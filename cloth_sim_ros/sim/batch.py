@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.schedules.resident import Resident, capacity, threads_for
 from cloth_sim_ros.sim.schedules.rows import Rows, fits_rows
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
-from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Material, Reel
+from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Frame, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
@@ -94,19 +94,21 @@ class Batch:
         self.materials = LiveArray(Material, len(topologies), worlds, device)
         self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
         self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
+        self.frame, self._shared_frame = LiveArray(Frame, 1, worlds, device), frame
+        self.substeps = self.iterations = 1
         self._live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         self.states = make_states(collected, features, colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
-        self.worlds = [self._world(w, model, frame, colliders) for w in range(worlds)]
+        self.worlds = [self._world(w, model, colliders) for w in range(worlds)]
         self._saved: dict[str, wp.array] | None = None
         self.schedule = self._make_schedule(rows, list(topologies.values()))
         for name in topologies:
             self.reset(name, None)
 
-    def _world(self, w: int, model: Model, frame: LiveArray, colliders: LiveArray) -> Arrays:
+    def _world(self, w: int, model: Model, colliders: LiveArray) -> Arrays:
         arrays = Arrays()
         arrays.model, arrays.state = model, state_of(self.states, w)
-        arrays.frames, arrays.materials = frame.array[w], self.materials.array[w]
+        arrays.frames, arrays.materials = self.frame.array[w], self.materials.array[w]
         arrays.colliders, arrays.drives = row_of(colliders.array, w), row_of(self.drives.array, w)
         arrays.ends = row_of(self.ends.array, w)
         return arrays
@@ -210,8 +212,25 @@ class Batch:
         for array, held in kept.bodies.items():
             self.write_body(array, name, held, None)
 
+    def set_substeps(self, substeps: int, iterations: int) -> None:
+        """How many of each a frame has from now on; another length of substeps has no history."""
+        if substeps != self.substeps:
+            self.forget_steps()
+        self.substeps, self.iterations = substeps, iterations
+
+    def write_frame(self, frame_dt: float, finer: int = 1) -> None:
+        """What all objects share, and a frame of `frame_dt` [s] in `finer` times as many substeps."""
+        substeps = finer * self.substeps
+        self.frame.edit()[:] = self._shared_frame.read(0, None)[:, None]
+        self.frame.write(0, None, dt=frame_dt / substeps, substeps=substeps, iterations=self.iterations)
+
+    def advance(self, finer: int = 1) -> None:
+        """Simulate one frame, as `write_frame` was told last."""
+        self.schedule.advance(finer * self.substeps, self.iterations)
+
     def upload(self) -> None:
         """Bring changed live numbers to the device."""
+        self.frame.upload()
         for rows in self._live:
             rows.upload()
 
