@@ -25,6 +25,22 @@ class Elements:
 
 
 @dataclass(frozen=True)
+class Plate:
+    """The bending operator of a sheet of rigidity 1 N m, from `plate.of_triangles`: what acts on the positions x.
+
+    The force on particle i is -B sum_j weights[i, j] (x[neighbours[i, j]] - x_i), B [N m] the rigidity; neighbours
+    (N, W), weights (N, W) [1/m^2], 0 for places that are not used. Of a sheet that is curved at rest, each triangle
+    adds the energy -B n . s, s = sum_j gradients[t, j] x[stencil[t, j]], n its unit normal; stencil (C, S), whose
+    first three are the triangle's own, gradients (C, S) [1/m]; None for a sheet that is flat at rest.
+    """
+
+    neighbours: np.ndarray
+    weights: np.ndarray
+    stencil: np.ndarray | None = None
+    gradients: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
 class Topology:
     """One object: rest positions (N, 3) [m] in the world, masses (N,) [kg], pinned (N,), elements, triangles, segments.
 
