@@ -50,7 +50,8 @@ class Topology:
     panels: (P, 3) particles that the wind acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions
     [m] in local axes, along which grids are cut into tiles. grid: particles along x and y, None for what is no grid.
     reel: of a rope on a winch, the last particle at the drum and the rest length [m] of the segment that begins there.
-    twists: whether a rope resists twist. edge_contact: whether edges touch colliders, not particles alone.
+    plate: what a sheet resists bending with. twists: whether a rope resists twist. edge_contact: whether edges touch
+    colliders, not particles alone.
     """
 
     rest: np.ndarray
@@ -63,6 +64,7 @@ class Topology:
     reel: tuple[int, float] | None = None
     twists: bool = False
     hinges: Elements | None = None
+    plate: Plate | None = None
     bends: Elements | None = None
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     chain: Elements | None = None
