@@ -252,7 +252,8 @@ def _stiffness(mesh: _Mesh) -> np.ndarray:
     gram = (mesh.out @ mesh.out.transpose(0, 2, 1)) ** 2
     free = ~mesh.bends
     kept = np.where(free[:, :, None] | free[:, None, :], 0.0, gram)
-    pair = np.where(free[:, :, None] & free[:, None, :], gram, 0.0) + np.eye(3) * ~free[:, :, None]
+    solved = free & ~free.all(axis=1, keepdims=True)
+    pair = np.where(solved[:, :, None] & solved[:, None, :], gram, 0.0) + np.eye(3) * ~solved[:, :, None]
     mixed = np.where(free[:, :, None] & ~free[:, None, :], gram, 0.0)
     return (kept - mixed.transpose(0, 2, 1) @ np.linalg.solve(pair, mixed)) / mesh.area[:, None, None]
 
