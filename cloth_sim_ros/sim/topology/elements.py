@@ -28,6 +28,22 @@ class Elements:
 
 
 @dataclass(frozen=True)
+class Plate:
+    """The bending operator of a sheet of rigidity 1 N m, from `plate.of_triangles`: what acts on the positions x.
+
+    The force on particle i is -B sum_j weights[i, j] (x[neighbours[i, j]] - x_i), B [N m] the rigidity; neighbours
+    (N, W), weights (N, W) [1/m^2], 0 for places that are not used. Of a sheet that is curved at rest, each triangle
+    adds the energy -B n . s, s = sum_j gradients[t, j] x[stencil[t, j]], n its unit normal; stencil (C, S), whose
+    first three are the triangle's own, gradients (C, S) [1/m]; None for a sheet that is flat at rest.
+    """
+
+    neighbours: np.ndarray
+    weights: np.ndarray
+    stencil: np.ndarray | None = None
+    gradients: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
 class Topology:
     """One object: rest positions (N, 3) [m] in the world, masses (N,) [kg], pinned (N,), elements, triangles, segments.
 
@@ -37,7 +53,8 @@ class Topology:
     panels: (P, 3) particles that the wind acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions
     [m] in local axes, along which grids are cut into tiles. grid: particles along x and y, None for what is no grid.
     reel: of a rope on a winch, the last particle at the drum and the rest length [m] of the segment that begins there.
-    twists: whether a rope resists twist. edge_contact: whether edges touch colliders, not particles alone.
+    plate: what a sheet resists bending with. twists: whether a rope resists twist. edge_contact: whether edges touch
+    colliders, not particles alone.
     """
 
     rest: np.ndarray
@@ -50,6 +67,7 @@ class Topology:
     reel: tuple[int, float] | None = None
     twists: bool = False
     hinges: Elements | None = None
+    plate: Plate | None = None
     bends: Elements | None = None
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     chain: Elements | None = None

@@ -6,6 +6,7 @@ import numpy as np
 
 from cloth_sim_ros.sim.objects import Cloth
 from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.topology import plate
 from cloth_sim_ros.sim.topology.elements import Elements, Topology, colour, pinned_particles
 
 
@@ -43,23 +44,26 @@ def of_sheet(
     springs: dict[str, Elements],
     grid: tuple[int, int] | None = None,
 ) -> Topology:
-    """What grids and meshes share: pins, by names of `named` too, place in the world and hinges.
+    """What grids and meshes share: pins, by names of `named` too, place in the world, bending of their triangles.
 
     local (N, 3) [m], masses (N,) [kg] unless the cloth has its own, triangles (T, 3). Raises ValueError where an edge
     has more than two triangles.
     """
-    hinges = None
+    pinned = pinned_particles(cloth.pins, named, len(local))
+    hinges = bending = None
     if cloth.bend_compliance is not None and cloth.bending == "dihedral":
         hinges = _hinges(local, triangles, name)
+        bending = plate.of_triangles(local, triangles, pinned)
     return Topology(
         rest=rotate(cloth.orientation, local) + np.asarray(cloth.position),
         masses=masses if cloth.particle_masses is None else cloth.particle_masses,
-        pinned=pinned_particles(cloth.pins, named, len(local)),
+        pinned=pinned,
         springs=springs,
         triangles=triangles,
         panels=triangles,
         layout=local,
         hinges=hinges,
+        plate=bending,
         edge_contact=cloth.edge_contact,
         grid=grid,
     )
