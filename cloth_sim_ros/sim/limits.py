@@ -21,8 +21,6 @@ _SHARE = 0.7
 _SHARE_OF_LINES = 0.5
 
 _ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS, of a length in float32
-_MOST_POWERS = 300
-_SETTLED = 1e-5  # change of a Rayleigh quotient by one more power at which it is taken as found
 _HEAT = 1e-2  # [m^2/s^3] by which rounding may heat a body; beyond it a spring is as good as rigid
 
 
@@ -43,7 +41,7 @@ def explicit_substeps(
     walk heats them by (l r)^2 omega^3 / 8 a second; `infinite` is also where that is too much.
     """
     kinds = [(elements, float(compliance[KINDS.index(kind)])) for kind, elements in topology.springs.items()]
-    if any(value == 0.0 for _, value in kinds):
+    if any(value == 0.0 for _, value in kinds) or (topology.plate is not None and compliance[2] == 0.0):
         return math.inf
     if not kinds:
         return 1
@@ -62,6 +60,8 @@ def explicit_substeps(
             force[:, axis] -= np.bincount(pairs[:, 0], pull[:, axis], minlength=len(x))
             force[:, axis] += np.bincount(pairs[:, 1], pull[:, axis], minlength=len(x))
         x, largest = force * inverse_mass[:, None], float(np.linalg.norm(force * inverse_mass[:, None]))
+    if topology.plate is not None:
+        largest += topology.plate_rate / float(compliance[2])
     if largest == 0.0:
         return 1.0
     if (float(np.linalg.norm(edge, axis=1).mean()) * _ROUNDING) ** 2 * largest**1.5 / 8.0 > _HEAT:
@@ -69,27 +69,3 @@ def explicit_substeps(
     longest = 4.0 / largest / (damping + math.sqrt(damping**2 + 4.0 / largest))
     share = _SHARE if len(topology.triangles) else _SHARE_OF_LINES
     return float(math.ceil(frame_dt / (share * longest)))
-
-
-def plate_rate(topology: Topology, rigidity: float) -> float:
-    """The largest eigenvalue omega^2 [1/s^2] of M^-1 B Q, Q the bending operator of a sheet of `rigidity` B [N m].
-
-    A lower bound, by power iteration from a fixed start with Rayleigh's quotient; 0 where nothing bends. Leapfrog is
-    stable for omega^2 h^2 < 4. It grows with the inverse fourth power of the edges. A curved rest shape adds little.
-    """
-    plate = topology.plate
-    if plate is None:
-        return 0.0
-    inverse_mass = np.where(topology.pinned, 0.0, 1.0 / topology.masses)
-    diagonal = plate.weights.sum(axis=1)
-    x = np.random.default_rng(3).standard_normal(len(inverse_mass)) * (inverse_mass > 0.0)
-    rate = 0.0
-    for _ in range(_MOST_POWERS):
-        force = (plate.weights * x[plate.neighbours]).sum(axis=1) - diagonal * x
-        x_norm = (topology.masses * x * x).sum()
-        last, rate = rate, float(x @ force) / max(float(x_norm), 1e-300)
-        x = force * inverse_mass
-        x /= max(float(np.linalg.norm(x)), 1e-300)
-        if abs(rate - last) <= _SETTLED * rate:
-            break
-    return rigidity * rate

@@ -168,7 +168,9 @@ class State:
     last_displacements: wp.array(dtype=wp.vec3)  # (N,) of the last substep [m], order 2 alone
     line_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m] of the springs in the slots of lines
     line_scratch: wp.array(dtype=float)  # what a line is eliminated in, on a CPU
-    tuple_multipliers: wp.array(dtype=wp.vec3)  # (E, 3)
+    predicted: wp.array(dtype=wp.vec4)  # (N,) displacements before a sheet's bending moves particles
+    curve_normals: wp.array(dtype=wp.vec3)  # (C,) unit normals of triangles that are curved at rest
+    curve_pulls: wp.array(dtype=wp.vec3)  # (C,) how these push their corners along it [1/m]
     tensions: wp.array(dtype=float)  # (C,) [N]
     targets: wp.array(dtype=wp.vec3)  # (N,) where particles of a chain would be without it [m], chains alone
     solved: wp.array(dtype=wp.vec3)  # (N,) where its last solve put them [m], chains alone

@@ -1,4 +1,4 @@
-"""A cloth that is a triangle mesh, and what every cloth has of its triangles: hinges, and the place in the world."""
+"""A cloth that is a triangle mesh, and what every cloth has of its triangles, and its place in the world."""
 
 from __future__ import annotations
 
@@ -50,9 +50,8 @@ def of_sheet(
     has more than two triangles.
     """
     pinned = pinned_particles(cloth.pins, named, len(local))
-    hinges = bending = None
+    bending = None
     if cloth.bend_compliance is not None and cloth.bending == "dihedral":
-        hinges = _hinges(local, triangles, name)
         bending = plate.of_triangles(local, triangles, pinned)
     return Topology(
         rest=rotate(cloth.orientation, local) + np.asarray(cloth.position),
@@ -62,7 +61,6 @@ def of_sheet(
         triangles=triangles,
         panels=triangles,
         layout=local,
-        hinges=hinges,
         plate=bending,
         edge_contact=cloth.edge_contact,
         grid=grid,
@@ -97,18 +95,3 @@ def _edges(triangles: np.ndarray, areas: np.ndarray, name: str) -> tuple[np.ndar
     two = count == 2
     opposite[two, 1] = third[order[start[two] + 1]]
     return edges, opposite, np.bincount(inverse, area, minlength=len(edges))
-
-
-def _hinges(points: np.ndarray, triangles: np.ndarray, name: str) -> Elements | None:
-    """Hinges at the inner edges with the angles (H,) [rad] they have at rest; None where there are none."""
-    edges, opposite, area = _edges(triangles, _areas(points, triangles), name)
-    inner = opposite[:, 1] >= 0
-    if not inner.any():
-        return None
-    particles = np.concatenate([edges[inner], opposite[inner]], axis=1)
-    i, j, k, m = (points[particles[:, c]] for c in range(4))
-    first, second = np.cross(j - i, k - i), np.cross(m - i, j - i)
-    edge = (j - i) / np.linalg.norm(j - i, axis=1, keepdims=True)
-    angle = np.arctan2((np.cross(first, second) * edge).sum(1), (first * second).sum(1))
-    scale = area[inner] / ((j - i) ** 2).sum(1)
-    return Elements(particles, angle, scale, colour(particles, len(points)))
