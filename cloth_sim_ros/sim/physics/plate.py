@@ -1,10 +1,9 @@
 """Bending of a sheet of rigidity B: energy B/2 times the integral of |H - n kappa|^2 over its triangles.
 
-H is the Hessian of the positions, constant on a triangle and linear in the positions, kappa what it is at rest along
-the normal n. The square of H gives a force that is linear in the positions (Bergou et al. 2006, A quadratic bending
-model for inextensible surfaces). What is left is one more term on each triangle of a sheet that is curved at rest. The
-part of the rest Hessian in the plane of the triangle is left out: of the whole it is about half the angle [rad]
-between two triangles.
+H is the Hessian of the positions, constant on a triangle and linear in the positions, n the normal of the triangle,
+n kappa the Hessian at rest. The square of H gives a force that is linear in the positions (Bergou et al. 2006, A
+quadratic bending model for inextensible surfaces); see topology/plate.py. What is left is one more term on each
+triangle of a sheet that is curved at rest.
 """
 
 import warp as wp
