@@ -25,6 +25,7 @@ _LEAST_ROPE = 20  # of a rope at an error of 1e-3
 # at all edges, the hardest of the study's cases; `limit` are the substeps that leapfrog needs, side^2 the particles.
 # Of a sheet too stiff to be seen to stretch it is no more than _RIGID / substeps^2.
 _BDF2, _RIGID = 5.6, 30.0
+_BENDING = 0.3  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
 _LEAPFROG = 4.0e-4  # error of leapfrog at its limit, likewise; by four with twice the substeps
 
 
@@ -83,7 +84,9 @@ def choose(
     """
     needed = max(limits.explicit_substeps(topology, *material, settings.frame_dt, crumples) for material in materials)
     undamped = max(limits.explicit_substeps(topology, c, 0.0, settings.frame_dt, crumples) for c, _ in materials)
-    xpbd = _xpbd(settings, topology, undamped, device)
+    softest = min((c[2] for c, _ in materials), default=0.0)
+    bending = math.sqrt(topology.plate_rate / softest) if topology.plate is not None and softest > 0.0 else 0.0
+    xpbd = _xpbd(settings, topology, undamped, bending, device)
     if settings.method == "xpbd":
         return xpbd
     verlet = _verlet(settings, needed)
@@ -145,10 +148,10 @@ def _verlet(settings: Settings, needed: float) -> Choice:
     return Choice("verlet", 1, substeps, settings.iterations or 1, error, reason)
 
 
-def _xpbd(settings: Settings, topology: Topology, limit: float, device: str) -> Choice:
+def _xpbd(settings: Settings, topology: Topology, limit: float, bending: float, device: str) -> Choice:
     """XPBD in as many substeps as the wanted error asks for and the budget allows.
 
-    limit: substeps that leapfrog needs for the springs alone.
+    limit: substeps that leapfrog needs without dashpots; bending: rate of the stiffest bending mode [1/s].
     """
     order, iterations, count = settings.order or 2, settings.iterations or 1, len(topology.masses)
     direct = xpbd_is_direct(topology)
@@ -158,7 +161,8 @@ def _xpbd(settings: Settings, topology: Topology, limit: float, device: str) -> 
         constant = _BDF2 * (limit / 44.0) ** 2 * (16.0 / math.sqrt(count)) ** 1.4 if math.isfinite(limit) else _RIGID
         constant = min(constant, _RIGID)
     power = 2 if order == 2 else 1
-    wanted = (constant / settings.error) ** (1.0 / power)
+    effective = settings.frame_dt * (2.0 / 3.0 if order == 2 else 1.0)
+    wanted = max((constant / settings.error) ** (1.0 / power), effective * bending / math.sqrt(_BENDING))
     each = PRICES[device].of("rope" if direct else "lines", count, iterations)
     affordable = _budget(settings) / each
     substeps = settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), FEWEST, _MOST_LINES))

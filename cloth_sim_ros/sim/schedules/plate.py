@@ -1,4 +1,4 @@
-"""The bending of sheets as a gather: every particle sums what its neighbours in the plate operator pull (topology/plate).
+"""The bending of sheets: every particle gathers what its neighbours in the operator of topology/plate.py pull.
 
 XPBD evaluates it at the predicted positions and moves particles by it before lines are solved. For a mode of rate omega
 that is BDF2, or implicit Euler, with the stiffness omega^2 / (1 - (omega h)^2): stable below 1, and exact for all but
@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.physics.plate import rest_curvature
 from cloth_sim_ros.sim.schedules.native import array_address, load4, store4, xyz
 from cloth_sim_ros.sim.state import Material, State
 
-MOST = wp.constant(0.6)  # (omega h_e)^2 of the stiffest mode, dashpots included
+MOST = wp.constant(0.6)  # (omega h_e)^2 (1 + gamma) of the stiffest mode, gamma = dashpot time / h_e
 
 _SUM = """
 const float* weight = weights.data + base;
@@ -72,10 +72,10 @@ def around(i: int, m: Model, body: Body, a: wp.uint64, b: wp.uint64) -> wp.vec3:
 
 
 @wp.func
-def rigidity_of(material: Material, body: Body, gamma: float, inverse_square: float) -> float:
-    """The rigidity [N m] that acts in a substep of 1 / sqrt(inverse_square) [s], gamma = dashpot time / h."""
+def rigidity_of(material: Material, body: Body, inverse_square: float) -> float:
+    """The rigidity [N m] that acts in a substep of 1 / sqrt(inverse_square) [s]."""
     asked = 1.0 / wp.max(material.compliance[2], 1.0e-30)
-    return wp.min(asked, MOST * inverse_square / wp.max(body.plate_rate * (1.0 + gamma), 1.0e-30))
+    return wp.min(asked, MOST * inverse_square / wp.max(body.plate_rate, 1.0e-30))
 
 
 def make_plate_force(features: Features):
@@ -150,7 +150,10 @@ def make_bend(features: Features):
         d: wp.uint64,
     ):
         predicted = load4(p, i)
-        gamma = material.damping * step.inverse
+        rigidity = rigidity_of(material, body, step.inverse_square)
+        # Dashpots of bending give way before its rigidity does.
+        room = MOST * step.inverse_square / wp.max(body.plate_rate * rigidity, 1.0e-30) - 1.0
+        gamma = wp.clamp(material.damping * step.inverse, 0.0, wp.max(room, 0.0))
         force = plate_force(i, m, s, body, x, p)
         if gamma > 0.0:
             slip = around(i, m, body, p, p) - around(i, m, body, low, low)
@@ -165,7 +168,6 @@ def make_bend(features: Features):
                         slip -= 2.0 * m.plate_weights[k] * carried(last)
             force -= 0.5 * gamma * slip
         w = predicted[3]
-        rigidity = rigidity_of(material, body, gamma, step.inverse_square)
         move = (w * rigidity / step.inverse_square) * force
         store4(d, i, wp.vec4(predicted[0] + move[0], predicted[1] + move[1], predicted[2] + move[2], w))
 

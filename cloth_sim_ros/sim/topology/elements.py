@@ -50,7 +50,8 @@ class Topology:
     """One object: rest positions (N, 3) [m] in the world, masses (N,) [kg], pinned (N,), elements, triangles, segments.
 
     springs: kind of KINDS -> Elements of pairs, rest [m]; chain: the same of a rope's segments where they are solved in
-    one, which then has no springs; bends: (B, 3), whose rest is the turn [-], bend_weights (B, 2) the inverse lengths [1/m] of its two segments. triangles: (T, 3).
+    one, which then has no springs; bends: (B, 3), whose rest is the turn [-], bend_weights (B, 2) the inverse lengths
+    [1/m] of its two segments. triangles: (T, 3).
     panels: (P, 3) particles that the wind acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions
     [m] in local axes, along which grids are cut into tiles. grid: particles along x and y, None for what is no grid.
     reel: of a rope on a winch, the last particle at the drum and the rest length [m] of the segment that begins there.
