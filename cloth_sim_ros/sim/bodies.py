@@ -67,7 +67,11 @@ class Bodies:
         """Every batch takes the most substeps and iterations that are chosen for an object in it."""
         for batch in self._batches:
             chosen = [self._choices[name] for name in batch.index]
-            batch.set_substeps(max(c.substeps for c in chosen), max(c.iterations for c in chosen))
+            most = [
+                max(numbers)
+                for numbers in zip(*((c.substeps, c.iterations, c.safe_substeps) for c in chosen), strict=True)
+            ]
+            batch.set_substeps(*most)
             batch.write_frame(self.settings.frame_dt)
 
     def _choose_again(self) -> None:

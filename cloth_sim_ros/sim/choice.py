@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.topology import Topology
 
 STRAINED = 0.5  # Strain of a spring beyond which explicit steps may heat an object, however small they are at rest
+_SAFE = 40  # substeps of a frame that is done again, at least
 FEWEST = 10  # substeps a frame that are chosen at least: contact and gusts need them
 _MOST_LINES = 2000  # substeps of xpbd that are chosen at most
 _LEAST_ROPE = 20  # of a rope at an error of 1e-3
@@ -53,7 +54,7 @@ PRICES = {
 class Choice:
     """How one object is computed; `reason` says why, in words that follow its name.
 
-    error: what is expected of it, in the units of solver.error; 0 where nothing is known.
+    error: what is expected of it, in the units of solver.error. safe_substeps: of a frame that XPBD does again.
     """
 
     method: str
@@ -62,6 +63,7 @@ class Choice:
     iterations: int
     error: float
     reason: str
+    safe_substeps: int = 1
 
     @property
     def words(self) -> str:
@@ -89,7 +91,7 @@ def choose(
     xpbd = _xpbd(settings, topology, undamped, bending, device)
     if settings.method == "xpbd":
         return xpbd
-    verlet = _verlet(settings, needed)
+    verlet = replace(_verlet(settings, needed), safe_substeps=max(xpbd.substeps, _SAFE))
     if settings.method == "verlet":
         return verlet
     because = _not_explicit(settings, topology, needed, strained)
@@ -118,7 +120,7 @@ def _budget(settings: Settings) -> float:
 
 
 def _with_reason(choice: Choice, reason: str) -> Choice:
-    return Choice(choice.method, choice.order, choice.substeps, choice.iterations, choice.error, reason)
+    return replace(choice, reason=reason)
 
 
 def _not_explicit(settings: Settings, topology: Topology, needed: float, strained: bool) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.sim.checks import finite_array
-from cloth_sim_ros.sim.choice import STRAINED, is_strained
+from cloth_sim_ros.sim.choice import is_strained
 from cloth_sim_ros.sim.live import Live, compliances_of
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.report import Reporter
@@ -189,9 +189,4 @@ class Simulation(Live):
         for name, thing in self.scene.objects.items():
             if isinstance(thing, Rope):
                 found[name] |= self._measure_rope(name, thing, world)
-        if self.settings.method == "auto":
-            for name, numbers in found.items():
-                hot = numbers["recoveries"] or numbers["max_strain"] > STRAINED
-                if hot and self._choices[name].method == "verlet":
-                    self._leave_to_implicit(name)
         return found

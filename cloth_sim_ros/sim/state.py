@@ -190,6 +190,14 @@ class State:
     reels: wp.array(dtype=Reel)  # (B,) of ropes that a winch feeds, and when the body was last good
     good_reels: wp.array(dtype=Reel)  # (B,)
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see watch.py
+    start_positions: wp.array(dtype=wp.vec4)  # (N,) where this frame began, explicit methods, see trial.py
+    start_low: wp.array(dtype=wp.vec4)  # (N,)
+    start_velocities: wp.array(dtype=wp.vec4)  # (N,)
+    start_recoveries: wp.array(dtype=int)  # (B,)
+    strain_found: wp.array(dtype=float)  # (B,) largest strain above 0.5 at the end of this frame, else 0
+    strain: wp.array(dtype=float)  # (B,) the same of the frame before
+    rejected: wp.array(dtype=int)  # (B,) whether the frame is done again
+    redone: wp.array(dtype=int)  # (B,) how many frames were
     faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
     recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
     relapses: wp.array(dtype=int)  # (B,) how many frames in a row ended so

@@ -44,6 +44,17 @@ class Coloured:
         for launch in frame:
             launch.launch()
 
+    def prepare(self, substeps: int, iterations: int) -> None:
+        """Make the launches of such a frame, outside of a capture."""
+        self._frame = []
+        self._launch_frame(substeps, iterations)
+        for kernel in self._kernels.values():
+            kernel.module.load(self._device)
+
+    def launches(self, substeps: int, iterations: int) -> list[wp.Launch]:
+        """The launches of a frame, which `prepare` has made."""
+        return self._frame
+
     def _record(self, substeps: int, iterations: int) -> list[wp.Launch] | wp.Graph:
         self._frame = []
         self._launch_frame(substeps, iterations)

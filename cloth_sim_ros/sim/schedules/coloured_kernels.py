@@ -19,6 +19,8 @@ from cloth_sim_ros.sim.schedules.stages import make_finish, make_predict, moving
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, given_type
 
+OVER_ALL = ("age", "count_faults")  # stages whose elements are bodies
+
 
 @wp.struct
 class Here:
@@ -57,13 +59,20 @@ def _make_stage(features: Features, module: str, kernels: dict[str, wp.Kernel]) 
     def stage(function):
         """Makes the kernel that runs `function` on element i of a launch, in the world of `arrays`."""
         run = wp.func(function)
+        by_body = function.__name__ not in OVER_ALL
 
         def launched(given: argument, size: int, b: int, substep: int, iteration: int, store: int, g: int):
             i = wp.tid()
             if wp.static(features.worlds):
                 w = i // size
+                if wp.static(features.redoes and by_body):
+                    if given[w].state.rejected[b] == 0:
+                        return
                 run(given[w], i - w * size, b, substep, iteration, store, g)
             else:
+                if wp.static(features.redoes and by_body):
+                    if given.state.rejected[b] == 0:
+                        return
                 run(given, i, b, substep, iteration, store, g)
 
         launched.__qualname__ = f"launch_{function.__name__}"
@@ -260,6 +269,9 @@ def _add_watch(stage: Callable, features: Features) -> None:
 
     @stage
     def count_faults(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        if wp.static(features.redoes):
+            if arrays.state.rejected[i] == 0:
+                return
         settle_ends(i, arrays.state.faulty[i] == 1, arrays.state)
         if count_fault(i, arrays.state):
             if wp.static(features.looks_back):

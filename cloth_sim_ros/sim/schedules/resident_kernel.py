@@ -85,6 +85,9 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             frame = given.frames[0]
             material = given.materials[b]
             colliders = given.colliders
+        if wp.static(features.redoes):
+            if s.rejected[b] == 0:
+                return
         width = wp.block_dim()
         body = m.bodies[b]
         relapses = s.relapses[b]
