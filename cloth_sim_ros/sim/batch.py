@@ -24,6 +24,7 @@ from cloth_sim_ros.sim.topology import Topology
 
 Schedule = Resident | Coloured | Tiled | Rows
 _forced: str | None = None
+_BLOCK_OF_LINES, _GRAPH_OF_LINES = 1600, 160_000  # particles of a body and of all, on an H200
 KEPT = ("positions", "low", "good_positions", "velocities")
 
 
@@ -133,7 +134,10 @@ class Batch:
                 f"the schedule 'resident' is forced on a body of {largest} particles; allowed are up to {limit} on "
                 f"{self.device.alias}"
             )
-        if _forced == "coloured" or largest > limit:
+        # A line solve takes a warp: a launch of all lines on all multiprocessors beats one block, until there are many.
+        alone = self.device.is_cuda and "line" in self.features.constraints and largest > _BLOCK_OF_LINES
+        spread = alone and sum(self.counts) * len(self.worlds) < _GRAPH_OF_LINES
+        if _forced == "coloured" or largest > limit or (spread and _forced is None):
             return Coloured(self.features, self.worlds, self.device)
         return Resident(self.features, self.worlds, self.device, largest, self._threads)
 

@@ -183,10 +183,12 @@ class State:
     couples: wp.array(dtype=wp.vec3)  # (C,) torsional moment x half the curvature binormal [N m] at each such joint
     twists: wp.array(dtype=Twist)  # (B,) of ropes that resist twist, and when the body was last good
     good_twists: wp.array(dtype=Twist)  # (B,)
+    ahead_positions: wp.array(dtype=wp.vec4)  # (N,) after one more substep as smooth as the last, order 2 in wind alone
+    ahead_velocities: wp.array(dtype=wp.vec4)  # (N,)
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     edge_contacts: wp.array(dtype=wp.vec4)  # (K D,) the same of edges
-    sweeps: wp.array(dtype=Sweep)  # (B K,)
+    sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
     reels: wp.array(dtype=Reel)  # (B,) of ropes that a winch feeds, and when the body was last good
     good_reels: wp.array(dtype=Reel)  # (B,)
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see watch.py
@@ -203,7 +205,7 @@ class State:
     relapses: wp.array(dtype=int)  # (B,) how many frames in a row ended so
     torn: wp.array(dtype=int)  # (B,) whether a chain is torn in this substep, coloured schedule
     history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet
-    events: wp.array(dtype=int)  # (B,) 1 + the substep in which a motion was last not smooth, coloured schedule
+    events: wp.array(dtype=int)  # (2 B,) 1 + the last even and odd substep that was not smooth, coloured schedule
 
 
 @wp.struct

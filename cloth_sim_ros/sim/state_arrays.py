@@ -12,6 +12,7 @@ import warp as wp
 from cloth_sim_ros.sim.lines.solve import scratch_of
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.model_arrays import ModelArrays
+from cloth_sim_ros.sim.schedules.stages import SWEPT
 from cloth_sim_ros.sim.schedules.walks import NUMBERS
 from cloth_sim_ros.sim.state import State
 
@@ -51,10 +52,12 @@ def make_states(
         "couples": arrays.size["joints"] if features.twist else 0,
         "twists": bodies if features.twist else 0,
         "good_twists": bodies if features.twist else 0,
+        "ahead_positions": second if features.panels else 0,
+        "ahead_velocities": second if features.panels else 0,
         "panel_forces": arrays.size["panels"] if features.panels else 0,
         "contacts": particles * colliders,
         "edge_contacts": edges * colliders,
-        "sweeps": bodies * colliders,
+        "sweeps": SWEPT * bodies * colliders,
         "reels": bodies if features.winch else 0,
         "good_reels": bodies if features.winch else 0,
         "good_positions": particles,
@@ -71,7 +74,7 @@ def make_states(
         "relapses": bodies,
         "torn": bodies if features.chain else 0,
         "history": bodies if features.looks_back else 0,
-        "events": bodies if features.looks_back else 0,
+        "events": 2 * bodies if features.looks_back else 0,
     }
     dtypes = {name: State.vars[name].type.dtype for name in sizes}
     each = sum(size * wp.types.type_size_in_bytes(dtypes[name]) for name, size in sizes.items())

@@ -4,7 +4,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
-from cloth_sim_ros.sim.schedules.native import load4, load_row, store_row, xyz
+from cloth_sim_ros.sim.schedules.native import array_address, load4, load_row, store_row, xyz
 from cloth_sim_ros.sim.schedules.panel_lanes import triangle_forces
 from cloth_sim_ros.sim.state import Frame, Material, State
 
@@ -37,33 +37,50 @@ def make_air(features: Features):
 
 
 def make_panels(features: Features):
-    """The stage that computes the air's force on all panels of a body: thread t of `width` its share."""
+    """The stage that computes the air's force on all panels of a body: thread t of `width` its share.
+
+    ahead: where the body is after a substep as smooth as the last, so that BDF2 stays of second order.
+    """
     air = make_air(features)
 
     @wp.func
-    def corners_of(k: int, m: Model, s: State, body: Body, x: wp.uint64) -> Corners:
+    def corners_of(k: int, m: Model, x: wp.uint64, v: wp.uint64) -> Corners:
         p = m.panels[k]
         corners = Corners()
         corners.a = xyz(load4(x, p[0]))
         corners.b = xyz(load4(x, p[1]))
-        corners.va = xyz(load_row(s.velocities, body.particles + p[0]))
-        corners.vb = xyz(load_row(s.velocities, body.particles + p[1]))
+        corners.va = xyz(load4(v, p[0]))
+        corners.vb = xyz(load4(v, p[1]))
         if wp.static(features.panels == "triangles"):
             corners.c = xyz(load4(x, p[2]))
-            corners.vc = xyz(load_row(s.velocities, body.particles + p[2]))
+            corners.vc = xyz(load4(v, p[2]))
         return corners
 
     @wp.func
     def panel_forces(
-        t: int, width: int, m: Model, s: State, body: Body, material: Material, frame: Frame, x: wp.uint64
+        t: int,
+        width: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        frame: Frame,
+        ahead: bool,
+        x_now: wp.uint64,
     ):
+        x = x_now
+        v = array_address(s.velocities, body.particles)
+        if wp.static(features.order == 2):
+            if ahead:
+                x = array_address(s.ahead_positions, body.particles)
+                v = array_address(s.ahead_velocities, body.particles)
         if wp.static(features.panels == "triangles"):
-            if triangle_forces(m, s, body, frame, x):
+            if triangle_forces(m, s, body, frame, x, v):
                 return
         for k in range(body.panels + t, body.panels_end, 2 * width):
             # Two at once: the way to memory and back is most of it. The last one may be told twice, alike.
             beside = wp.min(k + width, body.panels_end - 1)
-            here, there = corners_of(k, m, s, body, x), corners_of(beside, m, s, body, x)
+            here, there = corners_of(k, m, x, v), corners_of(beside, m, x, v)
             force, other = air(here, frame, material), air(there, frame, material)
             store_row(s.panel_forces, k, force)
             store_row(s.panel_forces, beside, other)

@@ -9,6 +9,7 @@ import warp as wp
 from cloth_sim_ros.sim.lines.layout import WARP
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.schedules.coloured_kernels import make_kernels
+from cloth_sim_ros.sim.schedules.stages import SWEPT
 from cloth_sim_ros.sim.state import Arrays, gathered
 
 GRAPHS = 4  # frames kept at a time, for as many pairs of substeps and iterations
@@ -80,41 +81,44 @@ class Coloured:
     def _launch_frame(self, substeps: int, iterations: int) -> None:
         for substep in range(substeps):
             for b, body in enumerate(self._bodies):
-                if self._colliders:
-                    self._launch("sweep", self._colliders, b, substep)
-                if self._features.winch:
-                    self._launch("reel", 1, b)
-                if self._features.panels:
-                    threads = 1 if self._device.is_cpu else -(-(body["panels_end"] - body["panels"]) // 2)
-                    self._launch("panels", threads, b, g=threads)
-                if self._features.curved and self._features.method == "verlet":
-                    self._launch("curve", body["curves_end"] - body["curves"], b)
-                self._launch("predict", body["count"], b)
-                if self._features.method == "xpbd":
-                    if self._features.curved:
-                        self._launch("curve", body["curves_end"] - body["curves"], b)
-                    if self._features.plate:
-                        self._launch("bend", body["count"], b)
-                for iteration in range(iterations):
-                    store = int(iterations > 1 or substep == substeps - 1)
-                    self._launch_iteration(b, body, iteration, store)
-                self._launch("finish", body["count"], b, substep)
-            if self._features.looks_back:
-                self._launch("age", len(self._bodies), substep=substep)
+                self._launch_substep(b, body, substep, substeps, iterations)
         for b, body in enumerate(self._bodies):
             self._launch("find_faults", body["count"], b)
             self._launch("settle", body["count"], b)
         self._launch("count_faults", len(self._bodies))
 
-    def _launch_iteration(self, b: int, body: dict, iteration: int, store: int) -> None:
-        turn = min(iteration, 1)  # whether it is the first
+    def _launch_substep(self, b: int, body: dict, substep: int, substeps: int, iterations: int) -> None:
+        has, explicit = self._features, self._features.method == "verlet"
+        turn = substep if has.looks_back or self._colliders else 0  # what does not ask is one launch, packed once
+        if self._colliders and substep % SWEPT == 0:
+            self._launch("sweep", self._colliders * min(SWEPT, substeps - substep), b, substep)
+        if has.winch:
+            self._launch("reel", 1, b)
+        if has.panels:
+            threads = 1 if self._device.is_cpu else -(-(body["panels_end"] - body["panels"]) // 2)
+            self._launch("panels", threads, b, turn, g=threads)
+        if has.curved and explicit:
+            self._launch("curve", body["curves_end"] - body["curves"], b, turn)
+        self._launch("predict", body["count"], b, turn)
+        if has.curved and not explicit:
+            self._launch("curve", body["curves_end"] - body["curves"], b, turn)
+        if has.plate and not explicit:
+            self._launch("bend", body["count"], b, turn)
+        for iteration in range(iterations):
+            store = int(iterations > 1 or substep == substeps - 1)
+            first, last = min(iteration, 1), iteration + 1 == iterations
+            self._launch_iteration(b, body, turn, first, store)
+            if self._colliders and not last:
+                self._launch("contact", body["count"], b, turn, iteration=first)
+        self._launch("finish", body["count"], b, substep, iteration=min(iterations - 1, 1))
+
+    def _launch_iteration(self, b: int, body: dict, substep: int, iteration: int, store: int) -> None:
+        """The constraints of one iteration; of those after the first, `iteration` is 1."""
         if self._features.chain:
-            self._launch("chain", 1, b, iteration=turn, store=store)
+            self._launch("chain", 1, b, substep, iteration, store)
         for g in range(body["groups"], body["groups_end"]):
             size = self._threads_a_row * (self._groups[g][3] - self._groups[g][2])
-            self._launch("lines", size, b, iteration=turn, store=store, g=g)
+            self._launch("lines", size, b, substep, iteration, store, g)
         if "edge" in self._features.constraints:
             for g in range(body["groups_end"], body["edge_groups_end"]):
-                self._launch("edges", self._groups[g][3] - self._groups[g][2], b, iteration=turn, g=g)
-        if self._colliders:
-            self._launch("contact", body["count"], b, iteration=turn)
+                self._launch("edges", self._groups[g][3] - self._groups[g][2], b, substep, iteration, g=g)

@@ -20,7 +20,7 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, thre
 
         @stage
         def lines(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-            here = look(arrays, b, iteration, store)
+            here = look(arrays, b, substep, iteration, store)
             m, s, material = arrays.model, arrays.state, arrays.materials[b]
             group = m.groups[g]
             r = group[2] + i / wp.static(threads_a_row)
@@ -30,7 +30,7 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, thre
 
         @stage
         def chain(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-            here = look(arrays, b, iteration, store)
+            here = look(arrays, b, substep, iteration, store)
             m, s, material = arrays.model, arrays.state, arrays.materials[b]
             if wp.static(features.twist):
                 ask_for(arrays.ends[b].turn, b, s)

@@ -15,11 +15,11 @@ from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load_ro
 from cloth_sim_ros.sim.schedules.plate import curve_triangle, make_bend
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.rope_watch import make_settle_ends, make_slacken
-from cloth_sim_ros.sim.schedules.stages import make_finish, make_predict, moving_of, sweep_collider
+from cloth_sim_ros.sim.schedules.stages import SWEPT, make_finish, make_predict, moving_of, sweep_collider
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, given_type
 
-OVER_ALL = ("age", "count_faults")  # stages whose elements are bodies
+OVER_ALL = ("count_faults",)  # stages whose elements are bodies
 
 
 @wp.struct
@@ -85,7 +85,7 @@ def _make_look(features: Features):
     """A Warp function: where body b is in this substep and iteration."""
 
     @wp.func
-    def look(arrays: Arrays, b: int, iteration: int, store: int) -> Here:
+    def look(arrays: Arrays, b: int, substep: int, iteration: int, store: int) -> Here:
         here = Here()
         here.body = arrays.model.bodies[b]
         here.x = array_address(arrays.state.positions, here.body.particles)
@@ -96,7 +96,10 @@ def _make_look(features: Features):
             here.p = array_address(arrays.state.predicted, here.body.particles)
         smooth = bool(False)
         if wp.static(features.looks_back):
-            smooth = arrays.state.history[b] > 0
+            # What the substep before found; two places take turns, so that none is read while it is written.
+            smooth = arrays.state.events[2 * b + (substep + 1) % 2] != substep
+            if substep == 0:
+                smooth = arrays.state.history[b] > 0
         frame = arrays.frames[0]
         here.step = make_step(frame.dt, smooth, wp.static(features.order), frame.global_damping)
         here.step.first = iteration == 0
@@ -114,10 +117,11 @@ def _add_motion(stage: Callable, look: wp.Function, features: Features) -> None:
     predict_particle, finish_particle = make_predict(features), make_finish(features)
     panel_forces = make_panels(features) if features.panels else None
     turn = make_turn(features.order) if features.winch else None
+    touch = _make_touch(features) if features.shapes else None
 
     @stage
     def predict(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-        here = look(arrays, b, 0, 0)
+        here = look(arrays, b, substep, 0, 0)
         if wp.static(features.chain):
             if i == 0:
                 arrays.state.torn[b] = 0
@@ -139,20 +143,22 @@ def _add_motion(stage: Callable, look: wp.Function, features: Features) -> None:
 
     @stage
     def finish(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-        here = look(arrays, b, 0, 0)
+        here = look(arrays, b, substep, iteration, 0)
+        if wp.static(touch is not None):
+            touch(arrays, i, b, substep, here)
         moving = finish_particle(i, substep, True, arrays.state, here.body, here.step, here.x, here.low, here.d)
         if wp.static(features.looks_back):
             if moving.rough > 0:
-                arrays.state.events[b] = substep + 1
+                arrays.state.events[2 * b + substep % 2] = substep + 1
 
     if features.panels:
 
         @stage
         def panels(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             # g is how many threads share them.
-            m, s, body = arrays.model, arrays.state, arrays.model.bodies[b]
-            x = array_address(s.positions, body.particles)
-            panel_forces(i, g, m, s, body, arrays.materials[b], arrays.frames[0], x)
+            here = look(arrays, b, substep, 0, 0)
+            m, s, material, frame = arrays.model, arrays.state, arrays.materials[b], arrays.frames[0]
+            panel_forces(i, g, m, s, here.body, material, frame, here.step.second, here.x)
 
     if features.plate:
         _add_plate(stage, look, features)
@@ -166,13 +172,6 @@ def _add_motion(stage: Callable, look: wp.Function, features: Features) -> None:
             low = array_address(arrays.state.low, body.particles)
             turn(arrays.model, arrays.state, body, arrays.drives[b], arrays.frames[0].dt, x, low)
 
-    if features.looks_back:
-
-        @stage
-        def age(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-            arrays.state.history[i] = wp.where(arrays.state.events[i] == substep + 1, 0, 1)
-            arrays.state.events[i] = 0
-
 
 def _add_plate(stage: Callable, look: wp.Function, features: Features) -> None:
     """The stages by which a sheet resists bending."""
@@ -180,37 +179,28 @@ def _add_plate(stage: Callable, look: wp.Function, features: Features) -> None:
 
     @stage
     def bend(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-        here = look(arrays, b, 0, 0)
+        here = look(arrays, b, substep, 0, 0)
         m, s, material = arrays.model, arrays.state, arrays.materials[b]
         bend_particle(i, m, s, here.body, material, here.step, here.x, here.low, here.p, here.d)
 
     @stage
     def curve(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-        here = look(arrays, b, 0, 0)
+        here = look(arrays, b, substep, 0, 0)
         moved = here.p
         if wp.static(features.method == "verlet"):
             moved = here.low
         curve_triangle(here.body.curves + i, arrays.model, arrays.state, here.body, here.x, moved)
 
 
-def _add_contact(stage: Callable, look: wp.Function, features: Features) -> None:
-    """The stages that keep bodies outside colliders."""
+def _make_touch(features: Features):
+    """A Warp function: keeps particle i of body b outside all colliders."""
     contact_particle = make_contact(features)
-    contact_edge = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
 
-    @stage
-    def sweep(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-        count = float(arrays.frames[0].substeps)
-        arrays.state.sweeps[b * arrays.colliders.shape[0] + i] = sweep_collider(
-            arrays.colliders[i], float(substep) / count, float(substep + 1) / count
-        )
-
-    @stage
-    def contact(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-        here = look(arrays, b, iteration, 0)
+    @wp.func
+    def touch(arrays: Arrays, i: int, b: int, substep: int, here: Here):
         contact_particle(
             i,
-            b * arrays.colliders.shape[0],
+            (substep % wp.static(SWEPT) * arrays.model.bodies.shape[0] + b) * arrays.colliders.shape[0],
             here.body.particles + i,
             arrays.materials[b],
             arrays.colliders,
@@ -224,14 +214,36 @@ def _add_contact(stage: Callable, look: wp.Function, features: Features) -> None
             here.d,
         )
 
+    return touch
+
+
+def _add_contact(stage: Callable, look: wp.Function, features: Features) -> None:
+    """The stages that keep bodies outside colliders; the last contact of a substep is part of `finish`."""
+    touch = _make_touch(features)
+    contact_edge = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
+
+    @stage
+    def sweep(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        colliders, count = arrays.colliders.shape[0], arrays.frames[0].substeps
+        q = i / colliders
+        c = i - q * colliders
+        if substep + q < count:
+            before, after = float(substep + q) / float(count), float(substep + q + 1) / float(count)
+            place = (q * arrays.model.bodies.shape[0] + b) * colliders + c
+            arrays.state.sweeps[place] = sweep_collider(arrays.colliders[c], before, after)
+
+    @stage
+    def contact(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        touch(arrays, i, b, substep, look(arrays, b, substep, iteration, 0))
+
     if contact_edge is not None:
 
         @stage
         def edges(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-            here = look(arrays, b, iteration, 0)
+            here = look(arrays, b, substep, iteration, 0)
             contact_edge(
                 arrays.model.groups[g][2] + i,
-                b,
+                substep % wp.static(SWEPT) * arrays.model.bodies.shape[0] + b,
                 here.body,
                 arrays.materials[b],
                 arrays.colliders,
@@ -273,6 +285,10 @@ def _add_watch(stage: Callable, features: Features) -> None:
             if arrays.state.rejected[i] == 0:
                 return
         settle_ends(i, arrays.state.faulty[i] == 1, arrays.state)
-        if count_fault(i, arrays.state):
-            if wp.static(features.looks_back):
-                arrays.state.history[i] = 0
+        faulty = count_fault(i, arrays.state)
+        if wp.static(features.looks_back):
+            substeps = arrays.frames[0].substeps
+            smooth = arrays.state.events[2 * i + (substeps - 1) % 2] != substeps
+            arrays.state.history[i] = wp.where(smooth and not faulty, 1, 0)
+            arrays.state.events[2 * i] = 0
+            arrays.state.events[2 * i + 1] = 0

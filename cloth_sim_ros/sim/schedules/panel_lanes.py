@@ -3,7 +3,6 @@
 import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Model
-from cloth_sim_ros.sim.schedules.native import array_address
 from cloth_sim_ros.sim.schedules.simd import LANES, ROWS
 from cloth_sim_ros.sim.state import Frame, State
 
@@ -76,9 +75,8 @@ def _forces(
 
 
 @wp.func
-def triangle_forces(m: Model, s: State, body: Body, frame: Frame, x: wp.uint64) -> bool:
+def triangle_forces(m: Model, s: State, body: Body, frame: Frame, x: wp.uint64, v: wp.uint64) -> bool:
     """The air's force on all triangles of a body into State.panel_forces; on a GPU nothing, and False."""
-    v = array_address(s.velocities, body.particles)
     return _forces(
         m.panels,
         body.panels,

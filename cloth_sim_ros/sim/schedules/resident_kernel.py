@@ -154,7 +154,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 turn(m, s, body, drive, frame.dt, x, low)
             sync()
         if wp.static(features.panels != ""):
-            panels(t, width, m, s, body, material, frame, x)
+            panels(t, width, m, s, body, material, frame, step.second, x)
             sync()
         if wp.static(curves_explicitly):
             for c in range(body.curves + t, body.curves_end, width):
@@ -213,7 +213,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 sync()
             if wp.static(features.panels != ""):
                 if substep + 1 < frame.substeps:
-                    panels(t, width, m, s, body, material, frame, x)
+                    panels(t, width, m, s, body, material, frame, rough == 0, x)
                 sync()
             if wp.static(curves_explicitly):
                 for c in range(body.curves + t, body.curves_end, width):

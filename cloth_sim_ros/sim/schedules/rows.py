@@ -177,7 +177,7 @@ def make_frame(features: Features):
             if wp.static(panels is not None):
                 write4(numbers, size, wp.static(row_lanes.X), count, x)
                 write3(numbers, size, wp.static(row_lanes.V), count, v)
-                panels(0, 1, m, s, body, material, frame, x)
+                panels(0, 1, m, s, body, material, frame, False, x)
                 for i in range(count):
                     pushed = accelerate(body.particles + i, load4(x, i)[3], xyz(load4(v, i)), m, s, frame)
                     store4(d, i, pack(xyz(pushed), eased_by(pushed[3], step.effective)))

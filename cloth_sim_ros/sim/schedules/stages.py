@@ -31,6 +31,9 @@ def pack(v: wp.vec3, w: float) -> wp.vec4:
     return wp.vec4(v[0], v[1], v[2], w)
 
 
+SWEPT = 64  # substeps whose colliders' motion a launch computes ahead
+
+
 @wp.func
 def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
     """The motion of a collider between two fractions of the frame; a resting one does not turn by rounding."""
@@ -179,12 +182,16 @@ def make_predict(features: Features):
         w = moving.w
         v = moving.velocity
         base = wp.vec3(0.0)
+        ahead = v
         if wp.static(features.order == 2):
             if step.second:
                 base = carried(s.last_displacements[g])
-                v += carried(v - s.last_velocities[g])
-        pushed = accelerate(g, w, v, m, s, frame)
-        a = xyz(pushed)
+                change = v - s.last_velocities[g]
+                v += carried(change)
+                ahead += change
+        # Forces were taken at the velocity ahead; drag is implicit from there (Rosenbrock).
+        pushed = accelerate(g, w, ahead, m, s, frame)
+        a = xyz(pushed) + pushed[3] * (ahead - v)
         eased = step.eased
         if wp.static(features.panels != ""):
             eased = eased_by(pushed[3], step.effective)
@@ -254,7 +261,11 @@ def make_finish(features: Features):
             velocity = rate_of(displacement - base, step)
             if wp.length(displacement - s.last_displacements[g]) > SMOOTH * body.spacing:
                 moving.rough = 1
-            s.last_velocities[g] = xyz(load_row(s.velocities, g))
+            before = xyz(load_row(s.velocities, g))
+            if wp.static(features.panels != ""):
+                store_row(s.ahead_velocities, g, pack(velocity + (velocity - before), 0.0))
+                store_row(s.ahead_positions, g, pack(xyz(old) + displacement + displacement, 0.0))
+            s.last_velocities[g] = before
             s.last_displacements[g] = displacement
         if wp.static(features.chain):
             if step.torn:
