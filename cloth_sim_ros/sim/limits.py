@@ -27,7 +27,8 @@ _HEAT = 1e-2  # [m^2/s^3] by which rounding may heat a body; beyond it a spring 
 def explicit_substeps(
     topology: Topology, compliance: Sequence[float], damping: float, frame_dt: float, crumples: bool
 ) -> float:
-    """The least substeps a frame [s] at which leapfrog is stable; infinite where a spring is rigid, also for float32.
+    """The least substeps a frame [s] at which leapfrog is stable; infinite where a spring is rigid, also for float32,
+    and for a winch, which feeds a segment from no length.
 
     With dashpots of time constant tau = `damping` [s], whose force takes the velocity of the last half step, the limit
     is omega^2 (h^2 + 2 h tau) < 4 (Jury's criterion on one oscillator). omega^2 is the largest eigenvalue of M^-1 K of
@@ -40,6 +41,8 @@ def explicit_substeps(
     The rounding r of lengths l shakes particles by (k / m) l r h a substep of length h = 2 / omega, which as a random
     walk heats them by (l r)^2 omega^3 / 8 a second; `infinite` is also where that is too much.
     """
+    if topology.reel is not None:
+        return math.inf
     kinds = [(elements, float(compliance[KINDS.index(kind)])) for kind, elements in topology.springs.items()]
     if any(value == 0.0 for _, value in kinds) or (topology.plate is not None and compliance[2] == 0.0):
         return math.inf

@@ -116,7 +116,8 @@ class Coloured:
         """The constraints of one iteration; of those after the first, `iteration` is 1."""
         if self._features.chain:
             self._launch("chain", 1, b, substep, iteration, store)
-        for g in range(body["groups"], body["groups_end"]):
+        lines = range(body["groups"], body["groups_end"]) if "line" in self._features.constraints else ()
+        for g in lines:
             size = self._threads_a_row * (self._groups[g][3] - self._groups[g][2])
             self._launch("lines", size, b, substep, iteration, store, g)
         if "edge" in self._features.constraints:
