@@ -91,8 +91,22 @@ WIND = (
     Parameter("enabled", "bool", False, "Whether the scene has wind; without it no aerodynamics is compiled in."),
     _vector("velocity", (0, 0, 0), "Wind velocity.", "m/s", -1000, 1000, live=True),
     _double("air_density", 1.225, "Density of the air.", "kg/m^3", 0, 1e4),
-    _double("drag_coefficient", 1.2, "Drag coefficient of a surface across the flow.", "", 0, 100),
-    _double("lift_coefficient", 0.6, "Lift coefficient of a surface oblique to the flow.", "", 0, 100),
+    _double(
+        "drag_coefficient",
+        1.2,
+        "Drag coefficient across the flow; of a surface at incidence a times sin^3 a.",
+        "",
+        0,
+        100,
+    ),
+    _double(
+        "lift_coefficient",
+        0.6,
+        "Lift of a surface at incidence a, over sin a sin 2a; half of the drag coefficient is pressure alone.",
+        "",
+        0,
+        100,
+    ),
 )
 
 CLOTH = (
