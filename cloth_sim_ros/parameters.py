@@ -256,7 +256,15 @@ PUBLISH = (
     Parameter("mesh", "bool", True, "Whether there is a mesh marker to draw.", live=True),
 )
 
-OBJECT = (Parameter("type", "string", "cloth", "What the object is.", choices=("cloth", "rope"), fixed=True),)
+OBJECT = (
+    Parameter("type", "string", "cloth", "What the object is.", choices=("cloth", "rope"), fixed=True),
+    Parameter(
+        "material",
+        "string",
+        "",
+        "One of the materials below, or none: sets what is not set here, the mass by the size, and bending.",
+    ),
+)
 
 SHEET = (
     Parameter("mesh", "string", "", "File of a triangle mesh in place of the grid, read by trimesh."),
