@@ -75,13 +75,22 @@ _BODY = (
 SOLVER = (
     _choice(
         "method",
-        "xpbd",
-        "xpbd: implicit, holds when stiff; verlet: explicit, exact where substeps suffice; auto: by object, says why.",
-        ("xpbd", "verlet", "auto"),
+        "auto",
+        "auto: by object, says why; verlet: explicit, exact where it fits; xpbd: implicit, holds when stiff.",
+        ("auto", "verlet", "xpbd"),
     ),
-    _integer("order", 1, "Of xpbd: 1 is implicit Euler, 2 is BDF2, for smooth motion.", 1, 2),
-    _integer("substeps", 20, "Substeps a frame.", 1, 10000, live=True),
-    _integer("iterations", 1, "Solver iterations a substep.", 1, 1000, live=True),
+    _integer("order", 0, "Of xpbd: 1 is implicit Euler, 2 is BDF2; 0 is chosen.", 0, 2),
+    _integer("substeps", 0, "Substeps a frame; 0 is chosen for each object.", 0, 10000, live=True),
+    _integer("iterations", 0, "Sweeps of xpbd a substep; 0 is chosen for each object.", 0, 1000, live=True),
+    _double(
+        "error",
+        1e-3,
+        "Wanted error: of positions, RMS, over the RMS of how far they moved, in half a second from rest.",
+        "",
+        1e-6,
+        1,
+    ),
+    _double("budget", 0.5, "Share of real time that the substeps chosen for one object may take.", "", 1e-3, 1e4),
     _double("global_damping", 0.0, "Drag on every particle, relative to its momentum.", "1/s", 0, 1e4),
 )
 

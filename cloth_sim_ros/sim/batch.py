@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
@@ -17,7 +17,8 @@ from cloth_sim_ros.sim.schedules.resident import Resident, capacity, threads_for
 from cloth_sim_ros.sim.schedules.rows import Rows, fits_rows
 from cloth_sim_ros.sim.schedules.tiled import Tiled
 from cloth_sim_ros.sim.schedules.tiles import Unfit
-from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Material, Reel
+from cloth_sim_ros.sim.schedules.trial import Trial
+from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Frame, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
@@ -94,19 +95,25 @@ class Batch:
         self.materials = LiveArray(Material, len(topologies), worlds, device)
         self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
         self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
+        self.frame, self._shared_frame = LiveArray(Frame, 1, worlds, device), frame
+        self.safe_frame = LiveArray(Frame, 1, worlds, device)
+        self.substeps = self.iterations = self.safe_substeps = 1
         self._live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         self.states = make_states(collected, features, colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
-        self.worlds = [self._world(w, model, frame, colliders) for w in range(worlds)]
+        self.worlds = [self._world(w, model, colliders) for w in range(worlds)]
         self._saved: dict[str, wp.array] | None = None
         self.schedule = self._make_schedule(rows, list(topologies.values()))
+        self._trial = None
+        if features.method == "verlet":
+            self._trial = Trial(self.schedule, self._make_safe, self.worlds, self.counts, self.lines)
         for name in topologies:
             self.reset(name, None)
 
-    def _world(self, w: int, model: Model, frame: LiveArray, colliders: LiveArray) -> Arrays:
+    def _world(self, w: int, model: Model, colliders: LiveArray) -> Arrays:
         arrays = Arrays()
         arrays.model, arrays.state = model, state_of(self.states, w)
-        arrays.frames, arrays.materials = frame.array[w], self.materials.array[w]
+        arrays.frames, arrays.materials = self.frame.array[w], self.materials.array[w]
         arrays.colliders, arrays.drives = row_of(colliders.array, w), row_of(self.drives.array, w)
         arrays.ends = row_of(self.ends.array, w)
         return arrays
@@ -130,6 +137,23 @@ class Batch:
             return Coloured(self.features, self.worlds, self.device)
         return Resident(self.features, self.worlds, self.device, largest, self._threads)
 
+    def _make_safe(self) -> Resident | Coloured:
+        """XPBD of first order for bodies whose explicit frame is rejected, in substeps of its own."""
+        constraints = ("line", *(name for name in self.features.constraints if name == "edge"))
+        features = replace(self.features, method="xpbd", order=1, constraints=constraints, redoes=True)
+        worlds = []
+        for w, world in enumerate(self.worlds):
+            arrays = Arrays()
+            for name in Arrays.vars:
+                setattr(arrays, name, getattr(world, name))
+            arrays.frames = self.safe_frame.array[w]
+            worlds.append(arrays)
+        largest = max(self.counts)
+        if largest > capacity(self.device, features):
+            return Coloured(features, worlds, self.device)
+        threads = threads_for(features, largest, len(self.counts) * len(worlds), self.device)
+        return Resident(features, worlds, self.device, largest, threads)
+
     def span(self, name: str) -> slice:
         """Where the particles of a body lie."""
         row = self._bodies[self.index[name]]
@@ -147,7 +171,7 @@ class Batch:
         self.write_positions(name, self._rest[name], world)
         self.write_velocities(name, np.zeros((len(self._rest[name]), 3)), world)
         b = self.index[name]
-        for array in ("recoveries", "relapses"):
+        for array in ("recoveries", "relapses", *(("redone", "strain") if self._trial else ())):
             self._part(array, slice(b, b + 1), world).zero_()
 
     def write_positions(self, name: str, positions: np.ndarray, world: int | None) -> None:
@@ -210,8 +234,32 @@ class Batch:
         for array, held in kept.bodies.items():
             self.write_body(array, name, held, None)
 
+    def set_substeps(self, substeps: int, iterations: int, safe_substeps: int) -> None:
+        """How many of each a frame has from now on, and one that is done again; other substeps have no history."""
+        if substeps != self.substeps:
+            self.forget_steps()
+        self.substeps, self.iterations, self.safe_substeps = substeps, iterations, safe_substeps
+
+    def write_frame(self, frame_dt: float, finer: int = 1) -> None:
+        """What all objects share, and a frame of `frame_dt` [s] in `finer` times as many substeps."""
+        substeps = finer * self.substeps
+        self.frame.edit()[:] = self._shared_frame.read(0, None)[:, None]
+        self.frame.write(0, None, dt=frame_dt / substeps, substeps=substeps, iterations=self.iterations)
+        safe = finer * self.safe_substeps
+        self.safe_frame.edit()[:] = self._shared_frame.read(0, None)[:, None]
+        self.safe_frame.write(0, None, dt=frame_dt / safe, substeps=safe, iterations=1)
+
+    def advance(self, finer: int = 1) -> None:
+        """Simulate one frame, as `write_frame` was told last."""
+        if self._trial is None:
+            self.schedule.advance(finer * self.substeps, self.iterations)
+        else:
+            self._trial.advance(finer * self.substeps, finer * self.safe_substeps)
+
     def upload(self) -> None:
         """Bring changed live numbers to the device."""
+        self.frame.upload()
+        self.safe_frame.upload()
         for rows in self._live:
             rows.upload()
 

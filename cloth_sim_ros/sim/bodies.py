@@ -46,7 +46,8 @@ class Bodies:
     def _choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]]) -> Choice:
         """How an object with these pairs of compliances and damping is to be computed."""
         crumples = self.scene.wind is not None
-        return choose(self.settings, self._elastic[name], materials, crumples, name in self._strained)
+        kind = "cpu" if self._device.is_cpu else "cuda"
+        return choose(self.settings, self._elastic[name], list(materials), crumples, name in self._strained, kind)
 
     def _build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""
@@ -59,16 +60,27 @@ class Bodies:
         }
         self._batches = self._make_batches()
         self._batch = {name: batch for batch in self._batches for name in batch.index}
+        self._write_substeps()
         self.builds += 1
+
+    def _write_substeps(self) -> None:
+        """Every batch takes the most substeps and iterations that are chosen for an object in it."""
+        for batch in self._batches:
+            chosen = [self._choices[name] for name in batch.index]
+            most = [
+                max(numbers)
+                for numbers in zip(*((c.substeps, c.iterations, c.safe_substeps) for c in chosen), strict=True)
+            ]
+            batch.set_substeps(*most)
+            batch.write_frame(self.settings.frame_dt)
 
     def _choose_again(self) -> None:
         """Where method auto now takes another for an object, the device's side is built anew around the state."""
-        if self.settings.method != "auto":
-            return
         chosen = {name: self._choose(name, distinct(self._materials(name, None))) for name in self._batch}
         changed = [name for name, choice in chosen.items() if choice.words != self._choices[name].words]
         if not changed:
             self._choices = chosen
+            self._write_substeps()
             return
         kept = {name: self._batch[name].take(name) for name in self._batch}
         self._build(chosen)

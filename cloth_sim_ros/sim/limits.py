@@ -41,7 +41,7 @@ def explicit_substeps(
     walk heats them by (l r)^2 omega^3 / 8 a second; `infinite` is also where that is too much.
     """
     kinds = [(elements, float(compliance[KINDS.index(kind)])) for kind, elements in topology.springs.items()]
-    if any(value == 0.0 for _, value in kinds):
+    if any(value == 0.0 for _, value in kinds) or (topology.plate is not None and compliance[2] == 0.0):
         return math.inf
     if not kinds:
         return 1
@@ -60,6 +60,8 @@ def explicit_substeps(
             force[:, axis] -= np.bincount(pairs[:, 0], pull[:, axis], minlength=len(x))
             force[:, axis] += np.bincount(pairs[:, 1], pull[:, axis], minlength=len(x))
         x, largest = force * inverse_mass[:, None], float(np.linalg.norm(force * inverse_mass[:, None]))
+    if topology.plate is not None:
+        largest += topology.plate_rate / float(compliance[2])
     if largest == 0.0:
         return 1.0
     if (float(np.linalg.norm(edge, axis=1).mean()) * _ROUNDING) ** 2 * largest**1.5 / 8.0 > _HEAT:

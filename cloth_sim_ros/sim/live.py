@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -84,9 +85,6 @@ class Live(Ropes):
             for owner in self.scene.objects:
                 self._check_materials(owner, self._materials(owner, None), value)
         self.settings = dataclasses.replace(self.settings, **{row.name: value})
-        if row.name == "substeps":
-            for batch in self._batches:
-                batch.forget_steps()
         self._write_settings()
         self._choose_again()
 
@@ -127,7 +125,12 @@ class Live(Ropes):
         needed = limits.explicit_substeps(
             topo, compliance, damping, self.settings.frame_dt, self.scene.wind is not None
         )
-        if substeps < needed:
+        if substeps == 0 and math.isinf(needed):
+            raise limits.Unstable(
+                f"solver.method is 'verlet' with a spring of {name} too stiff for explicit steps; allowed is 'auto' or "
+                f"'xpbd'"
+            )
+        if 0 < substeps < needed:
             raise limits.Unstable(
                 f"solver.substeps is {substeps} with method 'verlet'; allowed is at least {needed:g} for the stiffness "
                 f"and damping of {name}, or method 'xpbd'"
@@ -136,15 +139,7 @@ class Live(Ropes):
     # -- host mirrors of the device's structs --------------------------------------------------------------------
 
     def _write_settings(self) -> None:
-        s = self.settings
-        self._frame.write(
-            0,
-            None,
-            dt=s.frame_dt / s.substeps,
-            substeps=s.substeps,
-            iterations=s.iterations,
-            global_damping=s.global_damping,
-        )
+        self._frame.write(0, None, global_damping=self.settings.global_damping)
 
     def _write_scene(self) -> None:
         self._frame.write(0, None, gravity=self.scene.gravity)

@@ -18,6 +18,11 @@ class LiveArray:
         self.array = wp.zeros((worlds, rows), dtype=struct, device=device)
         self._changed = True
 
+    @property
+    def is_changed(self) -> bool:
+        """Whether something waits to be uploaded."""
+        return self._changed
+
     def read(self, row: int, world: int | None) -> np.ndarray:
         """A copy of a row, (1,) of one world or (worlds,) of all for None."""
         return self._mirror[worlds_of(world), row].copy()

@@ -14,7 +14,7 @@ import warp as wp
 from cloth_sim_ros.sim.lines.layout import slots_a_thread
 from cloth_sim_ros.sim.topology import Topology
 
-CONSTRAINTS = ("line", "hinge", "edge")
+CONSTRAINTS = ("line", "edge")
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,9 @@ class Features:
     winch: bool = False  # a chain that a winch feeds
     twist: bool = False  # a beam that resists twist between two clamps
     bent: bool = False  # a beam that is bent at rest
+    plate: bool = False  # a sheet that resists bending by its curvature
+    curved: bool = False  # and is curved at rest
+    redoes: bool = False  # whether only bodies are computed whose frame is done again
     line_slots: int = 1  # particles of a line that a thread of a warp holds
 
     def key(self) -> str:
@@ -54,7 +57,6 @@ class Features:
     ) -> Features:
         """The features of a body with `topology` in a scene with or without wind and with colliders of `shapes`."""
         constraints = ["line"] if topology.springs and method == "xpbd" else []
-        constraints += ["hinge"] if topology.hinges is not None else []
         if topology.edges() and set(shapes) - {"plane"}:  # before a plane, an end of every edge comes first
             constraints.append("edge")
         panels = "triangles" if len(topology.triangles) else "segments"
@@ -71,6 +73,8 @@ class Features:
             winch=topology.reel is not None,
             twist=beam and topology.twists,
             bent=beam and bool(topology.bends.rest.any()),
+            plate=topology.plate is not None,
+            curved=topology.plate is not None and topology.plate.stencil is not None,
             line_slots=slots_a_thread(topology.families),
         )
 
@@ -84,7 +88,6 @@ class Body:
     particles: int
     count: int
     groups: int  # families of lines
-    tuple_groups: int
     groups_end: int
     edge_groups_end: int
     segments: int
@@ -93,6 +96,11 @@ class Body:
     panels_end: int
     spokes: int
     spoke_width: int
+    plate: int
+    plate_width: int
+    plate_rate: float  # of the stiffest mode at a rigidity of 1 N m [1/s^2]
+    curves: int  # triangles that are curved at rest
+    curves_end: int
     yielding: float  # the inverse of its mass [1/kg]
 
 
@@ -111,8 +119,6 @@ class Model:
     line_others: wp.array(dtype=int)  # (S,) the particle behind it in its line, -1 for none
     line_rests: wp.array(dtype=float)  # (S,) rest length of the spring between them [m], -1 where there is none
     line_scales: wp.array(dtype=float)  # (S,) and its scale
-    tuples: wp.array(dtype=wp.vec4i)  # (E, 4) particles
-    tuple_rest: wp.array(dtype=wp.vec2)  # (E, 2) rest, scale
     edges: wp.array(dtype=wp.vec2i)  # (D,) particles of edges that touch colliders
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
     particle_masses: wp.array(dtype=float)  # (N,) [kg] when they are out whole, of bodies that a winch feeds
@@ -123,6 +129,17 @@ class Model:
     # first spring of all particles of a body, then the second of all, padded with type 0 up to the body's spoke_width
     spoke_types: wp.array(dtype=wp.vec4)  # (T, 4) rest length [m], 1/scale, kind, and what float32 lost of the rest
     # length, over it; type 0 pulls nothing
+    plate_strides: wp.vec2i  # places from a neighbour to the next, and from a particle to the next; 0: as many as there
+    # are particles, and as many as each has neighbours
+    plate_neighbours: wp.array(dtype=int)  # (N W,) of Topology.plate
+    plate_weights: wp.array(dtype=float)  # (N W,) [1/m^2]
+    curve_width: int  # particles of the stencil of a triangle that is curved at rest
+    curve_corners: wp.array(dtype=wp.vec3i)  # (C,) corners of these triangles
+    curve_stencil: wp.array(dtype=int)  # (C S,) particles
+    curve_stencil_gradients: wp.array(dtype=float)  # (C S,) [1/m]
+    curve_start: wp.array(dtype=int)  # (N + 1,) into curve_entries
+    curve_entries: wp.array(dtype=wp.vec2i)  # triangle of the batch, and which of its corners a particle is, else 3
+    curve_gradients: wp.array(dtype=float)  # of the particle in that triangle [1/m]
     panels: wp.array(dtype=wp.vec3i)  # (P, 3) particles, -1 for none
     panel_start: wp.array(dtype=int)  # (N + 1,) into particle_panels
     particle_panels: wp.array(dtype=int)  # panels around each particle, counted in the batch

@@ -13,6 +13,9 @@ import warp as wp
 from cloth_sim_ros.sim.lines.layout import in_lanes, in_warps, slots_a_thread
 from cloth_sim_ros.sim.model import CONSTRAINTS, Body, Model
 from cloth_sim_ros.sim.topology import KINDS, Elements, Topology
+from cloth_sim_ros.sim.topology.elements import Plate
+
+_NOT_ROWS = ("bodies", "groups", "plate_strides", "curve_width")
 
 
 def colour_sorted(elements: Elements) -> tuple[np.ndarray, list[tuple[int, int]]]:
@@ -34,10 +37,11 @@ class ModelArrays:
         self._with_spokes, self._lanes = spokes, lanes
         self.bodies: list[dict[str, Any]] = []
         self.groups: list[tuple[int, int, int, int]] = []
-        self._rows: dict[str, list[np.ndarray]] = {name: [] for name in Model.vars if name not in ("bodies", "groups")}
+        self._rows: dict[str, list[np.ndarray]] = {name: [] for name in Model.vars if name not in _NOT_ROWS}
         self.particles, self.size = 0, dict.fromkeys(self._rows, 0)
         self.lines: list[list[tuple[int, int, int]]] = []
         self.longest_row = 0  # slots
+        self.curve_width = 0
 
     def _append(self, name: str, rows: np.ndarray) -> int:
         start = self.size[name]
@@ -55,20 +59,19 @@ class ModelArrays:
         self._append("rest", topology.rest)
         groups = len(self.groups)
         self._add_lines(topology)
-        tuple_groups = len(self.groups)
-        self._add_tuples(topology)
         groups_end = len(self.groups)
         self._add_edges(topology)
         segments = self._add_chain(topology)
         panels = self._add_panels(topology)
         spokes, spoke_width = self._add_spokes(topology) if self._with_spokes else (0, 0)
+        curves = self.size["curve_corners"]
+        plate, plate_width = self._add_plate(topology, first)
         body = {
             "index": len(self.bodies),
             "spacing": _spacing(topology),
             "particles": first,
             "count": len(topology.masses),
             "groups": groups,
-            "tuple_groups": tuple_groups,
             "groups_end": groups_end,
             "edge_groups_end": len(self.groups),
             "segments": segments,
@@ -77,6 +80,11 @@ class ModelArrays:
             "panels_end": self.size["panels"],
             "spokes": spokes,
             "spoke_width": spoke_width,
+            "plate": plate,
+            "plate_width": plate_width,
+            "plate_rate": topology.plate_rate,
+            "curves": curves,
+            "curves_end": self.size["curve_corners"],
             "yielding": 1.0 / float(topology.masses.sum()),
         }
         self.bodies.append(body)
@@ -96,13 +104,37 @@ class ModelArrays:
             self.lines[-1].append((kind, first, self.size["line_nodes"]))
             self._append_groups("line", kind, start, [(0, len(rows.table))])
 
-    def _add_tuples(self, topology: Topology) -> None:
-        if topology.hinges is None:
-            return
-        order, spans = colour_sorted(topology.hinges)
-        start = self._append("tuples", topology.hinges.particles[order])
-        self._append("tuple_rest", np.column_stack([topology.hinges.rest, topology.hinges.scale])[order])
-        self._append_groups("hinge", KINDS.index("bending"), start, spans)
+    def _add_plate(self, topology: Topology, first: int) -> tuple[int, int]:
+        """Where the plate operator of a body begins, whose first particle is `first`, and its neighbours a particle."""
+        plate = topology.plate
+        if plate is None:
+            return 0, 0
+        rows = (plate.neighbours, plate.weights) if self._lanes else (plate.neighbours.T, plate.weights.T)
+        self._append("plate_neighbours", rows[0].ravel())
+        if plate.stencil is not None:
+            self._add_curves(plate, first, len(topology.masses))
+        return self._append("plate_weights", rows[1].ravel()), plate.neighbours.shape[1]
+
+    def _add_curves(self, plate: Plate, first: int, count: int) -> None:
+        """The triangles of a body that are curved at rest, and which of them each of its particles is part of."""
+        triangle = self._append("curve_corners", plate.stencil[:, :3])
+        self.curve_width = plate.stencil.shape[1]
+        self._append("curve_stencil", plate.stencil.ravel())
+        self._append("curve_stencil_gradients", plate.gradients.ravel())
+        corner = np.where(np.arange(self.curve_width) < 3, np.arange(self.curve_width), 3)
+        entries = np.stack(
+            [
+                np.repeat(triangle + np.arange(len(plate.stencil)), self.curve_width),
+                np.tile(corner, len(plate.stencil)),
+            ],
+            axis=1,
+        )
+        order = np.argsort(plate.stencil.ravel(), kind="stable")
+        offset = self._append("curve_entries", entries[order])
+        self._append("curve_gradients", plate.gradients.ravel()[order])
+        counts = np.bincount(plate.stencil.ravel(), minlength=count)
+        self._append("curve_start", np.zeros(first - self.size["curve_start"], int) + offset)
+        self._append("curve_start", offset + np.cumsum(counts) - counts)
 
     def _add_edges(self, topology: Topology) -> None:
         for elements in topology.edges():
@@ -161,9 +193,13 @@ class ModelArrays:
         """The arrays on `device`. An absent kind is an array of no element."""
         model = Model()
         self._append("panel_start", np.array([self.size["particle_panels"]]))
+        if self.curve_width:
+            self._append("curve_start", np.array([self.size["curve_entries"]]))
         for name, parts in self._rows.items():
             rows = np.concatenate(parts) if parts else []
             setattr(model, name, wp.array(rows, dtype=Model.vars[name].type.dtype, device=device))
+        model.plate_strides = wp.vec2i(1, 0) if self._lanes else wp.vec2i(0, 1)
+        model.curve_width = self.curve_width
         bodies = [tuple(body[name] for name in Body.vars) for body in self.bodies]
         model.bodies = wp.array(np.array(bodies, dtype=Body.numpy_dtype()), dtype=Body, device=device)
         model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 4), dtype=wp.vec4i, device=device)

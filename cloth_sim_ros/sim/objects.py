@@ -25,9 +25,12 @@ class Cloth:
     stretch_compliance, shear_compliance [m/N]: 1/constant of every spring of a square grid, borders twice as compliant;
     on a mesh the edge between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same
     on a grid (Van Gelder 1998). bend_compliance: None for no bending; with bending="springs" [m/N], 1/constant of the
-    distance springs over two edges; with "dihedral" [1/(N m)], 1/flexural rigidity B: each inner edge e between
-    triangles A1, A2 has the energy B |e|^2 / (2 (A1 + A2)) (theta - rest)^2, which bends a grid or an equilateral mesh
-    with rigidity B (Seung and Nelson 1988). shear_compliance None means no shear springs. Compliance 0 is rigid.
+    distance springs over two edges; with "dihedral" [1/(N m)], 1/flexural rigidity B of a sheet whose Poisson ratio is
+    0 in bending. Its energy is B/2 times the integral of the squared curvatures (kxx^2 + 2 kxy^2 + kyy^2): a strip of
+    width w bends with B w and twists with 2 B w, in any direction of any mesh. The energy is quadratic in the positions
+    (Bergou et al. 2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of three pinned
+    particles is a clamp: two pinned rows hold the sheet at the second one. shear_compliance None means no shear
+    springs. Compliance 0 is rigid.
     mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem). damping [s]: c = damping x
     constant. thickness [m]: distance at which the cloth touches a collider: with its particles alone, or with
     `edge_contact` along structural and shear edges too.

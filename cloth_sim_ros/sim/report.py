@@ -130,10 +130,14 @@ class Reporter:
         energy = 0.5 * float(((velocities[moving] ** 2).sum(1) / inverse[moving]).sum())
         result = self._result.numpy()
         recoveries = int(arrays.state.recoveries[b : b + 1].numpy()[0])
+        redone = 0 if implicit else int(arrays.state.redone[b : b + 1].numpy()[0])
         return {
             "kinetic_energy": energy,
             "max_strain": float(result[STRAIN]),
             "max_penetration": float(result[PENETRATION]),
             "residual": float(result[RESIDUAL]),
             "recoveries": recoveries,
+            "redone": redone,
+            "substeps": batch.substeps,
+            "iterations": batch.iterations,
         }

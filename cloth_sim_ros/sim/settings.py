@@ -10,13 +10,18 @@ from cloth_sim_ros.sim.checks import check_fields
 
 @dataclass(frozen=True)
 class Settings:
-    """How to compute: see the rows of `parameters.SOLVER`. frame_dt [s], global_damping [1/s]."""
+    """How to compute: see the rows of `parameters.SOLVER`. frame_dt [s], global_damping [1/s].
 
-    method: str = "xpbd"
-    order: int = 1
+    order, substeps and iterations of 0 are chosen for each object, as choice.py says.
+    """
+
+    method: str = "auto"
+    order: int = 0
     frame_dt: float = 1 / 60
-    substeps: int = 20
-    iterations: int = 1
+    substeps: int = 0
+    iterations: int = 0
+    error: float = 1e-3
+    budget: float = 0.5
     global_damping: float = 0.0
 
     def __post_init__(self) -> None:

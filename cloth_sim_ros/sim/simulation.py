@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.sim.checks import finite_array
-from cloth_sim_ros.sim.choice import STRAINED, is_strained
+from cloth_sim_ros.sim.choice import is_strained
 from cloth_sim_ros.sim.live import Live, compliances_of
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.report import Reporter
@@ -40,10 +40,11 @@ class Simulation(Live):
         if self.settings.method == "verlet":
             for name, material in materials.items():
                 self._check_explicit(name, *material, self.settings.substeps)
+        self._write_settings()
         self._build({name: self._choose(name, [material]) for name, material in materials.items()})
         self._reporter = Reporter(self._device)
+        self._finer = 1
         self._frames = 0
-        self._write_settings()
         self._write_scene()
 
     @property
@@ -55,34 +56,32 @@ class Simulation(Live):
         """Simulate `frames` frames of settings.frame_dt each."""
         for _ in range(frames):
             self._colliders.advance()
-            self._advance(self.settings.substeps)
+            self._advance()
             self._frames += 1
 
     def step_and_estimate(self) -> dict[str, float]:
         """One frame as by `step`, to the same bits, and name -> by how much it goes astray in world 0 [m].
 
         That is the RMS error over the particles of this frame alone, as it would be from the exact state, by Richardson
-        from two trials with the set and with twice the substeps (docs/study.md says how well it tracks the true error).
+        from two trials, one with twice the substeps (docs/study.md says how well it tracks the true error).
         Takes four frames' time, and memory for a second state.
         """
         self._colliders.advance()
-        substeps = self.settings.substeps
         for batch in self._batches:
             batch.save()
-        trials = [self._trial(substeps), self._trial(2 * substeps)]
-        self._write_settings()
-        self._advance(substeps)
+        trials = [self._trial(1), self._trial(2)]
+        self._advance()
         self._frames += 1
         orders = {name: 2 if choice.method == "verlet" else choice.order for name, choice in self._choices.items()}
         apart = {name: np.sqrt(((trials[0][name] - trials[1][name]) ** 2).sum(1).mean()) for name in self._batch}
         return {name: float(apart[name] / (1.0 - 0.5 ** orders[name])) for name in self._batch}
 
-    def _trial(self, substeps: int) -> dict[str, np.ndarray]:
-        """Positions after the frame with `substeps`, from its start without history; the state is put back."""
-        self._frame.write(0, None, dt=self.settings.frame_dt / substeps, substeps=substeps)
+    def _trial(self, finer: int) -> dict[str, np.ndarray]:
+        """Positions after the frame with `finer` times the substeps, from its start without history; the state is put
+        back."""
         for batch in self._batches:
             batch.forget_steps()
-        self._advance(substeps)
+        self._advance(finer)
         found = {}
         for name in self._batch:
             arrays, span, _ = self.device_arrays(name)
@@ -108,14 +107,18 @@ class Simulation(Live):
             self._strained.clear()
             self._choose_again()
 
-    def _advance(self, substeps: int) -> None:
-        """One frame in so many substeps, with the live numbers as they are now."""
-        self._upload()
+    def _advance(self, finer: int = 1) -> None:
+        """One frame in `finer` times the substeps that are set, with the live numbers as they are now."""
+        self._upload(finer)
         for batch in self._batches:
-            batch.schedule.advance(substeps, self.settings.iterations)
+            batch.advance(finer)
 
-    def _upload(self) -> None:
-        self._frame.upload()
+    def _upload(self, finer: int = 1) -> None:
+        if finer != self._finer or self._frame.is_changed:
+            for batch in self._batches:
+                batch.write_frame(self.settings.frame_dt, finer)
+            self._finer = finer
+            self._frame.upload()
         self._colliders.upload()
         for batch in self._batches:
             batch.upload()
@@ -186,9 +189,4 @@ class Simulation(Live):
         for name, thing in self.scene.objects.items():
             if isinstance(thing, Rope):
                 found[name] |= self._measure_rope(name, thing, world)
-        if self.settings.method == "auto":
-            for name, numbers in found.items():
-                hot = numbers["recoveries"] or numbers["max_strain"] > STRAINED
-                if hot and self._choices[name].method == "verlet":
-                    self._leave_to_implicit(name)
         return found

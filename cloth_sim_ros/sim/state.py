@@ -168,7 +168,9 @@ class State:
     last_displacements: wp.array(dtype=wp.vec3)  # (N,) of the last substep [m], order 2 alone
     line_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m] of the springs in the slots of lines
     line_scratch: wp.array(dtype=float)  # what a line is eliminated in, on a CPU
-    tuple_multipliers: wp.array(dtype=wp.vec3)  # (E, 3)
+    predicted: wp.array(dtype=wp.vec4)  # (N,) displacements before a sheet's bending moves particles
+    curve_normals: wp.array(dtype=wp.vec3)  # (C,) unit normals of triangles that are curved at rest
+    curve_pulls: wp.array(dtype=wp.vec3)  # (C,) how these push their corners along it [1/m]
     tensions: wp.array(dtype=float)  # (C,) [N]
     targets: wp.array(dtype=wp.vec3)  # (N,) where particles of a chain would be without it [m], chains alone
     solved: wp.array(dtype=wp.vec3)  # (N,) where its last solve put them [m], chains alone
@@ -188,6 +190,14 @@ class State:
     reels: wp.array(dtype=Reel)  # (B,) of ropes that a winch feeds, and when the body was last good
     good_reels: wp.array(dtype=Reel)  # (B,)
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see watch.py
+    start_positions: wp.array(dtype=wp.vec4)  # (N,) where this frame began, explicit methods, see trial.py
+    start_low: wp.array(dtype=wp.vec4)  # (N,)
+    start_velocities: wp.array(dtype=wp.vec4)  # (N,)
+    start_recoveries: wp.array(dtype=int)  # (B,)
+    strain_found: wp.array(dtype=float)  # (B,) largest strain above 0.5 at the end of this frame, else 0
+    strain: wp.array(dtype=float)  # (B,) the same of the frame before
+    rejected: wp.array(dtype=int)  # (B,) whether the frame is done again
+    redone: wp.array(dtype=int)  # (B,) how many frames were
     faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
     recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
     relapses: wp.array(dtype=int)  # (B,) how many frames in a row ended so

@@ -25,6 +25,7 @@ def make_states(
     """
     particles, bodies = arrays.particles, len(arrays.bodies)
     second = particles if features.order == 2 else 0
+    explicit = particles if features.method == "verlet" else 0
     edges = arrays.size["edges"] if "edge" in features.constraints else 0
     sizes = {
         "positions": particles,
@@ -34,8 +35,10 @@ def make_states(
         "last_velocities": second,
         "last_displacements": second,
         "line_multipliers": arrays.size["line_nodes"],
-        "line_scratch": scratch_of(arrays.longest_row) if device.is_cpu and "line" in features.constraints else 0,
-        "tuple_multipliers": arrays.size["tuples"],
+        "line_scratch": scratch_of(arrays.longest_row) if device.is_cpu else 0,
+        "predicted": particles if features.plate else 0,
+        "curve_normals": arrays.size["curve_corners"],
+        "curve_pulls": arrays.size["curve_corners"],
         "tensions": arrays.size["segment_length"],
         "targets": particles if features.chain else 0,
         "solved": particles if features.chain else 0,
@@ -55,6 +58,14 @@ def make_states(
         "reels": bodies if features.winch else 0,
         "good_reels": bodies if features.winch else 0,
         "good_positions": particles,
+        "start_positions": explicit,
+        "start_low": explicit,
+        "start_velocities": explicit,
+        "start_recoveries": bodies if explicit else 0,
+        "strain_found": bodies if explicit else 0,
+        "strain": bodies if explicit else 0,
+        "rejected": bodies if explicit else 0,
+        "redone": bodies if explicit else 0,
         "faulty": bodies,
         "recoveries": bodies,
         "relapses": bodies,

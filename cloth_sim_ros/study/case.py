@@ -73,7 +73,7 @@ class Case:
     def system(self, resolution: int, constant: float) -> tuple[SpringSystem, np.ndarray]:
         """The same masses and springs in float64, and the positions (N, 3) [m] that they start from, at rest."""
         body = self.body(resolution, constant)
-        sim = Simulation(Scene(objects={BODY: body}), Settings(), device="cpu")
+        sim = Simulation(Scene(objects={BODY: body}), Settings(method="xpbd", order=1, substeps=20), device="cpu")
         more = {"damping": body.damping, "bending": _bending(body) if isinstance(body, Rope) else None}
         system = SpringSystem.from_springs(sim.masses(BODY), body.pins, sim.springs(BODY), **more)
         return system, sim.rest_positions(BODY).astype(np.float64)

@@ -71,7 +71,7 @@ def dense_step(rope, rest, x, v, tensions):
 def test_a_substep_is_what_a_dense_matrix_finds(segments, pins, load, compliance, damping):
     pins = pins and tuple(pin % (segments + 1) for pin in pins)
     rope = rope_of(segments, pins, load, stretch_compliance=compliance, damping=damping)
-    sim = Simulation(Scene({"it": rope}), Settings(order=1, substeps=1, frame_dt=H), device="cpu")
+    sim = Simulation(Scene({"it": rope}), Settings(method="xpbd", order=1, substeps=1, frame_dt=H), device="cpu")
     rest = sim.springs("it")["structural"][1].astype(float)
     sim.set_velocities("it", 0.3 * np.random.default_rng(1).standard_normal((segments + 1, 3)))
     sim.step(20)
@@ -119,7 +119,7 @@ def test_bending_is_what_a_dense_matrix_finds(segments, pins, compliance, bent):
     masses = np.full(segments + 1, 0.2 / segments)
     material = {"stretch_compliance": 1e6, "bend_compliance": compliance}
     rope = Rope(points=points, particle_masses=masses, pins=pins, **material)
-    sim = Simulation(Scene({"it": rope}), Settings(order=1, substeps=1, frame_dt=H), device="cpu")
+    sim = Simulation(Scene({"it": rope}), Settings(method="xpbd", order=1, substeps=1, frame_dt=H), device="cpu")
     random = np.random.default_rng(1).standard_normal((segments + 1, 3))
     sim.set_velocities("it", 0.3 * random + np.cross((3.0, 5.0, 8.0), points))
     sim.step(5)
@@ -156,7 +156,7 @@ def test_a_stiff_rod_that_falls_stays_straight_and_level(segments):
         stretch_compliance=1e-5,
         bend_compliance=1e-9,
     )
-    sim = Simulation(Scene({"it": rod}), Settings(order=2, substeps=20), device="cpu")
+    sim = Simulation(Scene({"it": rod}), Settings(method="xpbd", order=2, substeps=20), device="cpu")
     sim.step(60)
     x = sim.positions("it").astype(float)
     assert x[:, 0] == pytest.approx(np.linspace(0.0, 1.0, segments + 1), abs=1e-6)
@@ -172,7 +172,7 @@ def test_chains_too_short_for_two_walks_swing_as_longer_ones_do():
         rope = Rope(
             start=(0, 0, 0), end=(0.6, 0, -0.8), segments=segments, particle_masses=masses, stretch_compliance=0.0
         )
-        sim = Simulation(Scene({"it": rope}), Settings(order=2, substeps=20), device="cpu")
+        sim = Simulation(Scene({"it": rope}), Settings(method="xpbd", order=2, substeps=20), device="cpu")
         sim.step(30)
         found.append(sim.positions("it")[-1])
     assert found[0] == pytest.approx(found[1], abs=1e-4)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.sim import Cloth, Scene, Simulation, Sphere
 from cloth_sim_ros.sim.batch import forced_schedule
 
 SHEET = Cloth(resolution=(9, 9), pins="top", stretch_compliance=1e-3, shear_compliance=1e-3)
@@ -21,7 +22,7 @@ BALL = {"ball": Sphere(radius=0.2, position=(0, 0.2, -0.22))}
 
 def simulation(device, substeps=40, colliders=None, schedule=None, **settings):
     with forced_schedule(schedule):
-        return Simulation(Scene({"it": SHEET}, colliders or {}), Settings(substeps=substeps, **settings), device=device)
+        return Simulation(Scene({"it": SHEET}, colliders or {}), fixed(substeps=substeps, **settings), device=device)
 
 
 @pytest.mark.parametrize("method", METHODS)

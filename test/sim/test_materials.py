@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Winch, Wind
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Simulation, Winch, Wind
 from cloth_sim_ros.sim.materials import CORDS, FABRICS, spring_constants
 
 G = 9.81
@@ -11,7 +12,7 @@ G = 9.81
 
 def springs_of(cloth):
     """Rest positions (N, 3), pairs (S, 2), rest lengths (S,) and constants (S,) of a cloth, float64."""
-    sim = Simulation(Scene({"it": cloth}), Settings(), device="cpu")
+    sim = Simulation(Scene({"it": cloth}), fixed(), device="cpu")
     parts = [part for kind, part in sim.springs("it").items() if kind != "bending"]
     return (sim.rest_positions("it").astype(float), *(np.concatenate([part[k] for part in parts]) for k in range(3)))
 
@@ -142,8 +143,7 @@ def test_a_cloth_let_go_comes_to_rest_by_the_air_and_not_by_the_steps(device):
 
     def left(wind, substeps):
         cloth = Cloth.of("cotton", size=(0.5, 0.5), resolution=(12, 12), pins="top")
-        settings = Settings(method="xpbd", substeps=substeps)
-        sim = Simulation(Scene({"it": cloth}, wind=wind), settings, device=device)
+        sim = Simulation(Scene({"it": cloth}, wind=wind), fixed(substeps=substeps), device=device)
         energies = []
         for _ in range(180):
             sim.step()

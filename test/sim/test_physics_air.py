@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Wind
 from cloth_sim_ros.sim.batch import forced_schedule
@@ -14,7 +15,7 @@ G, RHO, CD = 9.81, 1.225, 1.2
 
 def falling(thing, device, frames, wind=(0.0, 0.0, 0.0), **settings):
     scene = Scene(objects={"it": thing}, wind=Wind(velocity=wind, air_density=RHO, drag_coefficient=CD))
-    sim = Simulation(scene, Settings(**settings), device=device)
+    sim = Simulation(scene, fixed(**settings), device=device)
     sim.step(frames=frames)
     return sim
 
@@ -62,7 +63,7 @@ def test_rope_across_the_flow_falls_at_its_terminal_speed(device):
 def test_light_sheet_takes_the_speed_of_a_gale_and_no_more(device, substeps):
     cloth = Cloth(resolution=(6, 6), mass=1e-3, pins=None)
     scene = Scene(objects={"it": cloth}, wind=Wind(velocity=(0.0, 0.0, 100.0)), gravity=(0.0, 0.0, 0.0))
-    sim = Simulation(scene, Settings(substeps=substeps), device=device)
+    sim = Simulation(scene, Settings(method="xpbd", order=1, substeps=substeps), device=device)
     fastest = 0.0
     for _ in range(10):
         sim.step()
@@ -169,7 +170,7 @@ def test_sheet_hung_along_the_wind_stays(device):
     """Edge-on to 1 m/s, with ripples of 0.1 mm to begin with, for 3 s; soft ones would buckle as they bounce."""
     upright = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
     cloth = Cloth((16, 16), pins="top", orientation=upright, stretch_compliance=1e-5, shear_compliance=3e-5)
-    sim = Simulation(Scene({"it": cloth}, wind=Wind((1.0, 0.0, 0.0))), Settings(), device=device)
+    sim = Simulation(Scene({"it": cloth}, wind=Wind((1.0, 0.0, 0.0))), fixed(), device=device)
     x = sim.positions("it")
     x[:, 1] += 1e-4 * np.random.default_rng(5).uniform(-1.0, 1.0, len(x))
     sim.set_positions("it", x)
@@ -185,7 +186,9 @@ def test_forces_on_crumpled_triangles_are_those_of_the_formula(device, schedule)
     wind, lift = np.array((3.0, -1.0, 2.0)), 0.7
     scene = Scene({"it": Cloth(resolution=(7, 6))}, wind=Wind(tuple(wind), RHO, CD, lift))
     with forced_schedule(schedule):
-        sim = Simulation(scene, Settings(substeps=1, iterations=1, frame_dt=1e-4), device=device)
+        sim = Simulation(
+            scene, Settings(method="xpbd", order=1, substeps=1, iterations=1, frame_dt=1e-4), device=device
+        )
     triangles = sim.triangles("it")
     x, v = rng.normal(size=(42, 3)).astype(np.float32), rng.normal(size=(42, 3)).astype(np.float32)
     x[triangles[11][1]] = x[triangles[11][0]]

@@ -3,6 +3,7 @@ angular momentum; and they hang as a chain that is bent at rest does."""
 
 import numpy as np
 import pytest
+from fixed_settings import fixed
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
@@ -29,7 +30,7 @@ def helix():
 def let_go(rope, start, device, **settings):
     """The most energy [J], kinetic and of height, that a rope gains in a second."""
     gravity = (0.0, 0.0, 0.0) if rope.pins is None else (0.0, 0.0, -G)
-    sim = Simulation(Scene(objects={"it": rope}, gravity=gravity), Settings(**settings), device=device)
+    sim = Simulation(Scene(objects={"it": rope}, gravity=gravity), fixed(**settings), device=device)
     sim.set_positions("it", start)
     masses = sim.masses("it")
     height = sim.positions("it").astype(float)[:, 2]
@@ -97,7 +98,7 @@ def zeros(times, course):
 def test_stiff_rope_swings_as_a_rigid_pendulum(device, rest, segments, compliance, substeps, iterations, order):
     points = arc(segments, rest)
     rope = Rope(points=points, bend_compliance=compliance, mass=MASS, stretch_compliance=1e-6)
-    settings = Settings(substeps=substeps, iterations=iterations, order=order)
+    settings = Settings(method="xpbd", substeps=substeps, iterations=iterations, order=order)
     sim = Simulation(Scene(objects={"it": rope}), settings, device=device)
     masses = sim.masses("it").astype(float)
 
@@ -128,7 +129,7 @@ def test_stiff_rope_swings_as_a_rigid_pendulum(device, rest, segments, complianc
 def test_thrown_bent_rope_keeps_its_angular_momentum(device, shape, compliance, axis):
     points = {"short": arc(4, 2.0), "arc": arc(33, np.pi), "helix": helix()}[shape]
     rope = Rope(points=points, pins=None, bend_compliance=compliance, mass=MASS, stretch_compliance=1e-6)
-    settings = Settings(substeps=20, order=2)
+    settings = Settings(method="xpbd", substeps=20, order=2)
     sim = Simulation(Scene(objects={"it": rope}, gravity=(0.0, 0.0, 0.0)), settings, device=device)
     masses = sim.masses("it").astype(float)[:, None]
     spin = 10.0 * np.array(axis) / np.linalg.norm(axis)
@@ -179,7 +180,7 @@ def test_bent_rope_hangs_as_its_chain(device, segments, rigidity, substeps, iter
         stretch_compliance=1e-6,
         bend_compliance=1.0 / rigidity,
     )
-    settings = Settings(global_damping=4.0, substeps=substeps, iterations=iterations, order=order)
+    settings = Settings(method="xpbd", global_damping=4.0, substeps=substeps, iterations=iterations, order=order)
     sim = Simulation(Scene(objects={"it": rope}), settings, device=device)
     sim.step(400)
     found = (sim.positions("it").astype(float)[2:] - rope.points[1])[:, [0, 2]] * (1.0, -1.0)

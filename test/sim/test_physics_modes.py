@@ -36,7 +36,7 @@ def test_hanging_chain_swings_at_its_frequencies(device, mode):
     rope = Rope(
         start=(0, 0, 0), end=(0, 0, -length), segments=segments, stretch_compliance=1e-6, particle_masses=masses
     )
-    sim = Simulation(Scene(objects={"it": rope}), Settings(order=2, substeps=40), device=device)
+    sim = Simulation(Scene(objects={"it": rope}), Settings(method="xpbd", order=2, substeps=40), device=device)
     start = sim.rest_positions("it").astype(np.float64)
     start[:, 1] = 1e-3 * shape / np.abs(shape).max()
     sim.set_positions("it", start)
@@ -50,7 +50,7 @@ def test_taut_string_rings_at_its_frequencies(device, mode):
     segments, rest, span, mass, ea = 16, 1.0, 1.1, 0.2, 50.0
     rope = Rope(start=(0, 0, 0), end=(rest, 0, 0), segments=segments, mass=mass, pins="both", stretch_compliance=1 / ea)
     scene = Scene(objects={"it": rope}, gravity=(0.0, 0.0, 0.0))
-    sim = Simulation(scene, Settings(order=2, substeps=80), device=device)
+    sim = Simulation(scene, Settings(method="xpbd", order=2, substeps=80), device=device)
     s = np.linspace(0.0, 1.0, segments + 1)
     shape = np.sin(mode * np.pi * s)
     start = np.stack([span * s, 2e-3 * shape, 0.0 * s], axis=1)
@@ -75,7 +75,7 @@ def test_grid_has_the_elasticity_of_its_springs(device, strain):
         shear_compliance=1.0 / kd,
     )
     scene = Scene(objects={"it": cloth}, gravity=(0.0, 0.0, 0.0))
-    sim = Simulation(scene, Settings(frame_dt=h, substeps=1), device=device)
+    sim = Simulation(scene, Settings(method="xpbd", order=1, frame_dt=h, substeps=1), device=device)
     xx, yy, gamma = strain
     start = sim.rest_positions("it").astype(np.float64)
     start[:, :2] += start[:, :2] @ np.array([[xx, gamma / 2], [gamma / 2, yy]])

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Simulation
 from cloth_sim_ros.study.closed_forms import oscillator
 
 FREE = {"gravity": (0.0, 0.0, 0.0)}
@@ -11,7 +12,7 @@ FREE = {"gravity": (0.0, 0.0, 0.0)}
 
 def thrown(thing, velocities, device, **settings):
     """A simulation of `thing` without gravity, started with `velocities` (N, 3) or a function of the positions."""
-    sim = Simulation(Scene(objects={"it": thing}, **FREE), Settings(**settings), device=device)
+    sim = Simulation(Scene(objects={"it": thing}, **FREE), fixed(**settings), device=device)
     if callable(velocities):
         velocities = velocities(sim.rest_positions("it").astype(np.float64))
     sim.set_velocities("it", velocities)

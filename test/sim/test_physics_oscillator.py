@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Rope, Scene, Simulation
 from cloth_sim_ros.study.closed_forms import oscillator
 
 MASS, FREQUENCY, LENGTH, STRETCH = 0.3, 12.0, 1.0, 0.1
@@ -21,7 +22,7 @@ def motion(device, frames, damping=0.0, **settings):
         damping=damping,
     )
     scene = Scene(objects={"it": rope}, gravity=(0.0, 0.0, 0.0))
-    sim = Simulation(scene, Settings(**settings), device=device)
+    sim = Simulation(scene, fixed(**settings), device=device)
     sim.set_positions("it", [[0.0, 0.0, 0.0], [LENGTH + STRETCH, 0.0, 0.0]])
     found = [STRETCH]
     for _ in range(frames):

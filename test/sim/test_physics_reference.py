@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Simulation
 from cloth_sim_ros.study import implicit, motion, norms
 from cloth_sim_ros.study.springs import SpringSystem
 
@@ -40,7 +41,7 @@ def system_of(thing, pins):
 
 
 def frames_of(thing, device, frames, **settings):
-    sim = Simulation(Scene(objects={"it": thing}), Settings(**settings), device=device)
+    sim = Simulation(Scene(objects={"it": thing}), fixed(**settings), device=device)
     positions = [sim.positions("it")]
     for _ in range(frames):
         sim.step()

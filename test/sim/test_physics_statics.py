@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Simulation
 from cloth_sim_ros.study.closed_forms import ropes
 
 G = 9.81
@@ -11,7 +12,7 @@ G = 9.81
 
 def settled(thing, device, frames=240, drag=10.0, **settings):
     """A simulation of `thing` that has come to rest under a strong drag."""
-    sim = Simulation(Scene(objects={"it": thing}), Settings(global_damping=drag, **settings), device=device)
+    sim = Simulation(Scene(objects={"it": thing}), fixed(global_damping=drag, **settings), device=device)
     sim.step(frames=frames)
     return sim
 

@@ -11,7 +11,7 @@ def sheet():
     cloth = Cloth(
         resolution=(10, 10), size=(0.9, 0.9), stretch_compliance=0.0, shear_compliance=0.0, damping=2e-3, pins=HELD
     )
-    return Simulation(Scene({"it": cloth}), Settings(substeps=5, order=2, global_damping=2.0), "cpu")
+    return Simulation(Scene({"it": cloth}), Settings(method="xpbd", substeps=5, order=2, global_damping=2.0), "cpu")
 
 
 def but_for_the_held(x, others):

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation, Winch
+from cloth_sim_ros.sim import Rope, Scene, Simulation, Winch
 from cloth_sim_ros.sim.batch import forced_schedule
 from cloth_sim_ros.study.closed_forms.bending import greenhill_moment, michell_twist
 
@@ -23,9 +24,7 @@ def clamped(segments, length, bending, torsion, **rope):
 
 
 def simulation(rope, device, worlds=1, **settings):
-    return Simulation(
-        Scene({"it": rope}, gravity=(0, 0, 0)), Settings(**{"substeps": 20, **settings}), device=device, worlds=worlds
-    )
+    return Simulation(Scene({"it": rope}, gravity=(0, 0, 0)), fixed(**settings), device=device, worlds=worlds)
 
 
 def free_length(segments, length):

@@ -4,9 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
+from fixed_settings import fixed
 from scipy.integrate import solve_ivp
 
-from cloth_sim_ros.sim import Readback, Rope, Scene, Settings, Simulation, Winch
+from cloth_sim_ros.sim import Readback, Rope, Scene, Simulation, Winch
 from cloth_sim_ros.sim.batch import forced_schedule
 from cloth_sim_ros.sim.schedules import resident_kernel
 
@@ -31,7 +32,7 @@ def on_a_winch(load, segments=SEGMENTS, axis=(0.0, 0.0, -1.0), winch=None, lengt
 
 
 def simulation(rope, device, worlds=1, **settings):
-    return Simulation(Scene({"it": rope}), Settings(**settings), device=device, worlds=worlds)
+    return Simulation(Scene({"it": rope}), fixed(**settings), device=device, worlds=worlds)
 
 
 def settle(sim):

@@ -19,7 +19,9 @@ def test_a_peer_leaves_the_error_of_implicit_euler(peer):
     pytest.importorskip(peer.package)
     exact = reference(CASE, RESOLUTION, CASE.constant)
     frames, times = peer.simulate(Run(CASE, RESOLUTION, CASE.constant, "cpu", SUBSTEPS, 10))
-    sim = CASE.simulation(RESOLUTION, CASE.constant, Settings(substeps=SUBSTEPS, iterations=10), "cpu")
+    sim = CASE.simulation(
+        RESOLUTION, CASE.constant, Settings(method="xpbd", order=1, substeps=SUBSTEPS, iterations=10), "cpu"
+    )
     own = [sim.positions(BODY)]
     for _ in range(CASE.frames):
         sim.step()

@@ -152,7 +152,7 @@ def make_solve_lines(features: Features):
         d: wp.uint64,
     ):
         team = wp.min(width, wp.static(WARP))
-        for g in range(body.groups, body.tuple_groups):
+        for g in range(body.groups, body.groups_end):
             group = m.groups[g]
             for r in range(group[2] + t / team, group[3], width / team):
                 solve_line_row(r, group[1], m, s, body, material, step, x, low, d)

@@ -44,6 +44,17 @@ class Coloured:
         for launch in frame:
             launch.launch()
 
+    def prepare(self, substeps: int, iterations: int) -> None:
+        """Make the launches of such a frame, outside of a capture."""
+        self._frame = []
+        self._launch_frame(substeps, iterations)
+        for kernel in self._kernels.values():
+            kernel.module.load(self._device)
+
+    def launches(self, substeps: int, iterations: int) -> list[wp.Launch]:
+        """The launches of a frame, which `prepare` has made."""
+        return self._frame
+
     def _record(self, substeps: int, iterations: int) -> list[wp.Launch] | wp.Graph:
         self._frame = []
         self._launch_frame(substeps, iterations)
@@ -76,7 +87,14 @@ class Coloured:
                 if self._features.panels:
                     threads = 1 if self._device.is_cpu else -(-(body["panels_end"] - body["panels"]) // 2)
                     self._launch("panels", threads, b, g=threads)
+                if self._features.curved and self._features.method == "verlet":
+                    self._launch("curve", body["curves_end"] - body["curves"], b)
                 self._launch("predict", body["count"], b)
+                if self._features.method == "xpbd":
+                    if self._features.curved:
+                        self._launch("curve", body["curves_end"] - body["curves"], b)
+                    if self._features.plate:
+                        self._launch("bend", body["count"], b)
                 for iteration in range(iterations):
                     store = int(iterations > 1 or substep == substeps - 1)
                     self._launch_iteration(b, body, iteration, store)
@@ -92,14 +110,9 @@ class Coloured:
         turn = min(iteration, 1)  # whether it is the first
         if self._features.chain:
             self._launch("chain", 1, b, iteration=turn, store=store)
-        stages = {
-            "lines": ("groups", "tuple_groups", self._threads_a_row),
-            "tuples": ("tuple_groups", "groups_end", 1),
-        }
-        for stage, (begin, end, threads) in stages.items():
-            for g in range(body[begin], body[end]):
-                size = threads * (self._groups[g][3] - self._groups[g][2])
-                self._launch(stage, size, b, iteration=turn, store=store, g=g)
+        for g in range(body["groups"], body["groups_end"]):
+            size = self._threads_a_row * (self._groups[g][3] - self._groups[g][2])
+            self._launch("lines", size, b, iteration=turn, store=store, g=g)
         if "edge" in self._features.constraints:
             for g in range(body["groups_end"], body["edge_groups_end"]):
                 self._launch("edges", self._groups[g][3] - self._groups[g][2], b, iteration=turn, g=g)

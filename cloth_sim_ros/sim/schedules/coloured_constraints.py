@@ -4,17 +4,15 @@ from collections.abc import Callable
 
 import warp as wp
 
-from cloth_sim_ros.sim.constraints import make_project_tuple
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.twist import ask_for
-from cloth_sim_ros.sim.state import Arrays, compliance_of
+from cloth_sim_ros.sim.state import Arrays
 
 
 def add_constraints(stage: Callable, look: wp.Function, features: Features, threads_a_row: int) -> None:
     """The stages of all constraints; threads_a_row: a warp on a GPU, one thread on a CPU."""
-    project_one_tuple = make_project_tuple(features.constraints, features.order)
     solve_chain = make_solve_chain(features, 1, True) if features.chain else None
 
     if "line" in features.constraints:
@@ -27,29 +25,6 @@ def add_constraints(stage: Callable, look: wp.Function, features: Features, thre
             group = m.groups[g]
             r = group[2] + i / wp.static(threads_a_row)
             solve_line_row(r, group[1], m, s, here.body, material, here.step, here.x, here.low, here.d)
-
-    if project_one_tuple is not None:
-
-        @stage
-        def tuples(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
-            here = look(arrays, b, iteration, store)
-            group = arrays.model.groups[g]
-            material = arrays.materials[b]
-            alpha = compliance_of(material, group[1]) * here.step.inverse_square
-            k = group[2] + i
-            project_one_tuple(
-                group[0],
-                k,
-                alpha,
-                arrays.model,
-                arrays.state,
-                here.body,
-                material,
-                here.step,
-                here.x,
-                here.low,
-                here.d,
-            )
 
     if features.chain:
 

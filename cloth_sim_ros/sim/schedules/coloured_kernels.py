@@ -12,21 +12,25 @@ from cloth_sim_ros.sim.schedules.coloured_constraints import add_constraints
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load_row
+from cloth_sim_ros.sim.schedules.plate import curve_triangle, make_bend
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.rope_watch import make_settle_ends, make_slacken
 from cloth_sim_ros.sim.schedules.stages import make_finish, make_predict, moving_of, sweep_collider
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, given_type
 
+OVER_ALL = ("age", "count_faults")  # stages whose elements are bodies
+
 
 @wp.struct
 class Here:
-    """A body, the addresses of its positions, low parts and displacements, and the substep it is in."""
+    """A body, the addresses of its positions, low parts, displacements and predicted displacements, its substep."""
 
     body: Body
     x: wp.uint64
     low: wp.uint64
     d: wp.uint64
+    p: wp.uint64
     step: Step
 
 
@@ -55,13 +59,20 @@ def _make_stage(features: Features, module: str, kernels: dict[str, wp.Kernel]) 
     def stage(function):
         """Makes the kernel that runs `function` on element i of a launch, in the world of `arrays`."""
         run = wp.func(function)
+        by_body = function.__name__ not in OVER_ALL
 
         def launched(given: argument, size: int, b: int, substep: int, iteration: int, store: int, g: int):
             i = wp.tid()
             if wp.static(features.worlds):
                 w = i // size
+                if wp.static(features.redoes and by_body):
+                    if given[w].state.rejected[b] == 0:
+                        return
                 run(given[w], i - w * size, b, substep, iteration, store, g)
             else:
+                if wp.static(features.redoes and by_body):
+                    if given.state.rejected[b] == 0:
+                        return
                 run(given, i, b, substep, iteration, store, g)
 
         launched.__qualname__ = f"launch_{function.__name__}"
@@ -80,6 +91,9 @@ def _make_look(features: Features):
         here.x = array_address(arrays.state.positions, here.body.particles)
         here.low = array_address(arrays.state.low, here.body.particles)
         here.d = array_address(arrays.state.displacements, here.body.particles)
+        here.p = here.d
+        if wp.static(features.plate and features.method == "xpbd"):
+            here.p = array_address(arrays.state.predicted, here.body.particles)
         smooth = bool(False)
         if wp.static(features.looks_back):
             smooth = arrays.state.history[b] > 0
@@ -120,7 +134,7 @@ def _add_motion(stage: Callable, look: wp.Function, features: Features) -> None:
             here.step,
             here.x,
             here.low,
-            here.d,
+            here.p,
         )
 
     @stage
@@ -140,6 +154,9 @@ def _add_motion(stage: Callable, look: wp.Function, features: Features) -> None:
             x = array_address(s.positions, body.particles)
             panel_forces(i, g, m, s, body, arrays.materials[b], arrays.frames[0], x)
 
+    if features.plate:
+        _add_plate(stage, look, features)
+
     if turn is not None:
 
         @stage
@@ -155,6 +172,25 @@ def _add_motion(stage: Callable, look: wp.Function, features: Features) -> None:
         def age(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
             arrays.state.history[i] = wp.where(arrays.state.events[i] == substep + 1, 0, 1)
             arrays.state.events[i] = 0
+
+
+def _add_plate(stage: Callable, look: wp.Function, features: Features) -> None:
+    """The stages by which a sheet resists bending."""
+    bend_particle = make_bend(features)
+
+    @stage
+    def bend(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        here = look(arrays, b, 0, 0)
+        m, s, material = arrays.model, arrays.state, arrays.materials[b]
+        bend_particle(i, m, s, here.body, material, here.step, here.x, here.low, here.p, here.d)
+
+    @stage
+    def curve(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        here = look(arrays, b, 0, 0)
+        moved = here.p
+        if wp.static(features.method == "verlet"):
+            moved = here.low
+        curve_triangle(here.body.curves + i, arrays.model, arrays.state, here.body, here.x, moved)
 
 
 def _add_contact(stage: Callable, look: wp.Function, features: Features) -> None:
@@ -233,6 +269,9 @@ def _add_watch(stage: Callable, features: Features) -> None:
 
     @stage
     def count_faults(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        if wp.static(features.redoes):
+            if arrays.state.rejected[i] == 0:
+                return
         settle_ends(i, arrays.state.faulty[i] == 1, arrays.state)
         if count_fault(i, arrays.state):
             if wp.static(features.looks_back):

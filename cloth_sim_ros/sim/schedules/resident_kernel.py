@@ -4,7 +4,6 @@ from functools import lru_cache
 
 import warp as wp
 
-from cloth_sim_ros.sim.constraints import make_project_tuple
 from cloth_sim_ros.sim.lines.solve import make_solve_lines
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import make_step
@@ -15,6 +14,7 @@ from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.schedules.lines import make_solve_chain
 from cloth_sim_ros.sim.schedules.native import load4, load_row, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.past import copy_past, with_past_at
+from cloth_sim_ros.sim.schedules.plate import curve_triangle, make_bend
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.rope_watch import make_settle_body
 from cloth_sim_ros.sim.schedules.scan import THREADS, scan_size
@@ -28,7 +28,7 @@ from cloth_sim_ros.sim.schedules.stages import (
 )
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
-from cloth_sim_ros.sim.state import compliance_of, given_type
+from cloth_sim_ros.sim.state import given_type
 
 
 @lru_cache
@@ -42,7 +42,6 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     panels = make_panels(features) if features.panels else None
     contact = make_contact(features) if features.shapes else None
     edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
-    project_tuple = make_project_tuple(features.constraints, features.order)
     stored = shared == 0 or shared > THREADS
     solve_chain = make_solve_chain(features, block, stored) if features.chain else None
     settle_body = make_settle_body(features)
@@ -60,6 +59,8 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     solve_lines = make_solve_lines(features) if "line" in features.constraints else None
     # Where a prediction needs no other particle, it does not wait for those that others fetch.
     at_once = shared > 0 and features.method == "xpbd" and not (features.panels or features.winch)
+    bend = make_bend(features) if features.plate and features.method == "xpbd" else None
+    curves_explicitly = features.curved and features.method == "verlet"
     span_address = native.make_tile_address(slots) if slots else None
     argument = given_type(features)
 
@@ -84,6 +85,9 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             frame = given.frames[0]
             material = given.materials[b]
             colliders = given.colliders
+        if wp.static(features.redoes):
+            if s.rejected[b] == 0:
+                return
         width = wp.block_dim()
         body = m.bodies[b]
         relapses = s.relapses[b]
@@ -106,6 +110,10 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 d = native.beside(x, wp.static(shared))
             if wp.static(all_shared):
                 low = native.beside(x, wp.static(2 * shared))
+        p = d
+        if wp.static(bend is not None):
+            p = native.array_address(s.predicted, body.particles)
+        if wp.static(shared > 0):
             for i in range(last - t, -1, -width):
                 # All that comes from afar is asked for before any of it is stored, which the compiler could not tell.
                 position = load_row(s.positions, body.particles + i)
@@ -119,7 +127,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     moving.w = position[3]
                     moving.velocity = xyz(velocity)
                     moving.low = xyz(lost)
-                    predict(i, moving, m, s, body, material, frame, step, x, low, d)
+                    predict(i, moving, m, s, body, material, frame, step, x, low, p)
         if wp.static(past > 0):
             home = s
             begin = past_address(wp.tile_empty(shape=(wp.static(past),), dtype=wp.vec4, storage="shared"))
@@ -148,14 +156,26 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         if wp.static(features.panels != ""):
             panels(t, width, m, s, body, material, frame, x)
             sync()
+        if wp.static(curves_explicitly):
+            for c in range(body.curves + t, body.curves_end, width):
+                curve_triangle(c, m, s, body, x, low)
+            sync()
         if wp.static(not at_once):
             for i in range(last - t, -1, -width):
-                predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, d)
+                predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, p)
         bad = int(0)
         for substep in range(frame.substeps):
             if wp.static(bool(features.shapes)):
                 sweep_colliders(t, width, b * colliders.shape[0], substep, colliders, frame, s.sweeps)
             sync()
+            if wp.static(bend is not None):
+                if wp.static(features.curved):
+                    for c in range(body.curves + t, body.curves_end, width):
+                        curve_triangle(c, m, s, body, x, p)
+                    sync()
+                for i in range(last - t, -1, -width):
+                    bend(i, m, s, body, material, step, x, low, p, d)
+                sync()
             if wp.static(features.chain):
                 step.torn = False
             for iteration in range(frame.iterations):
@@ -168,13 +188,6 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                     sync()
                 if wp.static(solve_lines is not None):
                     solve_lines(t, width, m, s, body, material, step, x, low, d)
-                if wp.static(project_tuple is not None):
-                    for q in range(body.tuple_groups, body.groups_end):
-                        group = m.groups[q]
-                        alpha = compliance_of(material, group[1]) * step.inverse_square
-                        for k in range(group[2] + t, group[3], width):
-                            project_tuple(group[0], k, alpha, m, s, body, material, step, x, low, d)
-                        sync()
                 if wp.static(edge_contact is not None):
                     for g in range(body.groups_end, body.edge_groups_end):
                         for k in range(m.groups[g][2] + t, m.groups[g][3], width):
@@ -202,6 +215,10 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 if substep + 1 < frame.substeps:
                     panels(t, width, m, s, body, material, frame, x)
                 sync()
+            if wp.static(curves_explicitly):
+                for c in range(body.curves + t, body.curves_end, width):
+                    curve_triangle(c, m, s, body, x, low)
+                sync()
             if wp.static(features.looks_back):
                 history = wp.where(rough == 0, 1, 0)
                 if step.second != (history > 0):
@@ -216,7 +233,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 else:
                     moving = moving_of(i, s, body, x, low)
                 if not ends:
-                    predict(i, moving, m, s, body, material, frame, step, x, low, d)
+                    predict(i, moving, m, s, body, material, frame, step, x, low, p)
                 elif not is_good(load4(x, i), pack(moving.velocity, 0.0)):
                     bad = 1
                 i -= width

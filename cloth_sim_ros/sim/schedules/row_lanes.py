@@ -43,6 +43,14 @@ for (int i = 0; i < count; i += {LANES}) {{
         for (int axis = 0; axis < 3; ++axis) {{
             e[axis] = (at({X} + axis, j) - x[axis]) + (at({LOW} + axis, j) - low[axis]);
         }}
+        const Lanes weight = *(const Lanes*)(all_weights + (size_t)q * size + i);
+        if (spokes.data[first + q][1] == 3) {{  // of the plate operator, linear in the positions
+            for (int axis = 0; axis < 3; ++axis) {{
+                if (damping > 0.0f) e[axis] += damping * (at({V} + axis, j) - v[axis]);
+                force[axis] += constants[3] * weight * e[axis];
+            }}
+            continue;
+        }}
         const Lanes square = dot(e, e);
         const Lanes inverse = 1.0f / __builtin_elementwise_sqrt(__builtin_elementwise_max(square, Lanes(1.0e-24f)));
         Lanes pull = (1.0f - rest * inverse) - lost;
@@ -51,7 +59,6 @@ for (int i = 0; i < count; i += {LANES}) {{
             for (int axis = 0; axis < 3; ++axis) apart[axis] = at({V} + axis, j) - v[axis];
             pull += damping * dot(e, apart) * inverse * inverse;
         }}
-        const Lanes weight = *(const Lanes*)(all_weights + (size_t)q * size + i);
         const Lanes share = (constants[spokes.data[first + q][1]] * weight) * pull;
         for (int axis = 0; axis < 3; ++axis) force[axis] += share * e[axis];
     }}
@@ -106,7 +113,7 @@ def predict_lanes(
     weights: wp.uint64,
     first: int,
     spoke_count: int,
-    constants: wp.vec3,
+    constants: wp.vec4,
     damping: float,
     gravity: wp.vec3,
     drag: float,

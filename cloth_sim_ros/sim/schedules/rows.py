@@ -23,7 +23,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     sweep_colliders,
 )
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
-from cloth_sim_ros.sim.state import Arrays, gathered, given_type
+from cloth_sim_ros.sim.state import Arrays, Material, gathered, given_type
 from cloth_sim_ros.sim.topology import KINDS, Topology
 
 
@@ -48,9 +48,15 @@ class Planes:
     grids: wp.array(dtype=Grid)  # (B,)
     size: int  # of a world's numbers
     numbers: wp.array(dtype=float)
-    spokes: wp.array(dtype=wp.vec2i)  # places to the other end, and kind in KINDS
+    spokes: wp.array(dtype=wp.vec2i)  # places to the other end, and kind in KINDS or PLATE
     rests: wp.array(dtype=wp.vec2)  # rest length [m], and what float32 lost of it, over it
     weights: wp.array(dtype=float)  # a plane of each spoke: 1/scale, 0 where a particle has none
+
+
+@wp.func
+def with_plate(constants: wp.vec3, material: Material) -> wp.vec4:
+    """Constants of spokes by their kind; of the plate operator the rigidity, as 1 N m pulls apart."""
+    return wp.vec4(constants[0], constants[1], constants[2], -1.0 / wp.max(material.compliance[2], 1.0e-30))
 
 
 class Rows:
@@ -76,8 +82,14 @@ def fits_rows(features: Features, topology: Topology, device: wp.Device) -> bool
     return device.is_cpu and features.method == "verlet" and topology.grid is not None
 
 
+PLATE = len(KINDS)  # kind of spokes of the plate operator, behind those of springs
+
+
 def spokes_of(topology: Topology) -> list[tuple[int, int, float, np.ndarray]]:
-    """Spokes in the order of Model.spokes, each as (places to the other end, kind, rest length [m], weights (N,))."""
+    """Spokes in the order of Model.spokes, each as (places to the other end, kind, rest length [m], weights (N,)).
+
+    Those of the plate operator follow, of kind PLATE.
+    """
     found = []
     for kind, elements in topology.springs.items():
         steps = elements.particles[:, 1] - elements.particles[:, 0]
@@ -88,6 +100,10 @@ def spokes_of(topology: Topology) -> list[tuple[int, int, float, np.ndarray]]:
                 weights = np.zeros(len(topology.masses))
                 weights[elements.particles[chosen, hub]] = np.round(1.0 / elements.scale[chosen], 9)
                 found.append((sign * step, KINDS.index(kind), rest, weights))
+    if topology.plate is not None:
+        steps = topology.plate.neighbours - np.arange(len(topology.masses))[:, None]
+        for step in np.unique(steps[topology.plate.weights != 0.0]).tolist():
+            found.append((step, PLATE, 1.0, np.where(steps == step, topology.plate.weights, 0.0).sum(axis=1)))
     return found
 
 
@@ -155,7 +171,7 @@ def make_frame(features: Features):
         read4(numbers, size, wp.static(row_lanes.X), count, x)
         read3(numbers, size, wp.static(row_lanes.LOW), count, low)
         read3(numbers, size, wp.static(row_lanes.V), count, v)
-        constants = spring_constants(material)
+        constants = with_plate(spring_constants(material), material)
         step = make_step(frame.dt, s.history[b] > 0, 1, frame.global_damping)
         for substep in range(frame.substeps):
             if wp.static(panels is not None):

@@ -22,6 +22,7 @@ from cloth_sim_ros.sim.schedules.native import (
     store_row,
     xyz,
 )
+from cloth_sim_ros.sim.schedules.plate import make_bending_force
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
 
 
@@ -158,6 +159,7 @@ def kick(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, low: wp.
 def make_predict(features: Features):
     """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
     accelerate = make_accelerate(features)
+    bending_force = make_bending_force(features) if features.plate else None
 
     @wp.func
     def predict(
@@ -188,6 +190,8 @@ def make_predict(features: Features):
             eased = eased_by(pushed[3], step.effective)
         if wp.static(features.method == "verlet"):
             a += w * spring_force(i, m, s, body, material, v, x, low_address)
+            if wp.static(features.plate):
+                a += w * bending_force(i, m, s, body, material, x, low_address)
             a *= first_share(step)
         # Chosen, not branched to, or a warp with a pinned particle would go both ways.
         moved = kick(base, v, a, eased, w, moving.low, step)

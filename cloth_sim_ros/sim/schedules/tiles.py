@@ -108,6 +108,8 @@ def plan(
         raise Unfit("method 'xpbd'", "method 'verlet'")
     if "edge" in features.constraints:
         raise Unfit("edge_contact", "contact of particles alone")
+    if features.plate:
+        raise Unfit("a sheet that resists bending", "one that does not")
     around = _around(model, bool(features.panels))
     if around[0].types.shape[1] > WIDEST:
         raise Unfit(f"more than {WIDEST} springs at a particle", "fewer")

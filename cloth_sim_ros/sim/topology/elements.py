@@ -14,6 +14,8 @@ import numpy as np
 
 from cloth_sim_ros.sim.topology.lines import Family, families
 
+_MOST_POWERS = 300
+_SETTLED = 1e-5  # change of a Rayleigh quotient by one more power at which it is taken as found
 KINDS = ("structural", "shear", "bending")
 
 
@@ -28,16 +30,33 @@ class Elements:
 
 
 @dataclass(frozen=True)
+class Plate:
+    """The bending operator of a sheet of rigidity 1 N m, from `plate.of_triangles`: what acts on the positions x.
+
+    The force on particle i is -B sum_j weights[i, j] (x[neighbours[i, j]] - x_i), B [N m] the rigidity; neighbours
+    (N, W), weights (N, W) [1/m^2], 0 for places that are not used. Of a sheet that is curved at rest, each triangle
+    adds the energy -B n . s, s = sum_j gradients[t, j] x[stencil[t, j]], n its unit normal; stencil (C, S), whose
+    first three are the triangle's own, gradients (C, S) [1/m]; None for a sheet that is flat at rest.
+    """
+
+    neighbours: np.ndarray
+    weights: np.ndarray
+    stencil: np.ndarray | None = None
+    gradients: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
 class Topology:
     """One object: rest positions (N, 3) [m] in the world, masses (N,) [kg], pinned (N,), elements, triangles, segments.
 
     springs: kind of KINDS -> Elements of pairs, rest [m]; chain: the same of a rope's segments where they are solved in
-    one, which then has no springs; hinges: (H, 4) edge i, j and opposite k, l, rest [rad]; bends: (B, 3), whose rest
-    is the turn [-], bend_weights (B, 2) the inverse lengths [1/m] of its two segments. triangles: (T, 3).
+    one, which then has no springs; bends: (B, 3), whose rest is the turn [-], bend_weights (B, 2) the inverse lengths
+    [1/m] of its two segments. triangles: (T, 3).
     panels: (P, 3) particles that the wind acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions
     [m] in local axes, along which grids are cut into tiles. grid: particles along x and y, None for what is no grid.
     reel: of a rope on a winch, the last particle at the drum and the rest length [m] of the segment that begins there.
-    twists: whether a rope resists twist. edge_contact: whether edges touch colliders, not particles alone.
+    plate: what a sheet resists bending with. twists: whether a rope resists twist. edge_contact: whether edges touch
+    colliders, not particles alone.
     """
 
     rest: np.ndarray
@@ -49,7 +68,7 @@ class Topology:
     layout: np.ndarray
     reel: tuple[int, float] | None = None
     twists: bool = False
-    hinges: Elements | None = None
+    plate: Plate | None = None
     bends: Elements | None = None
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     chain: Elements | None = None
@@ -68,8 +87,29 @@ class Topology:
 
     @property
     def bends_by_angles(self) -> bool:
-        """Whether hinges or the joints of a rope resist bending."""
-        return self.hinges is not None or self.bends is not None
+        """Whether the joints of a rope resist bending."""
+        return self.bends is not None
+
+    @cached_property
+    def plate_rate(self) -> float:
+        """omega^2 [1/s^2] of the fastest bending mode of a sheet of rigidity 1 N m, 0 where nothing bends.
+
+        By power iteration from a fixed start with Rayleigh's quotient, a lower bound by next to nothing.
+        """
+        if self.plate is None:
+            return 0.0
+        inverse_mass = np.where(self.pinned, 0.0, 1.0 / self.masses)
+        diagonal = self.plate.weights.sum(axis=1)
+        x = np.random.default_rng(3).standard_normal(len(inverse_mass)) * (inverse_mass > 0.0)
+        rate = 0.0
+        for _ in range(_MOST_POWERS):
+            force = (self.plate.weights * x[self.plate.neighbours]).sum(axis=1) - diagonal * x
+            last, rate = rate, float(x @ force) / max(float((self.masses * x * x).sum()), 1e-300)
+            x = force * inverse_mass
+            x /= max(float(np.linalg.norm(x)), 1e-300)
+            if abs(rate - last) <= _SETTLED * rate:
+                break
+        return rate
 
 
 def colour(particles: np.ndarray, count: int) -> np.ndarray:

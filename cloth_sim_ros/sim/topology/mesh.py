@@ -1,4 +1,4 @@
-"""A cloth that is a triangle mesh, and what every cloth has of its triangles: hinges, and the place in the world."""
+"""A cloth that is a triangle mesh, and what every cloth has of its triangles, and its place in the world."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from cloth_sim_ros.sim.objects import Cloth
 from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.topology import plate
 from cloth_sim_ros.sim.topology.elements import Elements, Topology, colour, pinned_particles
 
 
@@ -43,23 +44,24 @@ def of_sheet(
     springs: dict[str, Elements],
     grid: tuple[int, int] | None = None,
 ) -> Topology:
-    """What grids and meshes share: pins, by names of `named` too, place in the world and hinges.
+    """What grids and meshes share: pins, by names of `named` too, place in the world, bending of their triangles.
 
     local (N, 3) [m], masses (N,) [kg] unless the cloth has its own, triangles (T, 3). Raises ValueError where an edge
     has more than two triangles.
     """
-    hinges = None
+    pinned = pinned_particles(cloth.pins, named, len(local))
+    bending = None
     if cloth.bend_compliance is not None and cloth.bending == "dihedral":
-        hinges = _hinges(local, triangles, name)
+        bending = plate.of_triangles(local, triangles, pinned)
     return Topology(
         rest=rotate(cloth.orientation, local) + np.asarray(cloth.position),
         masses=masses if cloth.particle_masses is None else cloth.particle_masses,
-        pinned=pinned_particles(cloth.pins, named, len(local)),
+        pinned=pinned,
         springs=springs,
         triangles=triangles,
         panels=triangles,
         layout=local,
-        hinges=hinges,
+        plate=bending,
         edge_contact=cloth.edge_contact,
         grid=grid,
     )
@@ -93,18 +95,3 @@ def _edges(triangles: np.ndarray, areas: np.ndarray, name: str) -> tuple[np.ndar
     two = count == 2
     opposite[two, 1] = third[order[start[two] + 1]]
     return edges, opposite, np.bincount(inverse, area, minlength=len(edges))
-
-
-def _hinges(points: np.ndarray, triangles: np.ndarray, name: str) -> Elements | None:
-    """Hinges at the inner edges with the angles (H,) [rad] they have at rest; None where there are none."""
-    edges, opposite, area = _edges(triangles, _areas(points, triangles), name)
-    inner = opposite[:, 1] >= 0
-    if not inner.any():
-        return None
-    particles = np.concatenate([edges[inner], opposite[inner]], axis=1)
-    i, j, k, m = (points[particles[:, c]] for c in range(4))
-    first, second = np.cross(j - i, k - i), np.cross(m - i, j - i)
-    edge = (j - i) / np.linalg.norm(j - i, axis=1, keepdims=True)
-    angle = np.arctan2((np.cross(first, second) * edge).sum(1), (first * second).sum(1))
-    scale = area[inner] / ((j - i) ** 2).sum(1)
-    return Elements(particles, angle, scale, colour(particles, len(points)))

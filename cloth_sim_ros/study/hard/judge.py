@@ -118,7 +118,7 @@ def _unfounded(refusal: str, trial: Trial, settings: dict) -> str:
     needed = re.search(r"at least (\S+) ", refusal)
     if settings["method"] != "verlet" or needed is None:
         return f"refused without need: {refusal}"
-    energy = Energy(Simulation(trial.scene, Settings(method="xpbd"), "cpu"))
+    energy = Energy(Simulation(trial.scene, Settings(order=1, substeps=20, method="xpbd"), "cpu"))
     rigid = min(body.stretch_compliance, getattr(body, "shear_compliance", None) or math.inf) == 0.0
     if rigid or needed[1] == "inf":
         lost = rigid or energy.rounding_heat() > 5e-3

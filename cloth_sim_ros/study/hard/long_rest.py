@@ -29,9 +29,9 @@ def rope_in_a_heap() -> Scene:
 SCENES = {"sheet over a ball": sheet_over_a_ball, "rope in a heap": rope_in_a_heap}
 AIR = 1.0  # [1/s] of drag: without it what a method does not damp by itself would swing on for ever, and rightly
 SETTINGS = {
-    "xpbd 1, 20 x 1": Settings(global_damping=AIR),
-    "xpbd 2, 20 x 1": Settings(global_damping=AIR, order=2),
-    "xpbd 2, 20 x 2": Settings(global_damping=AIR, order=2, iterations=2),
+    "xpbd 1, 20 x 1": Settings(method="xpbd", order=1, substeps=20, global_damping=AIR),
+    "xpbd 2, 20 x 1": Settings(method="xpbd", substeps=20, global_damping=AIR, order=2),
+    "xpbd 2, 20 x 2": Settings(method="xpbd", substeps=20, global_damping=AIR, order=2, iterations=2),
     "verlet, 400": Settings(global_damping=AIR, method="verlet", substeps=400),
 }
 

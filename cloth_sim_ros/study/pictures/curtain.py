@@ -50,7 +50,11 @@ def gathered(rest: np.ndarray) -> np.ndarray:
 
 def shots(resolution: int, device: str) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
     """Positions (N, 3) [m] of the cloth and of the ball (3,) at SHOTS, and the triangles."""
-    sim = Simulation(scene(resolution), Settings(substeps=20, iterations=2, global_damping=0.3), device=device)
+    sim = Simulation(
+        scene(resolution),
+        Settings(method="xpbd", order=1, substeps=20, iterations=2, global_damping=0.3),
+        device=device,
+    )
     sim.set_positions("cloth", gathered(sim.rest_positions("cloth").astype(np.float64)))
     cloths, balls = [], []
     frame_dt = sim.settings.frame_dt

@@ -1,0 +1,49 @@
+"""Bending of a sheet of rigidity B: energy B/2 times the integral of |H - n kappa|^2 over its triangles.
+
+H is the Hessian of the positions, constant on a triangle and linear in the positions, n the normal of the triangle,
+n kappa the Hessian at rest. The square of H gives a force that is linear in the positions (Bergou et al. 2006, A
+quadratic bending model for inextensible surfaces); see topology/plate.py. What is left is one more term on each
+triangle of a sheet that is curved at rest.
+"""
+
+import warp as wp
+
+
+@wp.func
+def plate_force(rigidity: float, weight: float, difference: wp.vec3, slip: wp.vec3, damping: float) -> wp.vec3:
+    """The force [N] on particle i from neighbour j: -B w_ij (x_j - x_i + tau (v_j - v_i)).
+
+    rigidity B [N m], weight w_ij [1/m^2] of `Plate.weights`, difference x_j - x_i [m], slip v_j - v_i [m/s], damping
+    tau [s]. Along the diagonal of the operator, -B w_ij is the stiffness [N/m] between the two.
+    """
+    return -rigidity * weight * (difference + damping * slip)
+
+
+@wp.struct
+class RestCurvature:
+    """What a curved rest shape does to a triangle for B = 1: forces [1/m] along its unit normal.
+
+    Particle j of the triangle's stencil feels `gradients[j] * normal`, its own three vertices also `pull[k] * normal`.
+    """
+
+    normal: wp.vec3
+    pull: wp.vec3
+
+
+@wp.func
+def rest_curvature(a: wp.vec3, b: wp.vec3, c: wp.vec3, moment: wp.vec3) -> RestCurvature:
+    """The term -n . s of the energy of triangle a, b, c [m], with s = `moment` = sum_j g_j x_j over its stencil.
+
+    n turns by -sum_k grad phi_k (n . dx_k), phi_k the linear function that is 1 at vertex k and 0 at the others, so
+    that vertex k feels -(grad phi_k . s) n. A triangle without an area has no normal and feels nothing.
+    """
+    result = RestCurvature()
+    cross = wp.cross(b - a, c - a)
+    double = wp.length(cross)
+    if double > 1.0e-18:
+        n = cross / double
+        # grad phi of a vertex is n x (the edge opposite, run the way round) / twice the area.
+        turned = wp.cross(moment, n) / double
+        result.normal = n
+        result.pull = -wp.vec3(wp.dot(turned, c - b), wp.dot(turned, a - c), wp.dot(turned, b - a))
+    return result

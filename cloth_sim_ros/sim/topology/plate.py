@@ -1,0 +1,302 @@
+"""The bending of a sheet: energy B/2 times the integral of |H|^2, H the Hessian of the positions over the flat sheet.
+
+On every triangle H is that of Morley's plate element (Morley 1968): H = sum over its edges of l psi n n^T / A, with n
+the normal of the edge in the plane of the triangle, l its length, A the area and psi how far the slope along n at the
+middle of the edge is from the slope of the triangle. Morley's element takes the slopes as unknowns. Here they follow
+from the vertices: the slope at the middle of an edge is the one of the quadratic through the vertices around it.
+Both triangles at an edge share that slope, so that the element passes the patch test on any mesh.
+
+A mesh that is curved at rest is unfolded about the edges of its triangles, and H is the Hessian of the surface in its
+own coordinates: at rest it is along the normal of the triangle.
+
+A *turn* is the difference of the slopes of two neighbouring triangles along n: a vector, linear in the positions.
+All arrays (T, 3) of edges hold at [t, c] the edge of triangle t opposite its corner c.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cloth_sim_ros.sim.topology.elements import Plate
+
+_FLAT = 1e-6  # turns at rest [-] below which a mesh is flat
+_SLIVER = 1e-3  # least height of a triangle over its longest edge; across thinner ones the sheet is hinged
+_EXACT = 1e-9  # error of a slope [-], or part of a weight, that counts as rounding
+# Eigenvalues below this share of the largest: the vertices do not tell that curvature from others. At 1e-3 a few edges
+# of jittered meshes made omega^2 of the fastest mode eight times as large; cantilevers sag alike from 1e-6 to 0.05.
+_SINGULAR = 1e-2
+_NOTHING = 1e-13  # share of the largest weight below which a weight is rounding
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+
+
+def of_triangles(points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray) -> Plate | None:
+    """The bending operator of a sheet for rigidity B = 1, None where no two triangles meet.
+
+    points (N, 3) [m] at rest, triangles (T, 3) with at most two at an edge, pinned (N,) bool. Free borders carry no
+    moment. A triangle of three pinned particles is a clamp: it does not bend, and its neighbours start with its slope.
+    """
+    mesh = _Mesh.of(points, triangles, pinned)
+    if not mesh.bends.any():
+        return None
+    correction = _correction(mesh)
+    stencil, slopes = _slopes(mesh, correction)
+    rest = _at_rest(mesh, stencil, slopes, points)
+    stiffness = _stiffness(mesh)
+    first, second = np.triu_indices(stencil.shape[1], 1)
+    weights = (slopes.transpose(0, 2, 1) @ (stiffness @ slopes))[:, first, second]
+    neighbours, rows = _rows(stencil[:, first].ravel(), stencil[:, second].ravel(), weights.ravel(), len(points))
+    curved = np.flatnonzero(np.abs(rest / mesh.length).max(axis=1) > _FLAT)
+    if len(curved) == 0:
+        return Plate(neighbours, rows)
+    gradients = (rest[curved, None, :] @ stiffness[curved] @ slopes[curved])[:, 0]
+    return Plate(neighbours, rows, stencil[curved].astype(np.int32), gradients)
+
+
+@dataclass(frozen=True)
+class _Mesh:
+    """Triangles at rest, each in its own plane, and their neighbours.
+
+    triangles (T, 3); area (T,) [m^2], normal (T, 3); along, out (T, 3, 2): unit vectors of an edge and its outward
+    normal in axes of the triangle; length, height (T, 3) [m] of edge and corner; foot (T, 3): where the height meets
+    the edge, 0 at its start, 1 at its end. twin (T, 3): the same edge of the neighbour as 3 t + c, itself on a border;
+    turned (T, 3): whether the neighbour runs along that edge in the other direction, as in a mesh of one orientation.
+    bends (T, 3): whether the triangle bends at an edge; clamped (T, 3): whether the neighbour there is a clamp.
+    """
+
+    triangles: np.ndarray
+    area: np.ndarray
+    normal: np.ndarray
+    along: np.ndarray
+    out: np.ndarray
+    length: np.ndarray
+    height: np.ndarray
+    foot: np.ndarray
+    twin: np.ndarray
+    turned: np.ndarray
+    bends: np.ndarray
+    clamped: np.ndarray
+
+    @classmethod
+    def of(cls, points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray) -> _Mesh:
+        corners = points[triangles]
+        edge = corners[:, _LAST] - corners[:, _NEXT]
+        length = np.linalg.norm(edge, axis=2)
+        normal = np.cross(edge[:, 2], -edge[:, 1])
+        double = np.linalg.norm(normal, axis=1)
+        longest = length.max(axis=1)
+        sound = double > _SLIVER * longest**2
+        length = np.where(sound[:, None], length, 1.0)
+        double = np.where(sound, double, 1.0)
+        unit = edge / length[:, :, None]
+        normal = normal / double[:, None]
+        x = unit[:, 0]
+        y = np.cross(normal, x)
+        along = np.stack([(unit * x[:, None]).sum(2), (unit * y[:, None]).sum(2)], axis=2)
+        out = np.stack([along[:, :, 1], -along[:, :, 0]], axis=2)
+        foot = ((corners - corners[:, _NEXT]) * unit).sum(2) / length
+        twin = _twins(triangles, len(points))
+        start, other = triangles[:, _NEXT], triangles[:, _NEXT].ravel()[twin]
+        inner = twin != np.arange(twin.size).reshape(-1, 3)
+        there = twin // 3
+        clamp = pinned[triangles].all(axis=1)
+        bends = inner & (sound & ~clamp)[:, None] & sound[there]
+        return cls(
+            triangles,
+            0.5 * double,
+            normal,
+            along,
+            out,
+            length,
+            double[:, None] / length,
+            foot,
+            twin,
+            start != other,
+            bends,
+            bends & clamp[there],
+        )
+
+    def beyond(self, values: np.ndarray) -> np.ndarray:
+        """What the neighbours at the edges have of `values` (T, 3, ...)."""
+        return values.reshape(-1, *values.shape[2:])[self.twin]
+
+
+def _twins(triangles: np.ndarray, count: int) -> np.ndarray:
+    """The same edge of the neighbouring triangle (T, 3) as 3 t + c; the edge itself on a border."""
+    ends = np.sort(np.stack([triangles[:, _NEXT], triangles[:, _LAST]], axis=2).reshape(-1, 2).astype(np.int64), axis=1)
+    key = ends[:, 0] * count + ends[:, 1]
+    order = np.argsort(key, kind="stable")
+    pair = np.flatnonzero(key[order[1:]] == key[order[:-1]])
+    twin = np.arange(len(key))
+    twin[order[pair]], twin[order[pair + 1]] = order[pair + 1], order[pair]
+    return twin.reshape(-1, 3)
+
+
+def _moments(mesh: _Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """What a turn is, and by how much the slope of `_slopes` is wrong without correction, for a quadratic.
+
+    Both (T, 3, 3) [m]: the factors of H_tt, H_tn, H_nn in axes along the edge and out of the triangle.
+    """
+    k = (mesh.foot - 0.5) * mesh.length
+    far = mesh.beyond(mesh.foot)
+    l = (np.where(mesh.turned, 1.0 - far, far) - 0.5) * mesh.length
+    quarter = 0.25 * mesh.length**2
+    near, beyond = mesh.height, mesh.beyond(mesh.height)
+    inside = np.stack([0.5 * (k**2 - quarter) / near, -k, 0.5 * near], axis=2)
+    outside = np.stack([0.5 * (l**2 - quarter) / beyond, l, 0.5 * beyond], axis=2)
+    turn = inside + np.where(mesh.clamped, 0.0, 1.0)[:, :, None] * outside
+    error = (near[:, :, None] * outside - beyond[:, :, None] * inside) / (near + beyond)[:, :, None]
+    return turn, error
+
+
+def _correction(mesh: _Mesh) -> np.ndarray:
+    """Factors (T, 3, 5) of turns that make the slopes at edges exact for quadratics; zero where they are already.
+
+    The turns are that of the edge itself, of the two edges after it in the triangle, and in the neighbour. Of all
+    factors that do it, the least squares; where the vertices do not determine a curvature, it is left as it was.
+    """
+    turn, error = _moments(mesh)
+    result = np.zeros((*turn.shape[:2], 5))
+    both = mesh.bends & mesh.beyond(mesh.bends)
+    first = both & (mesh.twin > np.arange(mesh.twin.size).reshape(-1, 3))
+    wrong = np.flatnonzero(first & (np.abs(error).max(axis=2) > _EXACT * mesh.length))
+    if len(wrong) == 0:
+        return result
+    twin = mesh.twin.ravel()[wrong]
+    sign = np.where(mesh.turned.ravel()[wrong], -1.0, 1.0)
+    known = [turn.reshape(-1, 3)[wrong]]
+    for half, flip, t_sign in ((wrong, 1.0, np.ones(len(wrong))), (twin, -1.0, sign)):
+        for step in (1, 2):
+            known.append(_seen_from(mesh, turn, half, step, t_sign, np.full(len(wrong), flip)))
+    matrix = np.stack(known, axis=2)
+    normal = matrix @ matrix.transpose(0, 2, 1)
+    inverse = np.linalg.pinv(normal, rcond=_SINGULAR, hermitian=True)
+    factors = -(matrix.transpose(0, 2, 1) @ (inverse @ error.reshape(-1, 3)[wrong][:, :, None]))[:, :, 0]
+    result.reshape(-1, 5)[wrong] = factors
+    # Seen from the neighbour, the slope has the other sign and the pairs of turns change places.
+    result.reshape(-1, 5)[twin] = -factors[:, [0, 3, 4, 1, 2]]
+    return result
+
+
+def _seen_from(
+    mesh: _Mesh, turn: np.ndarray, half: np.ndarray, step: int, t_sign: np.ndarray, n_sign: np.ndarray
+) -> np.ndarray:
+    """Moments (E, 3) of the turn at the edge `step` corners after edge `half` (E,), in axes of `half` times the signs;
+    zero where the triangle does not bend at that edge."""
+    triangle, corner = half // 3, half % 3
+    edge = 3 * triangle + (corner + step) % 3
+    along, out = mesh.along.reshape(-1, 2), mesh.out.reshape(-1, 2)
+    t = np.stack([t_sign * (along[edge] * along[half]).sum(1), n_sign * (along[edge] * out[half]).sum(1)], axis=1)
+    n = np.stack([t_sign * (out[edge] * along[half]).sum(1), n_sign * (out[edge] * out[half]).sum(1)], axis=1)
+    tt, tn, nn = turn.reshape(-1, 3)[edge].T
+    seen = np.stack(
+        [
+            tt * t[:, 0] ** 2 + tn * t[:, 0] * n[:, 0] + nn * n[:, 0] ** 2,
+            2.0 * tt * t[:, 0] * t[:, 1] + tn * (t[:, 0] * n[:, 1] + t[:, 1] * n[:, 0]) + 2.0 * nn * n[:, 0] * n[:, 1],
+            tt * t[:, 1] ** 2 + tn * t[:, 1] * n[:, 1] + nn * n[:, 1] ** 2,
+        ],
+        axis=1,
+    )
+    return np.where(mesh.bends.ravel()[edge, None], seen, 0.0)
+
+
+def _turns(mesh: _Mesh) -> np.ndarray:
+    """Weights (T, 3, 4) of turns at the corners of the triangle and at the neighbour's; zero where it does not bend."""
+    result = np.zeros((len(mesh.triangles), 3, 4))
+    far = mesh.beyond(mesh.foot)
+    far = np.where(mesh.turned, 1.0 - far, far)
+    near, beyond = 1.0 / mesh.height, 1.0 / mesh.beyond(mesh.height)
+    for c in range(3):
+        result[:, c, c] = near[:, c]
+        result[:, c, 3] = beyond[:, c]
+        result[:, c, _NEXT[c]] = -(1.0 - mesh.foot[:, c]) * near[:, c] - (1.0 - far[:, c]) * beyond[:, c]
+        result[:, c, _LAST[c]] = -mesh.foot[:, c] * near[:, c] - far[:, c] * beyond[:, c]
+    return np.where(mesh.bends[:, :, None], result, 0.0)
+
+
+def _slopes(mesh: _Mesh, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (T, S) and weights (T, 3, S) of l psi at the edges of a triangle.
+
+    The vertices: its own three, the neighbours' three, and, where there is a correction, six beyond those.
+    """
+    count, turns = len(mesh.triangles), _turns(mesh)
+    opposite = np.where(mesh.bends, mesh.beyond(mesh.triangles), mesh.triangles)
+    share = np.where(mesh.clamped, 1.0, mesh.height / (mesh.height + mesh.beyond(mesh.height)))
+    size = 12 if correction.any() else 6
+    stencil = np.concatenate([mesh.triangles, opposite, np.repeat(mesh.triangles, 2, axis=1)], axis=1)[:, :size]
+    slopes = np.zeros((count, 3, size))
+    for c in range(3):
+        for step in range(3):
+            d = (c + step) % 3
+            factor = (share[:, c] if step == 0 else 0.0) + correction[:, c, step]
+            slopes[:, c, :3] += factor[:, None] * turns[:, d, :3]
+            slopes[:, c, 3 + d] += factor * turns[:, d, 3]
+        if size == 6:
+            continue
+        there, corner = mesh.twin[:, c] // 3, mesh.twin[:, c] % 3
+        rows, turned = np.arange(count), mesh.turned[:, c]
+        start = np.where(turned, _LAST[c], _NEXT[c])  # where the neighbour's edge begins and ends
+        end = np.where(turned, _NEXT[c], _LAST[c])
+        for step in (1, 2):
+            edge = (corner + step) % 3
+            weights = turns[there, edge]
+            slot, factor = 5 + 2 * c + step, correction[:, c, 2 + step]
+            stencil[:, slot] = np.where(mesh.bends[:, c], opposite[there, edge], stencil[:, slot])
+            slopes[:, c, 3 + c] += factor * weights[rows, corner]
+            slopes[rows, c, start] += factor * weights[rows, (corner + 1) % 3]
+            slopes[rows, c, end] += factor * weights[rows, (corner + 2) % 3]
+            slopes[:, c, slot] += factor * weights[:, 3]
+    return stencil, slopes * mesh.length[:, :, None]
+
+
+def _at_rest(mesh: _Mesh, stencil: np.ndarray, slopes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """l psi (T, 3) [m] at rest along the normals of triangles; takes what lies in their planes out of `slopes`.
+
+    That part is a combination of the triangle's own edges, and the Hessian of a curved surface in its own coordinates
+    has none (Gauss's formula). Without it a mesh that is curved at rest would not rest.
+    """
+    rest = slopes @ points[stencil]
+    normal = (rest * mesh.normal[:, None, :]).sum(2)
+    inside = rest - normal[:, :, None] * mesh.normal[:, None, :]
+    edge = points[mesh.triangles[:, _LAST]] - points[mesh.triangles[:, _NEXT]]
+    outward = np.cross(edge, mesh.normal[:, None, :]) / mesh.length[:, :, None]
+    part = -(inside @ outward.transpose(0, 2, 1)) / mesh.height[:, None, :]
+    slopes[:, :, :3] -= np.where(np.abs(part) > _EXACT, part, 0.0)
+    return normal
+
+
+def _stiffness(mesh: _Mesh) -> np.ndarray:
+    """(T, 3, 3) [1/m^2]: A |H|^2 as a quadratic form of l psi at the edges, the least over the slopes at free edges."""
+    gram = (mesh.out @ mesh.out.transpose(0, 2, 1)) ** 2
+    free = ~mesh.bends
+    kept = np.where(free[:, :, None] | free[:, None, :], 0.0, gram)
+    solved = free & ~free.all(axis=1, keepdims=True)
+    pair = np.where(solved[:, :, None] & solved[:, None, :], gram, 0.0) + np.eye(3) * ~solved[:, :, None]
+    mixed = np.where(free[:, :, None] & ~free[:, None, :], gram, 0.0)
+    return (kept - mixed.transpose(0, 2, 1) @ np.linalg.solve(pair, mixed)) / mesh.area[:, None, None]
+
+
+def _rows(first: np.ndarray, second: np.ndarray, weights: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Neighbours and weights (N, W) from entries (i, j, w) of a symmetric matrix without its diagonal.
+
+    A row that is not full names its own particle with weight 0.
+    """
+    keep = np.flatnonzero((first != second) & (np.abs(weights) > _NOTHING * np.abs(weights).max()))
+    first, second = first[keep].astype(np.int64), second[keep]
+    key = np.minimum(first, second) * count + np.maximum(first, second)
+    order = np.argsort(key)
+    key = key[order]
+    start = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+    total = np.add.reduceat(weights[keep[order]], start)
+    some = np.abs(total) > _NOTHING * np.abs(total).max()
+    low, high = np.divmod(key[start[some]], count)
+    row, column = np.concatenate([low, high]), np.concatenate([high, low])
+    order = np.argsort(row * count + column)
+    row, column = row[order], column[order]
+    number = np.bincount(row, minlength=count)
+    place = np.arange(len(row)) - np.repeat(np.cumsum(number) - number, number)
+    neighbours = np.repeat(np.arange(count, dtype=np.int32)[:, None], number.max(), axis=1)
+    result = np.zeros(neighbours.shape)
+    neighbours[row, place], result[row, place] = column, np.tile(total[some], 2)[order]
+    return neighbours, result

@@ -1,0 +1,10 @@
+"""Settings of tests that are about a method, not about what is chosen."""
+
+from cloth_sim_ros.sim import Settings
+
+
+def fixed(**settings) -> Settings:
+    """First-order XPBD at 20 x 1 where `settings` say nothing else."""
+    if settings.get("method", "xpbd") == "xpbd":
+        settings = {"method": "xpbd", "order": 1, "iterations": 1, **settings}
+    return Settings(**{"substeps": 20, **settings})
