@@ -100,8 +100,22 @@ WIND = (
     Parameter("enabled", "bool", False, "Whether the scene has wind; without it no aerodynamics is compiled in."),
     _vector("velocity", (0, 0, 0), "Wind velocity.", "m/s", -1000, 1000, live=True),
     _double("air_density", 1.225, "Density of the air.", "kg/m^3", 0, 1e4),
-    _double("drag_coefficient", 1.2, "Drag coefficient of a surface across the flow.", "", 0, 100),
-    _double("lift_coefficient", 0.6, "Lift coefficient of a surface oblique to the flow.", "", 0, 100),
+    _double(
+        "drag_coefficient",
+        1.2,
+        "Drag coefficient across the flow; of a surface at incidence a times sin^3 a.",
+        "",
+        0,
+        100,
+    ),
+    _double(
+        "lift_coefficient",
+        0.6,
+        "Lift of a surface at incidence a, over sin a sin 2a; half of the drag coefficient is pressure alone.",
+        "",
+        0,
+        100,
+    ),
 )
 
 CLOTH = (
@@ -251,7 +265,15 @@ PUBLISH = (
     Parameter("mesh", "bool", True, "Whether there is a mesh marker to draw.", live=True),
 )
 
-OBJECT = (Parameter("type", "string", "cloth", "What the object is.", choices=("cloth", "rope"), fixed=True),)
+OBJECT = (
+    Parameter("type", "string", "cloth", "What the object is.", choices=("cloth", "rope"), fixed=True),
+    Parameter(
+        "material",
+        "string",
+        "",
+        "One of the materials below, or none: sets what is not set here, the mass by the size, and bending.",
+    ),
+)
 
 SHEET = (
     Parameter("mesh", "string", "", "File of a triangle mesh in place of the grid, read by trimesh."),

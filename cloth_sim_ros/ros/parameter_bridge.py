@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.ros import parameter_names as names
-from cloth_sim_ros.ros.scene_plan import make_plan
+from cloth_sim_ros.ros.scene_plan import make_plan, material_values
 
 _RCLPY_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
@@ -37,10 +37,12 @@ class ParameterBridge:
         self._log = node.get_logger()
         # rclpy offers the values from YAML files and the command line only by declaring each of them, and fails at the
         # first of a wrong type or an empty list; its own store of them is the only way to look before declaring.
+        # Later also holds what clients have set: a material leaves all that alone.
         self._given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
         self.rows: dict[str, Parameter] = {}
         self.values: dict[str, Any] = {}
         self._restoring = False
+        self._followed: set[str] = set()  # what the last change brings with it by a material
         self._declare_all()
         self._warn_unknown()
         node.add_pre_set_parameters_callback(self._coerce)
@@ -67,10 +69,13 @@ class ParameterBridge:
 
     def _declare(self, rows: dict[str, Parameter]) -> None:
         for name, row in rows.items():
-            value = self._start_value(name, row)
-            self._node.declare_parameter(name, ros_value(row, value), descriptor(row, name), ignore_override=True)
             self.rows[name] = row
-            self.values[name] = value
+            self.values[name] = self._start_value(name, row)
+        if any(row.name == "material" for row in rows.values()):
+            self.values |= material_values(self.values, self._given)
+        for name, row in rows.items():
+            value = ros_value(row, self.values[name])
+            self._node.declare_parameter(name, value, descriptor(row, name), ignore_override=True)
 
     def _start_value(self, name: str, row: Parameter) -> Any:
         """The value given for `name`, or the default: where none is given, or after a complaint where it is wrong."""
@@ -86,6 +91,7 @@ class ParameterBridge:
             return coerced(row, given, name)
         except ValueError as error:
             self._log.error(f"{error}; using the default {ros_value(row, default)!r}")
+            del self._given[name]
             return default
 
     def _warn_unknown(self) -> None:
@@ -111,7 +117,25 @@ class ParameterBridge:
             except (ValueError, TypeError):
                 pass  # refused with the reason in the next callback
             result.append(parameter)
-        return result
+        following = [] if self._restoring else self._following(result)
+        self._followed = {parameter.name for parameter in following}
+        return result + following
+
+    def _following(self, parameters: list[RosParameter]) -> list[RosParameter]:
+        """What else changes with `parameters`: values by a material, where nobody has set any."""
+        asked = {parameter.name: parameter.value for parameter in parameters if parameter.name in self.rows}
+        given = {**self._given, **asked}
+        try:
+            before = material_values(self.values, self._given)
+            after = material_values({**self.values, **asked}, given)
+        except (TypeError, KeyError):  # refused with the reason in the next callback
+            return []
+        changed = {name: after.get(name, self.rows[name].default) for name in {**before, **after} if name not in given}
+        return [
+            RosParameter(name, value=ros_value(self.rows[name], value))
+            for name, value in changed.items()
+            if value != self.values[name]
+        ]
 
     def _refuse_or_accept(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
@@ -143,9 +167,14 @@ class ParameterBridge:
     def _hand_on(self, parameters: list[RosParameter]) -> None:
         try:
             before, self.values = self.values, self._proposed(parameters)
-            for parameter in parameters:
-                name = parameter.name
-                if name in self.rows and self.values[name] != before[name] and not self._restoring:
+            if self._restoring:
+                return
+            asked = {parameter.name: parameter.value for parameter in parameters if parameter.name in self.rows}
+            self._given |= {name: value for name, value in asked.items() if name not in self._followed}
+            changed = [name for name in asked if self.values[name] != before[name]]
+            rebuilds = any(not self.rows[name].live for name in changed)
+            for name in changed:
+                if not (rebuilds and name in self._followed):  # the new simulation takes those as it is built
                     self._on_change(name, self.rows[name], self.values[name])
         except Exception as error:
             self._log.error(f"a parameter change was accepted but not applied: {error}")

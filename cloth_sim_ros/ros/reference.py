@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.ros import parameter_names as names
+from cloth_sim_ros.sim.materials import CORDS, FABRICS
 
 HEAD = """# Parameters
 
@@ -16,6 +18,12 @@ Printed from `cloth_sim_ros/parameters.py` by `make docs`; do not edit.
 the next frame; **rebuild**: the simulation is built anew at the next frame, objects whose own parameters did not change
 go on from where they are; **start**: fixed while the node runs. Whole numbers and text such as `1e-6` are accepted for
 decimals.
+"""
+
+MATERIALS = """`material` sets what is not set otherwise: mass, compliances, bending (`dihedral`, of a rope `angle`),
+damping, friction, and of a cloth half of its thickness. The springs of a grid of square cells then have Young's
+modulus E and the shear modulus; the edges of a mesh have E alone. A rope of another `radius` has mass and EA by its
+square, EI by its fourth power.
 """
 
 
@@ -30,13 +38,29 @@ def reference() -> str:
         ("Objects of type rope", "<rope>.", names.object_rows("rope")),
         ("Colliders", "<collider>.", names.COLLIDER),
     ]
-    return HEAD + "".join(_section(*section) for section in sections)
+    return HEAD + "".join(_section(*section) for section in sections) + _materials()
 
 
 def _section(title: str, prefix: str, rows: Iterable[Parameter]) -> str:
     lines = [f"\n## {title}\n", "| parameter | default | allowed | change | meaning |", "|---|---|---|---|---|"]
     lines += [_line(prefix, row) for row in rows]
     return "\n".join(lines) + "\n"
+
+
+def _materials() -> str:
+    """The presets of sheets and of ropes."""
+    sheets = ["material", "mass [kg/m^2]", "E [N/m]", "shear [N/m]", "B [N m]", "damping [s]", "thick [m]"]
+    ropes = ["material", "radius [m]", "mass [kg/m]", "EA [N]", "EI [N m^2]", "damping [s]"]
+    lines = ["\n## Materials\n", MATERIALS]
+    for head, presets in ((sheets, FABRICS), (ropes, CORDS)):
+        head = [*head, "friction", "source"]
+        lines += [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+        for name, preset in presets.items():
+            *numbers, static, kinetic, source = dataclasses.astuple(preset)
+            cells = [f"`{name}`", *(f"{number:g}" for number in numbers), f"{static:g}, {kinetic:g}", source]
+            lines.append(f"| {' | '.join(cells)} |")
+        lines.append("")
+    return "\n".join(lines)
 
 
 def _line(prefix: str, row: Parameter) -> str:

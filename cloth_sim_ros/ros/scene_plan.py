@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Sphere, Winch, Wind
+from cloth_sim_ros.sim.materials import CORDS, FABRICS, rope_fields, sheet_fields, triangles_area
 
 Values = Mapping[str, Any]  # full parameter name -> checked value
 
@@ -56,9 +58,41 @@ def group(values: Values, prefix: str) -> dict[str, Any]:
     return {name[len(start) :]: value for name, value in values.items() if name.startswith(start)}
 
 
+def material_values(values: Values, given: Container[str]) -> dict[str, Any]:
+    """Full name -> value of what the materials of objects set, but for the names in `given`, which somebody has set.
+
+    What cannot be made of a material sets nothing; make_object says why.
+    """
+    found = {}
+    for name in values["objects"]:
+        try:
+            fields = _of_material(values, name, given) if values[f"{name}.material"] else {}
+        except ValueError:
+            continue
+        found |= {f"{name}.{field}": value for field, value in fields.items() if value is not None}
+    return {name: value for name, value in found.items() if name not in given}
+
+
+def _of_material(values: Values, name: str, given: Container[str]) -> dict[str, Any]:
+    """Field -> value of what the material of an object sets. Raises ValueError."""
+    own = group(values, name)
+    if own["type"] == "rope":
+        radius = own["radius"] if f"{name}.radius" in given else None
+        bends = not own["winch.enabled"]
+        fields = rope_fields(own["material"], math.dist(own["start"], own["end"]), radius, bends)
+        return {**fields, "bending": "angle" if bends else "none"}
+    bending = own["bending"] if f"{name}.bending" in given else "dihedral"
+    path = own["mesh"]
+    area = triangles_area(*load_mesh(path, f"{name}.mesh")) if path else math.prod(own["size"])
+    return sheet_fields(own["material"], area, bool(path), bending)
+
+
 def make_object(values: Values, name: str) -> Cloth | Rope:
     """The cloth or rope called `name`. Raises ValueError with what is wrong."""
     own = group(values, name)
+    material, known = own.pop("material"), CORDS if own["type"] == "rope" else FABRICS
+    if material and material not in known:
+        raise ValueError(f"{name}.material is {material!r}; allowed is one of {', '.join(known)}")
     if own["bending"] == "none":
         own["bend_compliance"] = None
     if own.pop("type") == "rope":

@@ -1,6 +1,7 @@
 """Cloth and rope simulation in NVIDIA Warp, usable without ROS. From what is described to what is read back:
 
-- scene, objects, colliders/, settings: what there is and how to compute it, checked (checks) against the one table;
+- scene, objects, materials, colliders/, settings: what there is and how to compute it, checked (checks) against the one
+  table;
 - topology/: an object as particles and elements, in NumPy; cells and tiling cut it into pieces;
 - limits, choice: which method an object can take, and takes;
 - model and state: what kernels read and write, constant and varying; model_arrays, state_arrays and live_array make it;

@@ -5,6 +5,7 @@ Every number is checked on construction; a bad one raises ValueError (see checks
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.checks import check_fields, finite_array
+from cloth_sim_ros.sim.materials import rope_fields, sheet_fields, triangles_area
 from cloth_sim_ros.sim.quaternion import Quaternion, Vector
 
 
@@ -70,18 +72,29 @@ class Cloth:
         _take_masses(self, count)
 
     @classmethod
-    def from_mesh(cls, vertices: Any, triangles: Any, **material: Any) -> Cloth:
-        """A cloth over `vertices` (N, 3) [m] in local axes and `triangles` (T, 3); `material` are the fields of Cloth.
+    def of(cls, material: str, **fields: Any) -> Cloth:
+        """A sheet of a material of `materials.FABRICS`; `fields` of Cloth, such as size and resolution, win over it.
 
-        Its edges carry stretch and shear alike, so it has no shear_compliance; pins are indices, "all named pins" of a
-        grid do not exist. Raises ValueError for a mesh that is not manifold or names a vertex that does not exist.
+        The mass follows from the size. Its moduli hold where cells are square. Raises ValueError for an unknown
+        material.
+        """
+        area = math.prod(table.check(table.row(table.CLOTH, "size"), fields.get("size", cls.size), "Cloth.size"))
+        return cls(**{**sheet_fields(material, area, bending=fields.get("bending", "dihedral")), **fields})
+
+    @classmethod
+    def from_mesh(cls, vertices: Any, triangles: Any, material: str = "", **fields: Any) -> Cloth:
+        """A cloth over `vertices` (N, 3) [m] in local axes and `triangles` (T, 3); `fields` are those of Cloth.
+
+        With a `material` of `materials.FABRICS` they win over its numbers, and the mass follows from the area. Its
+        edges carry stretch and shear alike, so it has no shear_compliance; pins are indices, "all named pins" of a grid
+        do not exist. Raises ValueError for a mesh that is not manifold or names a vertex that does not exist.
         """
         for name in ("resolution", "size"):
-            if name in material:
+            if name in fields:
                 raise ValueError(
                     f"Cloth.from_mesh has {name}; allowed are the material fields, the mesh gives the shape"
                 )
-        if material.get("shear_compliance") is not None:
+        if fields.get("shear_compliance") is not None:
             raise ValueError(
                 "Cloth.from_mesh has shear_compliance; a mesh's edges carry shear, allowed is stretch_compliance"
             )
@@ -89,7 +102,12 @@ class Cloth:
         faces = finite_array(triangles, 3, "Cloth.from_mesh triangles").astype(np.int32)
         if faces.min() < 0 or faces.max() >= len(points):
             raise ValueError(f"Cloth.from_mesh triangles name vertex {faces.max()}; allowed are 0 to {len(points) - 1}")
-        return cls(**{"pins": None, **material, "shear_compliance": None, "vertices": points, "triangles": faces})
+        preset = {}
+        if material:
+            bending = fields.get("bending", "dihedral")
+            preset = sheet_fields(material, triangles_area(points, faces), mesh=True, bending=bending)
+        shape = {"shear_compliance": None, "vertices": points, "triangles": faces}
+        return cls(**{"pins": None, **preset, **fields, **shape})
 
 
 @dataclass(frozen=True)
@@ -174,6 +192,20 @@ class Rope:
             self._check_winch()
         if self.twist_compliance is not None:
             self._check_twist()
+
+    @classmethod
+    def of(cls, material: str, **fields: Any) -> Rope:
+        """A rope of a material of `materials.CORDS`; `fields` of Rope, such as start and end, win over it.
+
+        The mass follows from the length, and what a thicker rope has from the radius; on a winch it does not bend.
+        Raises ValueError for an unknown material.
+        """
+        path = fields.get("points")
+        if path is None:
+            path = (fields.get("start", cls.start), fields.get("end", cls.end))
+        length = float(np.linalg.norm(np.diff(finite_array(path, 3, "Rope.points"), axis=0), axis=1).sum())
+        bends = fields.get("winch") is None
+        return cls(**{**rope_fields(material, length, fields.get("radius"), bends), **fields})
 
     def _check_twist(self) -> None:
         """Raise ValueError where a rope that resists twist does not bend or its ends are not clamped."""

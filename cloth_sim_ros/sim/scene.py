@@ -19,8 +19,11 @@ from cloth_sim_ros.sim.quaternion import Vector
 
 @dataclass(frozen=True)
 class Wind:
-    """A uniform wind [m/s]. Per triangle 1/2 rho A ((Cd - Cl)|v.n| v + Cl |v|^2 n), v the air relative to the
-    surface."""
+    """A uniform wind [m/s].
+
+    At the incidence alpha a surface has C_D = drag_coefficient sin^3 alpha and C_L = lift_coefficient sin alpha
+    sin 2 alpha, see physics/aerodynamics.py. A rope has drag_coefficient across its axis, and no force along it.
+    """
 
     velocity: Vector = (0.0, 0.0, 0.0)
     air_density: float = 1.225

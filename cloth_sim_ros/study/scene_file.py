@@ -13,7 +13,7 @@ import yaml
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.ros import parameter_names as names  # noqa: TID251 (free of rclpy, which a test proves)
-from cloth_sim_ros.ros.scene_plan import Plan, make_plan  # noqa: TID251 (as above)
+from cloth_sim_ros.ros.scene_plan import Plan, make_plan, material_values  # noqa: TID251 (as above)
 
 PARAMETERS = "ros__parameters"
 
@@ -33,7 +33,7 @@ def read_plan(path: Path) -> Plan:
     unknown = sorted(set(given) - set(rows))
     if unknown:
         raise ValueError(f"{path} has {unknown[0]}, which is no parameter")
-    plan = make_plan(values)
+    plan = make_plan(values | material_values(values, given))
     for problem in plan.problems.values():
         raise ValueError(f"{path}: {problem}")
     return plan

@@ -7,6 +7,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from node_process import SMALL
 from sensor_msgs.msg import PointCloud2
 
+from cloth_sim_ros.sim.materials import CORDS, FABRICS
+
 
 @pytest.fixture
 def node(start, client):
@@ -77,3 +79,46 @@ def test_live_changes_act_on_the_motion(node, client):
     client.until(lambda: fields(node.clouds[-1])[:, 2].mean() > 2.0)
     assert client.set("ball.position", [0.0, 0.0, 1.0]).successful
     assert np.isfinite(fields(node.clouds[-1])).all()
+
+
+OF_COTTON = """
+cloth_sim:
+  ros__parameters:
+    objects: [cloth, line]
+    cloth: {type: cloth, material: cotton, resolution: [6, 6], size: [0.5, 0.4], damping: 0.001}
+    line: {type: rope, material: steel cable, segments: 8, start: [0, 0, 1], end: [2, 0, 1]}
+"""
+
+
+def test_a_material_sets_what_the_file_does_not(start, client):
+    start(OF_COTTON).ready()
+    cotton, steel = FABRICS["cotton"], CORDS["steel cable"]
+    assert client.get("cloth.mass") == pytest.approx(0.2 * cotton.areal_mass)
+    assert client.get("cloth.bending") == "dihedral"
+    assert client.get("cloth.bend_compliance") == pytest.approx(1.0 / cotton.bending)
+    assert client.get("cloth.shear_compliance") == pytest.approx(1.0 / cotton.shear)
+    assert client.get("cloth.damping") == 0.001, "the file set it"
+    assert client.get("line.mass") == pytest.approx(2.0 * steel.linear_mass)
+    assert client.get("line.stretch_compliance") == pytest.approx(1.0 / steel.stretch)
+    assert client.get("line.bending") == "angle"
+
+
+def test_a_material_may_change_and_what_was_set_stays(start, client):
+    node = start(OF_COTTON).ready()
+    denim = FABRICS["denim"]
+    assert client.set("cloth.static_friction", 0.1).successful
+    assert client.set("cloth.material", "denim").successful
+    assert client.get("cloth.mass") == pytest.approx(0.2 * denim.areal_mass)
+    assert client.get("cloth.bend_compliance") == pytest.approx(1.0 / denim.bending)
+    assert (client.get("cloth.static_friction"), client.get("cloth.damping")) == (0.1, 0.001)
+    assert client.set("cloth.size", [1.0, 1.0]).successful
+    assert client.get("cloth.mass") == pytest.approx(denim.areal_mass)
+    refused = client.set("cloth.material", "tweed")
+    assert not refused.successful
+    assert refused.reason == f"cloth.material is 'tweed'; allowed is one of {', '.join(FABRICS)}"
+    assert client.get("cloth.material") == "denim"
+    assert client.set("cloth.material", "").successful
+    assert (client.get("cloth.mass"), client.get("cloth.bending")) == (0.2, "none")
+    clouds = client.listen(PointCloud2, "/cloth_sim/cloth/particles", 1)
+    client.until(lambda: len(clouds) > 2)
+    assert finite(clouds[-1]) and "accepted but not applied" not in node.log

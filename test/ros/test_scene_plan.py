@@ -93,7 +93,7 @@ def test_what_is_no_mesh_is_said_in_one_sentence(tmp_path, content):
 
 def test_the_rows_are_the_fields_of_the_scene():
     """Every row of the table under an object or collider ends up in the scene, or this test names it."""
-    ours = {"type", "mesh", "shear", "bending", "twist", "shape", "dimensions"}
+    ours = {"type", "material", "mesh", "shear", "bending", "twist", "shape", "dimensions"}
     for kind, description in (("cloth", Cloth), ("rope", Rope)):
         fields = {field.name for field in dataclasses.fields(description)}
         assert {row.name.partition(".")[0] for row in names.object_rows(kind)} - ours <= fields

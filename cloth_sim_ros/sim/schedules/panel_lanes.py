@@ -40,13 +40,11 @@ for (int first = begin; first < end; first += {LANES}) {{
     const Lanes inverse = size > 0.0f ? 1.0f / size : Lanes(0.0f);
     Lanes across = 0.0f;
     for (int axis = 0; axis < 3; ++axis) across += relative[axis] * doubled[axis] * inverse;
-    const Lanes side = across > 0.0f ? Lanes(1.0f) : across < 0.0f ? Lanes(-1.0f) : Lanes(0.0f);
-    const Lanes factor = 0.25f * density * size / 3.0f;
-    for (int axis = 0; axis < 3; ++axis) {{
-        const Lanes along = (drag - lift) * (side * across) * relative[axis];
-        force[axis] = factor * (along + lift * speed * speed * side * (doubled[axis] * inverse));
-    }}
-    force[3] = factor * (drag > lift ? drag : lift) * speed;
+    const Lanes sine = speed > 0.0f ? across / speed : Lanes(0.0f);
+    const Lanes rate = (0.25f / 3.0f * density) * size * (across < 0.0f ? -across : across);
+    const Lanes along = rate * (drag - 2.0f * lift) * sine * sine, normal = rate * (2.0f * lift) * across * inverse;
+    for (int axis = 0; axis < 3; ++axis) force[axis] = along * relative[axis] + normal * doubled[axis];
+    force[3] = rate * (drag > 2.0f * lift ? drag : 2.0f * lift);
     Lanes rows[4];
     transpose(force, rows);
     Row* to = (Row*)(forces.data + first);
