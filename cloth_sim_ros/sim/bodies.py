@@ -10,7 +10,7 @@ import warp as wp
 
 from cloth_sim_ros.sim import topology
 from cloth_sim_ros.sim.batch import Batch, goes_in_rows
-from cloth_sim_ros.sim.choice import Choice, choose
+from cloth_sim_ros.sim.choice import Choice, Surroundings, choose
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.model import Features
@@ -45,9 +45,9 @@ class Bodies:
 
     def _choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]]) -> Choice:
         """How an object with these pairs of compliances and damping is to be computed."""
-        crumples = self.scene.wind is not None
         kind = "cpu" if self._device.is_cpu else "cuda"
-        return choose(self.settings, self._elastic[name], list(materials), crumples, name in self._strained, kind)
+        around = Surroundings(kind, self.scene.wind is not None, len(self.scene.colliders))
+        return choose(self.settings, self._elastic[name], list(materials), name in self._strained, around)
 
     def _build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""

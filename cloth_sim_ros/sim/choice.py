@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from cloth_sim_ros.sim import limits
+from cloth_sim_ros.sim import limits, prices
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.topology import Topology
 
@@ -25,29 +26,19 @@ _LEAST_ROPE = 20  # of a rope at an error of 1e-3
 # BDF2 by lines misses the motion by _BDF2 (limit / 44)^2 (16 / side)^1.4 / substeps^2, relative to it, in sheets held
 # at all edges, the hardest of the study's cases; `limit` are the substeps that leapfrog needs, side^2 the particles.
 # Of a sheet too stiff to be seen to stretch it is no more than _RIGID / substeps^2.
-_BDF2, _RIGID = 5.6, 30.0
+# One that is held along one edge swings: _HUNG limit / 90 / substeps^2.
+_BDF2, _RIGID, _HUNG = 5.6, 30.0, 0.5
 _BENDING = 0.3  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
 _LEAPFROG = 4.0e-4  # error of leapfrog at its limit, likewise; by four with twice the substeps
 
 
 @dataclass(frozen=True)
-class Price:
-    """Milliseconds that a substep takes on a device: a part for itself and a part for each particle."""
+class Surroundings:
+    """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind and the number of colliders."""
 
-    verlet: tuple[float, float]
-    lines: tuple[float, float]
-    rope: tuple[float, float]
-
-    def of(self, kind: str, particles: int, substeps: float) -> float:
-        """Of a frame [ms]."""
-        each, by_particle = getattr(self, kind)
-        return substeps * (each + by_particle * particles)
-
-
-PRICES = {
-    "cpu": Price(verlet=(2.0e-4, 9.0e-6), lines=(2.0e-4, 1.8e-5), rope=(1.0e-4, 5.0e-5)),
-    "cuda": Price(verlet=(6.0e-4, 1.6e-8), lines=(2.5e-2, 4.0e-7), rope=(5.0e-3, 1.0e-6)),
-}
+    device: str
+    wind: bool
+    colliders: int
 
 
 @dataclass(frozen=True)
@@ -75,20 +66,17 @@ def choose(
     settings: Settings,
     topology: Topology,
     materials: Collection[tuple[Sequence[float], float]],
-    crumples: bool,
     strained: bool,
-    device: str,
+    around: Surroundings,
 ) -> Choice:
-    """How to compute an object of `topology` on a `device` of PRICES, whose worlds have these pairs of compliances and
-    damping, which wind `crumples`; one that is or was `strained` beyond all rest is left to xpbd.
+    """How to compute an object of `topology` whose worlds have these pairs of compliances and damping.
 
-    Numbers that are set in `settings` are kept; set iterations or an order belong to xpbd.
+    Numbers that are set in `settings` are kept; set iterations or an order belong to xpbd, which also takes what is or
+    was `strained` beyond all rest.
     """
-    needed = max(limits.explicit_substeps(topology, *material, settings.frame_dt, crumples) for material in materials)
-    undamped = max(limits.explicit_substeps(topology, c, 0.0, settings.frame_dt, crumples) for c, _ in materials)
-    softest = min((c[2] for c, _ in materials), default=0.0)
-    bending = math.sqrt(topology.plate_rate / softest) if topology.plate is not None and softest > 0.0 else 0.0
-    xpbd = _xpbd(settings, topology, undamped, bending, device)
+    limit = partial(limits.explicit_substeps, topology, frame_dt=settings.frame_dt, crumples=around.wind)
+    needed = max(limit(compliance, damping) for compliance, damping in materials)
+    xpbd = _xpbd(settings, topology, materials, max(limit(compliance, 0.0) for compliance, _ in materials), around)
     if settings.method == "xpbd":
         return xpbd
     verlet = replace(_verlet(settings, needed), safe_substeps=max(xpbd.substeps, _SAFE))
@@ -96,17 +84,14 @@ def choose(
         return verlet
     because = _not_explicit(settings, topology, needed, strained)
     if because:
-        return _with_reason(xpbd, f"{because}; {xpbd.reason}")
-    price, count, budget = PRICES[device], len(topology.masses), _budget(settings)
-    kind = "rope" if xpbd_is_direct(topology) else "lines"
-    cost, other = price.of("verlet", count, verlet.substeps), price.of(kind, count, xpbd.substeps * xpbd.iterations)
-    nearer = verlet.error <= xpbd.error
-    if (cost <= other and cost <= budget) or (nearer and cost <= budget and xpbd.error > settings.error):
-        return verlet
-    if cost > budget:
+        return replace(xpbd, reason=f"{because}; {xpbd.reason}")
+    cost = verlet.substeps * prices.verlet(topology, around)
+    if cost > _budget(settings):
         why = f"explicit steps would need {needed:g} substeps, more than the budget"
-        return _with_reason(xpbd, f"{why}; {xpbd.reason}")
-    return xpbd
+        return replace(xpbd, reason=f"{why}; {xpbd.reason}")
+    other = xpbd.substeps * xpbd.iterations * prices.xpbd(topology, materials, around)
+    misses = xpbd.error > settings.error and verlet.error <= xpbd.error
+    return verlet if cost <= other or misses else xpbd
 
 
 def xpbd_is_direct(topology: Topology) -> bool:
@@ -119,10 +104,6 @@ def _budget(settings: Settings) -> float:
     return 1e3 * settings.budget * settings.frame_dt
 
 
-def _with_reason(choice: Choice, reason: str) -> Choice:
-    return replace(choice, reason=reason)
-
-
 def _not_explicit(settings: Settings, topology: Topology, needed: float, strained: bool) -> str:
     """Why explicit steps cannot be taken, in words; "" where they can."""
     if settings.iterations or settings.order:
@@ -130,7 +111,7 @@ def _not_explicit(settings: Settings, topology: Topology, needed: float, straine
     if topology.reel is not None:
         return "a winch feeds it, which explicit steps lack"
     if topology.bends_by_angles:
-        return "it bends by angles, which explicit steps lack"
+        return "it bends as a rope does, which explicit steps lack"
     if strained:
         return f"it is or was strained by more than {STRAINED:g}, and explicit steps heat it"
     if math.isinf(needed):
@@ -150,31 +131,59 @@ def _verlet(settings: Settings, needed: float) -> Choice:
     return Choice("verlet", 1, substeps, settings.iterations or 1, error, reason)
 
 
-def _xpbd(settings: Settings, topology: Topology, limit: float, bending: float, device: str) -> Choice:
+def _xpbd(
+    settings: Settings,
+    topology: Topology,
+    materials: Collection[tuple[Sequence[float], float]],
+    limit: float,
+    around: Surroundings,
+) -> Choice:
     """XPBD in as many substeps as the wanted error asks for and the budget allows.
 
-    limit: substeps that leapfrog needs without dashpots; bending: rate of the stiffest bending mode [1/s].
+    limit: substeps that leapfrog needs without dashpots.
     """
-    order, iterations, count = settings.order or 2, settings.iterations or 1, len(topology.masses)
-    direct = xpbd_is_direct(topology)
-    if direct:
-        constant = _LEAST_ROPE**2 * 1e-3
-    else:
-        constant = _BDF2 * (limit / 44.0) ** 2 * (16.0 / math.sqrt(count)) ** 1.4 if math.isfinite(limit) else _RIGID
-        constant = min(constant, _RIGID)
+    order, iterations = settings.order or 2, settings.iterations or 1
+    constant = _constant(topology, limit)
     power = 2 if order == 2 else 1
     effective = settings.frame_dt * (2.0 / 3.0 if order == 2 else 1.0)
-    wanted = max((constant / settings.error) ** (1.0 / power), effective * bending / math.sqrt(_BENDING))
-    each = PRICES[device].of("rope" if direct else "lines", count, iterations)
-    affordable = _budget(settings) / each
+    bending = effective * math.sqrt(_bending_rate(topology, materials) / _BENDING)
+    wanted = max((constant / settings.error) ** (1.0 / power), bending)
+    affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
     substeps = settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), FEWEST, _MOST_LINES))
     error = constant / substeps**power
     reason = f"is computed by xpbd order {order} in {substeps} x {iterations}"
     if not settings.substeps and substeps < math.floor(wanted):
-        reason += (
-            f", where an error of {settings.error:g} would take {math.ceil(wanted)} substeps: it may be {error:.2g}"
-        )
+        reason += f", where an error of {settings.error:g} would take {math.ceil(wanted)}: it may be {error:.2g}"
+    share = limits.bending_share(_bending_rate(topology, materials), effective / substeps)
+    if share < 1.0:
+        reason += f", and {share:.2g} of its bending rigidity acts"
     return Choice("xpbd", order, substeps, iterations, error, reason)
+
+
+def _constant(topology: Topology, limit: float) -> float:
+    """The error of BDF2 is this over the square of the substeps; `limit` are those of leapfrog."""
+    if xpbd_is_direct(topology):
+        return _LEAST_ROPE**2 * 1e-3
+    if not math.isfinite(limit):
+        return _RIGID
+    if _hangs(topology):
+        return _HUNG * limit / 90.0
+    return min(_BDF2 * (limit / 44.0) ** 2 * (16.0 / math.sqrt(len(topology.masses))) ** 1.4, _RIGID)
+
+
+def _hangs(topology: Topology) -> bool:
+    """Whether a sheet is held along a line and nowhere else, so that it swings more than it stretches."""
+    held = topology.layout[topology.pinned]
+    if len(held) < 0.5 * math.sqrt(len(topology.masses)):
+        return False
+    spread = np.linalg.svd(held - held.mean(axis=0), compute_uv=False)
+    return bool(len(spread) > 1 and spread[1] < 1e-6 * max(spread[0], 1e-300))
+
+
+def _bending_rate(topology: Topology, materials: Collection[tuple[Sequence[float], float]]) -> float:
+    """omega^2 of the stiffest bending mode of a sheet [1/s^2]."""
+    softest = min(compliance[2] for compliance, _ in materials)
+    return topology.plate_rate / max(softest, 1e-30) if topology.plate is not None else 0.0
 
 
 def is_strained(topology: Topology, positions: np.ndarray) -> bool:

@@ -24,6 +24,15 @@ _ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS, of a length in float32
 _HEAT = 1e-2  # [m^2/s^3] by which rounding may heat a body; beyond it a spring is as good as rigid
 
 
+# (omega h_e)^2 of the stiffest bending mode that XPBD takes; beyond it, the sheet is computed as softer.
+MOST_BENDING = 0.6
+
+
+def bending_share(rate: float, step: float) -> float:
+    """The share of a sheet's bending rigidity that acts under XPBD, for its stiffest mode's omega^2 [1/s^2] and h_e."""
+    return min(1.0, MOST_BENDING / max(rate * step * step, 1e-30))
+
+
 def explicit_substeps(
     topology: Topology, compliance: Sequence[float], damping: float, frame_dt: float, crumples: bool
 ) -> float:

@@ -7,13 +7,14 @@ the shortest waves. Above MOST, where it would not be, the sheet is computed as 
 
 import warp as wp
 
+from cloth_sim_ros.sim.limits import MOST_BENDING
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.physics.plate import rest_curvature
 from cloth_sim_ros.sim.schedules.native import array_address, load4, store4, xyz
 from cloth_sim_ros.sim.state import Material, State
 
-MOST = wp.constant(0.6)  # (omega h_e)^2 (1 + gamma) of the stiffest mode, gamma = dashpot time / h_e
+MOST = wp.constant(MOST_BENDING)  # (omega h_e)^2 (1 + gamma) of the stiffest mode, gamma = dashpot time / h_e
 
 _SUM = """
 const float* weight = weights.data + base;

@@ -1,0 +1,48 @@
+"""What a substep costs [ms], by method, device and what a scene holds: measured once, on a CPU core and an H200.
+
+The constants only have to be right in proportion: they decide which of two methods is cheaper, and how many substeps a
+budget buys.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING
+
+from cloth_sim_ros.sim.topology import Topology
+
+if TYPE_CHECKING:
+    from cloth_sim_ros.sim.choice import Surroundings
+
+_NS = 1e-6  # [ms]
+# Of a CPU, for each particle: explicit springs of a grid in vector lanes, of a mesh one by one, motion, air, a collider,
+# the plate operator; and for each spring of a line, without and with dashpots.
+_GRID, _MESH, _MOTION, _AIR, _COLLIDER, _PLATE = (n * _NS for n in (6.0, 60.0, 5.0, 18.0, 9.0, 10.0))
+_SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
+_SEGMENT = 45.0 * _NS  # of a rope
+# Of an H200: a substep of tiles; a launch of one stage, for each particle a little; a rope in a block.
+_TILES, _TILES_PARTICLE, _LAUNCH, _LAUNCH_PARTICLE, _ROPE = 6.0e-4, 1.6e-8, 4.0e-3, 5.0e-8, 5.0e-3
+
+
+def verlet(topology: Topology, around: Surroundings) -> float:
+    """Of explicit steps."""
+    count = len(topology.masses)
+    if around.device == "cuda":
+        slow = 1.0 + 0.5 * around.wind + 0.1 * around.colliders + 0.5 * (topology.plate is not None)
+        return _TILES * slow + _TILES_PARTICLE * count
+    springs = _MESH if topology.grid is None else _GRID
+    return count * (springs + _AIR * around.wind + _COLLIDER * around.colliders + _PLATE * (topology.plate is not None))
+
+
+def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
+    """Of XPBD, by one iteration."""
+    count, plate = len(topology.masses), topology.plate is not None
+    if not len(topology.triangles):
+        return _ROPE if around.device == "cuda" else count * _SEGMENT
+    if around.device == "cuda":
+        launches = 2 + len(topology.families) + around.wind + plate
+        return launches * (_LAUNCH + _LAUNCH_PARTICLE * count)
+    springs = sum(len(elements.rest) for elements in topology.springs.values())
+    damped = any(damping > 0.0 for _, damping in materials)
+    each = _MOTION + _AIR * around.wind + _COLLIDER * around.colliders + _PLATE * plate
+    return springs * (_SPRING + _DASHPOT * damped) + count * each
