@@ -28,11 +28,11 @@ class Coloured:
         self._groups = arrays.model.groups.numpy().tolist()
         self._recorded: dict[tuple, wp.Launch] = {}
         self._frame: list[wp.Launch] = []
-        self._frames: dict[tuple[int, int], list[wp.Launch] | wp.Graph] = {}
+        self._frames: dict[tuple[int, int, int], list[wp.Launch] | wp.Graph] = {}
 
-    def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; a new number of substeps or iterations is recorded, on a GPU in a graph; a few are kept."""
-        settings = (substeps, iterations)
+    def advance(self, substeps: int, iterations: int, outer: int) -> None:
+        """Launch one frame; new numbers are recorded, on a GPU in a graph; a few are kept."""
+        settings = (substeps, iterations, outer)
         if settings not in self._frames:
             if len(self._frames) == GRAPHS:
                 self._frames.pop(next(iter(self._frames)))
@@ -44,9 +44,9 @@ class Coloured:
         for launch in frame:
             launch.launch()
 
-    def _record(self, substeps: int, iterations: int) -> list[wp.Launch] | wp.Graph:
+    def _record(self, substeps: int, iterations: int, outer: int) -> list[wp.Launch] | wp.Graph:
         self._frame = []
-        self._launch_frame(substeps, iterations)
+        self._launch_frame(substeps, iterations, outer)
         if not self._device.is_cuda:
             return self._frame
         with wp.ScopedCapture(device=self._device) as capture:
@@ -66,18 +66,19 @@ class Coloured:
             self._recorded[key] = wp.launch(kernel, dim=dim, inputs=inputs, device=device, record_cmd=True)
         self._frame.append(self._recorded[key])
 
-    def _launch_frame(self, substeps: int, iterations: int) -> None:
+    def _launch_frame(self, substeps: int, iterations: int, outer: int) -> None:
+        outer_ends = {j * substeps // outer for j in range(outer + 1)}
         for substep in range(substeps):
             for b, body in enumerate(self._bodies):
                 if self._colliders:
                     self._launch("sweep", self._colliders, b, substep)
                 if self._features.winch:
                     self._launch("reel", 1, b)
-                if self._features.panels:
-                    threads = 1 if self._device.is_cpu else -(-(body["panels_end"] - body["panels"]) // 2)
-                    self._launch("panels", threads, b, g=threads)
-                if self._features.curved and self._features.method == "verlet":
-                    self._launch("curve", body["curves_end"] - body["curves"], b)
+                if self._features.has_outer:
+                    if substep in outer_ends:
+                        self._launch_kick(b, body, substep)
+                elif self._features.panels:
+                    self._launch_panels(b, body)
                 self._launch("predict", body["count"], b)
                 if self._features.method == "xpbd":
                     if self._features.curved:
@@ -91,17 +92,33 @@ class Coloured:
             if self._features.looks_back:
                 self._launch("age", len(self._bodies), substep=substep)
         for b, body in enumerate(self._bodies):
+            if self._features.has_outer:
+                self._launch_kick(b, body, substeps)
             self._launch("find_faults", body["count"], b)
             self._launch("settle", body["count"], b)
         self._launch("count_faults", len(self._bodies))
+
+    def _launch_panels(self, b: int, body: dict) -> None:
+        threads = 1 if self._device.is_cpu else -(-(body["panels_end"] - body["panels"]) // 2)
+        self._launch("panels", threads, b, g=threads)
+
+    def _launch_kick(self, b: int, body: dict, substep: int) -> None:
+        """Slow forces at the end of an outer step."""
+        if self._features.panels:
+            self._launch_panels(b, body)
+        if self._features.curved:
+            self._launch("curve", body["curves_end"] - body["curves"], b)
+        self._launch("kick", body["count"], b, substep)
+        self._launch("take_kick", body["count"], b)
 
     def _launch_iteration(self, b: int, body: dict, iteration: int, store: int) -> None:
         turn = min(iteration, 1)  # whether it is the first
         if self._features.chain:
             self._launch("chain", 1, b, iteration=turn, store=store)
-        for g in range(body["groups"], body["groups_end"]):
-            size = self._threads_a_row * (self._groups[g][3] - self._groups[g][2])
-            self._launch("lines", size, b, iteration=turn, store=store, g=g)
+        if "line" in self._features.constraints:
+            for g in range(body["groups"], body["groups_end"]):
+                size = self._threads_a_row * (self._groups[g][3] - self._groups[g][2])
+                self._launch("lines", size, b, iteration=turn, store=store, g=g)
         if "edge" in self._features.constraints:
             for g in range(body["groups_end"], body["edge_groups_end"]):
                 self._launch("edges", self._groups[g][3] - self._groups[g][2], b, iteration=turn, g=g)
