@@ -88,30 +88,26 @@ def make_panels(features: Features):
     return panel_forces
 
 
-def make_accelerate(features: Features):
-    """A Warp function: the acceleration [m/s^2] of particle g of the batch by gravity, drag and the panels around it,
-    and its drag rate [1/s]."""
+def make_push(features: Features):
+    """A Warp function: the air's force [N] on particle g of the batch by the panels around it, and its drag rate
+    [N s/m]."""
     around = 6 if features.panels == "triangles" else 2  # so many within a grid, or along a rope
     Panels, Forces = wp.types.vector(around, int), wp.types.matrix((around, 4), float)
 
     @wp.func
-    def accelerate(g: int, w: float, v: wp.vec3, m: Model, s: State, frame: Frame) -> wp.vec4:
-        a = frame.gravity - frame.global_damping * v
-        rate = frame.global_damping
-        if wp.static(features.panels != ""):
-            first, end = m.panel_start[g], m.panel_start[g + 1]
-            panels = Panels()
-            forces = Forces()
-            for k in range(first, end, wp.static(around)):
-                # All are asked for before any is added, and what is asked for too much weighs nothing.
-                for q in range(wp.static(around)):
-                    panels[q] = m.particle_panels[wp.min(k + q, end - 1)]
-                for q in range(wp.static(around)):
-                    forces[q] = load_row(s.panel_forces, panels[q])
-                for q in range(wp.static(around)):
-                    there = wp.where(k + q < end, 1.0, 0.0)
-                    a += (there * w) * xyz(forces[q])
-                    rate += (there * w) * forces[q][3]
-        return wp.vec4(a[0], a[1], a[2], rate)
+    def push(g: int, m: Model, s: State) -> wp.vec4:
+        total = wp.vec4(0.0)
+        first, end = m.panel_start[g], m.panel_start[g + 1]
+        panels = Panels()
+        forces = Forces()
+        for k in range(first, end, wp.static(around)):
+            # All are asked for before any is added, and what is asked for too much weighs nothing.
+            for q in range(wp.static(around)):
+                panels[q] = m.particle_panels[wp.min(k + q, end - 1)]
+            for q in range(wp.static(around)):
+                forces[q] = load_row(s.panel_forces, panels[q])
+            for q in range(wp.static(around)):
+                total += wp.where(k + q < end, 1.0, 0.0) * forces[q]
+        return total
 
-    return accelerate
+    return push

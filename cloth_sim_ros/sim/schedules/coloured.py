@@ -29,11 +29,11 @@ class Coloured:
         self._groups = arrays.model.groups.numpy().tolist()
         self._recorded: dict[tuple, wp.Launch] = {}
         self._frame: list[wp.Launch] = []
-        self._frames: dict[tuple[int, int], list[wp.Launch] | wp.Graph] = {}
+        self._frames: dict[tuple[int, int, int], list[wp.Launch] | wp.Graph] = {}
 
-    def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; a new number of substeps or iterations is recorded, on a GPU in a graph; a few are kept."""
-        settings = (substeps, iterations)
+    def advance(self, substeps: int, iterations: int, outer: int) -> None:
+        """Launch one frame; new numbers are recorded, on a GPU in a graph; a few are kept."""
+        settings = (substeps, iterations, outer)
         if settings not in self._frames:
             if len(self._frames) == GRAPHS:
                 self._frames.pop(next(iter(self._frames)))
@@ -48,7 +48,7 @@ class Coloured:
     def prepare(self, substeps: int, iterations: int) -> None:
         """Make the launches of such a frame, outside of a capture."""
         self._frame = []
-        self._launch_frame(substeps, iterations)
+        self._launch_frame(substeps, iterations, 1)
         for kernel in self._kernels.values():
             kernel.module.load(self._device)
 
@@ -56,9 +56,9 @@ class Coloured:
         """The launches of a frame, which `prepare` has made."""
         return self._frame
 
-    def _record(self, substeps: int, iterations: int) -> list[wp.Launch] | wp.Graph:
+    def _record(self, substeps: int, iterations: int, outer: int) -> list[wp.Launch] | wp.Graph:
         self._frame = []
-        self._launch_frame(substeps, iterations)
+        self._launch_frame(substeps, iterations, outer)
         if not self._device.is_cuda:
             return self._frame
         with wp.ScopedCapture(device=self._device) as capture:
@@ -78,31 +78,46 @@ class Coloured:
             self._recorded[key] = wp.launch(kernel, dim=dim, inputs=inputs, device=device, record_cmd=True)
         self._frame.append(self._recorded[key])
 
-    def _launch_frame(self, substeps: int, iterations: int) -> None:
+    def _launch_frame(self, substeps: int, iterations: int, outer: int) -> None:
+        outer_ends = {j * substeps // outer for j in range(outer + 1)}
         for substep in range(substeps):
             for b, body in enumerate(self._bodies):
+                if self._features.has_outer and substep in outer_ends:
+                    self._launch_kick(b, body, substep)
                 self._launch_substep(b, body, substep, substeps, iterations)
         for b, body in enumerate(self._bodies):
+            if self._features.has_outer:
+                self._launch_kick(b, body, substeps)
             self._launch("find_faults", body["count"], b)
             self._launch("settle", body["count"], b)
         self._launch("count_faults", len(self._bodies))
 
+    def _launch_kick(self, b: int, body: dict, substep: int) -> None:
+        """Slow forces at the end of an outer step."""
+        if self._features.panels:
+            self._launch_panels(b, body, substep)
+        if self._features.curved:
+            self._launch("curve", body["curves_end"] - body["curves"], b, substep)
+        self._launch("kick", body["count"], b, substep)
+        self._launch("take_kick", body["count"], b, substep)
+
+    def _launch_panels(self, b: int, body: dict, substep: int) -> None:
+        threads = 1 if self._device.is_cpu else -(-(body["panels_end"] - body["panels"]) // 2)
+        self._launch("panels", threads, b, substep, g=threads)
+
     def _launch_substep(self, b: int, body: dict, substep: int, substeps: int, iterations: int) -> None:
-        has, explicit = self._features, self._features.method == "verlet"
+        has, implicit = self._features, self._features.method == "xpbd"
         turn = substep if has.looks_back or self._colliders else 0  # what does not ask is one launch, packed once
         if self._colliders and substep % SWEPT == 0:
             self._launch("sweep", self._colliders * min(SWEPT, substeps - substep), b, substep)
         if has.winch:
             self._launch("reel", 1, b)
-        if has.panels:
-            threads = 1 if self._device.is_cpu else -(-(body["panels_end"] - body["panels"]) // 2)
-            self._launch("panels", threads, b, turn, g=threads)
-        if has.curved and explicit:
-            self._launch("curve", body["curves_end"] - body["curves"], b, turn)
+        if has.panels and implicit:
+            self._launch_panels(b, body, turn)
         self._launch("predict", body["count"], b, turn)
-        if has.curved and not explicit:
+        if has.curved and implicit:
             self._launch("curve", body["curves_end"] - body["curves"], b, turn)
-        if has.plate and not explicit:
+        if has.plate and implicit:
             self._launch("bend", body["count"], b, turn)
         for iteration in range(iterations):
             store = int(iterations > 1 or substep == substeps - 1)

@@ -6,7 +6,7 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Features
-from cloth_sim_ros.sim.physics.integrate import Step, make_step
+from cloth_sim_ros.sim.physics.integrate import Step, make_step, outer_weight
 from cloth_sim_ros.sim.schedules.air import make_panels
 from cloth_sim_ros.sim.schedules.coloured_constraints import add_constraints
 from cloth_sim_ros.sim.schedules.contact import make_contact
@@ -15,7 +15,15 @@ from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load_ro
 from cloth_sim_ros.sim.schedules.plate import curve_triangle, make_bend
 from cloth_sim_ros.sim.schedules.reel import make_turn
 from cloth_sim_ros.sim.schedules.rope_watch import make_settle_ends, make_slacken
-from cloth_sim_ros.sim.schedules.stages import SWEPT, make_finish, make_predict, moving_of, sweep_collider
+from cloth_sim_ros.sim.schedules.stages import (
+    SWEPT,
+    make_finish,
+    make_kick,
+    make_predict,
+    moving_of,
+    store_velocity,
+    sweep_collider,
+)
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import Arrays, given_type
 
@@ -162,6 +170,8 @@ def _add_motion(stage: Callable, look: wp.Function, features: Features) -> None:
 
     if features.plate:
         _add_plate(stage, look, features)
+    if features.has_outer:
+        _add_kick(stage, look, features)
 
     if turn is not None:
 
@@ -190,6 +200,23 @@ def _add_plate(stage: Callable, look: wp.Function, features: Features) -> None:
         if wp.static(features.method == "verlet"):
             moved = here.low
         curve_triangle(here.body.curves + i, arrays.model, arrays.state, here.body, here.x, moved)
+
+
+def _add_kick(stage: Callable, look: wp.Function, features: Features) -> None:
+    """The stages of slow forces at outer steps."""
+    kick_particle = make_kick(features)
+
+    @stage
+    def kick(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        here = look(arrays, b, 0, 0, 0)
+        frame, material = arrays.frames[0], arrays.materials[b]
+        span = outer_weight(substep, frame.substeps, frame.outer) * frame.dt
+        kick_particle(i, span, arrays.model, arrays.state, here.body, material, here.x, here.low, here.d)
+
+    @stage
+    def take_kick(arrays: Arrays, i: int, b: int, substep: int, iteration: int, store: int, g: int):
+        here = look(arrays, b, 0, 0, 0)
+        store_velocity(i, arrays.state, here.body, here.d)
 
 
 def _make_touch(features: Features):

@@ -51,8 +51,8 @@ class Resident:
         """The launch of a frame."""
         return [self._launch]
 
-    def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; both numbers are read from the device's Frame, where they are already."""
+    def advance(self, substeps: int, iterations: int, outer: int) -> None:
+        """Launch one frame; the numbers are read from the device's Frame, where they are already."""
         self._launch.launch()
 
 

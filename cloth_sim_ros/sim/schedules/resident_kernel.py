@@ -5,8 +5,8 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim.lines.solve import make_solve_lines
-from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.integrate import make_step
+from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.physics.integrate import make_step, outer_weight
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.air import make_panels
 from cloth_sim_ros.sim.schedules.contact import make_contact
@@ -21,14 +21,16 @@ from cloth_sim_ros.sim.schedules.scan import THREADS, scan_size
 from cloth_sim_ros.sim.schedules.stages import (
     Moving,
     make_finish,
+    make_kick,
     make_predict,
     moving_of,
     pack,
+    store_velocity,
     sweep_colliders,
 )
 from cloth_sim_ros.sim.schedules.twist import ask_for
 from cloth_sim_ros.sim.schedules.watch import is_good, keep, put_back
-from cloth_sim_ros.sim.state import given_type
+from cloth_sim_ros.sim.state import Frame, Material, State, given_type
 
 
 @lru_cache
@@ -40,6 +42,8 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     """
     predict, finish = make_predict(features), make_finish(features)
     panels = make_panels(features) if features.panels else None
+    kick = make_kick(features) if features.has_outer else None
+    blows = features.panels != "" and not features.has_outer
     contact = make_contact(features) if features.shapes else None
     edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     stored = shared == 0 or shared > THREADS
@@ -60,9 +64,38 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     # Where a prediction needs no other particle, it does not wait for those that others fetch.
     at_once = shared > 0 and features.method == "xpbd" and not (features.panels or features.winch)
     bend = make_bend(features) if features.plate and features.method == "xpbd" else None
-    curves_explicitly = features.curved and features.method == "verlet"
     span_address = native.make_tile_address(slots) if slots else None
     argument = given_type(features)
+
+    @wp.func
+    def kick_all(
+        t: int,
+        substep: int,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        frame: Frame,
+        x: wp.uint64,
+        low: wp.uint64,
+        d: wp.uint64,
+    ):
+        """Slow forces before a substep, where it begins an outer step, or at the end of the frame."""
+        width = wp.block_dim()
+        weight = outer_weight(substep, frame.substeps, frame.outer)
+        if weight > 0.0:
+            if wp.static(features.panels != ""):
+                panels(t, width, m, s, body, material, frame, False, x)
+            if wp.static(features.curved):
+                for c in range(body.curves + t, body.curves_end, width):
+                    curve_triangle(c, m, s, body, x, low)
+            sync()
+            for i in range(t, body.count, width):
+                kick(i, weight * frame.dt, m, s, body, material, x, low, d)
+            sync()
+            for i in range(t, body.count, width):
+                store_velocity(i, s, body, d)
+        sync()
 
     @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
     def simulate_frame(given: argument):
@@ -153,13 +186,11 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             if t == 0:
                 turn(m, s, body, drive, frame.dt, x, low)
             sync()
-        if wp.static(features.panels != ""):
+        if wp.static(blows):
             panels(t, width, m, s, body, material, frame, step.second, x)
             sync()
-        if wp.static(curves_explicitly):
-            for c in range(body.curves + t, body.curves_end, width):
-                curve_triangle(c, m, s, body, x, low)
-            sync()
+        if wp.static(features.has_outer):
+            kick_all(t, 0, m, s, body, material, frame, x, low, d)
         if wp.static(not at_once):
             for i in range(last - t, -1, -width):
                 predict(i, moving_of(i, s, body, x, low), m, s, body, material, frame, step, x, low, p)
@@ -211,14 +242,12 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
                 if t == 0 and substep + 1 < frame.substeps:
                     turn(m, s, body, drive, frame.dt, x, low)
                 sync()
-            if wp.static(features.panels != ""):
+            if wp.static(blows):
                 if substep + 1 < frame.substeps:
                     panels(t, width, m, s, body, material, frame, rough == 0, x)
                 sync()
-            if wp.static(curves_explicitly):
-                for c in range(body.curves + t, body.curves_end, width):
-                    curve_triangle(c, m, s, body, x, low)
-                sync()
+            if wp.static(features.has_outer):
+                kick_all(t, substep + 1, m, s, body, material, frame, x, low, d)
             if wp.static(features.looks_back):
                 history = wp.where(rough == 0, 1, 0)
                 if step.second != (history > 0):

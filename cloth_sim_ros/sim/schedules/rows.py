@@ -8,22 +8,24 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.integrate import eased_by, make_step
+from cloth_sim_ros.sim.physics.integrate import make_step, outer_weight
 from cloth_sim_ros.sim.schedules import row_lanes
-from cloth_sim_ros.sim.schedules.air import make_accelerate, make_panels
+from cloth_sim_ros.sim.schedules.air import make_panels
 from cloth_sim_ros.sim.schedules.contact import make_contact
 from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
-from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, load_row, number_address, store4, xyz
+from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load_row, number_address
+from cloth_sim_ros.sim.schedules.plate import curve_triangle
 from cloth_sim_ros.sim.schedules.row_lanes import finish_lanes, predict_lanes, read3, read4, write3, write4
 from cloth_sim_ros.sim.schedules.simd import LANES
 from cloth_sim_ros.sim.schedules.stages import (
     first_share,
-    pack,
+    make_kick,
     spring_constants,
+    store_velocity,
     sweep_colliders,
 )
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
-from cloth_sim_ros.sim.state import Arrays, Material, gathered, given_type
+from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 from cloth_sim_ros.sim.topology import KINDS, Topology
 
 
@@ -48,15 +50,9 @@ class Planes:
     grids: wp.array(dtype=Grid)  # (B,)
     size: int  # of a world's numbers
     numbers: wp.array(dtype=float)
-    spokes: wp.array(dtype=wp.vec2i)  # places to the other end, and kind in KINDS or PLATE
+    spokes: wp.array(dtype=wp.vec2i)  # places to the other end, and kind in KINDS
     rests: wp.array(dtype=wp.vec2)  # rest length [m], and what float32 lost of it, over it
     weights: wp.array(dtype=float)  # a plane of each spoke: 1/scale, 0 where a particle has none
-
-
-@wp.func
-def with_plate(constants: wp.vec3, material: Material) -> wp.vec4:
-    """Constants of spokes by their kind; of the plate operator the rigidity, as 1 N m pulls apart."""
-    return wp.vec4(constants[0], constants[1], constants[2], -1.0 / wp.max(material.compliance[2], 1.0e-30))
 
 
 class Rows:
@@ -72,8 +68,8 @@ class Rows:
             record_cmd=True,
         )
 
-    def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; both numbers are read from the device's Frame, where they are already."""
+    def advance(self, substeps: int, iterations: int, outer: int) -> None:
+        """Launch one frame; the numbers are read from the device's Frame, where they are already."""
         self._launch.launch()
 
 
@@ -82,14 +78,8 @@ def fits_rows(features: Features, topology: Topology, device: wp.Device) -> bool
     return device.is_cpu and features.method == "verlet" and topology.grid is not None
 
 
-PLATE = len(KINDS)  # kind of spokes of the plate operator, behind those of springs
-
-
 def spokes_of(topology: Topology) -> list[tuple[int, int, float, np.ndarray]]:
-    """Spokes in the order of Model.spokes, each as (places to the other end, kind, rest length [m], weights (N,)).
-
-    Those of the plate operator follow, of kind PLATE.
-    """
+    """Spokes in the order of Model.spokes, each as (places to the other end, kind, rest length [m], weights (N,))."""
     found = []
     for kind, elements in topology.springs.items():
         steps = elements.particles[:, 1] - elements.particles[:, 0]
@@ -100,10 +90,6 @@ def spokes_of(topology: Topology) -> list[tuple[int, int, float, np.ndarray]]:
                 weights = np.zeros(len(topology.masses))
                 weights[elements.particles[chosen, hub]] = np.round(1.0 / elements.scale[chosen], 9)
                 found.append((sign * step, KINDS.index(kind), rest, weights))
-    if topology.plate is not None:
-        steps = topology.plate.neighbours - np.arange(len(topology.masses))[:, None]
-        for step in np.unique(steps[topology.plate.weights != 0.0]).tolist():
-            found.append((step, PLATE, 1.0, np.where(steps == step, topology.plate.weights, 0.0).sum(axis=1)))
     return found
 
 
@@ -138,7 +124,8 @@ def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Plane
 @lru_cache
 def make_frame(features: Features):
     """The kernel of a whole frame for `features`."""
-    panels, accelerate = (make_panels(features), make_accelerate(features)) if features.panels else (None, None)
+    panels = make_panels(features) if features.panels else None
+    kick = make_kick(features) if features.has_outer else None
     contact = make_contact(features) if features.shapes else None
     edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
     argument = given_type(features)
@@ -171,17 +158,28 @@ def make_frame(features: Features):
         read4(numbers, size, wp.static(row_lanes.X), count, x)
         read3(numbers, size, wp.static(row_lanes.LOW), count, low)
         read3(numbers, size, wp.static(row_lanes.V), count, v)
-        constants = with_plate(spring_constants(material), material)
+        constants = spring_constants(material)
         step = make_step(frame.dt, s.history[b] > 0, 1, frame.global_damping)
-        for substep in range(frame.substeps):
-            if wp.static(panels is not None):
-                write4(numbers, size, wp.static(row_lanes.X), count, x)
-                write3(numbers, size, wp.static(row_lanes.V), count, v)
-                panels(0, 1, m, s, body, material, frame, False, x)
-                for i in range(count):
-                    pushed = accelerate(body.particles + i, load4(x, i)[3], xyz(load4(v, i)), m, s, frame)
-                    store4(d, i, pack(xyz(pushed), eased_by(pushed[3], step.effective)))
-                read4(numbers, size, wp.static(row_lanes.D), count, d)
+        # Once more after the last substep, for the slow forces at the end of the frame.
+        for substep in range(frame.substeps + 1):
+            if wp.static(kick is not None):
+                weight = outer_weight(substep, frame.substeps, frame.outer)
+                if weight > 0.0:
+                    write4(numbers, size, wp.static(row_lanes.X), count, x)
+                    write3(numbers, size, wp.static(row_lanes.LOW), count, low)
+                    write3(numbers, size, wp.static(row_lanes.V), count, v)
+                    if wp.static(panels is not None):
+                        panels(0, 1, m, s, body, material, frame, False, x)
+                    if wp.static(features.curved):
+                        for c in range(body.curves, body.curves_end):
+                            curve_triangle(c, m, s, body, x, low)
+                    for i in range(count):
+                        kick(i, weight * frame.dt, m, s, body, material, x, low, d)
+                    for i in range(count):
+                        store_velocity(i, s, body, d)
+                    read3(numbers, size, wp.static(row_lanes.V), count, v)
+            if substep == frame.substeps:
+                break
             predict_lanes(
                 numbers,
                 size,
@@ -196,7 +194,6 @@ def make_frame(features: Features):
                 frame.gravity,
                 frame.global_damping,
                 step.eased,
-                wp.static(panels is not None),
                 first_share(step),
                 step.effective,
             )

@@ -9,8 +9,8 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Features, Model
 from cloth_sim_ros.sim.physics.distance import SHORTEST
-from cloth_sim_ros.sim.physics.integrate import Step, carried, eased_by, predict_displacement, split_sum
-from cloth_sim_ros.sim.schedules.air import make_accelerate
+from cloth_sim_ros.sim.physics.integrate import Step, carried, eased_by, kicked, predict_displacement, split_sum
+from cloth_sim_ros.sim.schedules.air import make_push
 from cloth_sim_ros.sim.schedules.native import (
     array_address,
     divide,
@@ -161,8 +161,7 @@ def kick(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, low: wp.
 
 def make_predict(features: Features):
     """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
-    accelerate = make_accelerate(features)
-    bending_force = make_bending_force(features) if features.plate else None
+    push = make_push(features) if features.panels and features.method == "xpbd" else None
 
     @wp.func
     def predict(
@@ -190,21 +189,58 @@ def make_predict(features: Features):
                 v += carried(change)
                 ahead += change
         # Forces were taken at the velocity ahead; drag is implicit from there (Rosenbrock).
-        pushed = accelerate(g, w, ahead, m, s, frame)
-        a = xyz(pushed) + pushed[3] * (ahead - v)
+        a = frame.gravity - frame.global_damping * v
         eased = step.eased
-        if wp.static(features.panels != ""):
-            eased = eased_by(pushed[3], step.effective)
+        if wp.static(push is not None):
+            pushed = push(g, m, s)
+            a += w * (xyz(pushed) + pushed[3] * (ahead - v))
+            eased = eased_by(frame.global_damping + w * pushed[3], step.effective)
         if wp.static(features.method == "verlet"):
             a += w * spring_force(i, m, s, body, material, v, x, low_address)
-            if wp.static(features.plate):
-                a += w * bending_force(i, m, s, body, material, x, low_address)
             a *= first_share(step)
         # Chosen, not branched to, or a warp with a pinned particle would go both ways.
         moved = kick(base, v, a, eased, w, moving.low, step)
         store4(d, i, wp.where(w == 0.0, pack(moving.low, 0.0), moved))
 
     return predict
+
+
+def make_kick(features: Features):
+    """The stage of explicit methods that stores at `d` the velocity of particle i after an impulse of the slow forces.
+
+    span: how long they act [s]. `store_velocity` follows where all particles have looked around.
+    """
+    push = make_push(features) if features.panels else None
+    bending_force = make_bending_force(features) if features.plate else None
+
+    @wp.func
+    def kick(
+        i: int,
+        span: float,
+        m: Model,
+        s: State,
+        body: Body,
+        material: Material,
+        x: wp.uint64,
+        low: wp.uint64,
+        d: wp.uint64,
+    ):
+        g = body.particles + i
+        total = wp.vec4(0.0)
+        if wp.static(push is not None):
+            total = push(g, m, s)
+        force = xyz(total)
+        if wp.static(bending_force is not None):
+            force += bending_force(i, m, s, body, material, x, low)
+        store4(d, i, pack(kicked(xyz(load_row(s.velocities, g)), force, total[3], load4(x, i)[3], span), 0.0))
+
+    return kick
+
+
+@wp.func
+def store_velocity(i: int, s: State, body: Body, d: wp.uint64):
+    """Particle i takes the velocity at `d`."""
+    store_row(s.velocities, body.particles + i, load4(d, i))
 
 
 # BDF2 extrapolates the last displacement; where a substep departs from it by this share of the spacing (a stroke of a
