@@ -46,7 +46,7 @@ class Bodies:
     def _choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]]) -> Choice:
         """How an object with these pairs of compliances and damping is to be computed."""
         kind = "cpu" if self._device.is_cpu else "cuda"
-        around = Surroundings(kind, self.scene.wind is not None, len(self.scene.colliders))
+        around = Surroundings(kind, self.scene.wind is not None, len(self.scene.colliders), self.worlds)
         return choose(self.settings, self._elastic[name], list(materials), name in self._strained, around)
 
     def _build(self, choices: dict[str, Choice]) -> None:
