@@ -99,6 +99,16 @@ def outer_weight(substep: int, substeps: int, outer: int) -> float:
 
 
 @wp.func
+def next_outer(substep: int, substeps: int, outer: int) -> int:
+    """The first substep after `substep` that begins an outer step, or `substeps`."""
+    j = (substep * outer) / substeps + 1
+    found = (j * substeps) / outer
+    if found <= substep:
+        found = ((j + 1) * substeps) / outer
+    return found
+
+
+@wp.func
 def kicked(v: wp.vec3, force: wp.vec3, rate: float, w: float, span: float) -> wp.vec3:
     """The velocity [m/s] after the impulse of `force` [N], taken at v, over `span` [s]; w: inverse mass [1/kg].
 

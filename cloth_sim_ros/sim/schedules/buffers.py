@@ -49,21 +49,21 @@ def make_buffer_of(pieces):
 
 
 class Frames:
-    """Runs frames on a device; on a GPU each number of substeps is captured in a graph, of which a few are kept."""
+    """Runs frames on a device; on a GPU each set of numbers is captured in a graph, of which a few are kept."""
 
-    def __init__(self, launch_frame: Callable[[int], None], device: wp.Device) -> None:
+    def __init__(self, launch_frame: Callable[..., None], device: wp.Device) -> None:
         self._launch_frame, self._device = launch_frame, device
-        self._graphs: dict[int, wp.Graph] = {}
+        self._graphs: dict[tuple[int, ...], wp.Graph] = {}
 
-    def run(self, substeps: int) -> None:
+    def run(self, *numbers: int) -> None:
         """One frame."""
-        if substeps in self._graphs:
-            wp.capture_launch(self._graphs[substeps])
+        if numbers in self._graphs:
+            wp.capture_launch(self._graphs[numbers])
             return
-        self._launch_frame(substeps)
+        self._launch_frame(*numbers)
         if self._device.is_cuda:
             with wp.ScopedCapture(device=self._device) as capture:
-                self._launch_frame(substeps)
+                self._launch_frame(*numbers)
             if len(self._graphs) == GRAPHS:
                 self._graphs.pop(next(iter(self._graphs)))
-            self._graphs[substeps] = capture.graph
+            self._graphs[numbers] = capture.graph

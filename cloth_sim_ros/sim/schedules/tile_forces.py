@@ -1,28 +1,71 @@
 """The forces on a member of a tile, gathered from what lies around it in the tile's shared memory (see tiled.py)."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import warp as wp
 
-from cloth_sim_ros.sim.model import Features, Model
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.physics.integrate import kicked
 from cloth_sim_ros.sim.schedules.air import Corners, make_air
 from cloth_sim_ros.sim.schedules.native import array_address, load4, xyz
 from cloth_sim_ros.sim.schedules.stages import pack, spoke_constant, spoke_force
 from cloth_sim_ros.sim.schedules.tiles import PLACES, Tiles
-from cloth_sim_ros.sim.state import Frame, Material
+from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material
+
+
+@dataclass(frozen=True)
+class Widths:
+    """The most that lies around a particle: springs, panels, neighbours in the operator of bending; and how many rings
+    the slow forces reach."""
+
+    springs: int
+    panels: int
+    plate: int
+    reach: int
+
+
+@dataclass(frozen=True)
+class SpringForce:
+    """The struct of the springs of a member, its size, and the Warp functions that fetch it and compute its force."""
+
+    Springs: Any
+    width: int
+    gather: Any
+    of: Any
 
 
 @wp.struct
 class Carried:
     """What a particle carries from substep to substep: position [m] and inverse mass [1/kg], what float32 lost of the
-    position [m], velocity [m/s]."""
+    position [m], velocity [m/s], and how far it may go before it can touch a collider [m]."""
 
     x: wp.vec4
     low: wp.vec3
     v: wp.vec3
+    clearance: float
 
 
-def make_springs(width: int, capacity: int):
-    """A struct and two Warp functions: what fetches the `width` springs of a member of a tile, and what computes their
-    force [N].
+@wp.struct
+class Here:
+    """What all members of a tile know: the tile and its block in the launch, the launch's first substep, its body's
+    numbers, and the address of its memory."""
+
+    tiles: Tiles
+    tile: int
+    block: int
+    first: int
+    shared: wp.uint64
+    frame: Frame
+    material: Material
+    constants: wp.vec3  # of springs, see stages.spring_constants
+    colliders: wp.array(dtype=ColliderMotion)
+    spoke_types: wp.array(dtype=wp.vec4)
+    last_displacements: wp.array(dtype=wp.vec3)
+
+
+def make_springs(width: int, capacity: int) -> SpringForce:
+    """What fetches the `width` springs of a member of a tile and computes their force [N].
 
     The springs of one member do not wait for one another: no branch lies between them.
     """
@@ -37,46 +80,85 @@ def make_springs(width: int, capacity: int):
         lost: numbers
 
     @wp.func
-    def gather(n: int, i: int, m: Model, tiles: Tiles, constants: wp.vec3) -> Springs:
+    def gather(i: int, here: Here) -> Springs:
         springs = Springs()
         for q in range(width):
-            packed = tiles.spokes[(n * width + q) * capacity + i]
-            kind = load4(array_address(m.spoke_types, 0), packed / wp.static(PLACES))
+            packed = here.tiles.spokes[(here.tile * width + q) * capacity + i]
+            kind = load4(array_address(here.spoke_types, 0), packed / wp.static(PLACES))
             springs.others[q] = packed & wp.static(PLACES - 1)
             springs.rests[q] = kind[0]
-            springs.constants[q] = spoke_constant(kind, constants)
+            springs.constants[q] = spoke_constant(kind, here.constants)
             springs.lost[q] = kind[3]
         return springs
 
     @wp.func
-    def edge(here: int, now: Carried, other: int, shared: wp.uint64) -> wp.vec3:
-        j = here + other
+    def edge(half: int, now: Carried, other: int, shared: wp.uint64) -> wp.vec3:
+        j = half + other
         return xyz((load4(shared, j) - now.x) + (load4(shared, capacity + j) - pack(now.low, 0.0)))
 
     @wp.func
-    def elastic_force(here: int, now: Carried, springs: Springs, shared: wp.uint64) -> wp.vec3:
+    def elastic_force(half: int, now: Carried, springs: Springs, shared: wp.uint64) -> wp.vec3:
         total = wp.vec3(0.0)
         for q in range(width):
-            e = edge(here, now, springs.others[q], shared)
+            e = edge(half, now, springs.others[q], shared)
             total += spoke_force(e, springs.rests[q], springs.constants[q], springs.lost[q], 0.0, wp.vec3(0.0))
         return total
 
     @wp.func
-    def damped_force(here: int, now: Carried, springs: Springs, damping: float, shared: wp.uint64) -> wp.vec3:
+    def damped_force(half: int, now: Carried, springs: Springs, damping: float, shared: wp.uint64) -> wp.vec3:
         total = wp.vec3(0.0)
         for q in range(width):
-            apart = xyz(load4(shared, 2 * capacity + here + springs.others[q])) - now.v
-            e = edge(here, now, springs.others[q], shared)
+            apart = xyz(load4(shared, 2 * capacity + half + springs.others[q])) - now.v
+            e = edge(half, now, springs.others[q], shared)
             total += spoke_force(e, springs.rests[q], springs.constants[q], springs.lost[q], damping, apart)
         return total
 
     @wp.func
-    def force(here: int, now: Carried, springs: Springs, damping: float, shared: wp.uint64) -> wp.vec3:
+    def force(half: int, now: Carried, springs: Springs, damping: float, shared: wp.uint64) -> wp.vec3:
         if damping > 0.0:
-            return damped_force(here, now, springs, damping, shared)
-        return elastic_force(here, now, springs, shared)
+            return damped_force(half, now, springs, damping, shared)
+        return elastic_force(half, now, springs, shared)
 
-    return Springs, gather, force
+    return SpringForce(Springs, width, gather, force)
+
+
+def make_push(features: Features, widths: Widths, capacity: int):
+    """A Warp function: the velocity [m/s] of member i after an impulse of the slow forces over `span` [s]."""
+    drag = make_drag(features, widths.panels, capacity) if features.panels else None
+    bending = make_bending(widths.plate, capacity) if features.plate else None
+
+    @wp.func
+    def push(i: int, half: int, now: Carried, span: float, here: Here) -> wp.vec3:
+        total = wp.vec4(0.0)
+        if wp.static(drag is not None):
+            total = drag(i, half, now, here)
+        force = xyz(total)
+        if wp.static(bending is not None):
+            force += bending(i, half, now, here)
+        return kicked(now.v, force, total[3], now.x[3], span)
+
+    return push
+
+
+def make_bending(width: int, capacity: int):
+    """A Warp function: the force [N] of the sheet's bending on a member, see plate.make_bending_force."""
+
+    @wp.func
+    def bending(i: int, half: int, now: Carried, here: Here) -> wp.vec3:
+        total = wp.vec3(0.0)
+        slips = wp.vec3(0.0)
+        for q in range(width):
+            found = here.tiles.plate[(here.tile * width + q) * capacity + i]
+            j = half + int(found[0])
+            weight = found[1]
+            total += weight * xyz(
+                (load4(here.shared, j) - now.x) + (load4(here.shared, capacity + j) - pack(now.low, 0.0))
+            )
+            if here.material.damping > 0.0:
+                slips += weight * (xyz(load4(here.shared, 2 * capacity + j)) - now.v)
+        return -(total + here.material.damping * slips) / here.material.compliance[2]
+
+    return bending
 
 
 def make_drag(features: Features, panels: int, capacity: int):
@@ -84,23 +166,15 @@ def make_drag(features: Features, panels: int, capacity: int):
     air = make_air(features)
 
     @wp.func
-    def drag(
-        n: int,
-        i: int,
-        here: int,
-        now: Carried,
-        tiles: Tiles,
-        frame: Frame,
-        material: Material,
-        shared: wp.uint64,
-    ) -> wp.vec4:
+    def drag(i: int, half: int, now: Carried, here: Here) -> wp.vec4:
+        shared = here.shared
         total = wp.vec4(0.0)
         for q in range(panels):
-            packed = tiles.panels[(n * panels + q) * capacity + i]
+            packed = here.tiles.panels[(here.tile * panels + q) * capacity + i]
             corner = packed / wp.static(PLACES * PLACES)
             if corner < 3:
-                j = here + (packed & wp.static(PLACES - 1))
-                k = here + ((packed / wp.static(PLACES)) & wp.static(PLACES - 1))
+                j = half + (packed & wp.static(PLACES - 1))
+                k = half + ((packed / wp.static(PLACES)) & wp.static(PLACES - 1))
                 p = xyz(load4(shared, j))
                 vp = xyz(load4(shared, 2 * capacity + j))
                 r = xyz(load4(shared, k))
@@ -123,7 +197,7 @@ def make_drag(features: Features, panels: int, capacity: int):
                     corners.vb = vr
                     corners.c = xyz(now.x)
                     corners.vc = now.v
-                total += air(corners, frame, material)
+                total += air(corners, here.frame, here.material)
         return total
 
     return drag

@@ -13,6 +13,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.schedules.buffers import Frames
+from cloth_sim_ros.sim.schedules.tile_forces import Widths
 from cloth_sim_ros.sim.schedules.tile_kernels import make_kernels
 from cloth_sim_ros.sim.schedules.tiles import plan, upload
 from cloth_sim_ros.sim.state import Arrays, gathered
@@ -44,19 +45,20 @@ class Tiled:
         self._tiles = upload(chosen, worlds, features, device)
         self._count = len(worlds) * self._tiles.body.shape[0]
         self._block = 1 if device.is_cpu else chosen.threads
-        widths = chosen.around[0].types.shape[1], chosen.around[0].corners.shape[1]
-        self._kernels = make_kernels(features, chosen.capacity, self._block, *widths, chosen.waits)
+        first = chosen.around[0]
+        self._reach = max(each.reach for each in chosen.around)
+        widths = Widths(first.types.shape[1], first.corners.shape[1], first.plate.shape[1], self._reach)
+        self._kernels = make_kernels(features, chosen.capacity, self._block, widths, chosen.waits)
         self._frames = Frames(self._launch_frame, device)
 
     def advance(self, substeps: int, iterations: int, outer: int) -> None:
         """Launch one frame."""
-        self._frames.run(substeps)
+        self._frames.run(substeps, outer)
 
-    def _launch_frame(self, substeps: int) -> None:
-        several = substeps if self.waits else min(self.depth, substeps)
-        turns = range(0, substeps, several)
-        for turn, first in enumerate(turns):
-            self._launch("advance", turn % 2, first, min(several, substeps - first), self.depth)
+    def _launch_frame(self, substeps: int, outer: int) -> None:
+        turns = [(0, substeps)] if self.waits else launches(substeps, outer, self.depth, self._reach)
+        for turn, (first, count) in enumerate(turns):
+            self._launch("advance", turn % 2, first, count, self.depth)
         self._launch("settle", len(turns) % 2, substeps)
         wp.launch(self._kernels["count_faults"], dim=self._bodies, inputs=[self._given], device=self._device)
 
@@ -68,3 +70,21 @@ class Tiled:
             device=self._device,
             block_dim=self._block,
         )
+
+
+def launches(substeps: int, outer: int, depth: int, reach: int) -> list[tuple[int, int]]:
+    """The first substep of every launch of a frame and how many it makes, where `depth` rings last for each.
+
+    A substep uses up one of them, and slow forces `reach`, which act before each of `outer` steps and at the end.
+    """
+    slow = {j * substeps // outer for j in range(outer + 1)} if reach else set()
+    found, left = [(0, 0)], depth
+    for k in range(substeps + 1):
+        rings = (reach if k in slow else 0) + (1 if k < substeps else 0)
+        if rings > left:
+            found.append((k, 0))
+            left = depth
+        left -= rings
+        if k < substeps:
+            found[-1] = found[-1][0], found[-1][1] + 1
+    return found

@@ -14,15 +14,17 @@ from cloth_sim_ros.sim.state import Arrays, Sweep
 from cloth_sim_ros.sim.tiling import Tiling, cut, surround
 
 PLACES = 4096  # a packed spoke is a place in the tile, below this, and this times a type
-WIDEST = 16  # springs around a particle: their places and numbers stay in registers
+IN_REGISTERS = 16  # springs around a particle, up to which their places and numbers stay in registers
+WIDEST = 32  # springs around a particle
 THREADS = 1024  # of a block; each has one member of a tile
-DEEPEST = 8  # substeps for which a halo lasts
-SWEPT = 8  # substeps whose colliders' motion is computed at a time
+DEEPEST = 9  # substeps for which a halo lasts
+SWEPT = 32  # substeps whose colliders' motion is computed at a time
 _TYPES = (1 << 31) // PLACES
 # Microseconds on an H200: a launch with its loads and stores, an exchange within one, a substep however small, and a
 # spring of every warp, one on each of the four schedulers.
 _LAUNCH, _EXCHANGE, _LEAST, _A_SPRING = 3.5, 0.65, 0.05, 0.028
 _SCHEDULERS = 4
+_OUTER = 8.0  # substeps between slow forces for which tiles are planned; how many it will be may change live
 OUTSIDE = 1 << 30  # ring of a place without a member
 _WHOLE_FRAME = 1 << 30  # substeps a launch of bodies of one tile, which have no halo
 _BYTES_A_MEMBER = 120  # positions, low parts and velocities of two substeps, and a gap after every fourth member
@@ -39,6 +41,7 @@ class Tiles:
     rings: wp.array(dtype=int)  # (T C,) distance of a member from the tile's own particles, OUTSIDE where there is none
     spokes: wp.array(dtype=int)  # (T W C,) place of the other particle + PLACES x type
     panels: wp.array(dtype=int)  # (T P C,) places of the other corners, and which corner the member is, 3 for no panel
+    plate: wp.array(dtype=wp.vec2)  # (T Q C,) place of a neighbour in the operator of bending, and its weight [1/m^2]
     positions: wp.array(dtype=wp.vec4)  # (worlds N,)
     low: wp.array(dtype=wp.vec4)  # (worlds N,)
     velocities: wp.array(dtype=wp.vec4)  # (worlds N,)
@@ -60,12 +63,16 @@ class Around:
     """What lies around the N particles of a body: W springs, padded with type 0, and P panels, padded with corner 3.
 
     others (N, W + 2 P): the particles at the other ends of the springs, then the other two corners of every panel;
-    types (N, W) of the springs; corners (N, P): which corner of the panel the particle is.
+    types (N, W) of the springs; corners (N, P): which corner of the panel the particle is. plate, weights (N, Q): the
+    neighbours in the operator of bending, of a sheet that has it. reach: how many rings the slow forces look at.
     """
 
     others: np.ndarray
     types: np.ndarray
     corners: np.ndarray
+    plate: np.ndarray
+    weights: np.ndarray
+    reach: int
 
 
 @dataclass(frozen=True)
@@ -102,15 +109,15 @@ def plan(
 ) -> Plan:
     """The tiles of `size` particles and `depth` rings for bodies of `layouts`, or those estimated to be fastest.
 
-    waits: within a launch for one another, an even depth; None: where they can. Raises Unfit where there are none.
+    waits: within a launch for one another; None: where they can. Raises Unfit where there are none.
     """
     if features.method != "verlet":
         raise Unfit("method 'xpbd'", "method 'verlet'")
     if "edge" in features.constraints:
         raise Unfit("edge_contact", "contact of particles alone")
-    if features.plate:
-        raise Unfit("a sheet that resists bending", "one that does not")
-    around = _around(model, bool(features.panels))
+    if features.curved:
+        raise Unfit("a sheet that resists bending and is curved at rest", "one that is flat at rest")
+    around = _around(model, features)
     if around[0].types.shape[1] > WIDEST:
         raise Unfit(f"more than {WIDEST} springs at a particle", "fewer")
     if model.spoke_types.shape[0] > _TYPES:
@@ -144,16 +151,20 @@ def _deep(
     deepest = halos(depth or DEEPEST)
     largest = np.max([tiling.ends.max(axis=0) for tiling in deepest], axis=0)
     room = piece_memory(device) // _BYTES_A_MEMBER
-    depths = [d for d in range(1, len(largest)) if largest[d] <= min(room, THREADS)]
+    reach = max(each.reach for each in around)
+    depths = [d for d in range(1 + reach, len(largest)) if largest[d] <= min(room, THREADS)]
+    needed = depth or 1 + reach
     if not depths or depth not in (None, *depths):
         raise Unfit(
-            f"tiles of {largest[0]} particles that have {largest[depth or 1]} with their halos",
+            f"tiles of {largest[0]} particles that have {largest[min(needed, len(largest) - 1)]} with halos of "
+            f"{needed} rings, of which a substep uses up to {1 + reach}",
             f"at most {min(room, THREADS)} on {device.alias}",
         )
     able = waits is not False and run_at_once(worlds * sum(len(tiling.ends) for tiling in deepest), device)
-    ways = [(d, wait) for d in depths for wait in {False, able and d % 2 == 0} if depth in (None, d)]
+    ways = [(d, wait) for d in depths for wait in {False, able} if depth in (None, d)]
+    rings = 1.0 + reach / _OUTER
     costs = {
-        (d, wait): ((_EXCHANGE if wait else _LAUNCH) + _substeps_cost(deepest, d, worlds, device)) / d
+        (d, wait): (rings * (_EXCHANGE if wait else _LAUNCH) + _substeps_cost(deepest, d, worlds, device)) / d
         for d, wait in ways
     }
     chosen, wait = min(costs, key=costs.get)
@@ -180,13 +191,14 @@ def _multiprocessors(device: wp.Device) -> int:
     return device.sm_count if device.is_cuda else 1
 
 
-def _around(model: Model, panels: bool) -> list[Around]:
+def _around(model: Model, features: Features) -> list[Around]:
     """What lies around the particles of every body, padded alike."""
     found = []
     bodies = [dict(zip(Body.vars, body, strict=True)) for body in model.bodies.numpy().tolist()]
     spokes, starts = model.spokes.numpy(), model.panel_start.numpy()
-    most = int(np.diff(starts).max(initial=0)) if panels else 0
+    most = int(np.diff(starts).max(initial=0)) if features.panels else 0
     width = max(body["spoke_width"] for body in bodies)
+    wide = max(body["plate_width"] for body in bodies)
     for body in bodies:
         count, first = body["count"], body["spokes"]
         mine = spokes[first : first + count * body["spoke_width"]].reshape(-1, count, 2).swapaxes(0, 1)
@@ -194,8 +206,38 @@ def _around(model: Model, panels: bool) -> list[Around]:
         others, types = (np.pad(mine[:, :, k], ((0, 0), (0, lacking))) for k in range(2))
         others[:, width - lacking :] = np.arange(count)[:, None]
         corners, ends = _panels_around(model, starts[body["particles"] : body["particles"] + count + 1], most)
-        found.append(Around(np.concatenate([others, ends], axis=1), types, corners))
+        others = np.concatenate([others, ends], axis=1)
+        plate, weights = _plate_around(model, body, wide)
+        reach = max(1 if most else 0, _rings_to(plate, others))
+        found.append(Around(others, types, corners, plate, weights, reach))
     return found
+
+
+def _plate_around(model: Model, body: dict, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Neighbours (N, width) of a body's particles in the operator of bending, themselves where there are fewer, and
+    weights."""
+    count, own, first = body["count"], body["plate_width"], body["plate"]
+    plate = np.repeat(np.arange(count)[:, None], width, axis=1)
+    weights = np.zeros((count, width))
+    if own:
+        shape = (count, own) if model.plate_strides[1] == 0 else (own, count)
+        rows = [each.numpy()[first : first + count * own] for each in (model.plate_neighbours, model.plate_weights)]
+        rows = [each.reshape(shape) if shape[0] == count else each.reshape(shape).T for each in rows]
+        plate[:, :own], weights[:, :own] = np.where(rows[1] == 0.0, plate[:, :own], rows[0]), rows[1]
+    return plate, weights
+
+
+def _rings_to(plate: np.ndarray, others: np.ndarray) -> int:
+    """How many steps to neighbours `others` (N, W) it takes at most from a particle to those in `plate` (N, Q)."""
+    count, rings = len(others), 0
+    hubs = np.arange(count)
+    wanted = np.unique(hubs[:, None] * count + plate)
+    reached = hubs * count + hubs
+    while len(wanted := np.setdiff1d(wanted, reached, assume_unique=True)):
+        home, particle = np.divmod(reached, count)
+        reached = np.unique(home[:, None] * count + others[particle])
+        rings += 1
+    return rings
 
 
 def _panels_around(model: Model, starts: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
@@ -220,7 +262,7 @@ def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.De
     """The tiles of all bodies on the device, with the second buffer of all worlds behind one another, and messages."""
     arrays = worlds[0]
     capacity, threads = chosen.capacity, chosen.threads
-    body, parts = [], {"places": [], "members": [], "rings": [], "spokes": [], "panels": []}
+    body, parts = [], {"places": [], "members": [], "rings": [], "spokes": [], "panels": [], "plate": []}
     starts = [body[2] for body in arrays.model.bodies.numpy().tolist()]
     for b, (tiling, around) in enumerate(zip(chosen.tilings, chosen.around, strict=True)):
         sizes, width = tiling.ends[:, -1], around.types.shape[1]
@@ -238,6 +280,8 @@ def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.De
         rings[tile, place] = (nth[:, None] >= tiling.ends[tile]).sum(axis=1)
         inner, at = tiling.members[tiling.inner], (tile[tiling.inner], slice(None), place[tiling.inner])
         around_them = place[first[tiling.inner][:, None] + tiling.spokes]
+        plate = np.zeros((tiles, around.plate.shape[1], capacity, 2))
+        plate[at] = _plate_of(tiling, around, place, tile)
         spokes = np.zeros((tiles, width, capacity), dtype=np.int64)
         spokes[at] = around_them[:, :width] + PLACES * around.types[inner]
         panels = np.full((tiles, around.corners.shape[1], capacity), 3 * PLACES**2)
@@ -245,10 +289,12 @@ def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.De
             around_them[:, width + 1 :: 2] + PLACES * around.corners[inner]
         )
         parts["places"].append(places.ravel())
+        parts["plate"].append(plate.reshape(-1, 2))
         for name, rows in (("members", members + starts[b]), ("rings", rings), ("spokes", spokes), ("panels", panels)):
             parts[name].append(rows.ravel())
     found = Tiles()
     found.body = wp.array(np.array(body, dtype=np.int32), dtype=int, device=device)
+    found.plate = wp.array(np.concatenate(parts.pop("plate")).astype(np.float32), dtype=wp.vec2, device=device)
     for name, rows in parts.items():
         setattr(found, name, wp.array(np.concatenate(rows).astype(np.int32), dtype=int, device=device))
     for name in ("positions", "low", "velocities"):
@@ -261,3 +307,19 @@ def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.De
     found.sweeps = wp.zeros(len(worlds) * len(body) * SWEPT * colliders, dtype=Sweep, device=device)
     found.contacts = wp.zeros(len(worlds) * len(body) * capacity * colliders, dtype=wp.vec4, device=device)
     return found
+
+
+def _plate_of(tiling: Tiling, around: Around, place: np.ndarray, tile: np.ndarray) -> np.ndarray:
+    """Places of the neighbours in the operator of bending of all inner members, and their weights (M, Q, 2).
+
+    Neighbours that lie outside of the tile are needed by no member that is still valid; they weigh nothing.
+    """
+    count = len(around.others)
+    key = tile * count + tiling.members
+    order = np.argsort(key)
+    inner = tiling.members[tiling.inner]
+    wanted = tile[tiling.inner][:, None] * count + around.plate[inner]
+    slot = np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)
+    found = order[slot]
+    there = key[found] == wanted
+    return np.stack([np.where(there, place[found], 0), np.where(there, around.weights[inner], 0.0)], axis=2)
