@@ -20,7 +20,7 @@ from cloth_sim_ros.sim.schedules.stages import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.tile_contact import make_clearance, travelled
-from cloth_sim_ros.sim.schedules.tile_forces import Carried, Here, Widths, make_push, make_springs
+from cloth_sim_ros.sim.schedules.tile_forces import Carried, InTile, Widths, make_impulse, make_springs
 from cloth_sim_ros.sim.schedules.tiles import IN_REGISTERS, OUTSIDE, SWEPT, Tiles
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import given_type
@@ -36,16 +36,6 @@ def make_kernels(features: Features, capacity: int, block: int, widths: Widths, 
     CPU, where one thread has them all (block = 1), they are read every substep. Where a tile `waits` for its
     neighbours, a launch is a whole frame.
     """
-<<<<<<< HEAD
-    contact = make_touch(features) if features.shapes else None
-    tile_address = native.make_tile_address(6 * capacity)
-    Springs, gather, force = make_springs(width, capacity)
-    drag = make_drag(features, panels, capacity) if features.panels else None
-    keeps = block > 1
-    buffer_of = make_buffer_of(Tiles)
-    argument = given_type(features)
-    options = {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
-=======
     return {
         "advance": _make_advance(features, capacity, block, widths, waits),
         "settle": _make_settle(features, capacity, block, waits),
@@ -55,7 +45,6 @@ def make_kernels(features: Features, capacity: int, block: int, widths: Widths, 
 
 def _make_memory(capacity: int):
     """Two Warp functions: what member `at` carries, out of shared memory and into it."""
->>>>>>> tiles
 
     @wp.func
     def load(shared: wp.uint64, at: int) -> Carried:
@@ -78,48 +67,14 @@ def _make_memory(capacity: int):
 
 def _make_move(features: Features, capacity: int, force):
     """A Warp function: member i one substep later; what is farther from all colliders than it can move skips them."""
-    contact = make_contact(features) if features.shapes else None
+    contact = make_touch(features) if features.shapes else None
 
     @wp.func
-    def move(i: int, k: int, now: Carried, half: int, springs: force.Springs, here: Here, step: Step) -> Carried:
+    def move(i: int, k: int, now: Carried, half: int, springs: force.Springs, here: InTile, step: Step) -> Carried:
         w = now.x[3]
-<<<<<<< HEAD
-        there = wp.static(3 * capacity) - here
-        a = frame.gravity - frame.global_damping * now.v
-        eased = step.eased
-        if wp.static(features.panels != ""):
-            push = drag(n, i, here, now, tiles, frame, material, shared)
-            a += w * xyz(push)
-            eased = eased_by(frame.global_damping + w * push[3], step.effective)
-        a += w * force(here, now, springs, material.damping, shared)
-        total = prediction(wp.vec3(0.0), now.v, a * first_share(step), eased, w, now.low, step)
-        if wp.static(bool(features.shapes)):
-            store4(shared, there + i, total)
-            for iteration in range(frame.iterations):
-                step.first = iteration == 0
-                step.repeats = frame.iterations > 1
-                contact(
-                    i,
-                    sweep,
-                    slot,
-                    material,
-                    colliders,
-                    tiles.sweeps,
-                    tiles.contacts,
-                    s.velocities,
-                    s.last_displacements,
-                    step,
-                    shared + wp.uint64(16 * here),
-                    shared + wp.uint64(16 * (here + capacity)),
-                    shared + wp.uint64(16 * there),
-                )
-            total = load4(shared, there + i)
-        d = xyz(total)
-=======
         a = here.frame.gravity - here.frame.global_damping * now.v
         a += w * force.of(half, now, springs, here.material.damping, here.shared)
-        total = kick(wp.vec3(0.0), now.v, a * first_share(step), step.eased, w, now.low, step)
->>>>>>> tiles
+        total = prediction(wp.vec3(0.0), now.v, a * first_share(step), step.eased, w, now.low, step)
         then = Carried()
         if wp.static(contact is not None):
             then.clearance = now.clearance - travelled(xyz(total))
@@ -171,7 +126,7 @@ def _make_substep(features: Features, capacity: int, keeps: bool, force):
         now: Carried,
         half: int,
         springs: force.Springs,
-        here: Here,
+        here: InTile,
         step: Step,
     ) -> Carried:
         other = wp.static(3 * capacity) - half
@@ -201,22 +156,22 @@ def _make_substep(features: Features, capacity: int, keeps: bool, force):
 def _make_kick_all(features: Features, capacity: int, keeps: bool, widths: Widths):
     """A Warp function: slow forces act over `span` [s] on all members within `ring` of the tile's own, at `half`."""
     load, _ = _make_memory(capacity)
-    push = make_push(features, widths, capacity)
+    impulse = make_impulse(features, widths, capacity)
 
     @wp.func
-    def kick_all(mine: int, now: Carried, ring: int, half: int, span: float, here: Here) -> Carried:
+    def kick_all(mine: int, now: Carried, ring: int, half: int, span: float, here: InTile) -> Carried:
         other = wp.static(3 * capacity) - half
         if wp.static(keeps):
             v = now.v
             if here.tiles.rings[here.tile * wp.static(capacity) + mine] <= ring:
-                v = push(mine, half, now, span, here)
+                v = impulse(mine, half, now, span, here)
             sync()
             store4(here.shared, half + wp.static(2 * capacity) + mine, pack(v, 0.0))
             now.v = v
         else:
             for i in range(wp.static(capacity)):
                 if here.tiles.rings[here.tile * wp.static(capacity) + i] <= ring:
-                    v = push(i, half, load(here.shared, half + i), span, here)
+                    v = impulse(i, half, load(here.shared, half + i), span, here)
                     store4(here.shared, other + wp.static(2 * capacity) + i, pack(v, 0.0))
             for i in range(wp.static(capacity)):
                 if here.tiles.rings[here.tile * wp.static(capacity) + i] <= ring:
@@ -234,7 +189,7 @@ def _make_look_out(features: Features, capacity: int, keeps: bool):
     load, store = _make_memory(capacity)
 
     @wp.func
-    def look_out(t: int, mine: int, k: int, count: int, now: Carried, half: int, here: Here) -> Carried:
+    def look_out(t: int, mine: int, k: int, count: int, now: Carried, half: int, here: InTile) -> Carried:
         colliders, first = here.colliders.shape[0], here.first + k
         ends = wp.min(wp.static(SWEPT), count - k)
         total = float(here.frame.substeps)
@@ -305,7 +260,7 @@ def _make_advance(features: Features, capacity: int, block: int, widths: Widths,
         w = q / tiles.body.shape[0]
         n = q - w * tiles.body.shape[0]
         body = tiles.body[n]
-        here = Here()
+        here = InTile()
         here.tiles = tiles
         here.tile = n
         here.block = q
