@@ -51,7 +51,6 @@ class Step:
     first: bool  # first iteration: multipliers start from zero
     repeats: bool  # more iterations than one
     store: bool  # someone reads the multipliers afterwards
-    torn: bool  # a chain was put together from afar: its particles did not move so, they were placed
 
 
 @wp.func

@@ -8,23 +8,14 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.integrate import make_step, outer_weight
+from cloth_sim_ros.sim.physics.integrate import outer_weight
 from cloth_sim_ros.sim.schedules import row_lanes
-from cloth_sim_ros.sim.schedules.air import make_panels
-from cloth_sim_ros.sim.schedules.contact import make_contact
-from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
-from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load_row, number_address
-from cloth_sim_ros.sim.schedules.plate import curve_triangle
+from cloth_sim_ros.sim.schedules.here import Here
+from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, number_address
+from cloth_sim_ros.sim.schedules.program import in_turn, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.schedules.row_lanes import finish_lanes, predict_lanes, read3, read4, write3, write4
 from cloth_sim_ros.sim.schedules.simd import LANES
-from cloth_sim_ros.sim.schedules.stages import (
-    first_share,
-    make_kick,
-    spring_constants,
-    store_velocity,
-    sweep_colliders,
-)
-from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
+from cloth_sim_ros.sim.schedules.stages import first_share, spring_constants
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 from cloth_sim_ros.sim.topology import KINDS, Topology
 
@@ -123,63 +114,59 @@ def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Plane
 
 @lru_cache
 def make_frame(features: Features):
-    """The kernel of a whole frame for `features`."""
-    panels = make_panels(features) if features.panels else None
-    kick = make_kick(features) if features.has_outer else None
-    contact = make_contact(features) if features.shapes else None
-    edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
+    """The kernel of a whole frame for `features`: the program of explicit steps, moved by row_lanes.py."""
+    program = make_program(features, True)
+    begin, enter = make_begin(features), make_enter(features)
+    outer, end = in_turn(program.outer, "outer"), in_turn(program.ending, "ending")
+    before = in_turn([stage for stage in program.before if stage.name != "predict"], "before")
+    iterated = in_turn(program.iterated, "iterated")
     argument = given_type(features)
+
+    @wp.func
+    def store(planes: wp.uint64, size: int, here: Here):
+        write4(planes, size, wp.static(row_lanes.X), here.body.count, here.x)
+        write3(planes, size, wp.static(row_lanes.LOW), here.body.count, here.low)
+        write3(planes, size, wp.static(row_lanes.V), here.body.count, velocities_of(here))
+
+    @wp.func
+    def kick_slowly(planes: wp.uint64, size: int, here: Here):
+        store(planes, size, here)
+        outer(0, 1, here)
+        read3(planes, size, wp.static(row_lanes.V), here.body.count, velocities_of(here))
+
+    @wp.func
+    def touch(planes: wp.uint64, size: int, given: Here):
+        here = given
+        store(planes, size, here)
+        write4(planes, size, wp.static(row_lanes.D), here.body.count, here.d)
+        here.step.repeats = here.frame.iterations > 1
+        for iteration in range(here.frame.iterations):
+            here.step.first = iteration == 0
+            iterated(0, 1, here)
+        read3(planes, size, wp.static(row_lanes.D), here.body.count, here.d)
 
     @wp.kernel(enable_backward=False, module="unique", module_options=CPU_FLAGS)
     def simulate_rows(given: argument, planes: Planes):
         w = wp.tid() / planes.grids.shape[0]
         b = wp.tid() - w * planes.grids.shape[0]
         if wp.static(features.worlds):
-            m = given[w].model
-            s = given[w].state
-            frame = given[w].frames[0]
-            material = given[w].materials[b]
-            colliders = given[w].colliders
+            here = begin(given[w], b)
         else:
-            m = given.model
-            s = given.state
-            frame = given.frames[0]
-            material = given.materials[b]
-            colliders = given.colliders
-        body = m.bodies[b]
+            here = begin(given, b)
         grid = planes.grids[b]
-        size, count = grid.size, body.count
-        x = array_address(s.positions, body.particles)
-        low = array_address(s.low, body.particles)
-        v = array_address(s.velocities, body.particles)
-        d = array_address(s.displacements, body.particles)
+        size, count = grid.size, here.body.count
         numbers = number_address(planes.numbers, w, planes.size, grid.first)
         weights = number_address(planes.weights, 0, 0, grid.weights)
-        read4(numbers, size, wp.static(row_lanes.X), count, x)
-        read3(numbers, size, wp.static(row_lanes.LOW), count, low)
-        read3(numbers, size, wp.static(row_lanes.V), count, v)
-        constants = spring_constants(material)
-        step = make_step(frame.dt, s.history[b] > 0, 1, frame.global_damping)
-        # Once more after the last substep, for the slow forces at the end of the frame.
-        for substep in range(frame.substeps + 1):
-            if wp.static(kick is not None):
-                weight = outer_weight(substep, frame.substeps, frame.outer)
-                if weight > 0.0:
-                    write4(numbers, size, wp.static(row_lanes.X), count, x)
-                    write3(numbers, size, wp.static(row_lanes.LOW), count, low)
-                    write3(numbers, size, wp.static(row_lanes.V), count, v)
-                    if wp.static(panels is not None):
-                        panels(0, 1, m, s, body, material, frame, False, x)
-                    if wp.static(features.curved):
-                        for c in range(body.curves, body.curves_end):
-                            curve_triangle(c, m, s, body, x, low)
-                    for i in range(count):
-                        kick(i, weight * frame.dt, m, s, body, material, x, low, d)
-                    for i in range(count):
-                        store_velocity(i, s, body, d)
-                    read3(numbers, size, wp.static(row_lanes.V), count, v)
-            if substep == frame.substeps:
-                break
+        read4(numbers, size, wp.static(row_lanes.X), count, here.x)
+        read3(numbers, size, wp.static(row_lanes.LOW), count, here.low)
+        read3(numbers, size, wp.static(row_lanes.V), count, velocities_of(here))
+        constants = spring_constants(here.material)
+        frame = here.frame
+        for substep in range(frame.substeps):
+            here = enter(here, substep)
+            if wp.static(outer is not None):
+                if outer_weight(substep, frame.substeps, frame.outer) > 0.0:
+                    kick_slowly(numbers, size, here)
             predict_lanes(
                 numbers,
                 size,
@@ -190,45 +177,28 @@ def make_frame(features: Features):
                 grid.spokes,
                 grid.spoke_count,
                 constants,
-                material.damping,
+                here.material.damping,
                 frame.gravity,
                 frame.global_damping,
-                step.eased,
-                first_share(step),
-                step.effective,
+                here.step.eased,
+                first_share(here.step),
+                here.step.effective,
             )
-            if wp.static(bool(features.shapes)):
-                sweep_colliders(0, 1, b * colliders.shape[0], substep, colliders, frame, s.sweeps)
-                write4(numbers, size, wp.static(row_lanes.X), count, x)
-                write3(numbers, size, wp.static(row_lanes.LOW), count, low)
-                write4(numbers, size, wp.static(row_lanes.D), count, d)
-                for iteration in range(frame.iterations):
-                    step.first = iteration == 0
-                    step.repeats = frame.iterations > 1
-                    if wp.static(edge_contact is not None):
-                        for g in range(body.groups_end, body.edge_groups_end):
-                            for k in range(m.groups[g][2], m.groups[g][3]):
-                                edge_contact(k, b, body, material, colliders, m, s, step, x, low, d)
-                    for i in range(count):
-                        sweep, slot = b * colliders.shape[0], body.particles + i
-                        speeds, moves = s.velocities, s.last_displacements
-                        contact(
-                            i, sweep, slot, material, colliders, s.sweeps, s.contacts, speeds, moves, step, x, low, d
-                        )
-                read3(numbers, size, wp.static(row_lanes.D), count, d)
-            finish_lanes(numbers, size, count, step.effective)
-            step.second = True
-        write4(numbers, size, wp.static(row_lanes.X), count, x)
-        write3(numbers, size, wp.static(row_lanes.LOW), count, low)
-        write3(numbers, size, wp.static(row_lanes.V), count, v)
-        for g in range(body.particles, body.particles + count):
-            if not is_good(load_row(s.positions, g), load_row(s.velocities, g)):
-                s.faulty[b] = 1
-        for g in range(body.particles, body.particles + count):
-            if s.faulty[b] == 1:
-                put_back(g, s.relapses[b], m, s)
-            else:
-                keep(g, load_row(s.positions, g), load_row(s.low, g), s)
-        s.history[b] = wp.where(count_fault(b, s), 0, 1)
+            if wp.static(before is not None):
+                before(0, 1, here)
+            if wp.static(iterated is not None):
+                touch(numbers, size, here)
+            finish_lanes(numbers, size, count, here.step.effective)
+        here.substep = frame.substeps
+        if wp.static(outer is not None):
+            kick_slowly(numbers, size, here)
+        store(numbers, size, here)
+        end(0, 1, here)
 
     return simulate_rows
+
+
+@wp.func
+def velocities_of(here: Here) -> wp.uint64:
+    """Where the velocities of a body lie."""
+    return array_address(here.state.velocities, here.body.particles)

@@ -8,19 +8,19 @@ from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step, next_outer, outer_weight, split_sum
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.buffers import make_buffer_of
-from cloth_sim_ros.sim.schedules.contact import make_contact
+from cloth_sim_ros.sim.schedules.contact import make_touch
 from cloth_sim_ros.sim.schedules.exchange import Exchange, exchange_of, receive, send
 from cloth_sim_ros.sim.schedules.native import load4, store4, store_row, sync, xyz
 from cloth_sim_ros.sim.schedules.stages import (
     first_share,
-    kick,
     pack,
+    prediction,
     rate_of,
     spring_constants,
     sweep_collider,
 )
 from cloth_sim_ros.sim.schedules.tile_contact import make_clearance, travelled
-from cloth_sim_ros.sim.schedules.tile_forces import Carried, Here, Widths, make_push, make_springs
+from cloth_sim_ros.sim.schedules.tile_forces import Carried, InTile, Widths, make_impulse, make_springs
 from cloth_sim_ros.sim.schedules.tiles import IN_REGISTERS, OUTSIDE, SWEPT, Tiles
 from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.state import given_type
@@ -67,14 +67,14 @@ def _make_memory(capacity: int):
 
 def _make_move(features: Features, capacity: int, force):
     """A Warp function: member i one substep later; what is farther from all colliders than it can move skips them."""
-    contact = make_contact(features) if features.shapes else None
+    contact = make_touch(features) if features.shapes else None
 
     @wp.func
-    def move(i: int, k: int, now: Carried, half: int, springs: force.Springs, here: Here, step: Step) -> Carried:
+    def move(i: int, k: int, now: Carried, half: int, springs: force.Springs, here: InTile, step: Step) -> Carried:
         w = now.x[3]
         a = here.frame.gravity - here.frame.global_damping * now.v
         a += w * force.of(half, now, springs, here.material.damping, here.shared)
-        total = kick(wp.vec3(0.0), now.v, a * first_share(step), step.eased, w, now.low, step)
+        total = prediction(wp.vec3(0.0), now.v, a * first_share(step), step.eased, w, now.low, step)
         then = Carried()
         if wp.static(contact is not None):
             then.clearance = now.clearance - travelled(xyz(total))
@@ -126,7 +126,7 @@ def _make_substep(features: Features, capacity: int, keeps: bool, force):
         now: Carried,
         half: int,
         springs: force.Springs,
-        here: Here,
+        here: InTile,
         step: Step,
     ) -> Carried:
         other = wp.static(3 * capacity) - half
@@ -156,22 +156,22 @@ def _make_substep(features: Features, capacity: int, keeps: bool, force):
 def _make_kick_all(features: Features, capacity: int, keeps: bool, widths: Widths):
     """A Warp function: slow forces act over `span` [s] on all members within `ring` of the tile's own, at `half`."""
     load, _ = _make_memory(capacity)
-    push = make_push(features, widths, capacity)
+    impulse = make_impulse(features, widths, capacity)
 
     @wp.func
-    def kick_all(mine: int, now: Carried, ring: int, half: int, span: float, here: Here) -> Carried:
+    def kick_all(mine: int, now: Carried, ring: int, half: int, span: float, here: InTile) -> Carried:
         other = wp.static(3 * capacity) - half
         if wp.static(keeps):
             v = now.v
             if here.tiles.rings[here.tile * wp.static(capacity) + mine] <= ring:
-                v = push(mine, half, now, span, here)
+                v = impulse(mine, half, now, span, here)
             sync()
             store4(here.shared, half + wp.static(2 * capacity) + mine, pack(v, 0.0))
             now.v = v
         else:
             for i in range(wp.static(capacity)):
                 if here.tiles.rings[here.tile * wp.static(capacity) + i] <= ring:
-                    v = push(i, half, load(here.shared, half + i), span, here)
+                    v = impulse(i, half, load(here.shared, half + i), span, here)
                     store4(here.shared, other + wp.static(2 * capacity) + i, pack(v, 0.0))
             for i in range(wp.static(capacity)):
                 if here.tiles.rings[here.tile * wp.static(capacity) + i] <= ring:
@@ -189,7 +189,7 @@ def _make_look_out(features: Features, capacity: int, keeps: bool):
     load, store = _make_memory(capacity)
 
     @wp.func
-    def look_out(t: int, mine: int, k: int, count: int, now: Carried, half: int, here: Here) -> Carried:
+    def look_out(t: int, mine: int, k: int, count: int, now: Carried, half: int, here: InTile) -> Carried:
         colliders, first = here.colliders.shape[0], here.first + k
         ends = wp.min(wp.static(SWEPT), count - k)
         total = float(here.frame.substeps)
@@ -260,7 +260,7 @@ def _make_advance(features: Features, capacity: int, block: int, widths: Widths,
         w = q / tiles.body.shape[0]
         n = q - w * tiles.body.shape[0]
         body = tiles.body[n]
-        here = Here()
+        here = InTile()
         here.tiles = tiles
         here.tile = n
         here.block = q
