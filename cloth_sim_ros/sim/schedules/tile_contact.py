@@ -4,7 +4,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.schedules.tile_forces import Here
+from cloth_sim_ros.sim.schedules.tile_forces import InTile
 from cloth_sim_ros.sim.state import ColliderMotion
 
 _ROUNDING = wp.constant(1.0e-5)  # [m], of a signed distance, and for each metre from the origin
@@ -37,7 +37,7 @@ def make_clearance(features: Features):
     signed_distance = make_signed_distance(features.shapes)
 
     @wp.func
-    def clearance(x: wp.vec3, before: float, after: float, here: Here) -> float:
+    def clearance(x: wp.vec3, before: float, after: float, here: InTile) -> float:
         least = float(1.0e30)
         for c in range(here.colliders.shape[0]):
             collider = here.colliders[c]

@@ -47,7 +47,7 @@ class Carried:
 
 
 @wp.struct
-class Here:
+class InTile:
     """What all members of a tile know: the tile and its block in the launch, the launch's first substep, its body's
     numbers, and the address of its memory."""
 
@@ -80,7 +80,7 @@ def make_springs(width: int, capacity: int) -> SpringForce:
         lost: numbers
 
     @wp.func
-    def gather(i: int, here: Here) -> Springs:
+    def gather(i: int, here: InTile) -> Springs:
         springs = Springs()
         for q in range(width):
             packed = here.tiles.spokes[(here.tile * width + q) * capacity + i]
@@ -122,13 +122,13 @@ def make_springs(width: int, capacity: int) -> SpringForce:
     return SpringForce(Springs, width, gather, force)
 
 
-def make_push(features: Features, widths: Widths, capacity: int):
+def make_impulse(features: Features, widths: Widths, capacity: int):
     """A Warp function: the velocity [m/s] of member i after an impulse of the slow forces over `span` [s]."""
     drag = make_drag(features, widths.panels, capacity) if features.panels else None
     bending = make_bending(widths.plate, capacity) if features.plate else None
 
     @wp.func
-    def push(i: int, half: int, now: Carried, span: float, here: Here) -> wp.vec3:
+    def impulse(i: int, half: int, now: Carried, span: float, here: InTile) -> wp.vec3:
         total = wp.vec4(0.0)
         if wp.static(drag is not None):
             total = drag(i, half, now, here)
@@ -137,14 +137,14 @@ def make_push(features: Features, widths: Widths, capacity: int):
             force += bending(i, half, now, here)
         return kicked(now.v, force, total[3], now.x[3], span)
 
-    return push
+    return impulse
 
 
 def make_bending(width: int, capacity: int):
     """A Warp function: the force [N] of the sheet's bending on a member, see plate.make_bending_force."""
 
     @wp.func
-    def bending(i: int, half: int, now: Carried, here: Here) -> wp.vec3:
+    def bending(i: int, half: int, now: Carried, here: InTile) -> wp.vec3:
         total = wp.vec3(0.0)
         slips = wp.vec3(0.0)
         for q in range(width):
@@ -166,7 +166,7 @@ def make_drag(features: Features, panels: int, capacity: int):
     air = make_air(features)
 
     @wp.func
-    def drag(i: int, half: int, now: Carried, here: Here) -> wp.vec4:
+    def drag(i: int, half: int, now: Carried, here: InTile) -> wp.vec4:
         shared = here.shared
         total = wp.vec4(0.0)
         for q in range(panels):
