@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.sim.limits import outer_steps
 from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
@@ -98,7 +99,7 @@ class Batch:
         self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
         self.frame, self._shared_frame = LiveArray(Frame, 1, worlds, device), frame
         self.safe_frame = LiveArray(Frame, 1, worlds, device)
-        self.substeps = self.iterations = self.safe_substeps = 1
+        self.substeps = self.iterations = self.safe_substeps = self._outer = 1
         self._live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         self.states = make_states(collected, features, colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
@@ -248,17 +249,29 @@ class Batch:
         """What all objects share, and a frame of `frame_dt` [s] in `finer` times as many substeps."""
         substeps = finer * self.substeps
         self.frame.edit()[:] = self._shared_frame.read(0, None)[:, None]
-        self.frame.write(0, None, dt=frame_dt / substeps, substeps=substeps, iterations=self.iterations)
+        self._outer = max(self._outer_steps(b, frame_dt, substeps) for b in range(len(self._bodies)))
+        numbers = {"substeps": substeps, "iterations": self.iterations, "outer": self._outer}
+        self.frame.write(0, None, dt=frame_dt / substeps, **numbers)
         safe = finer * self.safe_substeps
         self.safe_frame.edit()[:] = self._shared_frame.read(0, None)[:, None]
         self.safe_frame.write(0, None, dt=frame_dt / safe, substeps=safe, iterations=1)
 
+    def _outer_steps(self, b: int, frame_dt: float, substeps: int) -> int:
+        """The steps of slow forces that body b needs in a frame, in the world that needs most."""
+        if not self.features.has_outer:
+            return 1
+        rate = self._bodies[b]["plate_rate"]
+        drag = float(self.frame.read(0, 0)["global_damping"][0])
+        found = {(float(row["compliance"][2]), float(row["damping"])) for row in self.materials.read(b, None)}
+        rates = {(rate / c if rate and c else 0.0, damping) for c, damping in found}
+        return max(outer_steps(substeps, frame_dt / substeps, *each, drag) for each in rates)
+
     def advance(self, finer: int = 1) -> None:
         """Simulate one frame, as `write_frame` was told last."""
         if self._trial is None:
-            self.schedule.advance(finer * self.substeps, self.iterations)
+            self.schedule.advance(finer * self.substeps, self.iterations, self._outer)
         else:
-            self._trial.advance(finer * self.substeps, finer * self.safe_substeps)
+            self._trial.advance(finer * self.substeps, self._outer, finer * self.safe_substeps)
 
     def upload(self) -> None:
         """Bring changed live numbers to the device."""

@@ -86,6 +86,7 @@ class Bodies:
         self._build(chosen)
         for name, state in kept.items():
             self._batch[name].give(name, state)
+        self._write_substeps()
         for name in changed:
             _LOG.info("%s now %s", name, chosen[name].reason)
 

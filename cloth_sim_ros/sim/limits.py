@@ -23,6 +23,28 @@ _SHARE_OF_LINES = 0.5
 _ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS, of a length in float32
 _HEAT = 1e-2  # [m^2/s^3] by which rounding may heat a body; beyond it a spring is as good as rigid
 
+_LONGEST_OUTER = 1.0 / 800.0  # [s] between impulses of the air
+_OUTER_PHASE = 0.5  # omega times that between impulses of bending, omega of its fastest mode
+_GROWTH = 0.1  # [1/s] at which resonance may feed the energy of a mode
+
+
+def outer_steps(substeps: int, h: float, rate: float, damping: float, drag: float) -> int:
+    """How many steps of slow forces a frame of `substeps` of h [s] has, see `integrate.outer_weight`.
+
+    rate: omega^2 [1/s^2] of the fastest bending mode, 0 for none; damping tau [s] of dashpots, drag [1/s].
+    Steps last at most 1/800 s, 0.5 / omega and 0.5 / (tau omega^2), or one substep where that is longer. Impulses in
+    resonance with a spring mode of frequency Omega = n pi / step feed its energy at omega_b^2 / Omega, omega_b the
+    bending frequency of the same mode (Ma, Izaguirre and Skeel 2003). Two substeps reach no such mode, which is all
+    that is taken unless dashpots, tau Omega^2, and drag take out more than that.
+    """
+    longest = _LONGEST_OUTER
+    if rate > 0.0:
+        fed = rate * h - drag - _GROWTH
+        if fed > 0.0:
+            longest = min(longest, max(2.0 * h, math.pi * math.sqrt(damping / fed)))
+        longest = min(longest, _OUTER_PHASE / math.sqrt(rate), _OUTER_PHASE / max(damping * rate, 1e-300))
+    return math.ceil(substeps / max(1, math.floor(longest / h * (1.0 + 1e-9))))
+
 
 # (omega h_e)^2 of the stiffest bending mode that XPBD takes; beyond it, the sheet is computed as softer.
 MOST_BENDING = 0.6

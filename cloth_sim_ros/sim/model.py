@@ -46,6 +46,11 @@ class Features:
         """Whether a substep needs to know if the one before it was smooth."""
         return self.order == 2 or self.method == "verlet"
 
+    @property
+    def has_outer(self) -> bool:
+        """Whether explicit substeps lie between impulses of slow forces."""
+        return self.method == "verlet" and (self.panels != "" or self.plate)
+
     @staticmethod
     def of(
         topology: Topology,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cloth_sim_ros.sim.choice import Surroundings
 
 _NS = 1e-6  # [ms]
-# Of a CPU, for each particle: explicit springs of a grid in vector lanes, of a mesh one by one, motion, air, a collider,
+# Of a CPU, for each particle: explicit springs of a grid in vector lanes, of a mesh one by one, motion, air, collider,
 # the plate operator; and for each spring of a line, without and with dashpots.
 _GRID, _MESH, _MOTION, _AIR, _COLLIDER, _PLATE = (n * _NS for n in (6.0, 60.0, 5.0, 18.0, 9.0, 10.0))
 _SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS

@@ -16,12 +16,10 @@ from pathlib import Path
 
 import warp as wp
 
-from cloth_sim_ros.sim.lines.layout import WARP
-from cloth_sim_ros.sim.model import Body, Features, Model
-from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.schedules.native import sync
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.simd import LANES, ROWS
-from cloth_sim_ros.sim.state import Material, State, compliance_of
+from cloth_sim_ros.sim.state import compliance_of
 
 _OPENING = """
 // A tiny edge for a spring without length, in a direction of its own: the R3 sequence in a cube (Roberts 2018).
@@ -94,68 +92,34 @@ def make_solve_line_row(features: Features):
     def solve_line_row(
         r: int,
         kind: int,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        low: wp.uint64,
-        d: wp.uint64,
+        here: Here,
     ):
-        row = m.line_rows[r]
-        alpha = compliance_of(material, kind) * step.inverse_square
-        gamma = material.damping * step.inverse
+        row = here.model.line_rows[r]
+        alpha = compliance_of(here.material, kind) * here.step.inverse_square
+        gamma = here.material.damping * here.step.inverse
         carried = float(0.0)
         if wp.static(features.order == 2):
-            if step.second:
+            if here.step.second:
                 carried = wp.static(1.0 / 3.0)
         solve_row(
             row[0],
             row[1],
             row[2],
-            m.line_nodes,
-            m.line_rests,
-            m.line_scales,
-            s.line_multipliers,
-            s.line_scratch,
+            here.model.line_nodes,
+            here.model.line_rests,
+            here.model.line_scales,
+            here.state.line_multipliers,
+            here.state.line_scratch,
             alpha,
             gamma,
             carried,
-            body.particles,
-            s.last_displacements,
-            step.first,
-            step.store,
-            x,
-            low,
-            d,
+            here.body.particles,
+            here.state.last_displacements,
+            here.step.first,
+            here.step.store,
+            here.x,
+            here.low,
+            here.d,
         )
 
     return solve_line_row
-
-
-def make_solve_lines(features: Features):
-    """A Warp function: the threads of a block solve all families of a body, one after the other."""
-    solve_line_row = make_solve_line_row(features)
-
-    @wp.func
-    def solve_lines(
-        t: int,
-        width: int,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        low: wp.uint64,
-        d: wp.uint64,
-    ):
-        team = wp.min(width, wp.static(WARP))
-        for g in range(body.groups, body.groups_end):
-            group = m.groups[g]
-            for r in range(group[2] + t / team, group[3], width / team):
-                solve_line_row(r, group[1], m, s, body, material, step, x, low, d)
-            sync()
-
-    return solve_lines

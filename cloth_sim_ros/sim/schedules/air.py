@@ -2,8 +2,9 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.native import array_address, load4, load_row, store_row, xyz
 from cloth_sim_ros.sim.schedules.panel_lanes import triangle_forces
 from cloth_sim_ros.sim.state import Frame, Material, State
@@ -39,7 +40,7 @@ def make_air(features: Features):
 def make_panels(features: Features):
     """The stage that computes the air's force on all panels of a body: thread t of `width` its share.
 
-    ahead: where the body is after a substep as smooth as the last, so that BDF2 stays of second order.
+    Under BDF2 it takes the body where it is after a substep as smooth as the last, so that it stays of second order.
     """
     air = make_air(features)
 
@@ -60,58 +61,48 @@ def make_panels(features: Features):
     def panel_forces(
         t: int,
         width: int,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        frame: Frame,
-        ahead: bool,
-        x_now: wp.uint64,
+        here: Here,
     ):
-        x = x_now
-        v = array_address(s.velocities, body.particles)
+        x = here.x
+        v = array_address(here.state.velocities, here.body.particles)
         if wp.static(features.order == 2):
-            if ahead:
-                x = array_address(s.ahead_positions, body.particles)
-                v = array_address(s.ahead_velocities, body.particles)
+            if here.step.second:
+                x = array_address(here.state.ahead_positions, here.body.particles)
+                v = array_address(here.state.ahead_velocities, here.body.particles)
         if wp.static(features.panels == "triangles"):
-            if triangle_forces(m, s, body, frame, x, v):
+            if triangle_forces(here.model, here.state, here.body, here.frame, x, v):
                 return
-        for k in range(body.panels + t, body.panels_end, 2 * width):
+        for k in range(here.body.panels + t, here.body.panels_end, 2 * width):
             # Two at once: the way to memory and back is most of it. The last one may be told twice, alike.
-            beside = wp.min(k + width, body.panels_end - 1)
-            here, there = corners_of(k, m, x, v), corners_of(beside, m, x, v)
-            force, other = air(here, frame, material), air(there, frame, material)
-            store_row(s.panel_forces, k, force)
-            store_row(s.panel_forces, beside, other)
+            beside = wp.min(k + width, here.body.panels_end - 1)
+            one, two = corners_of(k, here.model, x, v), corners_of(beside, here.model, x, v)
+            force, other = air(one, here.frame, here.material), air(two, here.frame, here.material)
+            store_row(here.state.panel_forces, k, force)
+            store_row(here.state.panel_forces, beside, other)
 
     return panel_forces
 
 
-def make_accelerate(features: Features):
-    """A Warp function: the acceleration [m/s^2] of particle g of the batch by gravity, drag and the panels around it,
-    and its drag rate [1/s]."""
+def make_push(features: Features):
+    """A Warp function: the air's force [N] on particle g of the batch by the panels around it, and its drag rate
+    [N s/m]."""
     around = 6 if features.panels == "triangles" else 2  # so many within a grid, or along a rope
     Panels, Forces = wp.types.vector(around, int), wp.types.matrix((around, 4), float)
 
     @wp.func
-    def accelerate(g: int, w: float, v: wp.vec3, m: Model, s: State, frame: Frame) -> wp.vec4:
-        a = frame.gravity - frame.global_damping * v
-        rate = frame.global_damping
-        if wp.static(features.panels != ""):
-            first, end = m.panel_start[g], m.panel_start[g + 1]
-            panels = Panels()
-            forces = Forces()
-            for k in range(first, end, wp.static(around)):
-                # All are asked for before any is added, and what is asked for too much weighs nothing.
-                for q in range(wp.static(around)):
-                    panels[q] = m.particle_panels[wp.min(k + q, end - 1)]
-                for q in range(wp.static(around)):
-                    forces[q] = load_row(s.panel_forces, panels[q])
-                for q in range(wp.static(around)):
-                    there = wp.where(k + q < end, 1.0, 0.0)
-                    a += (there * w) * xyz(forces[q])
-                    rate += (there * w) * forces[q][3]
-        return wp.vec4(a[0], a[1], a[2], rate)
+    def push(g: int, m: Model, s: State) -> wp.vec4:
+        total = wp.vec4(0.0)
+        first, end = m.panel_start[g], m.panel_start[g + 1]
+        panels = Panels()
+        forces = Forces()
+        for k in range(first, end, wp.static(around)):
+            # All are asked for before any is added, and what is asked for too much weighs nothing.
+            for q in range(wp.static(around)):
+                panels[q] = m.particle_panels[wp.min(k + q, end - 1)]
+            for q in range(wp.static(around)):
+                forces[q] = load_row(s.panel_forces, panels[q])
+            for q in range(wp.static(around)):
+                total += wp.where(k + q < end, 1.0, 0.0) * forces[q]
+        return total
 
-    return accelerate
+    return push

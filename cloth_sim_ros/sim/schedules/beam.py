@@ -15,10 +15,10 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.bending import rest_turn
-from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.beam_turn import Sums, rotation_of, with_joint, with_particle
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.native import larger, load4, quotient, store4, xyz
-from cloth_sim_ros.sim.state import BeamRow, Material, State
+from cloth_sim_ros.sim.state import BeamRow, State
 
 # Beyond this many times the particles' inertia float32 could not tell the one from the other: stiffer is as stiff.
 STIFFEST = wp.constant(1.0e5)
@@ -32,33 +32,33 @@ def weights_at(j: int, m: Model, body: Body) -> wp.vec3:
 
 
 @wp.func
-def stiffness_at(j: int, m: Model, body: Body, material: Material, step: Step, d: wp.uint64) -> float:
+def stiffness_at(j: int, here: Here) -> float:
     """EI / span at joint j of the body in units of mass x m^2, as far as it can be resolved."""
-    joint = m.joints[body.segments + j]
+    joint = here.model.joints[here.body.segments + j]
     middle = joint[2] + joint[3]
-    lightest = larger(load4(d, j)[3], larger(load4(d, j + 1)[3], load4(d, j + 2)[3]))
-    compliance = material.compliance[2] * joint[1] * step.inverse_square
+    lightest = larger(load4(here.d, j)[3], larger(load4(here.d, j + 1)[3], load4(here.d, j + 2)[3]))
+    compliance = here.material.compliance[2] * joint[1] * here.step.inverse_square
     return quotient(1.0, larger(compliance, lightest * middle * middle / STIFFEST))
 
 
 @wp.func
-def turn_at(j: int, m: Model, body: Body, x: wp.uint64, d: wp.uint64) -> wp.vec3:
+def turn_at(j: int, here: Here) -> wp.vec3:
     """The turn vector at joint j."""
-    joint = m.joints[body.segments + j]
-    di = xyz(load4(d, j))
-    dj = xyz(load4(d, j + 1))
-    dk = xyz(load4(d, j + 2))
-    first = xyz(load4(x, j + 1) - load4(x, j)) + (dj - di)
-    last = xyz(load4(x, j + 2) - load4(x, j + 1)) + (dk - dj)
+    joint = here.model.joints[here.body.segments + j]
+    di = xyz(load4(here.d, j))
+    dj = xyz(load4(here.d, j + 1))
+    dk = xyz(load4(here.d, j + 2))
+    first = xyz(load4(here.x, j + 1) - load4(here.x, j)) + (dj - di)
+    last = xyz(load4(here.x, j + 2) - load4(here.x, j + 1)) + (dk - dj)
     return last * joint[3] - first * joint[2]
 
 
 @wp.func
-def rest_at(j: int, m: Model, body: Body, x: wp.uint64) -> wp.vec3:
+def rest_at(j: int, here: Here) -> wp.vec3:
     """The rest turn vector at joint j, which points where the turn vector did before the substep."""
-    joint = m.joints[body.segments + j]
-    first = xyz(load4(x, j + 1) - load4(x, j))
-    last = xyz(load4(x, j + 2) - load4(x, j + 1))
+    joint = here.model.joints[here.body.segments + j]
+    first = xyz(load4(here.x, j + 1) - load4(here.x, j))
+    last = xyz(load4(here.x, j + 2) - load4(here.x, j + 1))
     return rest_turn(last * joint[3] - first * joint[2], joint[0])
 
 
@@ -67,25 +67,25 @@ def make_bend_by_moments(bent: bool):
     are straight at rest."""
 
     @wp.func
-    def bend_by_moments(i: int, m: Model, s: State, body: Body, step: Step, d: wp.uint64):
+    def bend_by_moments(i: int, here: Here):
         move = wp.vec3(0.0)
-        p = load4(d, i)
+        p = load4(here.d, i)
         if p[3] > 0.0:
-            joints = body.count - 2
+            joints = here.body.count - 2
             force = wp.vec3(0.0)
             for place in range(3):
                 j = i - place
                 if j >= 0 and j < joints:
-                    joint = m.joints[body.segments + j]
+                    joint = here.model.joints[here.body.segments + j]
                     weight = wp.where(place == 0, joint[2], wp.where(place == 1, -(joint[2] + joint[3]), joint[3]))
-                    held = s.moments[body.segments + j]
+                    held = here.state.moments[here.body.segments + j]
                     if wp.static(bent):
                         held *= wp.where(joint[0] > 0.0, 0.0, 1.0)
                     force -= weight * held
-            move = (step.effective * step.effective * p[3]) * force
-            store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+            move = (here.step.effective * here.step.effective * p[3]) * force
+            store4(here.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
         if wp.static(bent):
-            s.bend_moves[body.particles + i] = move
+            here.state.bend_moves[here.body.particles + i] = move
 
     return bend_by_moments
 
@@ -101,22 +101,16 @@ def make_keep_moment(bent: bool):
     @wp.func
     def keep_moment(
         j: int,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        d: wp.uint64,
+        here: Here,
         moves: wp.mat33,
         rotation: wp.mat33,
     ):
-        stiff = stiffness_at(j, m, body, material, step, d)
-        turn = turn_at(j, m, body, x, d) + _turned(moves, weights_at(j, m, body))
+        stiff = stiffness_at(j, here)
+        turn = turn_at(j, here) + _turned(moves, weights_at(j, here.model, here.body))
         if wp.static(bent):
-            rest = rest_at(j, m, body, x)
+            rest = rest_at(j, here)
             turn -= rest + rotation * rest
-        s.moments[body.segments + j] = (stiff * step.inverse_square) * turn
+        here.state.moments[here.body.segments + j] = (stiff * here.step.inverse_square) * turn
 
     return keep_moment
 
@@ -124,21 +118,16 @@ def make_keep_moment(bent: bool):
 @wp.func
 def add_joint(
     j: int,
-    m: Model,
-    body: Body,
-    material: Material,
-    step: Step,
-    x: wp.uint64,
-    d: wp.uint64,
+    here: Here,
     u: wp.mat33,
     y: wp.mat33,
     sums: Sums,
 ) -> Sums:
     """The sums of beam_turn.py with joint j, whose particles the rows of u and y move."""
-    weights = weights_at(j, m, body)
-    stiff = stiffness_at(j, m, body, material, step, d)
-    rest = rest_at(j, m, body, x)
-    lack = (turn_at(j, m, body, x, d) - rest) + _turned(u, weights)
+    weights = weights_at(j, here.model, here.body)
+    stiff = stiffness_at(j, here)
+    rest = rest_at(j, here)
+    lack = (turn_at(j, here) - rest) + _turned(u, weights)
     return with_joint(sums, stiff, _turned(y, weights) - rest, lack)
 
 
@@ -152,10 +141,10 @@ def _make_walks(bent: bool):
     """Two Warp functions: elimination, and substitution."""
 
     @wp.func
-    def eliminate(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64):
+    def eliminate(here: Here):
         """From the first particle to the last: L D L^T, and what it makes of the pulls."""
-        square = step.effective * step.effective
-        joints = body.count - 2
+        square = here.step.effective * here.step.effective
+        joints = here.body.count - 2
         # The three joints around a particle, the one that it begins, is the middle of, and ends.
         near = wp.vec3(0.0)
         change_near = wp.vec3(0.0)
@@ -167,22 +156,22 @@ def _make_walks(bent: bool):
         stiff_far = float(0.0)
         one = BeamRow()
         two = BeamRow()
-        for i in range(body.count):
+        for i in range(here.body.count):
             weights = wp.vec3(0.0)
             change = wp.vec3(0.0)
             rest = wp.vec3(0.0)
             stiff = float(0.0)
             if i < joints:
-                weights = weights_at(i, m, body)
-                stiff = stiffness_at(i, m, body, material, step, d)
-                turn = turn_at(i, m, body, x, d)
+                weights = weights_at(i, here.model, here.body)
+                stiff = stiffness_at(i, here)
+                turn = turn_at(i, here)
                 if wp.static(bent):
-                    rest = rest_at(i, m, body, x)
+                    rest = rest_at(i, here)
                     change = stiff * (turn - rest)
                     rest *= stiff
                 else:
-                    change = stiff * turn + (-square) * s.moments[body.segments + i]
-            w = load4(d, i)[3]
+                    change = stiff * turn + (-square) * here.state.moments[here.body.segments + i]
+            w = load4(here.d, i)[3]
             row = BeamRow()
             if w > 0.0:
                 below = stiff_near * near[1] * near[0] + stiff_far * far[2] * far[1]
@@ -196,12 +185,12 @@ def _make_walks(bent: bool):
                 row.inverse = quotient(1.0, row.pivot)
                 pull = -(weights[0] * change + near[1] * change_near + far[2] * change_far)
                 if wp.static(bent):
-                    pull -= quotient(1.0, w) * s.bend_moves[body.particles + i]
+                    pull -= quotient(1.0, w) * here.state.bend_moves[here.body.particles + i]
                 row.move = pull - row.first * one.move - row.second * two.move
                 if wp.static(bent):
                     turning = weights[0] * rest + near[1] * rest_near + far[2] * rest_far
                     row.turn = turning - row.first * one.turn - row.second * two.turn
-            s.beam[body.particles + i] = row
+            here.state.beam[here.body.particles + i] = row
             two = one
             one = row
             far = near
@@ -233,21 +222,23 @@ def _make_walks(bent: bool):
 
 
 @wp.func
-def _rotation(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64) -> wp.mat33:
+def _rotation(here: Here) -> wp.mat33:
     """By how much the rest shape turns, less 1, when rows tell how particles move."""
     sums = Sums()
-    for i in range(body.count):
-        row = s.beam[body.particles + i]
-        w = load4(d, i)[3]
+    for i in range(here.body.count):
+        row = here.state.beam[here.body.particles + i]
+        w = load4(here.d, i)[3]
         if w > 0.0:
-            sums = with_particle(sums, quotient(1.0, w), s.bend_moves[body.particles + i] + row.move, row.turn)
-    for j in range(body.count - 2):
-        first = s.beam[body.particles + j]
-        middle = s.beam[body.particles + j + 1]
-        last = s.beam[body.particles + j + 2]
+            sums = with_particle(
+                sums, quotient(1.0, w), here.state.bend_moves[here.body.particles + i] + row.move, row.turn
+            )
+    for j in range(here.body.count - 2):
+        first = here.state.beam[here.body.particles + j]
+        middle = here.state.beam[here.body.particles + j + 1]
+        last = here.state.beam[here.body.particles + j + 2]
         u = wp.matrix_from_rows(first.move, middle.move, last.move)
         y = wp.matrix_from_rows(first.turn, middle.turn, last.turn)
-        sums = add_joint(j, m, body, material, step, x, d, u, y, sums)
+        sums = add_joint(j, here, u, y, sums)
     return rotation_of(sums)
 
 
@@ -258,25 +249,27 @@ def make_solve_beam(bent: bool):
     eliminate, substitute = _make_walks(bent)
 
     @wp.func
-    def solve_beam(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64):
-        eliminate(m, s, body, material, step, x, d)
-        substitute(s, body)
+    def solve_beam(here: Here):
+        eliminate(here)
+        substitute(here.state, here.body)
         rotation = wp.mat33(0.0)
         if wp.static(bent):
-            rotation = _rotation(m, s, body, material, step, x, d)
-            for i in range(body.count):
-                row = s.beam[body.particles + i]
+            rotation = _rotation(here)
+            for i in range(here.body.count):
+                row = here.state.beam[here.body.particles + i]
                 row.move += rotation * row.turn
-                s.bend_moves[body.particles + i] += row.move
-                s.beam[body.particles + i] = row
-        for j in range(body.count - 2):
-            g = body.particles + j
-            moves = wp.matrix_from_rows(s.beam[g].move, s.beam[g + 1].move, s.beam[g + 2].move)
-            keep_moment(j, m, s, body, material, step, x, d, moves, rotation)
-        for i in range(body.count):
-            p = load4(d, i)
+                here.state.bend_moves[here.body.particles + i] += row.move
+                here.state.beam[here.body.particles + i] = row
+        for j in range(here.body.count - 2):
+            g = here.body.particles + j
+            moves = wp.matrix_from_rows(
+                here.state.beam[g].move, here.state.beam[g + 1].move, here.state.beam[g + 2].move
+            )
+            keep_moment(j, here, moves, rotation)
+        for i in range(here.body.count):
+            p = load4(here.d, i)
             if p[3] > 0.0:
-                move = s.beam[body.particles + i].move
-                store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+                move = here.state.beam[here.body.particles + i].move
+                store4(here.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
 
     return solve_beam

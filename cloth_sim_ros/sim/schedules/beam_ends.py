@@ -6,13 +6,11 @@ one quotient after the other, goes from either end to the two rows in the middle
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Body, Model
-from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.beam import STIFFEST
 from cloth_sim_ros.sim.schedules.beam_lanes import make_lanes
 from cloth_sim_ros.sim.schedules.beam_turn import Sums, rotation_of
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.walks import FEWEST
-from cloth_sim_ros.sim.state import Material, State
 
 
 def make_solve_beam_from_both_ends(bent: bool):
@@ -21,36 +19,45 @@ def make_solve_beam_from_both_ends(bent: bool):
     prepare, walk, add_up, move = make_lanes(bent)
 
     @wp.func
-    def solve_beam_from_both_ends(
-        m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64
-    ) -> bool:
-        if body.count <= FEWEST or s.ladder.shape[0] == 0:
+    def solve_beam_from_both_ends(here: Here) -> bool:
+        if here.body.count <= FEWEST or here.state.ladder.shape[0] == 0:
             return False
-        p = body.particles
-        compliance = material.compliance[2]
+        p = here.body.particles
+        compliance = here.material.compliance[2]
         prepare(
             p,
-            body.segments,
-            body.count,
-            x,
-            d,
-            m.joints,
-            s.moments,
-            s.bend_moves,
-            s.ladder,
+            here.body.segments,
+            here.body.count,
+            here.x,
+            here.d,
+            here.model.joints,
+            here.state.moments,
+            here.state.bend_moves,
+            here.state.ladder,
             compliance,
-            step.effective,
+            here.step.effective,
             STIFFEST,
         )
-        walk(p, body.count, x, d, s.ladder)
+        walk(p, here.body.count, here.x, here.d, here.state.ladder)
         rotation = wp.mat33(0.0)
         if wp.static(bent):
-            found = add_up(p, body.count, x, d, s.ladder)
+            found = add_up(p, here.body.count, here.x, here.d, here.state.ladder)
             sums = Sums()
             sums.inertia = wp.matrix_from_rows(found[0], found[1], found[2])
             sums.lag = wp.matrix_from_rows(found[3], found[4], found[5])
             rotation = rotation_of(sums)
-        move(p, body.segments, body.count, x, d, s.moments, s.bend_moves, s.ladder, step.inverse_square, rotation)
+        move(
+            p,
+            here.body.segments,
+            here.body.count,
+            here.x,
+            here.d,
+            here.state.moments,
+            here.state.bend_moves,
+            here.state.ladder,
+            here.step.inverse_square,
+            rotation,
+        )
         return True
 
     return solve_beam_from_both_ends

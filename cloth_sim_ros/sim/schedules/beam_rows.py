@@ -7,7 +7,6 @@ little, and lies in shared memory.
 import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Model
-from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.beam import (
     add_joint,
     make_keep_moment,
@@ -17,9 +16,10 @@ from cloth_sim_ros.sim.schedules.beam import (
     weights_at,
 )
 from cloth_sim_ros.sim.schedules.beam_turn import SUMS, Sums, rotation_of, sums_of_block, with_particle
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, xyz
 from cloth_sim_ros.sim.schedules.scan import scan_size
-from cloth_sim_ros.sim.state import BeamRow, Material, State
+from cloth_sim_ros.sim.state import BeamRow
 
 
 def rows_of(bent: bool) -> int:
@@ -47,20 +47,18 @@ def _make_joint_at(bent: bool):
     """A Warp function: joint j of a body before a solve."""
 
     @wp.func
-    def joint_at(
-        j: int, m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, d: wp.uint64
-    ) -> Joint:
+    def joint_at(j: int, here: Here) -> Joint:
         joint = Joint()
-        joint.weights = weights_at(j, m, body)
-        joint.stiff = stiffness_at(j, m, body, material, step, d)
-        turn = turn_at(j, m, body, x, d)
+        joint.weights = weights_at(j, here.model, here.body)
+        joint.stiff = stiffness_at(j, here)
+        turn = turn_at(j, here)
         if wp.static(bent):
-            rest = rest_at(j, m, body, x)
+            rest = rest_at(j, here)
             joint.change = joint.stiff * (turn - rest)
             joint.rest = joint.stiff * rest
         else:
-            square = step.effective * step.effective
-            joint.change = joint.stiff * turn - square * s.moments[body.segments + j]
+            square = here.step.effective * here.step.effective
+            joint.change = joint.stiff * turn - square * here.state.moments[here.body.segments + j]
         return joint
 
     return joint_at
@@ -194,71 +192,63 @@ def make_solve_beam_together(threads: int, bent: bool):
     @wp.func
     def rotation(
         t: int,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        d: wp.uint64,
+        here: Here,
         rows: wp.uint64,
     ) -> wp.mat33:
         """By how much the rest shape turns, less 1, when rows tell how particles move."""
         sums = Sums()
-        for i in range(t, body.count, threads):
-            w = load4(d, i)[3]
+        for i in range(t, here.body.count, threads):
+            w = load4(here.d, i)[3]
             if w > 0.0:
-                move = s.bend_moves[body.particles + i] + xyz(load4(rows, width * i))
+                move = here.state.bend_moves[here.body.particles + i] + xyz(load4(rows, width * i))
                 sums = with_particle(sums, quick_quotient(1.0, w), move, xyz(load4(rows, width * i + 3)))
-        for j in range(t, body.count - 2, threads):
-            sums = add_joint(j, m, body, material, step, x, d, moved(j, 0, rows), moved(j, 3, rows), sums)
-        return rotation_of(sums_of_block(t, threads, sums, width * body.count, rows))
+        for j in range(t, here.body.count - 2, threads):
+            sums = add_joint(j, here, moved(j, 0, rows), moved(j, 3, rows), sums)
+        return rotation_of(sums_of_block(t, threads, sums, width * here.body.count, rows))
 
     @wp.func
     def solve_beam_together(
         t: int,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        d: wp.uint64,
+        here: Here,
         rows: wp.uint64,
     ):
-        joints = body.count - 2
+        joints = here.body.count - 2
         for j in range(t, joints, threads):
-            joint = joint_at(j, m, s, body, material, step, x, d)
+            joint = joint_at(j, here)
             store4(rows, width * j + 2, wp.vec4(joint.change[0], joint.change[1], joint.change[2], joint.stiff))
             if wp.static(bent):
                 store4(rows, width * j + 4, wp.vec4(joint.rest[0], joint.rest[1], joint.rest[2], 0.0))
         sync()
-        for i in range(t, body.count, threads):
-            begun, near, far = shown(i, m, body, rows), shown(i - 1, m, body, rows), shown(i - 2, m, body, rows)
-            row, pull, turning = _row_of(load4(d, i)[3], begun, near, far)
+        for i in range(t, here.body.count, threads):
+            begun, near, far = (
+                shown(i, here.model, here.body, rows),
+                shown(i - 1, here.model, here.body, rows),
+                shown(i - 2, here.model, here.body, rows),
+            )
+            row, pull, turning = _row_of(load4(here.d, i)[3], begun, near, far)
             store4(rows, width * i, row)
             if wp.static(bent):
-                pull -= row[3] * s.bend_moves[body.particles + i]
+                pull -= row[3] * here.state.bend_moves[here.body.particles + i]
             store4(rows, width * i + 1, wp.vec4(pull[0], pull[1], pull[2], 0.0))
             if wp.static(bent):
                 store4(rows, width * i + 3, wp.vec4(turning[0], turning[1], turning[2], 0.0))
         sync()
         if t == 0:
-            eliminate(body.count, rows)
-            substitute(body.count, rows)
+            eliminate(here.body.count, rows)
+            substitute(here.body.count, rows)
         sync()
         turned = wp.mat33(0.0)
         if wp.static(bent):
-            turned = rotation(t, m, s, body, material, step, x, d, rows)
-            for i in range(t, body.count, threads):
+            turned = rotation(t, here, rows)
+            for i in range(t, here.body.count, threads):
                 move = xyz(load4(rows, width * i)) + turned * xyz(load4(rows, width * i + 3))
                 store4(rows, width * i, wp.vec4(move[0], move[1], move[2], 0.0))
-                s.bend_moves[body.particles + i] += move
+                here.state.bend_moves[here.body.particles + i] += move
             sync()
         for j in range(t, joints, threads):
-            keep_moment(j, m, s, body, material, step, x, d, moved(j, 0, rows), turned)
+            keep_moment(j, here, moved(j, 0, rows), turned)
         sync()
-        for i in range(t, body.count, threads):
-            store4(d, i, load4(d, i) + load4(rows, width * i))
+        for i in range(t, here.body.count, threads):
+            store4(here.d, i, load4(here.d, i) + load4(rows, width * i))
 
     return solve_beam_together

@@ -6,6 +6,7 @@ from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.native import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.schedules.stages import pack
 from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
@@ -84,8 +85,8 @@ def make_meet(shapes: tuple[str, ...]):
     return meet
 
 
-def make_contact(features: Features):
-    """The stage that keeps particle i outside all colliders, with friction, after each iteration.
+def make_touch(features: Features):
+    """A Warp function that keeps particle i outside all colliders, with friction.
 
     The colliders' motion lies in `sweeps` from `first_sweep` on, what earlier iterations did in `contacts` at `slot`.
     """
@@ -159,5 +160,31 @@ def make_contact(features: Features):
                 store_row(contacts, slot * colliders.shape[0] + c, after)
         if touched:
             store4(d, i, pack(displacement, w))
+
+    return contact
+
+
+def make_contact(features: Features):
+    """The stage that keeps particle i outside all colliders, after each iteration."""
+    touch = make_touch(features)
+
+    @wp.func
+    def contact(i: int, here: Here):
+        s = here.state
+        touch(
+            i,
+            here.sweep,
+            here.body.particles + i,
+            here.material,
+            here.colliders,
+            s.sweeps,
+            s.contacts,
+            s.velocities,
+            s.last_displacements,
+            here.step,
+            here.x,
+            here.low,
+            here.d,
+        )
 
     return contact

@@ -7,13 +7,13 @@ both ends the deepest point lies between them, and nowhere else does a particle'
 import warp as wp
 
 from cloth_sim_ros.sim.colliders import make_signed_distance
-from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.contact import NOISE, SEPARATION, forgotten, length_of, make_meet
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.native import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.schedules.stages import pack
-from cloth_sim_ros.sim.state import ColliderMotion, Material, State, Sweep
+from cloth_sim_ros.sim.state import State, Sweep
 
 # Of the larger inverse mass: what a push beside a pinned or heavy end divides by, so that the other end is never thrown
 # farther than four times the gap.
@@ -78,57 +78,48 @@ def make_edge_contact(shapes: tuple[str, ...], order: int):
     @wp.func
     def edge_contact(
         k: int,
-        body_index: int,
-        body: Body,
-        material: Material,
-        colliders: wp.array(dtype=ColliderMotion),
-        m: Model,
-        s: State,
-        step: Step,
-        x: wp.uint64,
-        low_address: wp.uint64,
-        d: wp.uint64,
+        here: Here,
     ):
-        i = m.edges[k][0]
-        j = m.edges[k][1]
-        packed_i = load4(d, i)
-        packed_j = load4(d, j)
+        i = here.model.edges[k][0]
+        j = here.model.edges[k][1]
+        packed_i = load4(here.d, i)
+        packed_j = load4(here.d, j)
         wi = packed_i[3]
         wj = packed_j[3]
         if wi + wj == 0.0:
             return
-        xi = xyz(load4(x, i))
-        xj = xyz(load4(x, j))
+        xi = xyz(load4(here.x, i))
+        xj = xyz(load4(here.x, j))
         di = xyz(packed_i)
         dj = xyz(packed_j)
         touched = bool(False)
-        for c in range(colliders.shape[0]):
-            collider = colliders[c]
-            sweep = s.sweeps[body_index * colliders.shape[0] + c]
-            slot = c * m.edges.shape[0] + k
+        for c in range(here.colliders.shape[0]):
+            collider = here.colliders[c]
+            sweep = here.state.sweeps[here.sweep + c]
+            slot = c * here.model.edges.shape[0] + k
             before = wp.vec4(0.0)
-            if not step.first:
-                before = load_row(s.edge_contacts, slot)
+            if not here.step.first:
+                before = load_row(here.state.edge_contacts, slot)
             after = before
             start = (xi - sweep.position) + di
             e = (xj - xi) + (dj - di)
             away = wp.length(start + 0.5 * e)
             path = wp.max(wp.length(di - sweep.motion), wp.length(dj - sweep.motion)) + 0.5 * wp.length(e)
             path += sweep.spin * (away + path)
-            if away - path < collider.reach + material.thickness:
+            if away - path < collider.reach + here.material.thickness:
                 t = deepest(collider.shape, collider.size, sweep.to_local * start, sweep.to_local * e)
                 if t >= 0.0:
-                    slip = (1.0 - t) * slip_of(xi, di, xyz(load4(low_address, i)), sweep)
-                    slip += t * slip_of(xj, dj, xyz(load4(low_address, j)), sweep)
+                    slip = (1.0 - t) * slip_of(xi, di, xyz(load4(here.low, i)), sweep)
+                    slip += t * slip_of(xj, dj, xyz(load4(here.low, j)), sweep)
                     p = sweep.to_local * (start + t * e)
-                    apart = SEPARATION * step.effective
-                    touching = meet(collider.shape, collider.size, p, slip, material.thickness, apart)
+                    apart = SEPARATION * here.step.effective
+                    touching = meet(collider.shape, collider.size, p, slip, here.material.thickness, apart)
                     gap = touching[3]
                     if gap < 0.0:
                         n = xyz(touching)
                         pressed = before[3] - gap
-                        mu_s = wp.sqrt(material.static_friction * collider.static_friction)
-                        mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
+                        mu_s = wp.sqrt(here.material.static_friction * collider.static_friction)
+                        mu_k = wp.sqrt(here.material.kinetic_friction * collider.kinetic_friction)
                         tangential = slip - wp.dot(slip, n) * n
                         rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n
                         rubbed = friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
@@ -141,17 +132,31 @@ def make_edge_contact(shapes: tuple[str, ...], order: int):
                         touched = True
                         if wp.static(order == 2):
                             normal = wp.transpose(sweep.to_local) * n
-                            past = (1.0 - t) * s.last_displacements[body.particles + i]
-                            past += t * s.last_displacements[body.particles + j]
+                            past = (1.0 - t) * here.state.last_displacements[here.body.particles + i]
+                            past += t * here.state.last_displacements[here.body.particles + j]
                             hit = -wp.dot(past - sweep.motion, normal) > 0.5 * pressed
                             if wi > 0.0:
-                                forget(body.particles + i, di - xyz(load4(low_address, i)), normal, hit, s, step)
+                                forget(
+                                    here.body.particles + i,
+                                    di - xyz(load4(here.low, i)),
+                                    normal,
+                                    hit,
+                                    here.state,
+                                    here.step,
+                                )
                             if wj > 0.0:
-                                forget(body.particles + j, dj - xyz(load4(low_address, j)), normal, hit, s, step)
-            if step.repeats:
-                store_row(s.edge_contacts, slot, after)
+                                forget(
+                                    here.body.particles + j,
+                                    dj - xyz(load4(here.low, j)),
+                                    normal,
+                                    hit,
+                                    here.state,
+                                    here.step,
+                                )
+            if here.step.repeats:
+                store_row(here.state.edge_contacts, slot, after)
         if touched:
-            store4(d, i, pack(di, wi))
-            store4(d, j, pack(dj, wj))
+            store4(here.d, i, pack(di, wi))
+            store4(here.d, j, pack(dj, wj))
 
     return edge_contact

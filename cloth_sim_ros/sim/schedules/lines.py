@@ -10,13 +10,13 @@ from both ends of the chain, so that each knows what lies before its own and how
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.chain import Span, turn_frame
-from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.schedules.beam import make_bend_by_moments, make_solve_beam
 from cloth_sim_ros.sim.schedules.beam_ends import make_solve_beam_from_both_ends
 from cloth_sim_ros.sim.schedules.beam_rows import make_solve_beam_together, most_together
 from cloth_sim_ros.sim.schedules.both_ends import prepare_both_ends, solve_both_ends
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.native import load4, quick_quotient, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.schedules.reel import first_out
 from cloth_sim_ros.sim.schedules.scan import make_scans
@@ -24,43 +24,43 @@ from cloth_sim_ros.sim.schedules.segment_lanes import lack
 from cloth_sim_ros.sim.schedules.segments import ATTEMPTS, NEWTON_STEPS, backward, forward, make_prepare, settle
 from cloth_sim_ros.sim.schedules.shares import Share, make_gather, make_reach_back, make_share
 from cloth_sim_ros.sim.schedules.twist import make_find_twist, push_by_couples
-from cloth_sim_ros.sim.state import Material, Segment, State
+from cloth_sim_ros.sim.state import Segment
 
 
 @wp.func
-def missing_of(i: int, s: State, body: Body, step: Step, d: wp.uint64) -> wp.vec3:
+def missing_of(i: int, here: Here) -> wp.vec3:
     """How far particle i lies from where it would be without the chain [m].
 
     Whatever moved it since the last solve of the substep (bending, contact) counts as part of where it would be.
     """
-    if step.first and not step.store:
+    if here.step.first and not here.step.store:
         return wp.vec3(0.0)
-    g = body.particles + i
-    now = xyz(load4(d, i))
+    g = here.body.particles + i
+    now = xyz(load4(here.d, i))
     target = now
-    if not step.first:
-        target = s.targets[g] + (now - s.solved[g])
-    s.targets[g] = target
+    if not here.step.first:
+        target = here.state.targets[g] + (now - here.state.solved[g])
+    here.state.targets[g] = target
     return target - now
 
 
 @wp.func
-def _keep(i: int, p: wp.vec4, s: State, body: Body, step: Step):
+def _keep(i: int, p: wp.vec4, here: Here):
     """Keep what the chain did to particle i, which is at p now, for those who read it and for the next iteration."""
-    g = body.particles + i
-    if p[3] > 0.0 and step.store:
-        s.chain_forces[g] = (xyz(p) - s.targets[g]) * quick_quotient(step.inverse_square, p[3])
-    if step.repeats:
-        s.solved[g] = xyz(p)
+    g = here.body.particles + i
+    if p[3] > 0.0 and here.step.store:
+        here.state.chain_forces[g] = (xyz(p) - here.state.targets[g]) * quick_quotient(here.step.inverse_square, p[3])
+    if here.step.repeats:
+        here.state.solved[g] = xyz(p)
 
 
 @wp.func
-def _move(i: int, u: wp.vec3, s: State, body: Body, step: Step, d: wp.uint64):
-    p = load4(d, i)
+def _move(i: int, u: wp.vec3, here: Here):
+    p = load4(here.d, i)
     if p[3] > 0.0:
         p = p + wp.vec4(u[0], u[1], u[2], 0.0)
-        store4(d, i, p)
-    _keep(i, p, s, body, step)
+        store4(here.d, i, p)
+    _keep(i, p, here)
 
 
 @wp.func
@@ -91,30 +91,23 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
     @wp.func
     def solve_chain(
         t: int,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        low: wp.uint64,
-        d: wp.uint64,
+        here: Here,
         shared: wp.uint64,
     ) -> bool:
         begin = int(0)
         if wp.static(winch):
-            begin = first_out(s, body)
-        share = share_of(t, begin, body.segments_end - body.segments - begin, body)
+            begin = first_out(here.state, here.body)
+        share = share_of(t, begin, here.body.segments_end - here.body.segments - begin, here.body)
         if wp.static(beam):
-            if step.first:
+            if here.step.first:
                 if wp.static(twist):
                     if t == 0:
-                        find_twist(m, s, body, material, step, x, low)
+                        find_twist(here)
                     sync()
-                for i in range(t, body.count, threads):
-                    bend_by_moments(i, m, s, body, step, d)
+                for i in range(t, here.body.count, threads):
+                    bend_by_moments(i, here)
                     if wp.static(twist):
-                        push_by_couples(i, m, s, body, step, d)
+                        push_by_couples(i, here)
                 sync()
         segment = Segment()
         missing = wp.vec3(0.0)
@@ -123,15 +116,15 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
         again = int(1)
         steps = int(0)
         if wp.static(threads == 1 and not winch):
-            if prepare_both_ends(m, s, body, material, step, x, low, d):
-                if step.store or not step.first:
-                    for i in range(body.count):
-                        missing = missing_of(i, s, body, step, d)
-                        lack(i, missing, body.particles, body.count - 1, s.ladder)
-                placed = solve_both_ends(m, s, body, material, step, x, low, d)
-                if step.store or step.repeats:
-                    for i in range(body.count):
-                        _keep(i, load4(d, i), s, body, step)
+            if prepare_both_ends(here):
+                if here.step.store or not here.step.first:
+                    for i in range(here.body.count):
+                        missing = missing_of(i, here)
+                        lack(i, missing, here.body.particles, here.body.count - 1, here.state.ladder)
+                placed = solve_both_ends(here)
+                if here.step.store or here.step.repeats:
+                    for i in range(here.body.count):
+                        _keep(i, load4(here.d, i), here)
                 again = 0
         while again > 0:
             first = wp.mat33(0.0)
@@ -141,33 +134,33 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                 if owns(share, r):
                     if steps > 0:
                         if wp.static(stored):
-                            segment = s.segments[body.segments + k]
+                            segment = here.state.segments[here.body.segments + k]
                         lag = wp.transpose(segment.frame) * segment.missing - segment.moved
                     else:
-                        lag = missing_of(k + share.ahead, s, body, step, d)
-                segment = prepare(k, share.way, lag, m, s, body, material, step, x, low, d)
+                        lag = missing_of(k + share.ahead, here)
+                segment = prepare(k, share.way, lag, here)
                 if r == 0:
                     first = segment.frame
                 if wp.static(stored):
-                    s.segments[body.segments + k] = segment
+                    here.state.segments[here.body.segments + k] = segment
             if share.lane == 0 and share.count > 0:
                 if steps > 0:
                     missing -= near
                 else:
-                    missing = missing_of(share.start, s, body, step, d)
+                    missing = missing_of(share.start, here)
             unsettled = int(0)
             eventful = bool(False)
             attempt = int(0)
             while attempt < ATTEMPTS:
                 attempt += 1
                 # What lies before the thread's first segment, in that one's frame.
-                y = wp.identity(n=3, dtype=float) * load4(d, share.start)[3]
+                y = wp.identity(n=3, dtype=float) * load4(here.d, share.start)[3]
                 q = missing
                 if wp.static(threads > 1):
                     start = Span()
                     start.compliance = y
                     start.free = first * q
-                    own = gather(share, segment, s, body)
+                    own = gather(share, segment, here.state, here.body)
                     before = scan_forward(t, share, start, own, first, segment.frame, shared)
                     y = before.compliance
                     q = wp.transpose(first) * before.free
@@ -176,18 +169,18 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                 for r in range(share.count):
                     k = share.first + r * share.way
                     if wp.static(stored):
-                        segment = s.segments[body.segments + k]
+                        segment = here.state.segments[here.body.segments + k]
                         if r > 0:
                             y = turn_frame(y, frame, segment.frame)
                         frame = segment.frame
                     segment, y, q, pull = forward(segment, y, q)
                     if wp.static(stored):
-                        s.segments[body.segments + k] = segment
+                        here.state.segments[here.body.segments + k] = segment
                 u = q
                 change = pull
                 if wp.static(threads > 1):
                     u = meet(share, segment, pull, shared)
-                    reach, opening = reach_back(share, segment, pull, s, body)
+                    reach, opening = reach_back(share, segment, pull, here.state, here.body)
                     u, near, change = scan_backward(t, share, reach, opening, segment, u, shared)
                 too_far = int(0)
                 torn = int(0)
@@ -195,17 +188,17 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                 for r in range(share.count):
                     k = share.first + (share.count - 1 - r) * share.way
                     if wp.static(stored):
-                        segment = s.segments[body.segments + k]
+                        segment = here.state.segments[here.body.segments + k]
                     if wp.static(threads > 1 and not stored):
-                        segment = settle(segment, u, near, change, step.effective)
+                        segment = settle(segment, u, near, change, here.step.effective)
                     else:
-                        segment, u = backward(segment, u, step.effective)
+                        segment, u = backward(segment, u, here.step.effective)
                         near = u
                     too_far += segment.too_far
                     torn += segment.torn
                     unsettled += segment.unsettled
                     if wp.static(stored):
-                        s.segments[body.segments + k] = segment
+                        here.state.segments[here.body.segments + k] = segment
                 # One vote, as long as nothing happens. It also holds back what is stored next for the others: what they
                 # read of displacements, spans and meeting was before it.
                 eventful = sync_any(too_far + torn + unsettled) > 0
@@ -219,12 +212,12 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
             for r in range(share.count):
                 k = share.first + r * share.way
                 if wp.static(stored):
-                    segment = s.segments[body.segments + k]
-                s.tensions[body.segments + k] = segment.held + segment.pull * step.inverse_square
+                    segment = here.state.segments[here.body.segments + k]
+                here.state.tensions[here.body.segments + k] = segment.held + segment.pull * here.step.inverse_square
                 if owns(share, r):
-                    _move(k + share.ahead, segment.moved, s, body, step, d)
+                    _move(k + share.ahead, segment.moved, here)
             if share.lane == 0 and share.count > 0:
-                _move(share.start, near, s, body, step, d)
+                _move(share.start, near, here)
             steps += 1
             again = int(0)
             if eventful:
@@ -233,12 +226,12 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
         if wp.static(beam):
             sync()
             if wp.static(threads > 1):
-                if body.count <= wp.static(most_together(threads, bent)):
-                    solve_beam_together(t, m, s, body, material, step, x, d, shared)
+                if here.body.count <= wp.static(most_together(threads, bent)):
+                    solve_beam_together(t, here, shared)
                 elif t == 0:
-                    solve_beam(m, s, body, material, step, x, d)
-            elif not solve_beam_from_both_ends(m, s, body, material, step, x, d):
-                solve_beam(m, s, body, material, step, x, d)
+                    solve_beam(here)
+            elif not solve_beam_from_both_ends(here):
+                solve_beam(here)
         return placed
 
     return solve_chain

@@ -9,10 +9,11 @@ import warp as wp
 
 from cloth_sim_ros.sim.limits import MOST_BENDING
 from cloth_sim_ros.sim.model import Body, Features, Model
-from cloth_sim_ros.sim.physics.integrate import Step, carried
+from cloth_sim_ros.sim.physics.integrate import carried
 from cloth_sim_ros.sim.physics.plate import rest_curvature
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.native import array_address, load4, store4, xyz
-from cloth_sim_ros.sim.state import Material, State
+from cloth_sim_ros.sim.state import Material
 
 MOST = wp.constant(MOST_BENDING)  # (omega h_e)^2 (1 + gamma) of the stiffest mode, gamma = dashpot time / h_e
 
@@ -83,16 +84,16 @@ def make_plate_force(features: Features):
     """A Warp function: the force of a plate of rigidity 1 N m on particle i at positions a + b [1/m^2 x m]."""
 
     @wp.func
-    def plate_force(i: int, m: Model, s: State, body: Body, a: wp.uint64, b: wp.uint64) -> wp.vec3:
-        force = -around(i, m, body, a, b)
+    def plate_force(i: int, here: Here, a: wp.uint64, b: wp.uint64) -> wp.vec3:
+        force = -around(i, here.model, here.body, a, b)
         if wp.static(features.curved):
-            g = body.particles + i
-            for k in range(m.curve_start[g], m.curve_start[g + 1]):
-                triangle = m.curve_entries[k]
-                n = s.curve_normals[triangle[0]]
-                along = m.curve_gradients[k]
+            g = here.body.particles + i
+            for k in range(here.model.curve_start[g], here.model.curve_start[g + 1]):
+                triangle = here.model.curve_entries[k]
+                n = here.state.curve_normals[triangle[0]]
+                along = here.model.curve_gradients[k]
                 if triangle[1] < 3:
-                    along += s.curve_pulls[triangle[0]][triangle[1]]
+                    along += here.state.curve_pulls[triangle[0]][triangle[1]]
                 force += along * n
         return force
 
@@ -100,20 +101,22 @@ def make_plate_force(features: Features):
 
 
 @wp.func
-def curve_triangle(c: int, m: Model, s: State, body: Body, a: wp.uint64, b: wp.uint64):
+def curve_triangle(c: int, here: Here, a: wp.uint64, b: wp.uint64):
     """Normal and pulls of curved triangle c of the batch at positions a + b, for the particles that gather them."""
-    t = m.curve_corners[c]
+    t = here.model.curve_corners[c]
     origin = load4(a, t[0])
     moment = wp.vec3()
-    for k in range(m.curve_width):
-        j = m.curve_stencil[c * m.curve_width + k]
-        moment += m.curve_stencil_gradients[c * m.curve_width + k] * xyz((load4(a, j) - origin) + load4(b, j))
+    for k in range(here.model.curve_width):
+        j = here.model.curve_stencil[c * here.model.curve_width + k]
+        moment += here.model.curve_stencil_gradients[c * here.model.curve_width + k] * xyz(
+            (load4(a, j) - origin) + load4(b, j)
+        )
     p = xyz(load4(b, t[0]))
     q = xyz((load4(a, t[1]) - origin) + load4(b, t[1]))
     r = xyz((load4(a, t[2]) - origin) + load4(b, t[2]))
     found = rest_curvature(p, q, r, moment)
-    s.curve_normals[c] = found.normal
-    s.curve_pulls[c] = found.pull
+    here.state.curve_normals[c] = found.normal
+    here.state.curve_pulls[c] = found.pull
 
 
 def make_bending_force(features: Features):
@@ -121,14 +124,12 @@ def make_bending_force(features: Features):
     plate_force = make_plate_force(features)
 
     @wp.func
-    def bending_force(
-        i: int, m: Model, s: State, body: Body, material: Material, x: wp.uint64, low: wp.uint64
-    ) -> wp.vec3:
-        force = plate_force(i, m, s, body, x, low)
-        if material.damping > 0.0:
-            v = array_address(s.velocities, body.particles)
-            force -= (0.5 * material.damping) * around(i, m, body, v, v)
-        return force / material.compliance[2]
+    def bending_force(i: int, here: Here) -> wp.vec3:
+        force = plate_force(i, here, here.x, here.low)
+        if here.material.damping > 0.0:
+            v = array_address(here.state.velocities, here.body.particles)
+            force -= (0.5 * here.material.damping) * around(i, here.model, here.body, v, v)
+        return force / here.material.compliance[2]
 
     return bending_force
 
@@ -140,36 +141,34 @@ def make_bend(features: Features):
     @wp.func
     def bend(
         i: int,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        low: wp.uint64,
-        p: wp.uint64,
-        d: wp.uint64,
+        here: Here,
     ):
-        predicted = load4(p, i)
-        rigidity = rigidity_of(material, body, step.inverse_square)
+        predicted = load4(here.p, i)
+        rigidity = rigidity_of(here.material, here.body, here.step.inverse_square)
         # Dashpots of bending give way before its rigidity does.
-        room = MOST * step.inverse_square / wp.max(body.plate_rate * rigidity, 1.0e-30) - 1.0
-        gamma = wp.clamp(material.damping * step.inverse, 0.0, wp.max(room, 0.0))
-        force = plate_force(i, m, s, body, x, p)
+        room = MOST * here.step.inverse_square / wp.max(here.body.plate_rate * rigidity, 1.0e-30) - 1.0
+        gamma = wp.clamp(here.material.damping * here.step.inverse, 0.0, wp.max(room, 0.0))
+        force = plate_force(i, here, here.x, here.p)
         if gamma > 0.0:
-            slip = around(i, m, body, p, p) - around(i, m, body, low, low)
+            slip = around(i, here.model, here.body, here.p, here.p) - around(
+                i, here.model, here.body, here.low, here.low
+            )
             if wp.static(features.order == 2):
-                if step.second:
-                    base = body.plate
-                    own = s.last_displacements[body.particles + i]
-                    for q in range(body.plate_width):
-                        k = base + q * wp.where(m.plate_strides[0] == 0, body.count, m.plate_strides[0])
-                        k += i * wp.where(m.plate_strides[1] == 0, body.plate_width, m.plate_strides[1])
-                        last = s.last_displacements[body.particles + m.plate_neighbours[k]] - own
-                        slip -= 2.0 * m.plate_weights[k] * carried(last)
+                if here.step.second:
+                    base = here.body.plate
+                    own = here.state.last_displacements[here.body.particles + i]
+                    for q in range(here.body.plate_width):
+                        k = base + q * wp.where(
+                            here.model.plate_strides[0] == 0, here.body.count, here.model.plate_strides[0]
+                        )
+                        k += i * wp.where(
+                            here.model.plate_strides[1] == 0, here.body.plate_width, here.model.plate_strides[1]
+                        )
+                        last = here.state.last_displacements[here.body.particles + here.model.plate_neighbours[k]] - own
+                        slip -= 2.0 * here.model.plate_weights[k] * carried(last)
             force -= 0.5 * gamma * slip
         w = predicted[3]
-        move = (w * rigidity / step.inverse_square) * force
-        store4(d, i, wp.vec4(predicted[0] + move[0], predicted[1] + move[1], predicted[2] + move[2], w))
+        move = (w * rigidity / here.step.inverse_square) * force
+        store4(here.d, i, wp.vec4(predicted[0] + move[0], predicted[1] + move[1], predicted[2] + move[2], w))
 
     return bend

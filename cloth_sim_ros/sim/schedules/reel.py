@@ -18,6 +18,7 @@ import warp as wp
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.integrate import split_sum
 from cloth_sim_ros.sim.physics.winch import next_rate
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.native import load4, store4, xyz
 from cloth_sim_ros.sim.state import Drive, Reel, State
 
@@ -60,16 +61,16 @@ def make_turn(order: int):
     """A Warp function: one thread turns a body's drum at the start of a substep of length h [s]."""
 
     @wp.func
-    def swallow(reel: Reel, m: Model, s: State, body: Body, x: wp.uint64, low: wp.uint64) -> Reel:
+    def swallow(reel: Reel, here: Here) -> Reel:
         k = reel.index
-        g = body.particles + k
-        drum = load4(x, k)
-        drum_low = load4(low, k)
-        middle = load4(x, k + 1)
-        middle_low = load4(low, k + 1)
+        g = here.body.particles + k
+        drum = load4(here.x, k)
+        drum_low = load4(here.low, k)
+        middle = load4(here.x, k + 1)
+        middle_low = load4(here.low, k + 1)
         first = xyz(middle - drum) + xyz(middle_low - drum_low)
-        second = xyz(load4(x, k + 2) - middle) + xyz(load4(low, k + 2) - middle_low)
-        following = m.segment_length[body.segments + k + 1]
+        second = xyz(load4(here.x, k + 2) - middle) + xyz(load4(here.low, k + 2) - middle_low)
+        following = here.model.segment_length[here.body.segments + k + 1]
         whole = reel.length + following
         straight = wp.length(first + second) / wp.max(wp.length(first) + wp.length(second), 1.0e-12)
         length = wp.clamp(straight * whole, SHORTEST * following, whole)
@@ -77,24 +78,24 @@ def make_turn(order: int):
         reel.length = length
         reel.behind -= following
         reel.index = k + 1
-        store4(x, k + 1, wp.vec4(drum[0], drum[1], drum[2], 0.0))
-        store4(low, k + 1, drum_low)
-        s.velocities[g + 1] = wp.vec4(0.0)
-        s.chain_forces[g + 1] = wp.vec3(0.0)
-        s.tensions[body.segments + k] = 0.0
+        store4(here.x, k + 1, wp.vec4(drum[0], drum[1], drum[2], 0.0))
+        store4(here.low, k + 1, drum_low)
+        here.state.velocities[g + 1] = wp.vec4(0.0)
+        here.state.chain_forces[g + 1] = wp.vec3(0.0)
+        here.state.tensions[here.body.segments + k] = 0.0
         if wp.static(order == 2):
-            s.last_velocities[g + 1] = wp.vec3(0.0)
-            s.last_displacements[g + 1] = wp.vec3(0.0)
+            here.state.last_velocities[g + 1] = wp.vec3(0.0)
+            here.state.last_displacements[g + 1] = wp.vec3(0.0)
         return reel
 
     @wp.func
-    def bear(reel: Reel, h: float, m: Model, s: State, body: Body, x: wp.uint64, low: wp.uint64) -> Reel:
+    def bear(reel: Reel, h: float, here: Here) -> Reel:
         k = reel.index
-        g = body.particles + k
-        drum = load4(x, k)
-        drum_low = xyz(load4(low, k))
-        e = xyz(load4(x, k + 1) - drum) + (xyz(load4(low, k + 1)) - drum_low)
-        own = m.segment_length[body.segments + k]
+        g = here.body.particles + k
+        drum = load4(here.x, k)
+        drum_low = xyz(load4(here.low, k))
+        e = xyz(load4(here.x, k + 1) - drum) + (xyz(load4(here.low, k + 1)) - drum_low)
+        own = here.model.segment_length[here.body.segments + k]
         part = own / reel.length
         away = drum_low + (1.0 - part) * e
         position = xyz(drum)
@@ -102,32 +103,35 @@ def make_turn(order: int):
         position += away
         # How the material at this place moves: by (1 - part) with the rope ahead, by part with the feed.
         feed = (part * reel.rate / reel.length) * e
-        velocity = (1.0 - part) * xyz(s.velocities[g + 1]) + feed
-        store4(x, k, wp.vec4(position[0], position[1], position[2], 1.0 / m.particle_masses[g]))
-        store4(low, k, wp.vec4(rest[0], rest[1], rest[2], 0.0))
-        s.velocities[g] = wp.vec4(velocity[0], velocity[1], velocity[2], 0.0)
+        velocity = (1.0 - part) * xyz(here.state.velocities[g + 1]) + feed
+        store4(here.x, k, wp.vec4(position[0], position[1], position[2], 1.0 / here.model.particle_masses[g]))
+        store4(here.low, k, wp.vec4(rest[0], rest[1], rest[2], 0.0))
+        here.state.velocities[g] = wp.vec4(velocity[0], velocity[1], velocity[2], 0.0)
         if wp.static(order == 2):
-            s.last_velocities[g] = (1.0 - part) * s.last_velocities[g + 1] + feed
-            s.last_displacements[g] = (1.0 - part) * s.last_displacements[g + 1] + h * feed
-        s.tensions[body.segments + k - 1] = s.tensions[body.segments + k]
-        weigh(k + 1, m.particle_masses[g + 1], x)
+            here.state.last_velocities[g] = (1.0 - part) * here.state.last_velocities[g + 1] + feed
+            here.state.last_displacements[g] = (1.0 - part) * here.state.last_displacements[g + 1] + h * feed
+        here.state.tensions[here.body.segments + k - 1] = here.state.tensions[here.body.segments + k]
+        weigh(k + 1, here.model.particle_masses[g + 1], here.x)
         reel.length -= own
         reel.behind += own
         reel.index = k - 1
         return reel
 
     @wp.func
-    def turn(m: Model, s: State, body: Body, drive: Drive, h: float, x: wp.uint64, low: wp.uint64):
-        reel = s.reels[body.index]
-        last = body.segments_end - body.segments - 1
-        while reel.index < last and reel.length < SWALLOWED * m.segment_length[body.segments + reel.index]:
-            reel = swallow(reel, m, s, body, x, low)
-        while reel.index > 0 and reel.length >= (
-            m.segment_length[body.segments + reel.index] + BORN * m.segment_length[body.segments + reel.index - 1]
+    def turn(here: Here, drive: Drive, h: float):
+        reel = here.state.reels[here.body.index]
+        last = here.body.segments_end - here.body.segments - 1
+        while (
+            reel.index < last and reel.length < SWALLOWED * here.model.segment_length[here.body.segments + reel.index]
         ):
-            reel = bear(reel, h, m, s, body, x, low)
+            reel = swallow(reel, here)
+        while reel.index > 0 and reel.length >= (
+            here.model.segment_length[here.body.segments + reel.index]
+            + BORN * here.model.segment_length[here.body.segments + reel.index - 1]
+        ):
+            reel = bear(reel, h, here)
         out = reel.behind + reel.length + reel.owed
-        shortest = wp.max(drive.shortest, SHORTEST * m.segment_length[body.segments_end - 1])
+        shortest = wp.max(drive.shortest, SHORTEST * here.model.segment_length[here.body.segments_end - 1])
         longest = wp.min(drive.longest, reel.total)
         room = longest - out
         slack = out - wp.max(reel.owed, 0.0) - shortest  # what is owed cannot be hauled in
@@ -143,17 +147,17 @@ def make_turn(order: int):
         reel.fed = length - reel.length
         reel.owed += (fed - reel.fed) - returned  # what rounding kept back, too
         reel.length = length
-        weigh(reel.index + 1, lightened(reel, m, body), x)
-        s.reels[body.index] = reel
+        weigh(reel.index + 1, lightened(reel, here.model, here.body), here.x)
+        here.state.reels[here.body.index] = reel
 
     return turn
 
 
 @wp.func
-def rest_of(k: int, m: Model, s: State, body: Body) -> float:
+def rest_of(k: int, here: Here) -> float:
     """The rest length [m] of segment k of the body."""
-    reel = s.reels[body.index]
-    return wp.where(k == reel.index, reel.length, m.segment_length[body.segments + k])
+    reel = here.state.reels[here.body.index]
+    return wp.where(k == reel.index, reel.length, here.model.segment_length[here.body.segments + k])
 
 
 def make_fed(order: int):

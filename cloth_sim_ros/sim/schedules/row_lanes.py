@@ -44,13 +44,6 @@ for (int i = 0; i < count; i += {LANES}) {{
             e[axis] = (at({X} + axis, j) - x[axis]) + (at({LOW} + axis, j) - low[axis]);
         }}
         const Lanes weight = *(const Lanes*)(all_weights + (size_t)q * size + i);
-        if (spokes.data[first + q][1] == 3) {{  // of the plate operator, linear in the positions
-            for (int axis = 0; axis < 3; ++axis) {{
-                if (damping > 0.0f) e[axis] += damping * (at({V} + axis, j) - v[axis]);
-                force[axis] += constants[3] * weight * e[axis];
-            }}
-            continue;
-        }}
         const Lanes square = dot(e, e);
         const Lanes inverse = 1.0f / __builtin_elementwise_sqrt(__builtin_elementwise_max(square, Lanes(1.0e-24f)));
         Lanes pull = (1.0f - rest * inverse) - lost;
@@ -62,15 +55,15 @@ for (int i = 0; i < count; i += {LANES}) {{
         const Lanes share = (constants[spokes.data[first + q][1]] * weight) * pull;
         for (int axis = 0; axis < 3; ++axis) force[axis] += share * e[axis];
     }}
-    const Lanes w = at({X} + 3, i), left = accelerated ? at({D} + 3, i) : Lanes(eased);
+    const Lanes w = at({X} + 3, i);
     for (int axis = 0; axis < 3; ++axis) {{
-        Lanes a = accelerated ? at({D} + axis, i) : gravity[axis] - drag * v[axis];
+        Lanes a = gravity[axis] - drag * v[axis];
         a += w * force[axis];
         a *= first_share;
-        const Lanes d = 0.0f + h * (v[axis] + (h * left) * a);  // one rounding before the low part is added
+        const Lanes d = 0.0f + h * (v[axis] + (h * eased) * a);  // one rounding before the low part is added
         at({D} + axis, i) = w == 0.0f ? low[axis] : d + low[axis];
     }}
-    at({D} + 3, i) = w * left;
+    at({D} + 3, i) = w * eased;
 }}
 #endif
 """
@@ -113,17 +106,16 @@ def predict_lanes(
     weights: wp.uint64,
     first: int,
     spoke_count: int,
-    constants: wp.vec4,
+    constants: wp.vec3,
     damping: float,
     gravity: wp.vec3,
     drag: float,
     eased: float,
-    accelerated: bool,
     first_share: float,
     h: float,
 ):
     """Every particle's displacement in a substep `h` by its springs (see rows.Planes), gravity and drag, see
-    stages.make_predict; `accelerated`: by what lies in the planes of displacements instead of gravity and drag.
+    stages.make_predict.
 
     planes, weights: addresses of what belongs to the first particle; size: places of a plane.
     """

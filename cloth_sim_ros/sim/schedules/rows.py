@@ -8,22 +8,15 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.integrate import eased_by, make_step
+from cloth_sim_ros.sim.physics.integrate import outer_weight
 from cloth_sim_ros.sim.schedules import row_lanes
-from cloth_sim_ros.sim.schedules.air import make_accelerate, make_panels
-from cloth_sim_ros.sim.schedules.contact import make_contact
-from cloth_sim_ros.sim.schedules.edge_contact import make_edge_contact
-from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, load4, load_row, number_address, store4, xyz
+from cloth_sim_ros.sim.schedules.here import Here
+from cloth_sim_ros.sim.schedules.native import CPU_FLAGS, array_address, number_address
+from cloth_sim_ros.sim.schedules.program import in_turn, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.schedules.row_lanes import finish_lanes, predict_lanes, read3, read4, write3, write4
 from cloth_sim_ros.sim.schedules.simd import LANES
-from cloth_sim_ros.sim.schedules.stages import (
-    first_share,
-    pack,
-    spring_constants,
-    sweep_colliders,
-)
-from cloth_sim_ros.sim.schedules.watch import count_fault, is_good, keep, put_back
-from cloth_sim_ros.sim.state import Arrays, Material, gathered, given_type
+from cloth_sim_ros.sim.schedules.stages import first_share, spring_constants
+from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 from cloth_sim_ros.sim.topology import KINDS, Topology
 
 
@@ -48,15 +41,9 @@ class Planes:
     grids: wp.array(dtype=Grid)  # (B,)
     size: int  # of a world's numbers
     numbers: wp.array(dtype=float)
-    spokes: wp.array(dtype=wp.vec2i)  # places to the other end, and kind in KINDS or PLATE
+    spokes: wp.array(dtype=wp.vec2i)  # places to the other end, and kind in KINDS
     rests: wp.array(dtype=wp.vec2)  # rest length [m], and what float32 lost of it, over it
     weights: wp.array(dtype=float)  # a plane of each spoke: 1/scale, 0 where a particle has none
-
-
-@wp.func
-def with_plate(constants: wp.vec3, material: Material) -> wp.vec4:
-    """Constants of spokes by their kind; of the plate operator the rigidity, as 1 N m pulls apart."""
-    return wp.vec4(constants[0], constants[1], constants[2], -1.0 / wp.max(material.compliance[2], 1.0e-30))
 
 
 class Rows:
@@ -72,8 +59,8 @@ class Rows:
             record_cmd=True,
         )
 
-    def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; both numbers are read from the device's Frame, where they are already."""
+    def advance(self, substeps: int, iterations: int, outer: int) -> None:
+        """Launch one frame; the numbers are read from the device's Frame, where they are already."""
         self._launch.launch()
 
 
@@ -82,14 +69,8 @@ def fits_rows(features: Features, topology: Topology, device: wp.Device) -> bool
     return device.is_cpu and features.method == "verlet" and topology.grid is not None
 
 
-PLATE = len(KINDS)  # kind of spokes of the plate operator, behind those of springs
-
-
 def spokes_of(topology: Topology) -> list[tuple[int, int, float, np.ndarray]]:
-    """Spokes in the order of Model.spokes, each as (places to the other end, kind, rest length [m], weights (N,)).
-
-    Those of the plate operator follow, of kind PLATE.
-    """
+    """Spokes in the order of Model.spokes, each as (places to the other end, kind, rest length [m], weights (N,))."""
     found = []
     for kind, elements in topology.springs.items():
         steps = elements.particles[:, 1] - elements.particles[:, 0]
@@ -100,10 +81,6 @@ def spokes_of(topology: Topology) -> list[tuple[int, int, float, np.ndarray]]:
                 weights = np.zeros(len(topology.masses))
                 weights[elements.particles[chosen, hub]] = np.round(1.0 / elements.scale[chosen], 9)
                 found.append((sign * step, KINDS.index(kind), rest, weights))
-    if topology.plate is not None:
-        steps = topology.plate.neighbours - np.arange(len(topology.masses))[:, None]
-        for step in np.unique(steps[topology.plate.weights != 0.0]).tolist():
-            found.append((step, PLATE, 1.0, np.where(steps == step, topology.plate.weights, 0.0).sum(axis=1)))
     return found
 
 
@@ -137,51 +114,59 @@ def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Plane
 
 @lru_cache
 def make_frame(features: Features):
-    """The kernel of a whole frame for `features`."""
-    panels, accelerate = (make_panels(features), make_accelerate(features)) if features.panels else (None, None)
-    contact = make_contact(features) if features.shapes else None
-    edge_contact = make_edge_contact(features.shapes, features.order) if "edge" in features.constraints else None
+    """The kernel of a whole frame for `features`: the program of explicit steps, moved by row_lanes.py."""
+    program = make_program(features, True)
+    begin, enter = make_begin(features), make_enter(features)
+    outer, end = in_turn(program.outer, "outer"), in_turn(program.ending, "ending")
+    before = in_turn([stage for stage in program.before if stage.name != "predict"], "before")
+    iterated = in_turn(program.iterated, "iterated")
     argument = given_type(features)
+
+    @wp.func
+    def store(planes: wp.uint64, size: int, here: Here):
+        write4(planes, size, wp.static(row_lanes.X), here.body.count, here.x)
+        write3(planes, size, wp.static(row_lanes.LOW), here.body.count, here.low)
+        write3(planes, size, wp.static(row_lanes.V), here.body.count, velocities_of(here))
+
+    @wp.func
+    def kick_slowly(planes: wp.uint64, size: int, here: Here):
+        store(planes, size, here)
+        outer(0, 1, here)
+        read3(planes, size, wp.static(row_lanes.V), here.body.count, velocities_of(here))
+
+    @wp.func
+    def touch(planes: wp.uint64, size: int, given: Here):
+        here = given
+        store(planes, size, here)
+        write4(planes, size, wp.static(row_lanes.D), here.body.count, here.d)
+        here.step.repeats = here.frame.iterations > 1
+        for iteration in range(here.frame.iterations):
+            here.step.first = iteration == 0
+            iterated(0, 1, here)
+        read3(planes, size, wp.static(row_lanes.D), here.body.count, here.d)
 
     @wp.kernel(enable_backward=False, module="unique", module_options=CPU_FLAGS)
     def simulate_rows(given: argument, planes: Planes):
         w = wp.tid() / planes.grids.shape[0]
         b = wp.tid() - w * planes.grids.shape[0]
         if wp.static(features.worlds):
-            m = given[w].model
-            s = given[w].state
-            frame = given[w].frames[0]
-            material = given[w].materials[b]
-            colliders = given[w].colliders
+            here = begin(given[w], b)
         else:
-            m = given.model
-            s = given.state
-            frame = given.frames[0]
-            material = given.materials[b]
-            colliders = given.colliders
-        body = m.bodies[b]
+            here = begin(given, b)
         grid = planes.grids[b]
-        size, count = grid.size, body.count
-        x = array_address(s.positions, body.particles)
-        low = array_address(s.low, body.particles)
-        v = array_address(s.velocities, body.particles)
-        d = array_address(s.displacements, body.particles)
+        size, count = grid.size, here.body.count
         numbers = number_address(planes.numbers, w, planes.size, grid.first)
         weights = number_address(planes.weights, 0, 0, grid.weights)
-        read4(numbers, size, wp.static(row_lanes.X), count, x)
-        read3(numbers, size, wp.static(row_lanes.LOW), count, low)
-        read3(numbers, size, wp.static(row_lanes.V), count, v)
-        constants = with_plate(spring_constants(material), material)
-        step = make_step(frame.dt, s.history[b] > 0, 1, frame.global_damping)
+        read4(numbers, size, wp.static(row_lanes.X), count, here.x)
+        read3(numbers, size, wp.static(row_lanes.LOW), count, here.low)
+        read3(numbers, size, wp.static(row_lanes.V), count, velocities_of(here))
+        constants = spring_constants(here.material)
+        frame = here.frame
         for substep in range(frame.substeps):
-            if wp.static(panels is not None):
-                write4(numbers, size, wp.static(row_lanes.X), count, x)
-                write3(numbers, size, wp.static(row_lanes.V), count, v)
-                panels(0, 1, m, s, body, material, frame, False, x)
-                for i in range(count):
-                    pushed = accelerate(body.particles + i, load4(x, i)[3], xyz(load4(v, i)), m, s, frame)
-                    store4(d, i, pack(xyz(pushed), eased_by(pushed[3], step.effective)))
-                read4(numbers, size, wp.static(row_lanes.D), count, d)
+            here = enter(here, substep)
+            if wp.static(outer is not None):
+                if outer_weight(substep, frame.substeps, frame.outer) > 0.0:
+                    kick_slowly(numbers, size, here)
             predict_lanes(
                 numbers,
                 size,
@@ -192,46 +177,28 @@ def make_frame(features: Features):
                 grid.spokes,
                 grid.spoke_count,
                 constants,
-                material.damping,
+                here.material.damping,
                 frame.gravity,
                 frame.global_damping,
-                step.eased,
-                wp.static(panels is not None),
-                first_share(step),
-                step.effective,
+                here.step.eased,
+                first_share(here.step),
+                here.step.effective,
             )
-            if wp.static(bool(features.shapes)):
-                sweep_colliders(0, 1, b * colliders.shape[0], substep, colliders, frame, s.sweeps)
-                write4(numbers, size, wp.static(row_lanes.X), count, x)
-                write3(numbers, size, wp.static(row_lanes.LOW), count, low)
-                write4(numbers, size, wp.static(row_lanes.D), count, d)
-                for iteration in range(frame.iterations):
-                    step.first = iteration == 0
-                    step.repeats = frame.iterations > 1
-                    if wp.static(edge_contact is not None):
-                        for g in range(body.groups_end, body.edge_groups_end):
-                            for k in range(m.groups[g][2], m.groups[g][3]):
-                                edge_contact(k, b, body, material, colliders, m, s, step, x, low, d)
-                    for i in range(count):
-                        sweep, slot = b * colliders.shape[0], body.particles + i
-                        speeds, moves = s.velocities, s.last_displacements
-                        contact(
-                            i, sweep, slot, material, colliders, s.sweeps, s.contacts, speeds, moves, step, x, low, d
-                        )
-                read3(numbers, size, wp.static(row_lanes.D), count, d)
-            finish_lanes(numbers, size, count, step.effective)
-            step.second = True
-        write4(numbers, size, wp.static(row_lanes.X), count, x)
-        write3(numbers, size, wp.static(row_lanes.LOW), count, low)
-        write3(numbers, size, wp.static(row_lanes.V), count, v)
-        for g in range(body.particles, body.particles + count):
-            if not is_good(load_row(s.positions, g), load_row(s.velocities, g)):
-                s.faulty[b] = 1
-        for g in range(body.particles, body.particles + count):
-            if s.faulty[b] == 1:
-                put_back(g, s.relapses[b], m, s)
-            else:
-                keep(g, load_row(s.positions, g), load_row(s.low, g), s)
-        s.history[b] = wp.where(count_fault(b, s), 0, 1)
+            if wp.static(before is not None):
+                before(0, 1, here)
+            if wp.static(iterated is not None):
+                touch(numbers, size, here)
+            finish_lanes(numbers, size, count, here.step.effective)
+        here.substep = frame.substeps
+        if wp.static(outer is not None):
+            kick_slowly(numbers, size, here)
+        store(numbers, size, here)
+        end(0, 1, here)
 
     return simulate_rows
+
+
+@wp.func
+def velocities_of(here: Here) -> wp.uint64:
+    """Where the velocities of a body lie."""
+    return array_address(here.state.velocities, here.body.particles)

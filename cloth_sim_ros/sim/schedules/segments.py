@@ -5,13 +5,13 @@ See physics/chain.py for the quantities, and lines.py for the walk.
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.chain import edge_frame, particle_compliance, series_admittance
 from cloth_sim_ros.sim.physics.distance import elongation, opened
-from cloth_sim_ros.sim.physics.integrate import Step, carried
+from cloth_sim_ros.sim.physics.integrate import carried
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.native import inverse_root, larger, load4, quick_quotient, root, xyz
 from cloth_sim_ros.sim.schedules.reel import make_fed, rest_of
-from cloth_sim_ros.sim.state import Material, Segment, State
+from cloth_sim_ros.sim.state import Segment
 
 # A segment whose correction turns it by more than the root of this [rad^2] left what a linear solve can tell.
 LARGEST_TURN = wp.constant(0.09)
@@ -52,41 +52,34 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
         k: int,
         way: int,
         missing: wp.vec3,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        low: wp.uint64,
-        d: wp.uint64,
+        here: Here,
     ) -> Segment:
-        index = body.segments + k
-        g = body.particles + k
-        held = s.tensions[index]  # from afar: first
-        rest = m.segment_length[index]
-        p = load4(d, k)
-        q = load4(d, k + 1)
+        index = here.body.segments + k
+        g = here.body.particles + k
+        held = here.state.tensions[index]  # from afar: first
+        rest = here.model.segment_length[index]
+        p = load4(here.d, k)
+        q = load4(here.d, k + 1)
         de = xyz(q) - xyz(p)
-        e = opened((xyz(load4(x, k + 1)) - xyz(load4(x, k))) + de, k)
+        e = opened((xyz(load4(here.x, k + 1)) - xyz(load4(here.x, k))) + de, k)
         square = wp.dot(e, e)
         length = root(square)  # as exact as can be: it is what the stretch is told from
         n = inverse_root(square) * e
         if wp.static(winch):
-            rest = rest_of(k, m, s, body)
-        alpha = material.compliance[0] * rest * step.inverse_square
-        gamma = material.damping * step.inverse
+            rest = rest_of(k, here)
+        alpha = here.material.compliance[0] * rest * here.step.inverse_square
+        gamma = here.material.damping * here.step.inverse
         segment = Segment()
         segment.held = held
-        segment.tension = segment.held * (step.effective * step.effective)
+        segment.tension = segment.held * (here.step.effective * here.step.effective)
         gap = length - rest - alpha * segment.tension
         if gamma > 0.0:
-            slip = elongation(e, de - xyz(load4(low, k + 1) - load4(low, k)))
+            slip = elongation(e, de - xyz(load4(here.low, k + 1) - load4(here.low, k)))
             if wp.static(order == 2):
-                if step.second:
-                    slip -= wp.dot(n, carried(s.last_displacements[g + 1] - s.last_displacements[g]))
+                if here.step.second:
+                    slip -= wp.dot(n, carried(here.state.last_displacements[g + 1] - here.state.last_displacements[g]))
             if wp.static(winch):
-                slip -= fed_to(k, length, s, body, step.second)
+                slip -= fed_to(k, length, here.state, here.body, here.step.second)
             gap += gamma * slip
         ahead = n
         near = p[3]
@@ -101,7 +94,7 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
         segment.gap = gap * eased
         # Between a rigid edge and a pinned particle nothing would be left to divide by, and rounding across the edge
         # reaches a tangent that is much stiffer: the rope trembles. Much softer than all that hangs on it, it lags.
-        segment.along = larger(alpha * eased, larger(1.0e-9 * larger(p[3], q[3]), STIFFEST * body.yielding))
+        segment.along = larger(alpha * eased, larger(1.0e-9 * larger(p[3], q[3]), STIFFEST * here.body.yielding))
         segment.across = quick_quotient(larger(segment.tension, 0.0), larger(length, 1.0e-3 * rest))
         segment.reach = larger(length, rest)
         segment.near = near

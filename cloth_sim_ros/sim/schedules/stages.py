@@ -7,10 +7,11 @@ of its displacements (schedules/native.py).
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.distance import SHORTEST
-from cloth_sim_ros.sim.physics.integrate import Step, carried, eased_by, predict_displacement, split_sum
-from cloth_sim_ros.sim.schedules.air import make_accelerate
+from cloth_sim_ros.sim.physics.integrate import Step, carried, eased_by, kicked, predict_displacement, split_sum
+from cloth_sim_ros.sim.schedules.air import make_push
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.native import (
     array_address,
     divide,
@@ -23,7 +24,7 @@ from cloth_sim_ros.sim.schedules.native import (
     xyz,
 )
 from cloth_sim_ros.sim.schedules.plate import make_bending_force
-from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material, State, Sweep
+from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
 
 
 @wp.func
@@ -54,23 +55,6 @@ def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
 
 
 @wp.func
-def sweep_colliders(
-    t: int,
-    width: int,
-    first: int,
-    substep: int,
-    colliders: wp.array(dtype=ColliderMotion),
-    frame: Frame,
-    sweeps: wp.array(dtype=Sweep),
-):
-    """Thread t of `width` computes the motion of its share of the colliders in a substep, into `sweeps` from `first`
-    on."""
-    for c in range(t, colliders.shape[0], width):
-        begin, count = float(substep), float(frame.substeps)
-        sweeps[first + c] = sweep_collider(colliders[c], begin / count, (begin + 1.0) / count)
-
-
-@wp.func
 def spring_constants(material: Material) -> wp.vec3:
     """Constants [N/m] of structural, shear and bending springs of scale 1."""
     c = material.compliance
@@ -98,51 +82,27 @@ def spoke_force(e: wp.vec3, rest: float, constant: float, lost: float, damping: 
 
 
 @wp.func
-def spring_force(
-    i: int, m: Model, s: State, body: Body, material: Material, v: wp.vec3, x: wp.uint64, low: wp.uint64
-) -> wp.vec3:
+def spring_force(i: int, here: Here, v: wp.vec3) -> wp.vec3:
     """The force of all springs and dashpots around particle i [N], gathered, for explicit methods."""
-    xi = load4(x, i)
-    li = load4(low, i)
-    constants = spring_constants(material)
+    xi = load4(here.x, i)
+    li = load4(here.low, i)
+    constants = spring_constants(here.material)
     force = wp.vec3(0.0)
     # One spoke ahead: the fetch from a GPU's memory takes longer than the arithmetic of a spoke.
-    ahead = load_pair(m.spokes, body.spokes + i)
-    for q in range(1, body.spoke_width + 1):
+    ahead = load_pair(here.model.spokes, here.body.spokes + i)
+    for q in range(1, here.body.spoke_width + 1):
         spoke = ahead
-        ahead = load_pair(m.spokes, body.spokes + wp.min(q, body.spoke_width - 1) * body.count + i)
+        ahead = load_pair(
+            here.model.spokes, here.body.spokes + wp.min(q, here.body.spoke_width - 1) * here.body.count + i
+        )
         j = spoke[0]
-        kind = load4(array_address(m.spoke_types, 0), spoke[1])
-        e = xyz((load4(x, j) - xi) + (load4(low, j) - li))
+        kind = load4(array_address(here.model.spoke_types, 0), spoke[1])
+        e = xyz((load4(here.x, j) - xi) + (load4(here.low, j) - li))
         apart = wp.vec3(0.0)
-        if material.damping > 0.0:
-            apart = xyz(load_row(s.velocities, body.particles + j)) - v
-        force += spoke_force(e, kind[0], spoke_constant(kind, constants), kind[3], material.damping, apart)
+        if here.material.damping > 0.0:
+            apart = xyz(load_row(here.state.velocities, here.body.particles + j)) - v
+        force += spoke_force(e, kind[0], spoke_constant(kind, constants), kind[3], here.material.damping, apart)
     return force
-
-
-@wp.struct
-class Moving:
-    """What a particle carries from one substep to the next: velocity [m/s], the low part of its position [m] and its
-    inverse mass [1/kg].
-
-    rough: whether its motion was not smooth, order 2.
-    """
-
-    velocity: wp.vec3
-    low: wp.vec3
-    w: float
-    rough: int
-
-
-@wp.func
-def moving_of(i: int, s: State, body: Body, x: wp.uint64, low_address: wp.uint64) -> Moving:
-    """What particle i carries, from memory."""
-    moving = Moving()
-    moving.w = load4(x, i)[3]
-    moving.velocity = xyz(load_row(s.velocities, body.particles + i))
-    moving.low = xyz(load4(low_address, i))
-    return moving
 
 
 @wp.func
@@ -152,7 +112,7 @@ def first_share(step: Step) -> float:
 
 
 @wp.func
-def kick(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, low: wp.vec3, step: Step) -> wp.vec4:
+def prediction(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, low: wp.vec3, step: Step) -> wp.vec4:
     """The predicted displacement plus the low part [m], and the effective inverse mass [1/kg], under drag."""
     displacement = predict_displacement(base, v, a, step.effective, eased)
     # The implicit drag weighs like added mass; with it the static balance of drag, weight and springs is exact.
@@ -161,50 +121,73 @@ def kick(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, low: wp.
 
 def make_predict(features: Features):
     """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
-    accelerate = make_accelerate(features)
-    bending_force = make_bending_force(features) if features.plate else None
+    push = make_push(features) if features.panels and features.method == "xpbd" else None
 
     @wp.func
-    def predict(
-        i: int,
-        moving: Moving,
-        m: Model,
-        s: State,
-        body: Body,
-        material: Material,
-        frame: Frame,
-        step: Step,
-        x: wp.uint64,
-        low_address: wp.uint64,
-        d: wp.uint64,
-    ):
-        g = body.particles + i
-        w = moving.w
-        v = moving.velocity
+    def predict(i: int, here: Here):
+        g = here.body.particles + i
+        w = load4(here.x, i)[3]
+        v = xyz(load_row(here.state.velocities, g))
+        low = xyz(load4(here.low, i))
         base = wp.vec3(0.0)
         ahead = v
         if wp.static(features.order == 2):
-            if step.second:
-                base = carried(s.last_displacements[g])
-                change = v - s.last_velocities[g]
+            if here.step.second:
+                base = carried(here.state.last_displacements[g])
+                change = v - here.state.last_velocities[g]
                 v += carried(change)
                 ahead += change
         # Forces were taken at the velocity ahead; drag is implicit from there (Rosenbrock).
-        pushed = accelerate(g, w, ahead, m, s, frame)
-        a = xyz(pushed) + pushed[3] * (ahead - v)
-        eased = step.eased
-        if wp.static(features.panels != ""):
-            eased = eased_by(pushed[3], step.effective)
+        a = here.frame.gravity - here.frame.global_damping * v
+        eased = here.step.eased
+        if wp.static(push is not None):
+            pushed = push(g, here.model, here.state)
+            a += w * (xyz(pushed) + pushed[3] * (ahead - v))
+            eased = eased_by(here.frame.global_damping + w * pushed[3], here.step.effective)
         if wp.static(features.method == "verlet"):
-            a += w * spring_force(i, m, s, body, material, v, x, low_address)
-            if wp.static(features.plate):
-                a += w * bending_force(i, m, s, body, material, x, low_address)
-            a *= first_share(step)
+            a += w * spring_force(i, here, v)
+            a *= first_share(here.step)
         # Chosen, not branched to, or a warp with a pinned particle would go both ways.
-        moved = kick(base, v, a, eased, w, moving.low, step)
-        store4(d, i, wp.where(w == 0.0, pack(moving.low, 0.0), moved))
+        moved = prediction(base, v, a, eased, w, low, here.step)
+        store4(here.p, i, wp.where(w == 0.0, pack(low, 0.0), moved))
 
     return predict
+
+
+def make_kick(features: Features):
+    """The stage of explicit methods that stores at `d` the velocity of particle i after an impulse of the slow forces.
+
+    span: how long they act [s]. `store_velocity` follows where all particles have looked around.
+    """
+    push = make_push(features) if features.panels else None
+    bending_force = make_bending_force(features) if features.plate else None
+
+    @wp.func
+    def kick(
+        i: int,
+        span: float,
+        here: Here,
+    ):
+        g = here.body.particles + i
+        total = wp.vec4(0.0)
+        if wp.static(push is not None):
+            total = push(g, here.model, here.state)
+        force = xyz(total)
+        if wp.static(bending_force is not None):
+            force += bending_force(i, here)
+        store4(
+            here.d,
+            i,
+            pack(kicked(xyz(load_row(here.state.velocities, g)), force, total[3], load4(here.x, i)[3], span), 0.0),
+        )
+
+    return kick
+
+
+@wp.func
+def store_velocity(i: int, here: Here):
+    """Particle i takes the velocity at `d`."""
+    store_row(here.state.velocities, here.body.particles + i, load4(here.d, i))
 
 
 # BDF2 extrapolates the last displacement; where a substep departs from it by this share of the spacing (a stroke of a
@@ -227,58 +210,39 @@ MOST_SPACINGS = wp.constant(0.25)
 
 
 def make_finish(features: Features):
-    """The stage that turns the displacement of particle i into its velocity and position, and returns what it carries.
-
-    Velocities are stored when `last` in the frame, and always where another particle or the next substep reads them.
-    """
-    shares_velocities = features.looks_back or features.chain or features.panels != ""
+    """The stage that turns the displacement of particle i into its velocity and position."""
 
     @wp.func
-    def finish(
-        i: int,
-        substep: int,
-        last: bool,
-        s: State,
-        body: Body,
-        step: Step,
-        x: wp.uint64,
-        low_address: wp.uint64,
-        d: wp.uint64,
-    ) -> Moving:
-        g = body.particles + i
-        moving = Moving()
-        moving.low = xyz(load4(low_address, i))
-        old = load4(x, i)
-        moving.w = old[3]
-        total = xyz(load4(d, i))
-        displacement = total - moving.low  # 0 of what is pinned
+    def finish(i: int, here: Here):
+        g = here.body.particles + i
+        low = xyz(load4(here.low, i))
+        old = load4(here.x, i)
+        total = xyz(load4(here.d, i))
+        displacement = total - low  # 0 of what is pinned
         # Divided, not multiplied by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
-        velocity = rate_of(displacement, step)
+        velocity = rate_of(displacement, here.step)
         if wp.static(features.order == 2):
             base = wp.vec3(0.0)
-            if step.second:
-                base = carried(s.last_displacements[g])
-            velocity = rate_of(displacement - base, step)
-            if wp.length(displacement - s.last_displacements[g]) > SMOOTH * body.spacing:
-                moving.rough = 1
-            before = xyz(load_row(s.velocities, g))
+            if here.step.second:
+                base = carried(here.state.last_displacements[g])
+            velocity = rate_of(displacement - base, here.step)
+            if wp.length(displacement - here.state.last_displacements[g]) > SMOOTH * here.body.spacing:
+                here.state.events[2 * here.body.index + here.substep % 2] = here.substep + 1
+            before = xyz(load_row(here.state.velocities, g))
             if wp.static(features.panels != ""):
-                store_row(s.ahead_velocities, g, pack(velocity + (velocity - before), 0.0))
-                store_row(s.ahead_positions, g, pack(xyz(old) + displacement + displacement, 0.0))
-            s.last_velocities[g] = before
-            s.last_displacements[g] = displacement
+                store_row(here.state.ahead_velocities, g, pack(velocity + (velocity - before), 0.0))
+                store_row(here.state.ahead_positions, g, pack(xyz(old) + displacement + displacement, 0.0))
+            here.state.last_velocities[g] = before
+            here.state.last_displacements[g] = displacement
         if wp.static(features.chain):
-            if step.torn:
-                kick = velocity - xyz(load_row(s.velocities, g))
-                most = MOST_SPACINGS * body.spacing * step.inverse
+            # A chain that was put together from afar: its particles did not move so, they were placed.
+            if here.state.torn[here.body.index] > 0:
+                kick = velocity - xyz(load_row(here.state.velocities, g))
+                most = MOST_SPACINGS * here.body.spacing * here.step.inverse
                 velocity -= kick * (1.0 - wp.min(1.0, most / wp.max(wp.length(kick), 1.0e-20)))
-        if last or wp.static(shares_velocities):
-            store_row(s.velocities, g, pack(velocity, 0.0))
+        store_row(here.state.velocities, g, pack(velocity, 0.0))
         position = xyz(old)
-        moving.velocity = velocity
-        moving.low = split_sum(position, total)
-        store4(low_address, i, pack(moving.low, 0.0))
-        store4(x, i, pack(position + total, old[3]))
-        return moving
+        store4(here.low, i, pack(split_sum(position, total), 0.0))
+        store4(here.x, i, pack(position + total, old[3]))
 
     return finish

@@ -8,13 +8,13 @@ from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.physics.integrate import Step, eased_by, make_step, split_sum
 from cloth_sim_ros.sim.schedules import native
 from cloth_sim_ros.sim.schedules.buffers import make_buffer_of
-from cloth_sim_ros.sim.schedules.contact import make_contact
+from cloth_sim_ros.sim.schedules.contact import make_touch
 from cloth_sim_ros.sim.schedules.exchange import Exchange, exchange_of, receive, send
 from cloth_sim_ros.sim.schedules.native import load4, store4, store_row, sync, xyz
 from cloth_sim_ros.sim.schedules.stages import (
     first_share,
-    kick,
     pack,
+    prediction,
     rate_of,
     spring_constants,
     sweep_collider,
@@ -35,7 +35,7 @@ def make_kernels(
     CPU, where one thread has them all (block = 1), they are read every substep. Where a tile `waits` for its
     neighbours, a launch is a whole frame.
     """
-    contact = make_contact(features) if features.shapes else None
+    contact = make_touch(features) if features.shapes else None
     tile_address = native.make_tile_address(6 * capacity)
     Springs, gather, force = make_springs(width, capacity)
     drag = make_drag(features, panels, capacity) if features.panels else None
@@ -85,7 +85,7 @@ def make_kernels(
             a += w * xyz(push)
             eased = eased_by(frame.global_damping + w * push[3], step.effective)
         a += w * force(here, now, springs, material.damping, shared)
-        total = kick(wp.vec3(0.0), now.v, a * first_share(step), eased, w, now.low, step)
+        total = prediction(wp.vec3(0.0), now.v, a * first_share(step), eased, w, now.low, step)
         if wp.static(bool(features.shapes)):
             store4(shared, there + i, total)
             for iteration in range(frame.iterations):

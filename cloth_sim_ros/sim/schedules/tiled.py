@@ -48,7 +48,7 @@ class Tiled:
         self._kernels = make_kernels(features, chosen.capacity, self._block, *widths, chosen.waits)
         self._frames = Frames(self._launch_frame, device)
 
-    def advance(self, substeps: int, iterations: int) -> None:
+    def advance(self, substeps: int, iterations: int, outer: int) -> None:
         """Launch one frame."""
         self._frames.run(substeps)
 

@@ -108,17 +108,17 @@ class Trial:
         inputs = [self._given, *(numbers or (size,))]
         return wp.launch(kernel, dim=self._worlds * size, inputs=inputs, device=self._device, record_cmd=True)
 
-    def advance(self, substeps: int, safe_substeps: int) -> None:
-        """Simulate one frame; of XPBD it would take `safe_substeps`."""
+    def advance(self, substeps: int, outer: int, safe_substeps: int) -> None:
+        """Simulate one frame, with `outer` steps of slow forces; of XPBD it would take `safe_substeps`."""
         _run(self._before)
-        self.explicit.advance(substeps, 1)
+        self.explicit.advance(substeps, 1, outer)
         if self._device.is_cpu:
             _run(self._check)
             if self._any.numpy()[0]:
                 self._any.zero_()
                 self._safe = self._safe or self._make_safe()
                 _run(self._restore)
-                self._safe.advance(safe_substeps, 1)
+                self._safe.advance(safe_substeps, 1, 1)
             return
         if safe_substeps not in self._graphs:
             self._safe.prepare(safe_substeps, 1)

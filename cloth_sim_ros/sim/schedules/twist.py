@@ -8,24 +8,23 @@ where a rope buckles does not depend on the step.
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.bending import wrap_angle
-from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.physics.twist import angle_about, carried_across, half_binormal
+from cloth_sim_ros.sim.schedules.here import Here
 from cloth_sim_ros.sim.schedules.native import load4, store4, xyz
-from cloth_sim_ros.sim.state import Material, State
+from cloth_sim_ros.sim.state import State
 
 
 def make_tangent(order: int):
     """A Warp function: the unit tangent of segment k of the body, where the substep begins; order 2 looks ahead."""
 
     @wp.func
-    def tangent_at(k: int, s: State, body: Body, step: Step, x: wp.uint64, low: wp.uint64) -> wp.vec3:
-        g = body.particles + k
-        e = xyz(load4(x, k + 1) - load4(x, k)) + xyz(load4(low, k + 1) - load4(low, k))
+    def tangent_at(k: int, here: Here) -> wp.vec3:
+        g = here.body.particles + k
+        e = xyz(load4(here.x, k + 1) - load4(here.x, k)) + xyz(load4(here.low, k + 1) - load4(here.low, k))
         if wp.static(order == 2):
-            if step.second:
-                e += s.last_displacements[g + 1] - s.last_displacements[g]
+            if here.step.second:
+                e += here.state.last_displacements[g + 1] - here.state.last_displacements[g]
         return wp.normalize(e)
 
     return tangent_at
@@ -41,26 +40,26 @@ def any_across(t: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def push_of(i: int, m: Model, s: State, body: Body) -> wp.vec3:
+def push_of(i: int, here: Here) -> wp.vec3:
     """The force [N] of the twist on particle i, from the couples around it."""
     force = wp.vec3(0.0)
     for place in range(3):
         j = i - place
-        if j >= 0 and j < body.count - 2:
-            joint = m.joints[body.segments + j]
+        if j >= 0 and j < here.body.count - 2:
+            joint = here.model.joints[here.body.segments + j]
             weight = wp.where(place == 0, joint[2], wp.where(place == 1, joint[3] - joint[2], -joint[3]))
-            force += weight * s.couples[body.segments + j]
+            force += weight * here.state.couples[here.body.segments + j]
     return force
 
 
 @wp.func
-def push_by_couples(i: int, m: Model, s: State, body: Body, step: Step, d: wp.uint64):
+def push_by_couples(i: int, here: Here):
     """Add to the prediction of particle i what the couples around it do."""
-    p = load4(d, i)
+    p = load4(here.d, i)
     if p[3] == 0.0:
         return
-    move = (step.effective * step.effective * p[3]) * push_of(i, m, s, body)
-    store4(d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+    move = (here.step.effective * here.step.effective * p[3]) * push_of(i, here)
+    store4(here.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
 
 
 def make_find_twist(order: int):
@@ -68,16 +67,14 @@ def make_find_twist(order: int):
     tangent_at = make_tangent(order)
 
     @wp.func
-    def twist_anew(
-        m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, low: wp.uint64
-    ) -> float:
+    def twist_anew(here: Here) -> float:
         """The torsional moment [N m] from where the particles are, and in State.twists what belongs to it.
 
         At first, and whenever positions were set, the rope is without twist but for what its end is turned by.
         """
-        twist = s.twists[body.index]
-        last = body.count - 2
-        before = tangent_at(0, s, body, step, x, low)
+        twist = here.state.twists[here.body.index]
+        last = here.body.count - 2
+        before = tangent_at(0, here)
         if twist.known == 0:
             twist.start = any_across(before)
             twist.angle = twist.wanted
@@ -85,11 +82,11 @@ def make_find_twist(order: int):
         u = twist.start
         length = float(0.0)
         for k in range(1, last + 1):
-            after = tangent_at(k, s, body, step, x, low)
+            after = tangent_at(k, here)
             u = carried_across(u, before, after)
             before = after
             if k < last:
-                length += m.segment_length[body.segments + k]
+                length += here.model.segment_length[here.body.segments + k]
         if twist.known == 0:
             twist.end = u
             twist.known = 1
@@ -97,17 +94,17 @@ def make_find_twist(order: int):
         turned = twist.angle + (twist.wanted - twist.turned)
         twist.angle = turned + wrap_angle(angle_about(before, u, twist.end) + twist.wanted - turned)
         twist.turned = twist.wanted
-        twist.moment = twist.angle / (length * material.compliance[1])
-        s.twists[body.index] = twist
+        twist.moment = twist.angle / (length * here.material.compliance[1])
+        here.state.twists[here.body.index] = twist
         return twist.moment
 
     @wp.func
-    def find_twist(m: Model, s: State, body: Body, material: Material, step: Step, x: wp.uint64, low: wp.uint64):
-        moment = twist_anew(m, s, body, material, step, x, low)
-        before = tangent_at(0, s, body, step, x, low)
-        for j in range(body.count - 2):
-            after = tangent_at(j + 1, s, body, step, x, low)
-            s.couples[body.segments + j] = moment * half_binormal(before, after)
+    def find_twist(here: Here):
+        moment = twist_anew(here)
+        before = tangent_at(0, here)
+        for j in range(here.body.count - 2):
+            after = tangent_at(j + 1, here)
+            here.state.couples[here.body.segments + j] = moment * half_binormal(before, after)
             before = after
 
     return find_twist

@@ -8,13 +8,73 @@ notice.
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Model
-from cloth_sim_ros.sim.schedules.native import load_row, store_row
+from cloth_sim_ros.sim.model import Features, Model
+from cloth_sim_ros.sim.schedules.here import Here
+from cloth_sim_ros.sim.schedules.native import load4, load_row, store_row
 from cloth_sim_ros.sim.state import State
 
 FARTHEST = wp.constant(1.0e6)  # [m] from the origin
 FASTEST = wp.constant(1.0e5)  # [m/s]
 RELAPSES = wp.constant(3)  # frames in a row after which a state that was good is so no longer
+
+
+@wp.func
+def find_fault(i: int, here: Here):
+    """Note whether particle i is bad."""
+    if not is_good(load4(here.x, i), load_row(here.state.velocities, here.body.particles + i)):
+        here.state.faulty[here.body.index] = 1
+
+
+def make_settle(features: Features):
+    """The stage that keeps particle i and what a rope carries at it, or puts them back."""
+
+    @wp.func
+    def settle(i: int, here: Here):
+        s = here.state
+        g = here.body.particles + i
+        if s.faulty[here.body.index] == 0:
+            keep(g, load4(here.x, i), load4(here.low, i), s)
+            return
+        put_back(g, s.relapses[here.body.index], here.model, s)
+        if wp.static(features.chain):
+            s.chain_forces[g] = wp.vec3(0.0)
+            k = here.body.segments + i
+            if k < here.body.segments_end:
+                s.tensions[k] = 0.0
+                if wp.static(features.beam):
+                    s.moments[k] = wp.vec3(0.0)
+                if wp.static(features.twist):
+                    s.couples[k] = wp.vec3(0.0)
+
+    return settle
+
+
+def make_count(features: Features):
+    """The stage that ends a frame: counts a fault, keeps or puts back twist and winch, tells the history."""
+
+    @wp.func
+    def count(i: int, here: Here):
+        s, b = here.state, here.body.index
+        faulty = s.faulty[b] == 1
+        if wp.static(features.twist):
+            if faulty:
+                s.twists[b] = s.good_twists[b]
+            else:
+                s.good_twists[b] = s.twists[b]
+        if wp.static(features.winch):
+            if faulty:
+                s.reels[b] = s.good_reels[b]
+            else:
+                s.good_reels[b] = s.reels[b]
+        count_fault(b, s)
+        if wp.static(features.looks_back):
+            n = here.frame.substeps
+            smooth = s.events[2 * b + (n - 1) % 2] != n
+            s.history[b] = wp.where(smooth and not faulty, 1, 0)
+            s.events[2 * b] = 0
+            s.events[2 * b + 1] = 0
+
+    return count
 
 
 @wp.func

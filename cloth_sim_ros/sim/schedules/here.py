@@ -1,0 +1,35 @@
+"""What every stage of a substep is given."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.model import Body, Model
+from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.state import ColliderMotion, Drive, Frame, Material, State
+
+
+@wp.struct
+class Here:
+    """A body in a substep. x, low, d, p: addresses of rows of four numbers for each of its particles.
+
+    x: positions [m] and inverse masses [1/kg]; low: what float32 lost of the positions [m]; d: displacements plus low
+    [m], and effective inverse masses; p: where predictions go, which is d but in sheets that bend as plates.
+    """
+
+    model: Model
+    state: State
+    body: Body
+    material: Material
+    frame: Frame
+    step: Step
+    x: wp.uint64
+    low: wp.uint64
+    d: wp.uint64
+    p: wp.uint64
+    spans: wp.uint64  # where the threads of a block show one another spans of a chain
+    colliders: wp.array(dtype=ColliderMotion)
+    drive: Drive  # of a winch
+    turn: float  # of the end of a rope [rad]
+    substep: int
+    sweep: int  # where the motion of its first collider in this substep lies in State.sweeps
+    group: int  # family of lines or colour of edges
+    last: bool  # last iteration
