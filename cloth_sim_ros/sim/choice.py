@@ -74,7 +74,7 @@ def choose(
     Numbers that are set in `settings` are kept; set iterations or an order belong to xpbd, which also takes what is or
     was `strained` beyond all rest.
     """
-    limit = partial(limits.explicit_substeps, topology, frame_dt=settings.frame_dt, crumples=around.wind)
+    limit = partial(_explicit_substeps, topology, settings, around)
     needed = max(limit(compliance, damping) for compliance, damping in materials)
     xpbd = _xpbd(settings, topology, materials, max(limit(compliance, 0.0) for compliance, _ in materials), around)
     if settings.method == "xpbd":
@@ -92,6 +92,12 @@ def choose(
     other = xpbd.substeps * xpbd.iterations * prices.xpbd(topology, materials, around)
     misses = xpbd.error > settings.error and verlet.error <= xpbd.error
     return verlet if cost <= other or misses else xpbd
+
+
+def _explicit_substeps(
+    topology: Topology, settings: Settings, around: Surroundings, compliance: Sequence[float], damping: float
+) -> float:
+    return limits.explicit_substeps(topology, compliance, damping, settings.frame_dt, around.wind)
 
 
 def xpbd_is_direct(topology: Topology) -> bool:

@@ -93,7 +93,7 @@ def test_every_device_agrees_with_the_cpu(device):
 
 def functions_in_kernel(features, folder):
     """Names of all functions in the CUDA source generated for `features`; also compiles it, which needs no GPU."""
-    kernel = resident_kernel.make_frame.__wrapped__(features, 256, 128)
+    kernel = resident.make_frame.__wrapped__(features, 256, 128)
     wp.compile_aot_module(kernel.module, arch=90, module_dir=folder, use_ptx=True)
     source = next(Path(folder).glob("*.cu")).read_text()
     return set(re.findall(r"(\w+?)_\d+\(", source.split("cuda_kernel_forward")[0]))
@@ -164,14 +164,14 @@ def test_two_scenes_without_a_feature_share_one_kernel():
     small, large = (topology.build(Cloth(resolution=(n, n)), "cloth", True) for n in (4, 9))
     without = Features.of(small, False, ())
     assert without != Features.of(small, True, ())
-    make_frame = resident_kernel.make_frame
+    make_frame = resident.make_frame
     assert make_frame(without, 0, 1) is make_frame(Features.of(large, False, ()), 0, 1)
 
 
 def test_changing_live_numbers_compiles_nothing(device):
     sim = Simulation(busy_scene(), Settings(method="xpbd", order=1, substeps=20), device=device)
     sim.step()
-    before = resident_kernel.make_frame.cache_info().misses
+    before = resident.make_frame.cache_info().misses
     for name, value in {
         "cloth.stretch_compliance": 1e-4,
         "cloth.damping": 0.0,
@@ -184,7 +184,7 @@ def test_changing_live_numbers_compiles_nothing(device):
     }.items():
         sim.set(name, value)
     sim.step()
-    assert resident_kernel.make_frame.cache_info().misses == before
+    assert resident.make_frame.cache_info().misses == before
 
 
 def test_the_solver_needs_no_ros():

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from cloth_sim_ros.sim import Readback, Rope, Scene, Simulation, Winch
 from cloth_sim_ros.sim.batch import forced_schedule
-from cloth_sim_ros.sim.schedules import resident_kernel
+from cloth_sim_ros.sim.schedules import resident
 
 G = 9.81
 SEGMENTS, LENGTH, MASS = 64, 4.0, 0.4
@@ -279,11 +279,11 @@ def test_a_simulation_takes_over_from_another(device):
 def test_live_numbers_compile_nothing(device):
     sim = simulation(on_a_winch(0.5), device)
     sim.step()
-    before = resident_kernel.make_frame.cache_info().misses
+    before = resident.make_frame.cache_info().misses
     for field, value in {"pay_out": 0.1, "max_rate": 2, "acceleration": 3, "shortest": 0.1, "longest": 2}.items():
         sim.set(f"it.winch.{field}", value)
     sim.step()
-    assert resident_kernel.make_frame.cache_info().misses == before
+    assert resident.make_frame.cache_info().misses == before
 
 
 @pytest.mark.parametrize(

@@ -316,9 +316,11 @@ def _with_barrier(stage: Stage):
                 sync()
 
     def rounds(t: int, width: int, here: Here):
-        begin, end = int(here.body.groups), int(here.body.groups_end)
+        begin = int(here.body.groups)
+        end = int(here.body.groups_end)
         if wp.static(stage.rounds == "edges"):
-            begin, end = int(here.body.groups_end), int(here.body.edge_groups_end)
+            begin = int(here.body.groups_end)
+            end = int(here.body.edge_groups_end)
         inside = here
         for g in range(begin, end):
             inside.group = g

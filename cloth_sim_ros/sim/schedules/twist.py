@@ -8,6 +8,7 @@ where a rope buckles does not depend on the step.
 
 import warp as wp
 
+from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.bending import wrap_angle
 from cloth_sim_ros.sim.physics.twist import angle_about, carried_across, half_binormal
 from cloth_sim_ros.sim.schedules.here import Here
@@ -40,15 +41,15 @@ def any_across(t: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def push_of(i: int, here: Here) -> wp.vec3:
+def push_of(i: int, m: Model, s: State, body: Body) -> wp.vec3:
     """The force [N] of the twist on particle i, from the couples around it."""
     force = wp.vec3(0.0)
     for place in range(3):
         j = i - place
-        if j >= 0 and j < here.body.count - 2:
-            joint = here.model.joints[here.body.segments + j]
+        if j >= 0 and j < body.count - 2:
+            joint = m.joints[body.segments + j]
             weight = wp.where(place == 0, joint[2], wp.where(place == 1, joint[3] - joint[2], -joint[3]))
-            force += weight * here.state.couples[here.body.segments + j]
+            force += weight * s.couples[body.segments + j]
     return force
 
 
@@ -58,7 +59,7 @@ def push_by_couples(i: int, here: Here):
     p = load4(here.d, i)
     if p[3] == 0.0:
         return
-    move = (here.step.effective * here.step.effective * p[3]) * push_of(i, here)
+    move = (here.step.effective * here.step.effective * p[3]) * push_of(i, here.model, here.state, here.body)
     store4(here.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
 
 
