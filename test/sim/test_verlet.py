@@ -20,7 +20,9 @@ def unlimited(monkeypatch):
 
     def lift():
         monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_, **__: 1)
-        monkeypatch.setattr(Trial, "advance", lambda trial, substeps, _: trial.explicit.advance(substeps, 1))
+        monkeypatch.setattr(
+            Trial, "advance", lambda trial, substeps, outer, _: trial.explicit.advance(substeps, 1, outer)
+        )
 
     return lift
 
