@@ -9,11 +9,11 @@ import warp as wp
 
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.executors import subdomains as tiled
+from cloth_sim_ros.sim.executors.subdomain_forces import Widths
+from cloth_sim_ros.sim.executors.subdomain_kernels import make_kernels
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.schedules import tiled
-from cloth_sim_ros.sim.schedules.tile_forces import Widths
-from cloth_sim_ros.sim.schedules.tile_kernels import make_kernels
-from cloth_sim_ros.sim.tiling import BANKS, cut, surround
+from cloth_sim_ros.sim.topology.subdomains import BANKS, cut, surround
 
 SPRINGS = {"stretch_compliance": 1e-3, "shear_compliance": 1e-3}
 
