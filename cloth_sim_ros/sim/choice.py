@@ -19,26 +19,27 @@ from cloth_sim_ros.sim.topology import Topology
 
 STRAINED = 0.5  # Strain of a spring beyond which explicit steps may heat an object, however small they are at rest
 _SAFE = 40  # substeps of a frame that is done again, at least
-FEWEST = 10  # substeps a frame that are chosen at least: contact and gusts need them
+FEWEST = 8  # substeps a frame that are chosen at least: contact and gusts need them
 _MOST_LINES = 2000  # substeps of xpbd that are chosen at most
 _LEAST_ROPE = 20  # of a rope at an error of 1e-3
 
 # BDF2 by lines misses the motion by _BDF2 (limit / 44)^2 (16 / side)^1.4 / substeps^2, relative to it, in sheets held
 # at all edges, the hardest of the study's cases; `limit` are the substeps that leapfrog needs, side^2 the particles.
 # Of a sheet too stiff to be seen to stretch it is no more than _RIGID / substeps^2.
-# One that is held along one edge swings: _HUNG limit / 90 / substeps^2.
-_BDF2, _RIGID, _HUNG = 5.6, 30.0, 0.5
+# One that is held along one edge swings: _HUNG / substeps. Implicit Euler misses by _EULER / substeps at least.
+_BDF2, _RIGID, _HUNG, _EULER = 5.6, 30.0, 0.013, 0.1
 _BENDING = 0.3  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
 _LEAPFROG = 4.0e-4  # error of leapfrog at its limit, likewise; by four with twice the substeps
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind and the number of colliders."""
+    """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind, colliders and worlds."""
 
     device: str
     wind: bool
     colliders: int
+    worlds: int = 1
 
 
 @dataclass(frozen=True)
@@ -149,8 +150,7 @@ def _xpbd(
     limit: substeps that leapfrog needs without dashpots.
     """
     order, iterations = settings.order or 2, settings.iterations or 1
-    constant = _constant(topology, limit)
-    power = 2 if order == 2 else 1
+    constant, power = _error_law(topology, limit, order)
     effective = settings.frame_dt * (2.0 / 3.0 if order == 2 else 1.0)
     bending = effective * math.sqrt(_bending_rate(topology, materials) / _BENDING)
     wanted = max((constant / settings.error) ** (1.0 / power), bending)
@@ -166,20 +166,23 @@ def _xpbd(
     return Choice("xpbd", order, substeps, iterations, error, reason)
 
 
-def _constant(topology: Topology, limit: float) -> float:
-    """The error of BDF2 is this over the square of the substeps; `limit` are those of leapfrog."""
-    if xpbd_is_direct(topology):
-        return _LEAST_ROPE**2 * 1e-3
-    if not math.isfinite(limit):
-        return _RIGID
+def _error_law(topology: Topology, limit: float, order: int) -> tuple[float, int]:
+    """The constant and the power of substeps by which XPBD misses; `limit` are the substeps of leapfrog."""
     if _hangs(topology):
-        return _HUNG * limit / 90.0
-    return min(_BDF2 * (limit / 44.0) ** 2 * (16.0 / math.sqrt(len(topology.masses))) ** 1.4, _RIGID)
+        constant, power = _HUNG, 1
+    elif xpbd_is_direct(topology):
+        constant, power = _LEAST_ROPE**2 * 1e-3, 2
+    else:
+        side = math.sqrt(len(topology.masses))
+        constant, power = min(_BDF2 * (limit / 44.0) ** 2 * (16.0 / side) ** 1.4, _RIGID), 2
+    return (constant, power) if order == 2 else (max(math.sqrt(constant), _EULER), 1)
 
 
 def _hangs(topology: Topology) -> bool:
     """Whether a sheet is held along a line and nowhere else, so that it swings more than it stretches."""
     held = topology.layout[topology.pinned]
+    if xpbd_is_direct(topology):
+        return False
     if len(held) < 0.5 * math.sqrt(len(topology.masses)):
         return False
     spread = np.linalg.svd(held - held.mean(axis=0), compute_uv=False)

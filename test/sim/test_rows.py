@@ -73,7 +73,7 @@ def test_rows_are_one_schedule_of_many_in_a_busy_scene(iterations):
         assert np.abs(wanted - sims[0].rest_positions(name)[:, [0, 1, 2] * 2])[:, :3].max() > 1e-3
         if name in ("rope", "mesh"):
             assert np.array_equal(found, wanted)
-        assert np.abs(found - wanted)[:, :3].max() < 2e-6  # what compilers round differently has not yet grown
+        assert np.abs(found - wanted)[:, :3].max() < 5e-6  # ten roundings at 5 m, which contact lets grow
     alone = both({"sheet": things["sheet"]}, iterations=iterations, colliders=colliders, wind=Wind((1, 2, 0)))[0]
     for frame in range(4):
         alone.set_collider_pose("ball", (0, 0.02 * frame, -0.2), (0, 0, 0.05 * frame, 1))
@@ -100,7 +100,7 @@ def test_a_body_gone_bad_is_put_back_alone_and_starts_anew():
     scene = {"it": Cloth(resolution=(9, 9), pins="top", **SPRINGS), "other": Cloth(resolution=(6, 3), **SPRINGS)}
     sim, beside = both(scene)[0], both(scene)[0]
     sim.step(3), beside.step(3)
-    good, batch = sim.positions("it"), sim._batch["it"]
+    good, batch = sim.positions("it"), sim._bodies.batch["it"]
     positions = batch.worlds[0].state.positions[batch.span("it")]
     spoiled = positions.numpy()
     spoiled[40, 0] = np.nan

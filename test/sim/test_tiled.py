@@ -41,8 +41,8 @@ def simulation(device, size=None, depth=None, scene=None, substeps=45, waits=Non
     chooses."""
     chosen = Settings(method="verlet", substeps=substeps, **settings)
     sim = forced("tiled", scene or busy_scene(), chosen, device)
-    for batch in sim._batches:
-        layouts = [sim._topologies[name].layout for name in batch.index]
+    for batch in sim._bodies.batches:
+        layouts = [sim._bodies.topologies[name].layout for name in batch.index]
         batch.schedule = tiled.Tiled(batch.features, batch.worlds, layouts, batch.device, size, depth, waits)
         batch._trial = None
     return sim
@@ -134,7 +134,7 @@ def test_no_way_of_cutting_changes_a_bit(device, iterations):
 def test_tiles_that_wait_for_one_another_get_what_launches_give(iterations):
     for size, depth in ((16, 2), (16, 4), (50, 4), (60, 6)):
         found = [simulation("cuda:0", size, depth, waits=waits, iterations=iterations) for waits in (False, None)]
-        assert [sim._batches[0].schedule.waits for sim in found] == [False, True]
+        assert [sim._bodies.batches[0].schedule.waits for sim in found] == [False, True]
         apart, together = (states(sim) for sim in found)
         assert np.array_equal(apart, together)
 
@@ -143,7 +143,7 @@ def test_tiles_that_wait_for_one_another_get_what_launches_give(iterations):
 def test_a_tile_that_is_never_heard_of_is_a_fault_and_not_a_hang():
     sim = simulation("cuda:0", 16, 4, Scene({"it": Cloth(resolution=(12, 12), pins="top", **SPRINGS)}))
     sim.step(3)
-    good, schedule = sim.positions("it"), sim._batches[0].schedule
+    good, schedule = sim.positions("it"), sim._bodies.batches[0].schedule
     schedule._count -= 1
     sim.set("solver.substeps", 47)  # a new graph, of all tiles but the last
     sim.step()
@@ -191,7 +191,7 @@ def test_a_body_gone_bad_is_put_back_alone(device):
     states(sim, 3), states(beside, 3)
     good = sim.positions("small")
     x = sim.positions("small")
-    batch = sim._batch["small"]
+    batch = sim._bodies.batch["small"]
     span = batch.span("small")
     spoiled = batch.worlds[0].state.positions[span].numpy()
     spoiled[20, 0] = np.nan

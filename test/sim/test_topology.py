@@ -57,17 +57,6 @@ def test_a_grid_given_as_a_mesh_has_the_constants_of_the_grid():
     assert mesh.masses.sum() == pytest.approx(0.2)
 
 
-def test_hinges_are_flat_and_independent_and_fold_with_the_right_sign():
-    topology = grid(bending="dihedral")
-    hinges = topology.hinges
-    assert np.abs(hinges.rest).max() < 1e-12
-    assert independent(hinges.particles, hinges.colour)
-    assert len(hinges.rest) == 3 * 6 * 4 + 6 + 4 - 2 * (6 + 4)  # edges of the triangulation less its border
-    bent = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0.4], [0.5, -1, 0.4]], dtype=float)
-    folded = build(Cloth.from_mesh(bent, [[0, 1, 2], [1, 0, 3]], bend_compliance=1.0, bending="dihedral"), "m", True)
-    assert abs(folded.hinges.rest[0]) == pytest.approx(2 * np.arctan(0.4))
-
-
 def test_random_elements_are_coloured_independently_and_always_alike():
     rng = np.random.default_rng(0)
     particles = np.stack([rng.choice(60, 4, replace=False) for _ in range(200)])
