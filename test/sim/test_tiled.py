@@ -372,7 +372,7 @@ def test_bending_at_outer_steps_keeps_energy_for_ten_seconds():
     """Impulses in resonance with in-plane modes would heat this sheet forty-fold (see limits.outer_steps)."""
     thing = Cloth(resolution=(12, 12), pins="edges", bending="dihedral", bend_compliance=1e3, **SPRINGS)
     sim = simulation("cpu", 40, 6, Scene({"it": thing}, gravity=(0, 0, 0)), 60)
-    topology = sim._topologies["it"]
+    topology = sim._bodies.topologies["it"]
     x = sim.positions("it").astype(np.float64)
     bump = 0.03 * np.cos(np.pi * x[:, 0]) * np.cos(np.pi * x[:, 1]) * (1 + np.sin(3 * x[:, 0]))
     x[~topology.pinned, 2] += bump[~topology.pinned]
@@ -431,3 +431,15 @@ def test_a_sheet_that_is_curved_at_rest_is_refused():
     bent = Cloth.from_mesh(points, Delaunay(points[:, :2]).simplices, mass=1.0, **BENDS)
     with pytest.raises(ValueError, match="curved at rest"):
         simulation("cpu", scene=Scene({"it": bent}), substeps=500)
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_all_that_a_sheet_may_have_compiles_for_cuda(waits, tmp_path):
+    features = Features((), False, "triangles", ("box", "sphere"), 1, "verlet", worlds=True, plate=True)
+    kernels = make_kernels.__wrapped__(features, 576, 576, Widths(20, 12, 25, 3), waits)
+    wp.compile_aot_module(kernels["advance"].module, arch=90, module_dir=tmp_path, use_ptx=True)
+    source = next(tmp_path.glob("*.cu")).read_text()
+    for name in ("clearance", "bending", "triangle_force", "friction_correction", "kicked"):
+        assert name in source
+    depots = re.findall(r"__local_depot\d+\[(\d+)\]", next(tmp_path.glob("*.ptx")).read_text())
+    assert sum(map(int, depots)) <= 64  # what the sine of a turning collider takes
