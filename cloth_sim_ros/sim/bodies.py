@@ -8,16 +8,16 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim import choice as choosing
 from cloth_sim_ros.sim.batch import Batch, goes_in_rows
-from cloth_sim_ros.sim.choice import Choice, Surroundings
 from cloth_sim_ros.sim.colliders import shapes_of
+from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.live_array import LiveArray
+from cloth_sim_ros.sim.methods import choose as choosing
+from cloth_sim_ros.sim.methods.choose import Choice, Surroundings
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.scene import Scene
-from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.state import Frame
 from cloth_sim_ros.sim.topology import Topology

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim import limits
 from cloth_sim_ros.sim.bodies import Bodies, distinct, names_of
 from cloth_sim_ros.sim.colliders import NAMES, shape_of
+from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.quaternion import unit_quaternion
-from cloth_sim_ros.sim.ropes import Ropes
+from cloth_sim_ros.sim.rope_queries import Ropes
 
 # Where in Material.compliance each lies; of shear and twist, an object has at most one.
 _COMPLIANCES = {"stretch_compliance": 0, "shear_compliance": 1, "twist_compliance": 1, "bend_compliance": 2}

@@ -14,12 +14,12 @@ import numpy as np
 
 from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.checks import finite_array
-from cloth_sim_ros.sim.choice import is_strained
 from cloth_sim_ros.sim.live import Live, compliances_of
+from cloth_sim_ros.sim.methods.choose import is_strained
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.queries import Queries
 from cloth_sim_ros.sim.report import Reporter
-from cloth_sim_ros.sim.ropes import Ropes
+from cloth_sim_ros.sim.rope_queries import Ropes
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.starts import off_symmetry

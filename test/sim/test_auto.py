@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Readback, Rope, Scene, Settings, Simulation, Wind
-from cloth_sim_ros.sim.limits import explicit_substeps
+from cloth_sim_ros.sim.methods.limits import explicit_substeps
 from cloth_sim_ros.sim.topology import build
 
 SOFT = Cloth(resolution=(9, 9), pins="edges", stretch_compliance=1e-3, shear_compliance=1e-3)

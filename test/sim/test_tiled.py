@@ -11,12 +11,13 @@ from scipy.spatial import Delaunay
 
 from cloth_sim_ros.sim import Box, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.executors import subdomain_kernels
+from cloth_sim_ros.sim.executors import subdomains as tiled
+from cloth_sim_ros.sim.executors.subdomain_forces import InTile, Widths
+from cloth_sim_ros.sim.executors.subdomain_kernels import make_kernels
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import next_outer, outer_weight
-from cloth_sim_ros.sim.schedules import tile_kernels, tiled
-from cloth_sim_ros.sim.schedules.tile_forces import InTile, Widths
-from cloth_sim_ros.sim.schedules.tile_kernels import make_kernels
-from cloth_sim_ros.sim.tiling import BANKS, cut, surround
+from cloth_sim_ros.sim.topology.subdomains import BANKS, cut, surround
 
 SPRINGS = {"stretch_compliance": 1e-3, "shear_compliance": 1e-3}
 
@@ -344,10 +345,10 @@ def test_skipping_colliders_decides_nothing(device, monkeypatch, shape):
 
         return clearance
 
-    monkeypatch.setattr(tile_kernels, "make_clearance", always)
-    tile_kernels.make_kernels.cache_clear()
+    monkeypatch.setattr(subdomain_kernels, "make_clearance", always)
+    subdomain_kernels.make_kernels.cache_clear()
     testing = run()
-    tile_kernels.make_kernels.cache_clear()
+    subdomain_kernels.make_kernels.cache_clear()
     assert np.array_equal(skipping, testing)
     free = simulation(device, 40, 4, Scene({"it": SHEET}), 60)
     free.step(5)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cloth_sim_ros.sim.schedules.simd import LANES
+from cloth_sim_ros.sim.simd import LANES
 from cloth_sim_ros.sim.topology.elements import Elements
 from cloth_sim_ros.sim.topology.lines import Family
 
