@@ -13,7 +13,8 @@ from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.methods import choose as choosing
-from cloth_sim_ros.sim.methods.choose import Choice, Surroundings
+from cloth_sim_ros.sim.methods.choose import Choice
+from cloth_sim_ros.sim.methods.prices import Surroundings
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.poses import Colliders

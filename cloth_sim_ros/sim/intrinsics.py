@@ -35,16 +35,6 @@ _STORE = """
 ((wp::vec4*)address)[i] = v;
 #endif
 """
-_STORE_XYZ = """
-#if defined(__CUDA_ARCH__)
-((float4*)address)[i] = make_float4(v[0], v[1], v[2], v[3]);
-#else
-float* p = (float*)address + 4 * i;
-p[0] = v[0];
-p[1] = v[1];
-p[2] = v[2];
-#endif
-"""
 # On a GPU the reciprocals of the special function unit, refined once to about one unit in the last place: a third of
 # the instructions of IEEE division and square root, which would otherwise fill half of the projection of a spring.
 _QUICK_INVERSE_ROOT = """
@@ -138,42 +128,6 @@ def load4(address: wp.uint64, i: int) -> wp.vec4: ...
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-int4 f = ((const int4*)values.data)[i];
-return wp::vec_t<4, wp::int32>(f.x, f.y, f.z, f.w);
-#else
-return values.data[i];
-#endif
-""")
-def load4i(values: wp.array(dtype=wp.vec4i), i: int) -> wp.vec4i: ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-int4 f = ((const int4*)address)[i];
-return wp::vec_t<4, wp::int32>(f.x, f.y, f.z, f.w);
-#else
-return ((const wp::vec_t<4, wp::int32>*)address)[i];
-#endif
-""")
-def load_record(address: wp.uint64, i: int) -> wp.vec4i: ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-((int4*)address)[i] = make_int4(v[0], v[1], v[2], v[3]);
-#else
-((wp::vec_t<4, wp::int32>*)address)[i] = v;
-#endif
-""")
-def store_record(address: wp.uint64, i: int, v: wp.vec4i): ...
-
-
-@wp.func_native("return (uint64_t)(values.data + offset);")
-def record_address(values: wp.array(dtype=wp.vec4i), offset: int) -> wp.uint64: ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
 return (uint64_t)((const float4*)address + rows);
 #else
 return (uint64_t)((const wp::vec4*)address + rows);
@@ -186,20 +140,6 @@ def beside(address: wp.uint64, rows: int) -> wp.uint64:
 
 @wp.func_native(_STORE)
 def store4(address: wp.uint64, i: int, v: wp.vec4): ...
-
-
-@wp.func_native("""
-union { float value; int bits; } both;
-both.value = value;
-return both.bits;
-""")
-def as_index(value: float) -> int: ...
-
-
-@wp.func_native(_STORE_XYZ)
-def store_xyz(address: wp.uint64, i: int, v: wp.vec4):
-    """Store v whose fourth number is what lies there already: a CPU leaves it, a quarter faster a frame."""
-    ...
 
 
 @wp.func_native(_LOAD_PAIR)
@@ -301,3 +241,13 @@ def make_tile_address(capacity: int):
     def tile_address(tile: wp.tile[wp.vec4, capacity]) -> wp.uint64: ...
 
     return tile_address
+
+
+@wp.func_native("""
+union { float value; int bits; } both;
+both.value = value;
+return both.bits;
+""")
+def as_index(value: float) -> int:
+    """The index whose bits a float has."""
+    ...

@@ -14,6 +14,8 @@ from scipy.sparse.linalg import spsolve
 
 from cloth_sim_ros.study.springs import SpringSystem
 
+_ROUNDING = 1e-6  # of the weight of a particle, a force that is as good as none
+
 
 def implicit_step(
     system: SpringSystem, x: np.ndarray, v: np.ndarray, h: float, tolerance: float = 1e-12
@@ -75,7 +77,8 @@ def _newton(
     """The root of `residual` over the free particles from x on.
 
     A Newton step that lessens the residual is taken; else one with the clamped matrix, which is always downhill, halved
-    until the potential falls. Ends when a step would move no particle by more than `tolerance` [m].
+    until the potential falls. Ends when a step would move no particle by more than `tolerance` [m], or where rounding
+    hides whether the potential falls.
     """
     free = np.flatnonzero(np.repeat(~system.fixed, 3))
 
@@ -97,6 +100,8 @@ def _newton(
         step = direction(clamped=True)
         shares = (share for share in 0.5 ** np.arange(30) if potential(x + share * step) < potential(x))
         share = next(shares, None)
+        if share is None and norm(x) < _ROUNDING * np.linalg.norm(system.masses) * np.linalg.norm(system.gravity):
+            return x
         if share is None:
             raise ArithmeticError(f"Newton's method stalls at a residual of {norm(x):g} N")
         x = x + share * step

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from cloth_sim_ros.sim.methods import limits, prices
+from cloth_sim_ros.sim.methods.prices import Surroundings
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.topology import Topology
 
@@ -30,16 +31,6 @@ _LEAST_ROPE = 20  # of a rope at an error of 1e-3
 _BDF2, _RIGID, _HUNG, _EULER = 5.6, 30.0, 0.013, 0.1
 _BENDING = 0.3  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
 _LEAPFROG = 4.0e-4  # error of leapfrog at its limit, likewise; by four with twice the substeps
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind, colliders and worlds."""
-
-    device: str
-    wind: bool
-    colliders: int
-    worlds: int = 1
 
 
 @dataclass(frozen=True)

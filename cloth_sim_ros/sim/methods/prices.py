@@ -7,12 +7,9 @@ budget buys.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 from cloth_sim_ros.sim.topology import Topology
-
-if TYPE_CHECKING:
-    from cloth_sim_ros.sim.methods.choose import Surroundings
 
 _NS = 1e-6  # [ms]
 # Of a CPU, for each particle: explicit springs of a grid in vector lanes, of a mesh one by one, motion, air, collider,
@@ -24,6 +21,16 @@ _SEGMENT = 45.0 * _NS  # of a rope
 # block; lines in a block, for each particle of all worlds.
 _TILES, _TILES_PARTICLE, _LAUNCH, _LAUNCH_PARTICLE, _ROPE = 6.0e-4, 5.5e-8, 4.0e-3, 2.5e-8, 5.0e-3
 _BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind, colliders and worlds."""
+
+    device: str
+    wind: bool
+    colliders: int
+    worlds: int = 1
 
 
 def verlet(topology: Topology, around: Surroundings) -> float:
