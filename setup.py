@@ -10,7 +10,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.ros": ["fastdds.xml"]},
+    package_data={f"{NAME}.ros": ["fastdds.xml"], f"{NAME}.sim": ["*.h"], f"{NAME}.sim.lines": ["*.h"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -26,7 +26,7 @@ setup(
         "test": ["pytest", "ruff", "scipy", "trimesh", "matplotlib", "pypbd"],
     },
     python_requires=">=3.10",
-    zip_safe=True,
+    zip_safe=False,
     maintainer="cloth_sim_ros maintainers",
     maintainer_email="cloth_sim_ros@users.noreply.github.com",
     description="Cloth and ropes, simulated live in ROS 2 with XPBD on NVIDIA Warp.",

@@ -11,7 +11,7 @@ from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
 from cloth_sim_ros.ros.scene_plan import group, make_plan
 from cloth_sim_ros.sim import Simulation
-from cloth_sim_ros.sim.limits import Unstable
+from cloth_sim_ros.sim.methods.limits import Unstable
 
 
 class World:

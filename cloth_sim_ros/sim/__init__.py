@@ -1,14 +1,14 @@
 """Cloth and rope simulation in NVIDIA Warp, usable without ROS. From what is described to what is read back:
 
-- scene, objects, materials, colliders/, settings: what there is and how to compute it, checked (checks) against the one
-  table;
-- topology/: an object as particles and elements, in NumPy; cells and tiling cut it into pieces;
-- limits, choice: which method an object can take, and takes;
-- model and state: what kernels read and write, constant and varying; model_arrays, state_arrays and live_array make it;
-- physics/: one concept a file, on values; constraints/: these on the elements; schedules/: the order they run in;
-- batch: all of that for objects that share kernels; poses: where colliders go; starts: what a hard start needs;
-- report, tension, twist, winch, wrench: what is measured; readback: what messages hold;
-- simulation, in parts bodies, queries, ropes and live: the public face.
+- scene, objects, materials, colliders/, settings: what there is and how to compute it, checked against the one table;
+- topology/: an object as particles and elements, in NumPy: grids, meshes, chains, lines, plates, subdomains;
+- model and state: what kernels read and write, constant and varying; model_arrays, state_arrays, live_array make it;
+- physics/: formulas on plain values, one concept a file; intrinsics and simd: the little that Warp cannot say;
+- stages/: what one particle, panel or contact does in a substep; lines/ and ropes/: each solved as a whole;
+- methods/: the program of a substep, written once; what method, substeps and iterations an object is given, and why;
+- executors/: how a program runs: a body in a block, a launch a stage, vector rows, subdomains; a frame as a trial;
+- batch: all of that for objects that share kernels; report, tension, twist, winch, wrench, readback: what is read;
+- simulation, composed of bodies, queries, rope_queries and live: the public face.
 """
 
 from cloth_sim_ros.sim.colliders.box import Box

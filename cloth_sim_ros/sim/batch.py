@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.limits import outer_steps
+from cloth_sim_ros.sim.executors.block import Resident, capacity, threads_for
+from cloth_sim_ros.sim.executors.graph import Coloured
+from cloth_sim_ros.sim.executors.subdomain_plan import Unfit
+from cloth_sim_ros.sim.executors.subdomains import Tiled
+from cloth_sim_ros.sim.executors.trial import Trial
+from cloth_sim_ros.sim.executors.vector_rows import Rows, fits_rows
 from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
+from cloth_sim_ros.sim.methods.limits import outer_steps
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
-from cloth_sim_ros.sim.schedules.coloured import Coloured
-from cloth_sim_ros.sim.schedules.resident import Resident, capacity, threads_for
-from cloth_sim_ros.sim.schedules.rows import Rows, fits_rows
-from cloth_sim_ros.sim.schedules.tiled import Tiled
-from cloth_sim_ros.sim.schedules.tiles import Unfit
-from cloth_sim_ros.sim.schedules.trial import Trial
 from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Frame, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology

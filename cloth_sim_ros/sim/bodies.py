@@ -1,4 +1,4 @@
-"""The part of Simulation that holds the objects: how each is computed, and what lies on the device for that."""
+"""The objects of a simulation: how each is computed, and what lies on the device for that."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim import topology
 from cloth_sim_ros.sim.batch import Batch, goes_in_rows
-from cloth_sim_ros.sim.choice import Choice, Surroundings, choose
 from cloth_sim_ros.sim.colliders import shapes_of
+from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.live_array import LiveArray
+from cloth_sim_ros.sim.methods import choose as choosing
+from cloth_sim_ros.sim.methods.choose import Choice
+from cloth_sim_ros.sim.methods.prices import Surroundings
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.poses import Colliders
 from cloth_sim_ros.sim.scene import Scene
-from cloth_sim_ros.sim.schedules.resident import capacity
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.state import Frame
+from cloth_sim_ros.sim.topology import Topology
+from cloth_sim_ros.sim.topology import build as build_topology
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
@@ -36,36 +39,36 @@ class Bodies:
         if isinstance(worlds, bool) or not isinstance(worlds, int) or not 1 <= worlds <= _MOST_WORLDS:
             raise ValueError(f"worlds is {worlds!r}; allowed is a whole number from 1 to {_MOST_WORLDS}")
         self.scene, self.settings, self.worlds, self.builds = scene, settings, worlds, 0
-        self._device = _find_device(device)
-        self._frame = LiveArray(Frame, 1, worlds, self._device)
-        self._colliders = Colliders(len(scene.colliders), worlds, self._device)
-        self._collider_row = {name: row for row, name in enumerate(scene.colliders)}
-        self._elastic = {name: topology.build(thing, name, False) for name, thing in scene.objects.items()}
-        self._strained: set[str] = set()
+        self.warp_device = _find_device(device)
+        self.frame = LiveArray(Frame, 1, worlds, self.warp_device)
+        self.colliders = Colliders(len(scene.colliders), worlds, self.warp_device)
+        self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
+        self.elastic = {name: build_topology(thing, name, False) for name, thing in scene.objects.items()}
+        self.strained: set[str] = set()
 
-    def _choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]]) -> Choice:
+    def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]]) -> Choice:
         """How an object with these pairs of compliances and damping is to be computed."""
-        kind = "cpu" if self._device.is_cpu else "cuda"
-        around = Surroundings(kind, self.scene.wind is not None, len(self.scene.colliders))
-        return choose(self.settings, self._elastic[name], list(materials), name in self._strained, around)
+        kind = "cpu" if self.warp_device.is_cpu else "cuda"
+        around = Surroundings(kind, self.scene.wind is not None, len(self.scene.colliders), self.worlds)
+        return choosing.choose(self.settings, self.elastic[name], list(materials), name in self.strained, around)
 
-    def _build(self, choices: dict[str, Choice]) -> None:
+    def build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""
         self._choices = choices
-        self._topologies = {
-            name: topology.build(thing, name, True)
+        self.topologies = {
+            name: build_topology(thing, name, True)
             if choices[name].method == "xpbd" and isinstance(thing, Rope)
-            else self._elastic[name]
+            else self.elastic[name]
             for name, thing in self.scene.objects.items()
         }
-        self._batches = self._make_batches()
-        self._batch = {name: batch for batch in self._batches for name in batch.index}
+        self.batches = self._make_batches()
+        self.batch = {name: batch for batch in self.batches for name in batch.index}
         self._write_substeps()
         self.builds += 1
 
     def _write_substeps(self) -> None:
         """Every batch takes the most substeps and iterations that are chosen for an object in it."""
-        for batch in self._batches:
+        for batch in self.batches:
             chosen = [self._choices[name] for name in batch.index]
             most = [
                 max(numbers)
@@ -74,18 +77,18 @@ class Bodies:
             batch.set_substeps(*most)
             batch.write_frame(self.settings.frame_dt)
 
-    def _choose_again(self) -> None:
+    def choose_again(self) -> None:
         """Where method auto now takes another for an object, the device's side is built anew around the state."""
-        chosen = {name: self._choose(name, distinct(self._materials(name, None))) for name in self._batch}
+        chosen = {name: self.choose(name, distinct(self.materials_of(name, None))) for name in self.batch}
         changed = [name for name, choice in chosen.items() if choice.words != self._choices[name].words]
         if not changed:
             self._choices = chosen
             self._write_substeps()
             return
-        kept = {name: self._batch[name].take(name) for name in self._batch}
-        self._build(chosen)
+        kept = {name: self.batch[name].take(name) for name in self.batch}
+        self.build(chosen)
         for name, state in kept.items():
-            self._batch[name].give(name, state)
+            self.batch[name].give(name, state)
         self._write_substeps()
         for name in changed:
             _LOG.info("%s now %s", name, chosen[name].reason)
@@ -94,38 +97,38 @@ class Bodies:
         """A batch of each group of objects with the same features, in rows or not."""
         shapes = shapes_of(self.scene.colliders.values())
         wind = self.scene.wind is not None
-        alike: dict[tuple[Features, bool], dict[str, topology.Topology]] = {}
-        for name, topo in self._topologies.items():
+        alike: dict[tuple[Features, bool], dict[str, Topology]] = {}
+        for name, topo in self.topologies.items():
             choice = self._choices[name]
             features = Features.of(topo, wind, shapes, choice.order, choice.method, self.worlds > 1)
-            rows = goes_in_rows(features, topo, self._device)
+            rows = goes_in_rows(features, topo, self.warp_device)
             alike.setdefault((features, rows), {})[name] = topo
         return [
-            Batch(bodies, features, rows, self._frame, self._colliders, self.worlds, self._device)
+            Batch(bodies, features, rows, self.frame, self.colliders, self.worlds, self.warp_device)
             for (features, rows), bodies in alike.items()
         ]
 
-    def _leave_to_implicit(self, name: str) -> None:
+    def leave_to_implicit(self, name: str) -> None:
         """Explicit steps are not for this object until the next reset of all worlds."""
-        self._strained.add(name)
-        self._choose_again()
+        self.strained.add(name)
+        self.choose_again()
 
-    def _materials(self, name: str, world: int | None) -> np.ndarray:
+    def materials_of(self, name: str, world: int | None) -> np.ndarray:
         """The rows of Material of an object as they are now, of one world or of all."""
-        batch = self._batch[name]
+        batch = self.batch[name]
         return batch.materials.read(batch.index[name], world)
 
     @property
     def device(self) -> str:
         """The device's name, such as "cpu" or "cuda:0"."""
-        return self._device.alias
+        return self.warp_device.alias
 
     @property
     def method(self) -> str:
         """Methods, orders and schedules in words, for diagnostics."""
         kinds = {
             f"{self._choices[name].words}, {type(batch.schedule).__name__.lower()}"
-            for batch in self._batches
+            for batch in self.batches
             for name in batch.index
         }
         words = ("auto: " if self.settings.method == "auto" else "") + (" and ".join(sorted(kinds)) or "empty scene")
@@ -139,23 +142,23 @@ class Bodies:
     @property
     def fits_a_block(self) -> bool:
         """Whether the resident schedule can hold every object, each in one block of the device."""
-        return all(max(batch.counts) <= capacity(self._device, batch.features) for batch in self._batches)
+        return all(max(batch.counts) <= capacity(self.warp_device, batch.features) for batch in self.batches)
 
-    def _one(self, world: int) -> int:
+    def one(self, world: int) -> int:
         """`world` if there is one of that number, else ValueError."""
         if isinstance(world, bool) or not isinstance(world, int) or not 0 <= world < self.worlds:
             raise ValueError(f"world is {world!r}; allowed is a whole number from 0 to {self.worlds - 1}")
         return world
 
-    def _some(self, world: int | None) -> int | None:
+    def some(self, world: int | None) -> int | None:
         """`world` if it is None, for all, or there is one of that number, else ValueError."""
-        return None if world is None else self._one(world)
+        return None if world is None else self.one(world)
 
-    def _topology(self, name: str) -> topology.Topology:
+    def topology(self, name: str) -> Topology:
         """The topology of an object, as it is computed now. Raises ValueError where there is none of that name."""
-        if name not in self._topologies:
-            raise ValueError(f"there is no object {name!r}; allowed is {names_of(self._topologies)}")
-        return self._topologies[name]
+        if name not in self.topologies:
+            raise ValueError(f"there is no object {name!r}; allowed is {names_of(self.topologies)}")
+        return self.topologies[name]
 
 
 def _find_device(name: str) -> wp.Device:

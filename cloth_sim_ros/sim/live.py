@@ -1,4 +1,4 @@
-"""The part of Simulation that takes live numbers: checks them, and writes them where the next frame finds them."""
+"""Live numbers: checked, and written where the next frame finds them."""
 
 from __future__ import annotations
 
@@ -9,19 +9,22 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim import limits
-from cloth_sim_ros.sim.bodies import distinct, names_of
+from cloth_sim_ros.sim.bodies import Bodies, distinct, names_of
 from cloth_sim_ros.sim.colliders import NAMES, shape_of
+from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.quaternion import unit_quaternion
-from cloth_sim_ros.sim.ropes import Ropes
+from cloth_sim_ros.sim.rope_queries import Ropes
 
 # Where in Material.compliance each lies; of shear and twist, an object has at most one.
 _COMPLIANCES = {"stretch_compliance": 0, "shear_compliance": 1, "twist_compliance": 1, "bend_compliance": 2}
 
 
-class Live(Ropes):
-    """What a Simulation is told while it runs."""
+class Live:
+    """What a simulation is told while it runs."""
+
+    def __init__(self, bodies: Bodies, ropes: Ropes) -> None:
+        self._bodies, self._ropes = bodies, ropes
 
     def set_collider_pose(
         self,
@@ -35,13 +38,13 @@ class Live(Ropes):
 
         Without `sweep` it is there at once and was never anywhere else: for placing it, not for pushing with it.
         """
-        if name not in self._collider_row:
-            raise ValueError(f"there is no collider {name!r}; allowed is {names_of(self._collider_row)}")
+        if name not in self._bodies.collider_row:
+            raise ValueError(f"there is no collider {name!r}; allowed is {names_of(self._bodies.collider_row)}")
         place = {parameter.name: parameter for parameter in table.COLLIDER}["position"]
         position = table.check(place, position, f"{name}.position")
-        row, orientation = self._collider_row[name], unit_quaternion(orientation, f"{name}.orientation")
-        reach = self._colliders.move if sweep else self._colliders.place
-        reach(row, self._some(world), position, orientation)
+        row, orientation = self._bodies.collider_row[name], unit_quaternion(orientation, f"{name}.orientation")
+        reach = self._bodies.colliders.move if sweep else self._bodies.colliders.place
+        reach(row, self._bodies.some(world), position, orientation)
 
     def set_wind(self, velocity: Any, world: int | None = None) -> None:
         """Set the wind velocity [m/s] from the next frame on."""
@@ -53,7 +56,7 @@ class Live(Ropes):
         Those of the solver hold in all worlds.
         """
         owner, _, field = name.rpartition(".")
-        self._some(world)
+        self._bodies.some(world)
         if name == "gravity":
             self._set_frame(table.GRAVITY, name, value, world)
         elif owner == "solver":
@@ -61,69 +64,71 @@ class Live(Ropes):
                 raise ValueError(f"{name} is set in world {world} alone; allowed is to set it in all of them")
             self._set_solver(_live(table.SOLVER, field, name), name, value)
         elif owner == "wind":
-            if self.scene.wind is None:
+            if self._bodies.scene.wind is None:
                 raise ValueError(f"{name} is set but the scene has no wind; allowed is a scene built with one")
             self._set_frame(_live(table.WIND, field, name), name, value, world)
-        elif owner.endswith(".winch") and owner.removesuffix(".winch") in self.scene.objects:
-            self._set_winch(owner.removesuffix(".winch"), _live(table.WINCH, field, name), name, value, world)
-        elif owner in self.scene.objects:
+        elif owner.endswith(".winch") and owner.removesuffix(".winch") in self._bodies.scene.objects:
+            self._ropes.set_winch(owner.removesuffix(".winch"), _live(table.WINCH, field, name), name, value, world)
+        elif owner in self._bodies.scene.objects:
             self._set_material(owner, field, name, value, world)
-        elif owner in self.scene.colliders:
+        elif owner in self._bodies.scene.colliders:
             row = _live(table.COLLIDER, field, name)
-            self._colliders.write(self._collider_row[owner], world, **{field: table.check(row, value, name)})
+            self._bodies.colliders.write(
+                self._bodies.collider_row[owner], world, **{field: table.check(row, value, name)}
+            )
         else:
-            known = [*self.scene.objects, *self.scene.colliders, "solver", "wind"]
+            known = [*self._bodies.scene.objects, *self._bodies.scene.colliders, "solver", "wind"]
             raise ValueError(f"there is no parameter {name!r}; allowed are 'gravity' and those of {names_of(known)}")
 
     def _set_frame(self, row: table.Parameter, name: str, value: Any, world: int | None) -> None:
         fields = {"velocity": "wind", "drag_coefficient": "drag", "lift_coefficient": "lift"}
-        self._frame.write(0, world, **{fields.get(row.name, row.name): table.check(row, value, name)})
+        self._bodies.frame.write(0, world, **{fields.get(row.name, row.name): table.check(row, value, name)})
 
     def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
         value = table.check(row, value, name)
-        if row.name == "substeps" and self.settings.method == "verlet":
-            for owner in self.scene.objects:
-                self._check_materials(owner, self._materials(owner, None), value)
-        self.settings = dataclasses.replace(self.settings, **{row.name: value})
-        self._write_settings()
-        self._choose_again()
+        if row.name == "substeps" and self._bodies.settings.method == "verlet":
+            for owner in self._bodies.scene.objects:
+                self._check_materials(owner, self._bodies.materials_of(owner, None), value)
+        self._bodies.settings = dataclasses.replace(self._bodies.settings, **{row.name: value})
+        self.write_settings()
+        self._bodies.choose_again()
 
     def _set_material(self, owner: str, field: str, name: str, value: Any, world: int | None) -> None:
-        thing = self.scene.objects[owner]
+        thing = self._bodies.scene.objects[owner]
         row = _live(table.CLOTH if isinstance(thing, Cloth) else (*table.ROPE, *table.TWIST), field, name)
         needed = "twist_compliance" if field == "end_turn" else field
         if needed in ("shear_compliance", "bend_compliance", "twist_compliance") and getattr(thing, needed) is None:
             raise ValueError(f"{name} is set but {owner} was built without; allowed is an object built with {needed}")
         value = table.check(row, value, name)
         if field == "end_turn":
-            self._batch[owner].ends.write(self._batch[owner].index[owner], world, turn=value)
+            self._bodies.batch[owner].ends.write(self._bodies.batch[owner].index[owner], world, turn=value)
             return
-        materials = self._materials(owner, world)
+        materials = self._bodies.materials_of(owner, world)
         if field in _COMPLIANCES:
             materials["compliance"][:, _COMPLIANCES[field]] = value
             field = "compliance"
         else:
             field = "thickness" if field == "radius" else field
             materials[field] = value
-        if field in ("compliance", "damping") and self.settings.method == "verlet":
-            self._check_materials(owner, materials, self.settings.substeps)
-        batch = self._batch[owner]
+        if field in ("compliance", "damping") and self._bodies.settings.method == "verlet":
+            self._check_materials(owner, materials, self._bodies.settings.substeps)
+        batch = self._bodies.batch[owner]
         batch.materials.write(batch.index[owner], world, **{field: materials[field]})
         if field in ("compliance", "damping"):
-            self._choose_again()
+            self._bodies.choose_again()
 
     def _check_materials(self, name: str, materials: np.ndarray, substeps: int) -> None:
         """`_check_explicit` for each material that differs from the others."""
         for compliance, damping in distinct(materials):
-            self._check_explicit(name, compliance, damping, substeps)
+            self.check_explicit(name, compliance, damping, substeps)
 
-    def _check_explicit(self, name: str, compliance: Any, damping: float, substeps: int) -> None:
+    def check_explicit(self, name: str, compliance: Any, damping: float, substeps: int) -> None:
         """Raise ValueError where method verlet cannot hold an object, saying what it would need."""
-        topo = self._elastic[name]
+        topo = self._bodies.elastic[name]
         if topo.bends_by_angles:
             raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
         needed = limits.explicit_substeps(
-            topo, compliance, damping, self.settings.frame_dt, self.scene.wind is not None
+            topo, compliance, damping, self._bodies.settings.frame_dt, self._bodies.scene.wind is not None
         )
         if substeps == 0 and math.isinf(needed):
             raise limits.Unstable(
@@ -138,23 +143,23 @@ class Live(Ropes):
 
     # -- host mirrors of the device's structs --------------------------------------------------------------------
 
-    def _write_settings(self) -> None:
-        self._frame.write(0, None, global_damping=self.settings.global_damping)
+    def write_settings(self) -> None:
+        self._bodies.frame.write(0, None, global_damping=self._bodies.settings.global_damping)
 
-    def _write_scene(self) -> None:
-        self._frame.write(0, None, gravity=self.scene.gravity)
-        if self.scene.wind is not None:
+    def write_scene(self) -> None:
+        self._bodies.frame.write(0, None, gravity=self._bodies.scene.gravity)
+        if self._bodies.scene.wind is not None:
             for row in table.WIND:
                 if row.live:
-                    self._set_frame(row, f"wind.{row.name}", getattr(self.scene.wind, row.name), None)
-        for name, thing in self.scene.objects.items():
+                    self._set_frame(row, f"wind.{row.name}", getattr(self._bodies.scene.wind, row.name), None)
+        for name, thing in self._bodies.scene.objects.items():
             self._write_material(name, thing)
             if isinstance(thing, Rope):
-                self._write_rope(name, thing)
+                self._ropes.write_rope(name, thing)
         self._place_colliders()
 
     def _write_material(self, name: str, thing: Cloth | Rope) -> None:
-        batch = self._batch[name]
+        batch = self._bodies.batch[name]
         batch.materials.write(
             batch.index[name],
             None,
@@ -166,9 +171,9 @@ class Live(Ropes):
         )
 
     def _place_colliders(self) -> None:
-        for name, collider in self.scene.colliders.items():
-            self._colliders.write(
-                self._collider_row[name],
+        for name, collider in self._bodies.scene.colliders.items():
+            self._bodies.colliders.write(
+                self._bodies.collider_row[name],
                 None,
                 shape=NAMES.index(shape_of(collider)),
                 size=collider.size(),

@@ -1,45 +1,48 @@
-"""The part of Simulation that is read: what an object is made of, and where its particles are."""
+"""What is read of objects: what they are made of, and where their particles are."""
 
 from __future__ import annotations
 
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim import topology
 from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.state import Arrays
+from cloth_sim_ros.sim.topology import KINDS
 
 
-class Queries(Bodies):
+class Queries:
     """What can be asked of an object by its name; whatever reads the state waits for the device.
 
     Raises ValueError for a name or a world that does not exist.
     """
 
+    def __init__(self, bodies: Bodies) -> None:
+        self._bodies = bodies
+
     def masses(self, name: str) -> np.ndarray:
         """Masses (N,) float64 [kg], pinned particles included."""
-        return self._topology(name).masses.copy()
+        return self._bodies.topology(name).masses.copy()
 
     def triangles(self, name: str) -> np.ndarray:
         """Triangles (T, 3) int32, counter-clockwise seen from their normals; none for a rope."""
-        return self._topology(name).triangles.astype(np.int32)
+        return self._bodies.topology(name).triangles.astype(np.int32)
 
     def rest_positions(self, name: str) -> np.ndarray:
         """Rest positions (N, 3) float32 [m] in the world."""
-        return self._topology(name).rest.astype(np.float32)
+        return self._bodies.topology(name).rest.astype(np.float32)
 
     def springs(self, name: str, world: int = 0) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Kind -> (pairs (S, 2) int, rest_length (S,) [m], constant (S,) [N/m], infinite where rigid), as they are
         now."""
-        topo, batch = self._topology(name), self._batch[name]
+        topo, batch = self._bodies.topology(name), self._bodies.batch[name]
         kinds = dict(topo.springs)
         if topo.chain is not None:
             kinds["structural"] = topo.chain
-        compliance = batch.materials.read(batch.index[name], self._one(world))["compliance"][0]
+        compliance = batch.materials.read(batch.index[name], self._bodies.one(world))["compliance"][0]
         found = {}
         for kind, elements in kinds.items():
             with np.errstate(divide="ignore"):
-                constant = 1.0 / (float(compliance[topology.KINDS.index(kind)]) * elements.scale)
+                constant = 1.0 / (float(compliance[KINDS.index(kind)]) * elements.scale)
             found[kind] = (elements.particles.astype(np.int64), elements.rest.copy(), constant)
         return found
 
@@ -58,6 +61,6 @@ class Queries(Bodies):
 
         They hold until `builds` changes: method auto may build anew when live parameters or positions are set.
         """
-        self._topology(name)
-        batch = self._batch[name]
-        return batch.worlds[self._one(world)], batch.span(name), self._device
+        self._bodies.topology(name)
+        batch = self._bodies.batch[name]
+        return batch.worlds[self._bodies.one(world)], batch.span(name), self._bodies.warp_device

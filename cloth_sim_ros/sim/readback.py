@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.schedules.native import xyz
+from cloth_sim_ros.sim.intrinsics import xyz
 from cloth_sim_ros.sim.simulation import Simulation
 from cloth_sim_ros.sim.state import Arrays
 

@@ -9,8 +9,8 @@ import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.colliders import make_signed_distance
+from cloth_sim_ros.sim.intrinsics import xyz
 from cloth_sim_ros.sim.physics.integrate import effective_step
-from cloth_sim_ros.sim.schedules.native import xyz
 from cloth_sim_ros.sim.state import Arrays
 
 # Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.

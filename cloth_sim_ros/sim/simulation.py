@@ -1,20 +1,25 @@
 """The public face: a scene and settings on a device, advanced frame by frame and read back by name.
 
-Simulation is one class in parts that each know only those before: Bodies (how objects are computed, and where), Queries
-(what is read of them), Ropes (the same of ropes alone), Live (what may change while it runs); here are time and state.
+A Simulation is composed of parts: Bodies (how objects are computed, and where), Queries (what is read of them), Ropes
+(the same of ropes alone) and Live (what may change while it runs). Here are time and state.
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.checks import finite_array
-from cloth_sim_ros.sim.choice import is_strained
 from cloth_sim_ros.sim.live import Live, compliances_of
+from cloth_sim_ros.sim.methods.choose import is_strained
 from cloth_sim_ros.sim.objects import Rope
+from cloth_sim_ros.sim.queries import Queries
 from cloth_sim_ros.sim.report import Reporter
+from cloth_sim_ros.sim.rope_queries import Ropes
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.starts import off_symmetry
@@ -23,7 +28,22 @@ _FAR = 1e6  # [m] the largest coordinate that positions may be given in
 _FAST = 1e6  # [m/s] the same of velocities
 
 
-class Simulation(Live):
+def _of(part: str, method: Callable) -> Callable:
+    """The `method` of a part, as a method of the whole."""
+
+    @functools.wraps(method)
+    def forwarded(self, *arguments, **named):
+        return method(getattr(self, part), *arguments, **named)
+
+    return forwarded
+
+
+def _its(name: str) -> property:
+    """What Bodies has of this name."""
+    return property(lambda self: getattr(self._bodies, name), doc=getattr(getattr(Bodies, name, None), "__doc__", None))
+
+
+class Simulation:
     """Cloths and ropes of `scene`, computed as `settings` say on `device` ("cpu", "cuda:0" or "auto").
 
     Whatever takes a value raises ValueError with one sentence where the value cannot be, and changes nothing then.
@@ -33,29 +53,52 @@ class Simulation(Live):
     """
 
     def __init__(self, scene: Scene, settings: Settings | None = None, device: str = "auto", worlds: int = 1) -> None:
-        super().__init__(scene, settings or Settings(), device, worlds)
+        self._bodies = Bodies(scene, settings or Settings(), device, worlds)
+        self._queries = Queries(self._bodies)
+        self._ropes = Ropes(self._bodies, self._queries)
+        self._live = Live(self._bodies, self._ropes)
         for name, thing in scene.objects.items():
-            self._check_rope(name, thing)
+            self._ropes.check_rope(name, thing)
         materials = {name: (compliances_of(thing), thing.damping) for name, thing in scene.objects.items()}
-        if self.settings.method == "verlet":
+        if self._bodies.settings.method == "verlet":
             for name, material in materials.items():
-                self._check_explicit(name, *material, self.settings.substeps)
-        self._write_settings()
-        self._build({name: self._choose(name, [material]) for name, material in materials.items()})
-        self._reporter = Reporter(self._device)
+                self._live.check_explicit(name, *material, self._bodies.settings.substeps)
+        self._live.write_settings()
+        self._bodies.build({name: self._bodies.choose(name, [material]) for name, material in materials.items()})
+        self._reporter = Reporter(self._bodies.warp_device)
         self._finer = 1
         self._frames = 0
-        self._write_scene()
+        self._live.write_scene()
+
+    masses = _of("_queries", Queries.masses)
+    triangles = _of("_queries", Queries.triangles)
+    rest_positions = _of("_queries", Queries.rest_positions)
+    springs = _of("_queries", Queries.springs)
+    positions = _of("_queries", Queries.positions)
+    velocities = _of("_queries", Queries.velocities)
+    device_arrays = _of("_queries", Queries.device_arrays)
+    tensions = _of("_ropes", Ropes.tensions)
+    tensions_into = _of("_ropes", Ropes.tensions_into)
+    directors = _of("_ropes", Ropes.directors)
+    end_wrenches = _of("_ropes", Ropes.end_wrenches)
+    end_wrenches_into = _of("_ropes", Ropes.end_wrenches_into)
+    set = _of("_live", Live.set)
+    set_wind = _of("_live", Live.set_wind)
+    set_collider_pose = _of("_live", Live.set_collider_pose)
+    scene, settings = _its("scene"), _its("settings")
+    worlds, builds = _its("worlds"), _its("builds")
+    device, method = _its("device"), _its("method")
+    choices, fits_a_block = _its("choices"), _its("fits_a_block")
 
     @property
     def time(self) -> float:
         """Simulated time since construction or reset of all worlds [s]."""
-        return self._frames * self.settings.frame_dt
+        return self._frames * self._bodies.settings.frame_dt
 
     def step(self, frames: int = 1) -> None:
         """Simulate `frames` frames of settings.frame_dt each."""
         for _ in range(frames):
-            self._colliders.advance()
+            self._bodies.colliders.advance()
             self._advance()
             self._frames += 1
 
@@ -66,28 +109,30 @@ class Simulation(Live):
         from two trials, one with twice the substeps (docs/study.md says how well it tracks the true error).
         Takes four frames' time, and memory for a second state.
         """
-        self._colliders.advance()
-        for batch in self._batches:
+        self._bodies.colliders.advance()
+        for batch in self._bodies.batches:
             batch.save()
         trials = [self._trial(1), self._trial(2)]
         self._advance()
         self._frames += 1
-        orders = {name: 2 if choice.method == "verlet" else choice.order for name, choice in self._choices.items()}
-        apart = {name: np.sqrt(((trials[0][name] - trials[1][name]) ** 2).sum(1).mean()) for name in self._batch}
-        return {name: float(apart[name] / (1.0 - 0.5 ** orders[name])) for name in self._batch}
+        orders = {
+            name: 2 if choice.method == "verlet" else choice.order for name, choice in self._bodies.choices.items()
+        }
+        apart = {name: np.sqrt(((trials[0][name] - trials[1][name]) ** 2).sum(1).mean()) for name in self._bodies.batch}
+        return {name: float(apart[name] / (1.0 - 0.5 ** orders[name])) for name in self._bodies.batch}
 
     def _trial(self, finer: int) -> dict[str, np.ndarray]:
         """Positions after the frame with `finer` times the substeps, from its start without history; the state is put
         back."""
-        for batch in self._batches:
+        for batch in self._bodies.batches:
             batch.forget_steps()
         self._advance(finer)
         found = {}
-        for name in self._batch:
-            arrays, span, _ = self.device_arrays(name)
+        for name in self._bodies.batch:
+            arrays, span, _ = self._queries.device_arrays(name)
             high, low = (rows[span].numpy()[:, :3] for rows in (arrays.state.positions, arrays.state.low))
             found[name] = high.astype(np.float64) + low
-        for batch in self._batches:
+        for batch in self._bodies.batches:
             batch.restore()
         return found
 
@@ -96,42 +141,44 @@ class Simulation(Live):
 
         Resetting all worlds (None) sets the time to 0; one world alone goes on with the time of the others.
         """
-        self._some(world)
-        for batch in self._batches:
+        self._bodies.some(world)
+        for batch in self._bodies.batches:
             for name in batch.index:
                 batch.reset(name, world)
-        for name, collider in self.scene.colliders.items():
-            self._colliders.place(self._collider_row[name], world, collider.position, collider.orientation)
+        for name, collider in self._bodies.scene.colliders.items():
+            self._bodies.colliders.place(
+                self._bodies.collider_row[name], world, collider.position, collider.orientation
+            )
         if world is None:
             self._frames = 0
-            self._strained.clear()
-            self._choose_again()
+            self._bodies.strained.clear()
+            self._bodies.choose_again()
 
     def _advance(self, finer: int = 1) -> None:
         """One frame in `finer` times the substeps that are set, with the live numbers as they are now."""
         self._upload(finer)
-        for batch in self._batches:
+        for batch in self._bodies.batches:
             batch.advance(finer)
 
     def _upload(self, finer: int = 1) -> None:
-        if finer != self._finer or self._frame.is_changed:
-            for batch in self._batches:
-                batch.write_frame(self.settings.frame_dt, finer)
+        if finer != self._finer or self._bodies.frame.is_changed:
+            for batch in self._bodies.batches:
+                batch.write_frame(self._bodies.settings.frame_dt, finer)
             self._finer = finer
-            self._frame.upload()
-        self._colliders.upload()
-        for batch in self._batches:
+            self._bodies.frame.upload()
+        self._bodies.colliders.upload()
+        for batch in self._bodies.batches:
             batch.upload()
 
     def take_over(self, name: str, other: Simulation) -> None:
         """An object goes on, in all worlds, from where it is in the first world of another simulation that has it with
         the same structure: positions, velocities, what a winch has paid out and the twist."""
-        batch, source = self._batch[name], other._batch[name]
+        batch, source = self._bodies.batch[name], other._bodies.batch[name]
         if batch.features.winch:
             batch.write_body("reels", name, source.read_body("reels", name, 0), None)
         rows = other.positions(name)
         self._leave_if_strained(name, rows)
-        self._batch[name].write_positions(name, rows, None)
+        self._bodies.batch[name].write_positions(name, rows, None)
         self.set_velocities(name, other.velocities(name))
         if batch.features.twist:
             batch.write_body("twists", name, source.read_body("twists", name, 0), None)
@@ -141,29 +188,29 @@ class Simulation(Live):
 
         Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
         """
-        rows, some = self._rows(name, positions, "positions", _FAR), self._some(world)
+        rows, some = self._rows(name, positions, "positions", _FAR), self._bodies.some(world)
         strained = self._leave_if_strained(name, rows)
-        if strained and self._elastic[name].reel is None:  # what is on a drum stays there
-            rows = off_symmetry(self._elastic[name], rows)
-        self._batch[name].write_positions(name, rows, some)
+        if strained and self._bodies.elastic[name].reel is None:  # what is on a drum stays there
+            rows = off_symmetry(self._bodies.elastic[name], rows)
+        self._bodies.batch[name].write_positions(name, rows, some)
 
     def _leave_if_strained(self, name: str, rows: np.ndarray) -> bool:
         """Whether positions strain a spring by more than half; `auto` then leaves the object to implicit steps."""
-        strained = is_strained(self._elastic[name], rows)
-        if strained and self.settings.method == "auto":
-            self._leave_to_implicit(name)
+        strained = is_strained(self._bodies.elastic[name], rows)
+        if strained and self._bodies.settings.method == "auto":
+            self._bodies.leave_to_implicit(name)
         return strained
 
     def set_velocities(self, name: str, velocities: Any, world: int | None = None) -> None:
         """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start
         anew."""
         rows = self._rows(name, velocities, "velocities", _FAST)
-        rows[self._topology(name).pinned] = 0.0
-        self._batch[name].write_velocities(name, rows, self._some(world))
+        rows[self._bodies.topology(name).pinned] = 0.0
+        self._bodies.batch[name].write_velocities(name, rows, self._bodies.some(world))
 
     def _rows(self, name: str, values: Any, what: str, limit: float) -> np.ndarray:
         """`values` as an array (N, 3), a row a particle. Raises ValueError for another shape or beyond `limit`."""
-        count = len(self._topology(name).masses)
+        count = len(self._bodies.topology(name).masses)
         rows = finite_array(values, 3, f"{name} {what}")
         if len(rows) != count or np.abs(rows).max() > limit:
             raise ValueError(
@@ -183,10 +230,10 @@ class Simulation(Live):
         object was put back, at rest, to where it was last good, because a particle was not finite or ran away. Method
         auto leaves what was put back or is strained by more than half to the implicit method, until the next reset.
         """
-        self._one(world)
+        self._bodies.one(world)
         self._upload()
-        found = {name: self._reporter.measure(batch, name, world) for name, batch in self._batch.items()}
-        for name, thing in self.scene.objects.items():
+        found = {name: self._reporter.measure(batch, name, world) for name, batch in self._bodies.batch.items()}
+        for name, thing in self._bodies.scene.objects.items():
             if isinstance(thing, Rope):
-                found[name] |= self._measure_rope(name, thing, world)
+                found[name] |= self._ropes.measure_rope(name, thing, world)
         return found

@@ -111,7 +111,7 @@ class Drive:
 
 @wp.struct
 class Reel:
-    """How far one winch has paid out (see schedules/reel.py)."""
+    """How far one winch has paid out (see ropes/drum.py)."""
 
     index: int  # the particle at the drum that is next to the rope, and the segment that is fed
     length: float  # of that segment [m], at rest
@@ -133,7 +133,7 @@ class EndTurn:
 
 @wp.struct
 class Twist:
-    """The twist of one rope between two clamps (see schedules/twist.py)."""
+    """The twist of one rope between two clamps (see ropes/twist.py)."""
 
     known: int  # whether the clamps' frames are
     start: wp.vec3  # a unit vector across the first segment
@@ -146,7 +146,7 @@ class Twist:
 
 @wp.struct
 class BeamRow:
-    """Scratch of the solve of a rope's bending at one particle (see schedules/beam.py)."""
+    """Scratch of the solve of a rope's bending at one particle (see ropes/beam.py)."""
 
     pivot: float
     inverse: float
@@ -177,7 +177,7 @@ class State:
     solved: wp.array(dtype=wp.vec3)  # (N,) where its last solve put them [m], chains alone
     chain_forces: wp.array(dtype=wp.vec3)  # (N,) of a chain on its particles in the last substep [N], chains alone
     segments: wp.array(dtype=Segment)  # (C,)
-    ladder: wp.array(dtype=wp.float64)  # scratch of the same on a CPU (see schedules/walks.py)
+    ladder: wp.array(dtype=wp.float64)  # scratch of the same on a CPU (see ropes/elimination.py)
     moments: wp.array(dtype=wp.vec3)  # (C,) bending moment [N m] behind each segment of a chain that bends
     beam: wp.array(dtype=BeamRow)  # (N,)
     bend_moves: wp.array(dtype=wp.vec3)  # (N,) [m] by bending so far in this substep, of ropes that are bent at rest

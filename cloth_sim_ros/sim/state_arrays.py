@@ -12,8 +12,8 @@ import warp as wp
 from cloth_sim_ros.sim.lines.solve import scratch_of
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.model_arrays import ModelArrays
-from cloth_sim_ros.sim.schedules.stages import SWEPT
-from cloth_sim_ros.sim.schedules.walks import NUMBERS
+from cloth_sim_ros.sim.ropes.elimination import NUMBERS
+from cloth_sim_ros.sim.stages.motion import SWEPT
 from cloth_sim_ros.sim.state import State
 
 

@@ -13,8 +13,8 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.intrinsics import xyz
 from cloth_sim_ros.sim.physics.distance import SHORTEST
-from cloth_sim_ros.sim.schedules.native import xyz
 from cloth_sim_ros.sim.state import Arrays
 
 # Of the fit between two held ends, how much what the solve says along a segment weighs against what lies across it: it

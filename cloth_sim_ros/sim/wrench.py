@@ -6,16 +6,16 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
-from cloth_sim_ros.sim.schedules.native import xyz
-from cloth_sim_ros.sim.schedules.reel import density_at
-from cloth_sim_ros.sim.schedules.twist import push_of
+from cloth_sim_ros.sim.intrinsics import xyz
+from cloth_sim_ros.sim.ropes.drum import density_at
+from cloth_sim_ros.sim.ropes.twist import push_of
 from cloth_sim_ros.sim.state import Arrays
 from cloth_sim_ros.sim.tension import Tensions, edge_at, is_held
 
 
 @wp.func
 def bending_force(arrays: Arrays, b: int, i: int) -> wp.vec3:
-    """The force [N] of the joints around particle i of a rope on it (see schedules/beam.py)."""
+    """The force [N] of the joints around particle i of a rope on it (see ropes/beam.py)."""
     body = arrays.model.bodies[b]
     force = wp.vec3(0.0)
     for place in range(3):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Readback, Rope, Scene, Settings, Simulation, Wind
-from cloth_sim_ros.sim.limits import explicit_substeps
+from cloth_sim_ros.sim.methods.limits import explicit_substeps
 from cloth_sim_ros.sim.topology import build
 
 SOFT = Cloth(resolution=(9, 9), pins="edges", stretch_compliance=1e-3, shear_compliance=1e-3)
@@ -129,7 +129,7 @@ def test_a_live_change_beyond_the_limit_goes_on_implicitly_and_says_so(name, val
     assert [record.message for record in caplog.records] == [f"it now {sim.choices['it'].reason}"]
     assert sim.choices["it"].words == "xpbd order 2"
     assert np.array_equal(sim.positions("it"), x) and np.array_equal(sim.velocities("it"), v)
-    batch = sim._batch["it"]
+    batch = sim._bodies.batch["it"]
     assert batch.materials.read(0, 0)["static_friction"] == 0.25
     sim.step(60)
     assert 1e-3 < np.abs(sim.positions("it") - x).max() < 1.0

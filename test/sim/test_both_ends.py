@@ -6,9 +6,9 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
-from cloth_sim_ros.sim.schedules.beam import STIFFEST as STIFFEST_BEAM
-from cloth_sim_ros.sim.schedules.segments import STIFFEST
-from cloth_sim_ros.sim.schedules.walks import FEWEST
+from cloth_sim_ros.sim.ropes.beam import STIFFEST as STIFFEST_BEAM
+from cloth_sim_ros.sim.ropes.elimination import FEWEST
+from cloth_sim_ros.sim.ropes.segments import STIFFEST
 
 H = 1e-3
 G = 9.81

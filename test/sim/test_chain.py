@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.physics.chain import (
     turn_frame,
     turned_end,
 )
-from cloth_sim_ros.sim.schedules.segments import forward
+from cloth_sim_ros.sim.ropes.segments import forward
 from cloth_sim_ros.sim.state import Segment
 
 SEGMENTS = 16

@@ -28,8 +28,9 @@ from cloth_sim_ros.sim import (
     wrench,
 )
 from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.executors import block as resident
+from cloth_sim_ros.sim.executors import graph as coloured
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.schedules import coloured, resident
 
 PLATE = {"bending": "dihedral", "bend_compliance": 1e2}
 ROPE = {"order 1": Rope(segments=20, start=(0, 0, 1.0), bend_compliance=1e2), "order 2": Rope(start=(0, 1, 1))}

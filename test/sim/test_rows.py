@@ -100,7 +100,7 @@ def test_a_body_gone_bad_is_put_back_alone_and_starts_anew():
     scene = {"it": Cloth(resolution=(9, 9), pins="top", **SPRINGS), "other": Cloth(resolution=(6, 3), **SPRINGS)}
     sim, beside = both(scene)[0], both(scene)[0]
     sim.step(3), beside.step(3)
-    good, batch = sim.positions("it"), sim._batch["it"]
+    good, batch = sim.positions("it"), sim._bodies.batch["it"]
     positions = batch.worlds[0].state.positions[batch.span("it")]
     spoiled = positions.numpy()
     spoiled[40, 0] = np.nan

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind, limits
 from cloth_sim_ros.sim.batch import forced_schedule
-from cloth_sim_ros.sim.limits import explicit_substeps
-from cloth_sim_ros.sim.schedules.trial import Trial
+from cloth_sim_ros.sim.executors.trial import Trial
+from cloth_sim_ros.sim.methods.limits import explicit_substeps
 from cloth_sim_ros.sim.topology import build
 from cloth_sim_ros.study.implicit import equilibrium
 from cloth_sim_ros.study.springs import SpringSystem
@@ -19,7 +19,7 @@ def unlimited(monkeypatch):
     """Call it to let explicit steps take any number of substeps, and to leave what they do as it is."""
 
     def lift():
-        monkeypatch.setattr("cloth_sim_ros.sim.limits.explicit_substeps", lambda *_, **__: 1)
+        monkeypatch.setattr("cloth_sim_ros.sim.methods.limits.explicit_substeps", lambda *_, **__: 1)
         monkeypatch.setattr(
             Trial, "advance", lambda trial, substeps, outer, _: trial.explicit.advance(substeps, 1, outer)
         )
@@ -192,3 +192,36 @@ def test_what_float32_loses_of_rest_lengths_does_not_slacken_what_is_taut(kind, 
         sim.step()
         sags.append(-sim.positions("it")[:, 2].min())
     assert np.mean(sags) == pytest.approx(-wanted[:, 2].min(), rel=2e-4)
+
+
+STIFF = {"bending": "dihedral", "bend_compliance": 1e4, "damping": 1e-4}
+CURTAIN = Cloth(resolution=(12, 12), pins="top", orientation=(0.7071068, 0, 0, 0.7071068), **STIFF)
+HAMMOCK = Cloth(resolution=(12, 12), pins="corners", **STIFF)
+
+
+@pytest.mark.parametrize("scene", [Scene({"it": CURTAIN}, wind=Wind((0.5, 3, 0))), Scene({"it": HAMMOCK})])
+def test_slow_forces_at_outer_steps_miss_little(monkeypatch, scene):
+    """By less than 1e-4 of half a second of motion, against as many substeps with the slow forces in each."""
+
+    def moved(longest):
+        monkeypatch.setattr(limits, "_LONGEST_OUTER", longest)
+        sim = Simulation(scene, Settings(method="verlet", substeps=120), "cpu")
+        start = sim.positions("it").astype(np.float64)
+        sim.step(30)
+        return sim.positions("it").astype(np.float64) - start
+
+    exact, found = moved(1e-9), moved(1 / 600)
+    assert np.abs(exact).max() > 0.1
+    assert 0.0 < np.abs(found - exact).max() < 1e-4 * np.abs(exact).max()
+
+
+def test_outer_steps_are_as_long_as_air_bending_and_resonance_allow():
+    h = 1 / 9000
+    assert limits.outer_steps(150, h, 0.0, 0.0, 0.0) == 10  # of the air alone: 1/600 s
+    assert limits.outer_steps(150, h, 1.0, 0.0, 0.0) == 10  # hardly any bending
+    assert limits.outer_steps(150, h, 5e4, 0.0, 0.0) == 75  # two substeps reach no resonance
+    assert limits.outer_steps(150, h, 5e4, 1e-4, 0.0) == 10  # dashpots take out what it feeds
+    assert limits.outer_steps(150, h, 5e4, 0.0, 10.0) == 10  # as drag does
+    assert limits.outer_steps(150, h, (0.5 / (4.5 * h)) ** 2, 1e-4, 0.0) == 38  # omega step <= 0.5
+    assert limits.outer_steps(150, h, (0.6 / h) ** 2, 0.0, 0.0) == 150
+    assert limits.outer_steps(7, 1 / 420, 0.0, 0.0, 0.0) == 7  # substeps longer than that

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from cloth_sim_ros.sim import Readback, Rope, Scene, Simulation, Winch
 from cloth_sim_ros.sim.batch import forced_schedule
-from cloth_sim_ros.sim.schedules import resident
+from cloth_sim_ros.sim.executors import block as resident
 
 G = 9.81
 SEGMENTS, LENGTH, MASS = 64, 4.0, 0.4

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cloth_sim_ros.sim.schedules.simd import LANES
-from cloth_sim_ros.sim.topology.elements import Elements
+from cloth_sim_ros.sim.simd import LANES
 from cloth_sim_ros.sim.topology.lines import Family
+from cloth_sim_ros.sim.topology.springs import Elements
 
 WARP = 32  # threads that share a row of lines on a GPU
 

@@ -17,8 +17,8 @@ from pathlib import Path
 import warp as wp
 
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.schedules.here import Here
-from cloth_sim_ros.sim.schedules.simd import LANES, ROWS
+from cloth_sim_ros.sim.simd import LANES, ROWS
+from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.state import compliance_of
 
 _OPENING = """

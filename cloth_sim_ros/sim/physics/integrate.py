@@ -11,7 +11,7 @@ and predict d~ = b + h_e v* + h_e^2 a, with compliances divided by h_e^2 (BDF2 s
 
 import warp as wp
 
-from cloth_sim_ros.sim.schedules.native import divide, quotient
+from cloth_sim_ros.sim.intrinsics import divide, quotient
 
 _THIRD = wp.constant(1.0 / 3.0)
 
@@ -96,6 +96,16 @@ def outer_weight(substep: int, substeps: int, outer: int) -> float:
     before = (wp.max(j - 1, 0) * substeps) / outer
     after = (wp.min(j + 1, outer) * substeps) / outer
     return 0.5 * float(after - before)
+
+
+@wp.func
+def next_outer(substep: int, substeps: int, outer: int) -> int:
+    """The first substep after `substep` that begins an outer step, or `substeps`."""
+    j = (substep * outer) / substeps + 1
+    found = (j * substeps) / outer
+    if found <= substep:
+        found = ((j + 1) * substeps) / outer
+    return found
 
 
 @wp.func

@@ -1,10 +1,11 @@
 """Object of a scene -> its particles and elements, in NumPy: one file a kind of object."""
 
 from cloth_sim_ros.sim.objects import Cloth, Rope
-from cloth_sim_ros.sim.topology.elements import KINDS, Elements, Topology, colour
+from cloth_sim_ros.sim.topology.elements import Topology
 from cloth_sim_ros.sim.topology.grid import of_grid
 from cloth_sim_ros.sim.topology.mesh import of_mesh
 from cloth_sim_ros.sim.topology.rope import of_rope
+from cloth_sim_ros.sim.topology.springs import KINDS, Elements, colour
 
 __all__ = ["KINDS", "Elements", "Topology", "build", "colour"]
 

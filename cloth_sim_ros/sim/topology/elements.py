@@ -1,4 +1,4 @@
-"""What an object is made of in NumPy: its particles at rest, its elements, and colours that keep elements apart.
+"""What an object is made of in NumPy: its particles at rest and its elements.
 
 Rest shapes are float64. A material compliance times an element's `scale` is the element's own compliance, so that a
 live change of the material never touches these arrays. Nothing here knows of a device.
@@ -13,20 +13,10 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.sim.topology.lines import Family, families
+from cloth_sim_ros.sim.topology.springs import Elements
 
 _MOST_POWERS = 300
 _SETTLED = 1e-5  # change of a Rayleigh quotient by one more power at which it is taken as found
-KINDS = ("structural", "shear", "bending")
-
-
-@dataclass(frozen=True)
-class Elements:
-    """Constraints of one kind: particles (E, k), rest (E,), scale (E,) of the compliance and colour (E,)."""
-
-    particles: np.ndarray
-    rest: np.ndarray
-    scale: np.ndarray
-    colour: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -110,31 +100,6 @@ class Topology:
             if abs(rate - last) <= _SETTLED * rate:
                 break
         return rate
-
-
-def colour(particles: np.ndarray, count: int) -> np.ndarray:
-    """Colours (E,) so that no two elements of one colour share one of `count` particles.
-
-    Greedy by maximal independent sets: within a colour, the element of the highest random priority among its neighbours
-    enters (Luby 1986), until none is left that could. The priorities are seeded: same input, same colours.
-    """
-    total = len(particles)
-    priority = np.random.default_rng(1).permutation(total) + 1
-    result = np.full(total, -1)
-    current = 0
-    while (result < 0).any():
-        candidates = np.flatnonzero(result < 0)
-        while len(candidates):
-            best = np.zeros(count, dtype=np.int64)
-            mine = priority[candidates]
-            np.maximum.at(best, particles[candidates].ravel(), np.repeat(mine, particles.shape[1]))
-            winners = candidates[(best[particles[candidates]] == mine[:, None]).all(axis=1)]
-            result[winners] = current
-            used = np.zeros(count, dtype=bool)
-            used[particles[winners].ravel()] = True
-            candidates = candidates[(result[candidates] < 0) & ~used[particles[candidates]].any(axis=1)]
-        current += 1
-    return result
 
 
 def pinned_particles(pins: Any, named: dict[str, np.ndarray], count: int) -> np.ndarray:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cloth_sim_ros.sim.objects import Cloth
-from cloth_sim_ros.sim.topology.elements import Elements, Topology
+from cloth_sim_ros.sim.topology.elements import Topology
 from cloth_sim_ros.sim.topology.mesh import of_sheet
+from cloth_sim_ros.sim.topology.springs import Elements
 
 
 def of_grid(cloth: Cloth, name: str) -> Topology:

@@ -8,12 +8,10 @@ straightest continuation.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from cloth_sim_ros.sim.topology.elements import Elements
+from cloth_sim_ros.sim.topology.springs import Elements
 
 _STRAIGHTEST = -0.5  # cosine between two edges at a vertex, both seen from it, beyond which they do not continue
 _ORDER = ("bending", "shear", "structural")  # the last that is solved is met best

@@ -7,7 +7,8 @@ import numpy as np
 from cloth_sim_ros.sim.objects import Cloth
 from cloth_sim_ros.sim.quaternion import rotate
 from cloth_sim_ros.sim.topology import plate
-from cloth_sim_ros.sim.topology.elements import Elements, Topology, colour, pinned_particles
+from cloth_sim_ros.sim.topology.elements import Topology, pinned_particles
+from cloth_sim_ros.sim.topology.springs import Elements, colour
 
 
 def of_mesh(cloth: Cloth, name: str) -> Topology:

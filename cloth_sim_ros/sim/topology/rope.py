@@ -6,7 +6,8 @@ import numpy as np
 
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.quaternion import rotate
-from cloth_sim_ros.sim.topology.elements import Elements, Topology, pinned_particles
+from cloth_sim_ros.sim.topology.elements import Topology, pinned_particles
+from cloth_sim_ros.sim.topology.springs import Elements
 
 STRAIGHT = 1e-6  # a joint that is turned by less [rad] is straight, and turned by how its points are rounded
 

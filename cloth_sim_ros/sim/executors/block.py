@@ -1,0 +1,199 @@
+"""One launch a frame: a block (on the CPU, one thread) keeps a body of a world and runs all its substeps.
+
+On a GPU positions and displacements stay in the block's shared memory for the whole frame, so a body may have at most
+`capacity(device)` particles; on the CPU there is no limit. Blocks never wait for one another.
+"""
+
+from functools import lru_cache
+
+import warp as wp
+
+from cloth_sim_ros.sim import intrinsics as native
+from cloth_sim_ros.sim.executors.shared_history import copy_past, with_past_at
+from cloth_sim_ros.sim.intrinsics import BYTES_A_PARTICLE, load_row, store4, sync
+from cloth_sim_ros.sim.methods.program import Program, in_turn, make_begin, make_enter, make_program
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.physics.integrate import outer_weight
+from cloth_sim_ros.sim.ropes.scan import THREADS, scan_size
+from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.state import Arrays, gathered, given_type
+
+RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
+
+
+def capacity(device: wp.Device, features: Features) -> int:
+    """The most particles of a body that one block can hold."""
+    if device.is_cpu:
+        return 1 << 30
+    spans = 16 * scan_size(THREADS) if features.chain else 0
+    return (shared_memory(device) - spans) // BYTES_A_PARTICLE
+
+
+def shared_memory(device: wp.Device) -> int:
+    """Bytes of it that a block has to itself."""
+    return 0 if device.is_cpu else device.max_shared_memory_per_block - RESERVED
+
+
+class Resident:
+    """The launch of one batch. `advance()` simulates one frame of every body in every world of it."""
+
+    def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int, block: int):
+        shared = 0 if device.is_cpu else -(-largest // 64) * 64
+        kernel = make_frame(features, shared, block, shared_memory(device))
+        bodies = worlds[0].model.bodies.shape[0]
+        self._launch = wp.launch(
+            kernel,
+            dim=len(worlds) * bodies * block,
+            inputs=[gathered(worlds, device)],
+            device=device,
+            block_dim=block,
+            record_cmd=True,
+        )
+
+    def prepare(self, substeps: int, iterations: int) -> None:
+        """Nothing: the launch is the same for all numbers."""
+
+    def launches(self, substeps: int, iterations: int) -> list[wp.Launch]:
+        """The launch of a frame."""
+        return [self._launch]
+
+    def advance(self, substeps: int, iterations: int, outer: int) -> None:
+        """Launch one frame; the numbers are read from the device's Frame, where they are already."""
+        self._launch.launch()
+
+
+def threads_for(features: Features, largest: int, bodies: int, device: wp.Device) -> int:
+    """The threads of a block for a body of `largest` particles, one of so many at a time.
+
+    A thread takes a segment of a rope, a particle of an explicit method, or its slots of a row of lines. Where bodies
+    share multiprocessors, half as many threads each wait less at barriers.
+    """
+    if device.is_cpu:
+        return 1
+    work, most = largest, 1024
+    if features.chain:
+        work, most = largest - 1, THREADS
+    elif features.method == "xpbd":
+        work = max(128, largest // features.line_slots // (1 if bodies <= device.sm_count else 2))
+    return min(most, -(-work // 32) * 32)
+
+
+@lru_cache
+def make_frame(features: Features, shared: int, block: int, most_shared: int = 0):
+    """The kernel of a whole frame for `features`; `shared` particles in shared memory of `most_shared` bytes; 0 is
+    plain arrays.
+
+    The compiler knows that a block has `block` threads, so that their registers fit the multiprocessor.
+    """
+    program = make_program(features, block == 1, block, shared == 0 or shared > THREADS)
+    load, unload = _make_memory(features, shared, block, most_shared)
+    begin = make_begin(features)
+    simulate, end = _make_substeps(features, program), in_turn(program.ending, "ending")
+    argument = given_type(features)
+
+    @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
+    def simulate_frame(given: argument):
+        # By the number of the thread alone: of two dimensions Warp would divide numbers of 64 bits.
+        b = wp.tid() / wp.static(block)
+        t = wp.tid() - b * wp.static(block)
+        if wp.static(features.worlds):
+            bodies = given[0].model.bodies.shape[0]
+            w = b // bodies
+            b -= w * bodies
+            home = begin(given[w], b)
+        else:
+            home = begin(given, b)
+        if wp.static(features.redoes):
+            if home.state.rejected[b] == 0:
+                return
+        here = load(t, home)
+        sync()
+        simulate(t, wp.block_dim(), here)
+        end(t, wp.block_dim(), here)
+        unload(t, here, home)
+
+    return simulate_frame
+
+
+def _make_substeps(features: Features, program: Program):
+    """A Warp function: the threads of a block run all substeps of a frame."""
+    enter, outer = make_enter(features), in_turn(program.outer, "outer")
+    before, iterated = in_turn(program.before, "before"), in_turn(program.iterated, "iterated")
+    after = in_turn(program.after, "after")
+
+    @wp.func
+    def simulate(t: int, width: int, loaded: Here):
+        frame = loaded.frame
+        here = loaded
+        for substep in range(frame.substeps):
+            here = enter(here, substep)
+            if wp.static(outer is not None):
+                if outer_weight(substep, frame.substeps, frame.outer) > 0.0:
+                    outer(t, width, here)
+            before(t, width, here)
+            here.step.repeats = frame.iterations > 1
+            here.step.store = frame.iterations > 1 or substep == frame.substeps - 1
+            for iteration in range(frame.iterations):
+                here.step.first = iteration == 0
+                here.last = iteration + 1 == frame.iterations
+                if wp.static(iterated is not None):
+                    iterated(t, width, here)
+            after(t, width, here)
+        if wp.static(outer is not None):
+            here.substep = frame.substeps
+            outer(t, width, here)
+
+    return simulate
+
+
+def _make_memory(features: Features, shared: int, block: int, most_shared: int):
+    """Two Warp functions: what brings a body into a block's shared memory, as far as there is room, and back."""
+    # What every particle reads and writes once a substep lies in shared memory too where there is room.
+    slots = scan_size(block) if shared and features.chain else 0
+    keeps_low = "line" in features.constraints or features.chain
+    all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
+    tile_size = (3 if all_shared else 2) * shared
+    tile_address = native.make_tile_address(tile_size) if shared else None
+    # Velocities and what order 2 looks back at, 10 floats a particle, which a rope would fetch from afar every substep.
+    past = 5 * shared // 2 if all_shared and features.chain and features.order == 2 else 0
+    past = past if 16 * (tile_size + slots + past) <= most_shared else 0
+    past_address = native.make_tile_address(past) if past else None
+    span_address = native.make_tile_address(slots) if slots else None
+
+    @wp.func
+    def load(t: int, home: Here) -> Here:
+        here = home
+        if wp.static(shared > 0):
+            # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
+            here.x = tile_address(wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared"))
+            if wp.static(features.method == "verlet"):
+                here.low = native.beside(here.x, wp.static(shared))
+            else:
+                here.d = native.beside(here.x, wp.static(shared))
+                if wp.static(not features.plate):
+                    here.p = here.d
+            if wp.static(all_shared):
+                here.low = native.beside(here.x, wp.static(2 * shared))
+            for i in range(t, here.body.count, wp.static(block)):
+                # Both are asked for before one is stored, which the compiler could not tell.
+                position = load_row(here.state.positions, here.body.particles + i)
+                lost = load_row(here.state.low, here.body.particles + i)
+                store4(here.x, i, position)
+                if wp.static(all_shared or features.method == "verlet"):
+                    store4(here.low, i, lost)
+        if wp.static(past > 0):
+            begin = past_address(wp.tile_empty(shape=(wp.static(past),), dtype=wp.vec4, storage="shared"))
+            here.state = with_past_at(begin, wp.static(shared), here.body, home.state)
+            for i in range(t, here.body.count, wp.static(block)):
+                copy_past(here.body.particles + i, home.state, here.state)
+        if wp.static(slots > 0):
+            here.spans = span_address(wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared"))
+        return here
+
+    @wp.func
+    def unload(t: int, here: Here, home: Here):
+        if wp.static(past > 0):
+            for i in range(t, here.body.count, wp.static(block)):
+                copy_past(here.body.particles + i, here.state, home.state)
+
+    return load, unload

@@ -1,0 +1,123 @@
+"""Particles exchanged between pieces of bodies that are all on a GPU at once, within one launch.
+
+A particle is three messages of 16 bytes, each with its own number. A message is written and read whole (a 128-bit
+access is atomic in PTX's memory model), so that who finds the number that it waits for has the rest as well: no flag,
+no fence, once through the cache. Two sides alternate: a piece sends a round only after it has received the one before
+from all its neighbours, which sent that after they had read the one before it.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import array_address, as_index
+
+_WHOLE_MESSAGES = 70  # compute capability of GPUs that read and write 16 bytes at once, times 10
+# Reads of a message that does not come, about a second. Blocks of one launch that all fit run at once unless another
+# stream fills the GPU for as long; the body is then put back, as after any other fault.
+_PATIENCE = wp.constant(1 << 21)
+_NUMBERED = wp.constant(-(1 << 31))  # the bit that tells a number from what was never sent
+
+_SEND = r"""
+#if defined(__CUDA_ARCH__)
+asm volatile("{\n"
+    ".reg .b64 low, high;\n"
+    ".reg .b128 all;\n"
+    "mov.b64 low, {%1, %2};\n"
+    "mov.b64 high, {%3, %4};\n"
+    "mov.b128 all, {low, high};\n"
+    "st.relaxed.gpu.global.b128 [%0], all;\n"
+    "}" : : "l"(__cvta_generic_to_global((const float4*)address + i)), "r"(__float_as_int(v[0])),
+    "r"(__float_as_int(v[1])), "r"(__float_as_int(v[2])), "r"(number) : "memory");
+#endif
+"""
+_PEEK = r"""
+#if defined(__CUDA_ARCH__)
+int x, y, z, w;
+asm volatile("{\n"
+    ".reg .b64 low, high;\n"
+    ".reg .b128 all;\n"
+    "ld.relaxed.gpu.global.b128 all, [%4];\n"
+    "mov.b128 {low, high}, all;\n"
+    "mov.b64 {%0, %1}, low;\n"
+    "mov.b64 {%2, %3}, high;\n"
+    "}" : "=r"(x), "=r"(y), "=r"(z), "=r"(w) : "l"(__cvta_generic_to_global((const float4*)address + i)) : "memory");
+return wp::vec4(__int_as_float(x), __int_as_float(y), __int_as_float(z), __int_as_float(w));
+#else
+return wp::vec4();
+#endif
+"""
+
+
+def run_at_once(pieces: int, device: wp.Device) -> bool:
+    """Whether all `pieces`, of a block each, are on the device at once, as those must be that wait for one another."""
+    return device.is_cuda and device.arch >= _WHOLE_MESSAGES and pieces <= device.sm_count
+
+
+@wp.func_native(_SEND)
+def send_message(address: wp.uint64, i: int, v: wp.vec3, number: int): ...
+
+
+@wp.func_native(_PEEK)
+def peek(address: wp.uint64, i: int) -> wp.vec4: ...
+
+
+@wp.struct
+class Exchange:
+    """Where the messages of one particle lie: the first of them on side 0 and how far apart they are; the side in turn,
+    the number of the frame's first message, and how many reads are left to one that is waited for."""
+
+    messages: wp.uint64
+    first: int
+    apart: int
+    side: int
+    number: int
+    patience: int
+
+
+@wp.struct
+class Message:
+    """A particle that was received, in its first three numbers each; `late` if it was not."""
+
+    x: wp.vec4
+    low: wp.vec4
+    v: wp.vec4
+    late: bool
+
+
+@wp.func
+def exchange_of(particle: int, count: int, messages: wp.array(dtype=wp.vec4), number: int) -> Exchange:
+    """The exchange of one of the `count` particles of all worlds; `number`: of the frame's first message."""
+    found = Exchange()
+    found.messages = array_address(messages, 0)
+    found.first = particle
+    found.apart = count
+    found.number = number
+    found.patience = _PATIENCE
+    return found
+
+
+@wp.func
+def send(x: wp.vec3, low: wp.vec3, v: wp.vec3, exchange: Exchange, k: int):
+    """Send a particle before substep k of the frame."""
+    i = exchange.first + 3 * exchange.side * exchange.apart
+    number = (exchange.number + k) | _NUMBERED
+    send_message(exchange.messages, i, x, number)
+    send_message(exchange.messages, i + exchange.apart, low, number)
+    send_message(exchange.messages, i + 2 * exchange.apart, v, number)
+
+
+@wp.func
+def receive(exchange: Exchange, k: int) -> Message:
+    """Wait for a particle as it is before substep k of the frame."""
+    i = exchange.first + 3 * exchange.side * exchange.apart
+    number = (exchange.number + k) | _NUMBERED
+    message = Message()
+    message.late = True
+    tries = int(0)
+    while message.late and tries < exchange.patience:
+        message.x = peek(exchange.messages, i)
+        message.low = peek(exchange.messages, i + exchange.apart)
+        message.v = peek(exchange.messages, i + 2 * exchange.apart)
+        same = as_index(message.x[3]) == number and as_index(message.low[3]) == number
+        message.late = not (same and as_index(message.v[3]) == number)
+        tries += 1
+    return message

@@ -1,0 +1,31 @@
+"""Where a body that lives in shared memory keeps its velocities and what order 2 looks back at."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import load_row, store_row
+from cloth_sim_ros.sim.model import Body
+from cloth_sim_ros.sim.state import State
+
+
+@wp.func
+def with_past_at(begin: wp.uint64, capacity: int, body: Body, s: State) -> State:
+    """The state whose velocities, last velocities and last displacements, of the body alone, lie from address `begin`:
+    10 floats for each of `capacity` particles. They count through the batch like those elsewhere."""
+    here = s
+    end = body.particles + body.count
+    skipped = wp.uint64(body.particles)
+    room = wp.uint64(capacity)
+    here.velocities = wp.array(ptr=begin - wp.uint64(16) * skipped, shape=(end,), dtype=wp.vec4)
+    begin += wp.uint64(16) * room
+    here.last_velocities = wp.array(ptr=begin - wp.uint64(12) * skipped, shape=(end,), dtype=wp.vec3)
+    begin += wp.uint64(12) * room
+    here.last_displacements = wp.array(ptr=begin - wp.uint64(12) * skipped, shape=(end,), dtype=wp.vec3)
+    return here
+
+
+@wp.func
+def copy_past(g: int, source: State, target: State):
+    """Copy these of particle g from one state to the other."""
+    store_row(target.velocities, g, load_row(source.velocities, g))
+    target.last_velocities[g] = source.last_velocities[g]
+    target.last_displacements[g] = source.last_displacements[g]

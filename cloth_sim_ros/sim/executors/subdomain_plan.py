@@ -1,0 +1,325 @@
+"""The tiles of a batch on the device, and how large and how deep they are best (see tiled.py)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.executors.buffers import piece_memory
+from cloth_sim_ros.sim.executors.halo_exchange import run_at_once
+from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.state import Arrays, Sweep
+from cloth_sim_ros.sim.topology.subdomains import Tiling, cut, surround
+
+PLACES = 4096  # a packed spoke is a place in the tile, below this, and this times a type
+IN_REGISTERS = 16  # springs around a particle, up to which their places and numbers stay in registers
+WIDEST = 32  # springs around a particle
+THREADS = 1024  # of a block; each has one member of a tile
+DEEPEST = 9  # substeps for which a halo lasts
+SWEPT = 32  # substeps whose colliders' motion is computed at a time
+_TYPES = (1 << 31) // PLACES
+# Microseconds on an H200: a launch with its loads and stores, an exchange within one, a substep however small, and a
+# spring of every warp, one on each of the four schedulers.
+_LAUNCH, _EXCHANGE, _LEAST, _A_SPRING = 3.5, 0.65, 0.05, 0.028
+_SCHEDULERS = 4
+_OUTER = 8.0  # substeps between slow forces for which tiles are planned; how many it will be may change live
+OUTSIDE = 1 << 30  # ring of a place without a member
+_WHOLE_FRAME = 1 << 30  # substeps a launch of bodies of one tile, which have no halo
+_BYTES_A_MEMBER = 120  # positions, low parts and velocities of two substeps, and a gap after every fourth member
+
+
+@wp.struct
+class Tiles:
+    """All T tiles of a batch, each of C places (`capacity`) and B threads, and the second buffer of what they
+    exchange."""
+
+    body: wp.array(dtype=int)  # (T,)
+    places: wp.array(dtype=int)  # (T B,) the place of each thread
+    members: wp.array(dtype=int)  # (T C,) particles, counted in the batch
+    rings: wp.array(dtype=int)  # (T C,) distance of a member from the tile's own particles, OUTSIDE where there is none
+    spokes: wp.array(dtype=int)  # (T W C,) place of the other particle + PLACES x type
+    panels: wp.array(dtype=int)  # (T P C,) places of the other corners, and which corner the member is, 3 for no panel
+    plate: wp.array(dtype=wp.vec2)  # (T Q C,) place of a neighbour in the operator of bending, and its weight [1/m^2]
+    positions: wp.array(dtype=wp.vec4)  # (worlds N,)
+    low: wp.array(dtype=wp.vec4)  # (worlds N,)
+    velocities: wp.array(dtype=wp.vec4)  # (worlds N,)
+    messages: wp.array(dtype=wp.vec4)  # (2 x 3 worlds N,) where tiles wait for one another (see exchange.py)
+    sent: wp.array(dtype=int)  # (1,) substeps of all frames so far, by which messages are numbered
+    sweeps: wp.array(dtype=Sweep)  # (worlds T SWEPT K,)
+    contacts: wp.array(dtype=wp.vec4)  # (worlds T C K,)
+
+
+class Unfit(ValueError):
+    """Tiles cannot serve a batch; the message says why."""
+
+    def __init__(self, reason: str, allowed: str):
+        super().__init__(f"the schedule 'tiled' is forced with {reason}; allowed is {allowed}")
+
+
+@dataclass(frozen=True)
+class Around:
+    """What lies around the N particles of a body: W springs, padded with type 0, and P panels, padded with corner 3.
+
+    others (N, W + 2 P): the particles at the other ends of the springs, then the other two corners of every panel;
+    types (N, W) of the springs; corners (N, P): which corner of the panel the particle is. plate, weights (N, Q): the
+    neighbours in the operator of bending, of a sheet that has it. reach: how many rings the slow forces look at.
+    """
+
+    others: np.ndarray
+    types: np.ndarray
+    corners: np.ndarray
+    plate: np.ndarray
+    weights: np.ndarray
+    reach: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Tilings of all bodies and what lies around their particles, substeps for which a halo lasts, estimated
+    microseconds a substep, and whether tiles wait for one another within a launch instead of having one each time."""
+
+    tilings: list[Tiling]
+    around: list[Around]
+    depth: int
+    cost: float
+    waits: bool
+
+    @property
+    def threads(self) -> int:
+        """Threads of a tile: one for each of its members, rounded up to whole warps."""
+        return -(-max(int(tiling.ends[:, -1].max()) for tiling in self.tilings) // 32) * 32
+
+    @property
+    def capacity(self) -> int:
+        """Places of a tile; the last is for threads without a member."""
+        return max(int(tiling.places.max()) for tiling in self.tilings) + 2
+
+
+def plan(
+    features: Features,
+    model: Model,
+    layouts: list[np.ndarray],
+    worlds: int,
+    device: wp.Device,
+    size: int | None = None,
+    depth: int | None = None,
+    waits: bool | None = None,
+) -> Plan:
+    """The tiles of `size` particles and `depth` rings for bodies of `layouts`, or those estimated to be fastest.
+
+    waits: within a launch for one another; None: where they can. Raises Unfit where there are none.
+    """
+    if features.method != "verlet":
+        raise Unfit("method 'xpbd'", "method 'verlet'")
+    if "edge" in features.constraints:
+        raise Unfit("edge_contact", "contact of particles alone")
+    if features.curved:
+        raise Unfit("a sheet that resists bending and is curved at rest", "one that is flat at rest")
+    around = _around(model, features)
+    if around[0].types.shape[1] > WIDEST:
+        raise Unfit(f"more than {WIDEST} springs at a particle", "fewer")
+    if model.spoke_types.shape[0] > _TYPES:
+        raise Unfit(f"more than {_TYPES} kinds of springs", "fewer")
+    plans = [_whole(around, worlds, device)] if size is None and max(map(len, layouts)) <= THREADS else []
+    tiles = [cut(layout, size or _usual_size(model, worlds, device)) for layout in layouts]
+    if not plans or max(tile.max() for tile in tiles) > 0:
+        plans += _deep(tiles, around, depth, worlds, device, waits)
+    return min(plans, key=lambda one: one.cost)
+
+
+def _whole(around: list[Around], worlds: int, device: wp.Device) -> Plan:
+    """One tile a body."""
+    tilings = [surround(np.zeros(len(each.others), dtype=np.int64), each.others, 1) for each in around]
+    return Plan(tilings, around, _WHOLE_FRAME, _substeps_cost(tilings, 1, worlds, device), False)
+
+
+def _deep(
+    tiles: list[np.ndarray],
+    around: list[Around],
+    depth: int | None,
+    worlds: int,
+    device: wp.Device,
+    waits: bool | None,
+) -> list[Plan]:
+    """Tiles with halos of `depth` rings or of any number that fits a block. Raises Unfit where none does."""
+
+    def halos(rings: int) -> list[Tiling]:
+        return [surround(tile, each.others, rings) for tile, each in zip(tiles, around, strict=True)]
+
+    deepest = halos(depth or DEEPEST)
+    largest = np.max([tiling.ends.max(axis=0) for tiling in deepest], axis=0)
+    room = piece_memory(device) // _BYTES_A_MEMBER
+    reach = max(each.reach for each in around)
+    depths = [d for d in range(1 + reach, len(largest)) if largest[d] <= min(room, THREADS)]
+    needed = depth or 1 + reach
+    if not depths or depth not in (None, *depths):
+        raise Unfit(
+            f"tiles of {largest[0]} particles that have {largest[min(needed, len(largest) - 1)]} with halos of "
+            f"{needed} rings, of which a substep uses up to {1 + reach}",
+            f"at most {min(room, THREADS)} on {device.alias}",
+        )
+    able = waits is not False and run_at_once(worlds * sum(len(tiling.ends) for tiling in deepest), device)
+    ways = [(d, wait) for d in depths for wait in {False, able} if depth in (None, d)]
+    rings = 1.0 + reach / _OUTER
+    costs = {
+        (d, wait): (rings * (_EXCHANGE if wait else _LAUNCH) + _substeps_cost(deepest, d, worlds, device)) / d
+        for d, wait in ways
+    }
+    chosen, wait = min(costs, key=costs.get)
+    tilings = deepest if chosen == len(largest) - 1 else halos(chosen)
+    return [Plan(tilings, around, chosen, costs[chosen, wait], wait)]
+
+
+def _substeps_cost(tilings: list[Tiling], depth: int, worlds: int, device: wp.Device) -> float:
+    """Rough microseconds on an H200 that `depth` substeps from one halo take, bound by latency and instructions."""
+    width = max(tiling.spokes.shape[1] for tiling in tilings)
+    warps = np.ceil(np.max([tiling.ends.max(axis=0) for tiling in tilings], axis=0)[:depth] / 32.0)
+    load = max(1.0, worlds * sum(len(tiling.ends) for tiling in tilings) / _multiprocessors(device))
+    return float((_LEAST + width * _A_SPRING * np.ceil(load * warps / _SCHEDULERS)).sum())
+
+
+def _usual_size(model: Model, worlds: int, device: wp.Device) -> int:
+    """Particles of a tile, such that every multiprocessor has at most one: a power of two of them halve evenly."""
+    particles = worlds * sum(body[3] for body in model.bodies.numpy().tolist())
+    tiles = 1 << (_multiprocessors(device).bit_length() - 1)
+    return int(np.clip(-(-particles // tiles), 32, 512))
+
+
+def _multiprocessors(device: wp.Device) -> int:
+    return device.sm_count if device.is_cuda else 1
+
+
+def _around(model: Model, features: Features) -> list[Around]:
+    """What lies around the particles of every body, padded alike."""
+    found = []
+    bodies = [dict(zip(Body.vars, body, strict=True)) for body in model.bodies.numpy().tolist()]
+    spokes, starts = model.spokes.numpy(), model.panel_start.numpy()
+    most = int(np.diff(starts).max(initial=0)) if features.panels else 0
+    width = max(body["spoke_width"] for body in bodies)
+    wide = max(body["plate_width"] for body in bodies)
+    for body in bodies:
+        count, first = body["count"], body["spokes"]
+        mine = spokes[first : first + count * body["spoke_width"]].reshape(-1, count, 2).swapaxes(0, 1)
+        lacking = width - body["spoke_width"]
+        others, types = (np.pad(mine[:, :, k], ((0, 0), (0, lacking))) for k in range(2))
+        others[:, width - lacking :] = np.arange(count)[:, None]
+        corners, ends = _panels_around(model, starts[body["particles"] : body["particles"] + count + 1], most)
+        others = np.concatenate([others, ends], axis=1)
+        plate, weights = _plate_around(model, body, wide)
+        reach = max(1 if most else 0, _rings_to(plate, others))
+        found.append(Around(others, types, corners, plate, weights, reach))
+    return found
+
+
+def _plate_around(model: Model, body: dict, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Neighbours (N, width) of a body's particles in the operator of bending, themselves where there are fewer, and
+    weights."""
+    count, own, first = body["count"], body["plate_width"], body["plate"]
+    plate = np.repeat(np.arange(count)[:, None], width, axis=1)
+    weights = np.zeros((count, width))
+    if own:
+        shape = (count, own) if model.plate_strides[1] == 0 else (own, count)
+        rows = [each.numpy()[first : first + count * own] for each in (model.plate_neighbours, model.plate_weights)]
+        rows = [each.reshape(shape) if shape[0] == count else each.reshape(shape).T for each in rows]
+        plate[:, :own], weights[:, :own] = np.where(rows[1] == 0.0, plate[:, :own], rows[0]), rows[1]
+    return plate, weights
+
+
+def _rings_to(plate: np.ndarray, others: np.ndarray) -> int:
+    """How many steps to neighbours `others` (N, W) it takes at most from a particle to those in `plate` (N, Q)."""
+    count, rings = len(others), 0
+    hubs = np.arange(count)
+    wanted = np.unique(hubs[:, None] * count + plate)
+    reached = hubs * count + hubs
+    while len(wanted := np.setdiff1d(wanted, reached, assume_unique=True)):
+        home, particle = np.divmod(reached, count)
+        reached = np.unique(home[:, None] * count + others[particle])
+        rings += 1
+    return rings
+
+
+def _panels_around(model: Model, starts: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Which corner (N, most) a particle is of every panel around it, and the other two corners (N, 2 most)."""
+    count = len(starts) - 1
+    corners = np.full((count, most), 3)
+    ends = np.repeat(np.arange(count)[:, None], 2 * most, axis=1)
+    if most:
+        degree = np.diff(starts)
+        hub = np.repeat(np.arange(count), degree)
+        slot = np.arange(len(hub)) - np.repeat(starts[:-1] - starts[0], degree)
+        panel = model.panels.numpy()[model.particle_panels.numpy()[starts[0] : starts[-1]]]
+        panel = np.where(panel < 0, hub[:, None], panel)  # a rope's segment has no third corner
+        corner = np.argmax(panel == hub[:, None], axis=1)
+        corners[hub, slot] = corner
+        ends[hub, 2 * slot] = panel[np.arange(len(hub)), np.where(corner == 0, 1, 0)]
+        ends[hub, 2 * slot + 1] = panel[np.arange(len(hub)), np.where(corner == 2, 1, 2)]
+    return corners, ends
+
+
+def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.Device) -> Tiles:
+    """The tiles of all bodies on the device, with the second buffer of all worlds behind one another, and messages."""
+    arrays = worlds[0]
+    capacity, threads = chosen.capacity, chosen.threads
+    body, parts = [], {"places": [], "members": [], "rings": [], "spokes": [], "panels": [], "plate": []}
+    starts = [body[2] for body in arrays.model.bodies.numpy().tolist()]
+    for b, (tiling, around) in enumerate(zip(chosen.tilings, chosen.around, strict=True)):
+        sizes, width = tiling.ends[:, -1], around.types.shape[1]
+        tiles = len(sizes)
+        body += [b] * tiles
+        first = np.repeat(np.cumsum(sizes) - sizes, sizes)
+        nth = np.arange(len(tiling.members)) - first
+        tile = np.repeat(np.arange(tiles), sizes)
+        places = np.full((tiles, threads), capacity - 1)
+        places[tile, nth] = tiling.places[tiling.turns]
+        place = tiling.places
+        members = np.repeat(tiling.members[np.cumsum(sizes) - sizes][:, None], capacity, axis=1)
+        members[tile, place] = tiling.members
+        rings = np.full((tiles, capacity), OUTSIDE)
+        rings[tile, place] = (nth[:, None] >= tiling.ends[tile]).sum(axis=1)
+        inner, at = tiling.members[tiling.inner], (tile[tiling.inner], slice(None), place[tiling.inner])
+        around_them = place[first[tiling.inner][:, None] + tiling.spokes]
+        plate = np.zeros((tiles, around.plate.shape[1], capacity, 2))
+        plate[at] = _plate_of(tiling, around, place, tile)
+        spokes = np.zeros((tiles, width, capacity), dtype=np.int64)
+        spokes[at] = around_them[:, :width] + PLACES * around.types[inner]
+        panels = np.full((tiles, around.corners.shape[1], capacity), 3 * PLACES**2)
+        panels[at] = around_them[:, width::2] + PLACES * (
+            around_them[:, width + 1 :: 2] + PLACES * around.corners[inner]
+        )
+        parts["places"].append(places.ravel())
+        parts["plate"].append(plate.reshape(-1, 2))
+        for name, rows in (("members", members + starts[b]), ("rings", rings), ("spokes", spokes), ("panels", panels)):
+            parts[name].append(rows.ravel())
+    found = Tiles()
+    found.body = wp.array(np.array(body, dtype=np.int32), dtype=int, device=device)
+    found.plate = wp.array(np.concatenate(parts.pop("plate")).astype(np.float32), dtype=wp.vec2, device=device)
+    for name, rows in parts.items():
+        setattr(found, name, wp.array(np.concatenate(rows).astype(np.int32), dtype=int, device=device))
+    for name in ("positions", "low", "velocities"):
+        size = len(worlds) * getattr(arrays.state, name).shape[0]
+        setattr(found, name, wp.zeros(size, dtype=wp.vec4, device=device))
+    messages = 6 * found.positions.shape[0] if chosen.waits else 0
+    found.messages = wp.zeros(messages, dtype=wp.vec4, device=device)
+    found.sent = wp.zeros(1, dtype=int, device=device)
+    colliders = arrays.colliders.shape[0] if features.shapes else 0
+    found.sweeps = wp.zeros(len(worlds) * len(body) * SWEPT * colliders, dtype=Sweep, device=device)
+    found.contacts = wp.zeros(len(worlds) * len(body) * capacity * colliders, dtype=wp.vec4, device=device)
+    return found
+
+
+def _plate_of(tiling: Tiling, around: Around, place: np.ndarray, tile: np.ndarray) -> np.ndarray:
+    """Places of the neighbours in the operator of bending of all inner members, and their weights (M, Q, 2).
+
+    Neighbours that lie outside of the tile are needed by no member that is still valid; they weigh nothing.
+    """
+    count = len(around.others)
+    key = tile * count + tiling.members
+    order = np.argsort(key)
+    inner = tiling.members[tiling.inner]
+    wanted = tile[tiling.inner][:, None] * count + around.plate[inner]
+    slot = np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)
+    found = order[slot]
+    there = key[found] == wanted
+    return np.stack([np.where(there, place[found], 0), np.where(there, around.weights[inner], 0.0)], axis=2)

@@ -1,0 +1,139 @@
+"""A frame of explicit steps is a trial: what it leaves is checked, and a body that is not good does the frame again.
+
+Explicit steps that are stable at rest may blow up where springs are strained far beyond it. At the end of a frame a
+body is rejected where the watch had to put it back, or where a spring is strained by more than STRAINED and by half
+more than in the frame before. It then goes back to where the frame began and does it again by first-order XPBD, which
+is stable at any strain. All of that stays on the device; `redone` counts the frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
+from cloth_sim_ros.sim.state import Arrays
+
+STRAINED = wp.constant(0.5)
+GROWTH = wp.constant(1.5)  # of the largest strain, over a frame
+
+
+@wp.kernel(enable_backward=False)
+def keep_start(given: wp.array(dtype=Arrays), particles: int):
+    i = wp.tid()
+    s = given[i / particles].state
+    g = i % particles
+    store_row(s.start_positions, g, load_row(s.positions, g))
+    store_row(s.start_low, g, load_row(s.low, g))
+    store_row(s.start_velocities, g, load_row(s.velocities, g))
+    if g < s.recoveries.shape[0]:
+        s.start_recoveries[g] = s.recoveries[g]
+
+
+@wp.kernel(enable_backward=False)
+def find_strain(given: wp.array(dtype=Arrays), b: int, first: int, slots: int):
+    i = wp.tid()
+    m, s = given[i / slots].model, given[i / slots].state
+    k = first + i % slots
+    if m.line_others[k] < 0:
+        return
+    p, q = m.bodies[b].particles + m.line_nodes[k], m.bodies[b].particles + m.line_others[k]
+    e = xyz(load_row(s.positions, q) - load_row(s.positions, p))
+    strain = wp.abs(wp.length(e) / m.line_rests[k] - 1.0)
+    if strain > STRAINED:
+        wp.atomic_max(s.strain_found, b, strain)
+
+
+@wp.kernel(enable_backward=False)
+def judge(given: wp.array(dtype=Arrays), any_rejected: wp.array(dtype=int)):
+    i = wp.tid()
+    bodies = given[0].model.bodies.shape[0]
+    s = given[i / bodies].state
+    b = i % bodies
+    recovered = s.recoveries[b] != s.start_recoveries[b]
+    bad = recovered or s.strain_found[b] > wp.max(STRAINED, GROWTH * s.strain[b])
+    s.rejected[b] = wp.where(bad, 1, 0)
+    s.strain[b] = s.strain_found[b]
+    s.strain_found[b] = 0.0
+    if bad:
+        s.recoveries[b] = s.start_recoveries[b]
+        s.redone[b] += 1
+        any_rejected[0] = 1
+
+
+@wp.kernel(enable_backward=False)
+def restore_start(given: wp.array(dtype=Arrays), b: int, particles: int):
+    i = wp.tid()
+    s = given[i / particles].state
+    if s.rejected[b] == 0:
+        return
+    g = given[i / particles].model.bodies[b].particles + i % particles
+    store_row(s.positions, g, load_row(s.start_positions, g))
+    store_row(s.low, g, load_row(s.start_low, g))
+    store_row(s.velocities, g, load_row(s.start_velocities, g))
+    if i % particles == 0:
+        s.history[b] = 0
+
+
+class Trial:
+    """A schedule of explicit steps, and one of XPBD that does again what it leaves.
+
+    lines: (kind, first, end) of the slots of every body; make_safe() builds the schedule of XPBD, which touches
+    rejected bodies alone.
+    """
+
+    def __init__(self, explicit, make_safe: Callable, worlds: list[Arrays], counts: list[int], lines: list) -> None:
+        self.explicit, self._make_safe = explicit, make_safe
+        self._device = worlds[0].state.positions.device
+        self._given = wp.array(worlds, dtype=Arrays, device=self._device)
+        self._worlds, self._counts, self._lines = len(worlds), counts, lines
+        self._any = wp.zeros(1, dtype=int, device=self._device)
+        self._safe = None if self._device.is_cpu else make_safe()  # on a CPU it is compiled when it is needed
+        self._before = [self._launch(keep_start, sum(counts))]
+        self._check = [
+            self._launch(find_strain, end - first, b, first, end - first)
+            for b, spans in enumerate(lines)
+            for _, first, end in spans
+        ]
+        bodies = len(counts)
+        inputs = [self._given, self._any]
+        self._check.append(
+            wp.launch(judge, dim=self._worlds * bodies, inputs=inputs, device=self._device, record_cmd=True)
+        )
+        self._restore = [self._launch(restore_start, count, b, count) for b, count in enumerate(counts)]
+        self._graphs: dict[int, wp.Graph] = {}
+
+    def _launch(self, kernel: wp.Kernel, size: int, *numbers: int) -> wp.Launch:
+        inputs = [self._given, *(numbers or (size,))]
+        return wp.launch(kernel, dim=self._worlds * size, inputs=inputs, device=self._device, record_cmd=True)
+
+    def advance(self, substeps: int, outer: int, safe_substeps: int) -> None:
+        """Simulate one frame, with `outer` steps of slow forces; of XPBD it would take `safe_substeps`."""
+        _run(self._before)
+        self.explicit.advance(substeps, 1, outer)
+        if self._device.is_cpu:
+            _run(self._check)
+            if self._any.numpy()[0]:
+                self._any.zero_()
+                self._safe = self._safe or self._make_safe()
+                _run(self._restore)
+                self._safe.advance(safe_substeps, 1, 1)
+            return
+        if safe_substeps not in self._graphs:
+            self._safe.prepare(safe_substeps, 1)
+            with wp.ScopedCapture(device=self._device) as capture:
+                self._any.zero_()
+                _run(self._check)
+                wp.capture_if(self._any, on_true=self._redo, substeps=safe_substeps)
+            self._graphs[safe_substeps] = capture.graph
+        wp.capture_launch(self._graphs[safe_substeps])
+
+    def _redo(self, substeps: int) -> None:
+        _run(self._restore)
+        _run(self._safe.launches(substeps, 1))
+
+
+def _run(launches: list[wp.Launch]) -> None:
+    for launch in launches:
+        launch.launch()

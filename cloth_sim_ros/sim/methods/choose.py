@@ -1,0 +1,195 @@
+"""What computes each object where the settings leave it open, and why: the cheapest way to the wanted error.
+
+The error of both methods and their prices were measured (docs/study.md, `study error`); what is chosen depends on
+these constants and the scene alone, never on a clock, so that the same scene is computed alike every time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from cloth_sim_ros.sim.methods import limits, prices
+from cloth_sim_ros.sim.methods.prices import Surroundings
+from cloth_sim_ros.sim.settings import Settings
+from cloth_sim_ros.sim.topology import Topology
+
+STRAINED = 0.5  # Strain of a spring beyond which explicit steps may heat an object, however small they are at rest
+_SAFE = 40  # substeps of a frame that is done again, at least
+FEWEST = 8  # substeps a frame that are chosen at least: contact and gusts need them
+_MOST_LINES = 2000  # substeps of xpbd that are chosen at most
+_LEAST_ROPE = 20  # of a rope at an error of 1e-3
+
+# BDF2 by lines misses the motion by _BDF2 (limit / 44)^2 (16 / side)^1.4 / substeps^2, relative to it, in sheets held
+# at all edges, the hardest of the study's cases; `limit` are the substeps that leapfrog needs, side^2 the particles.
+# Of a sheet too stiff to be seen to stretch it is no more than _RIGID / substeps^2.
+# One that is held along one edge swings: _HUNG / substeps. Implicit Euler misses by _EULER / substeps at least.
+_BDF2, _RIGID, _HUNG, _EULER = 5.6, 30.0, 0.013, 0.1
+_BENDING = 0.3  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
+_LEAPFROG = 4.0e-4  # error of leapfrog at its limit, likewise; by four with twice the substeps
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How one object is computed; `reason` says why, in words that follow its name.
+
+    error: what is expected of it, in the units of solver.error. safe_substeps: of a frame that XPBD does again.
+    """
+
+    method: str
+    order: int
+    substeps: int
+    iterations: int
+    error: float
+    reason: str
+    safe_substeps: int = 1
+
+    @property
+    def words(self) -> str:
+        """The method and its order."""
+        return self.method if self.method == "verlet" else f"{self.method} order {self.order}"
+
+
+def choose(
+    settings: Settings,
+    topology: Topology,
+    materials: Collection[tuple[Sequence[float], float]],
+    strained: bool,
+    around: Surroundings,
+) -> Choice:
+    """How to compute an object of `topology` whose worlds have these pairs of compliances and damping.
+
+    Numbers that are set in `settings` are kept; set iterations or an order belong to xpbd, which also takes what is or
+    was `strained` beyond all rest.
+    """
+    limit = partial(_explicit_substeps, topology, settings, around)
+    needed = max(limit(compliance, damping) for compliance, damping in materials)
+    xpbd = _xpbd(settings, topology, materials, max(limit(compliance, 0.0) for compliance, _ in materials), around)
+    if settings.method == "xpbd":
+        return xpbd
+    verlet = replace(_verlet(settings, needed), safe_substeps=max(xpbd.substeps, _SAFE))
+    if settings.method == "verlet":
+        return verlet
+    because = _not_explicit(settings, topology, needed, strained)
+    if because:
+        return replace(xpbd, reason=f"{because}; {xpbd.reason}")
+    cost = verlet.substeps * prices.verlet(topology, around)
+    if cost > _budget(settings):
+        why = f"explicit steps would need {needed:g} substeps, more than the budget"
+        return replace(xpbd, reason=f"{why}; {xpbd.reason}")
+    other = xpbd.substeps * xpbd.iterations * prices.xpbd(topology, materials, around)
+    misses = xpbd.error > settings.error and verlet.error <= xpbd.error
+    return verlet if cost <= other or misses else xpbd
+
+
+def _explicit_substeps(
+    topology: Topology, settings: Settings, around: Surroundings, compliance: Sequence[float], damping: float
+) -> float:
+    return limits.explicit_substeps(topology, compliance, damping, settings.frame_dt, around.wind)
+
+
+def xpbd_is_direct(topology: Topology) -> bool:
+    """Whether xpbd solves an object as a whole, a rope."""
+    return not len(topology.triangles)
+
+
+def _budget(settings: Settings) -> float:
+    """What a frame may take [ms]."""
+    return 1e3 * settings.budget * settings.frame_dt
+
+
+def _not_explicit(settings: Settings, topology: Topology, needed: float, strained: bool) -> str:
+    """Why explicit steps cannot be taken, in words; "" where they can."""
+    if settings.iterations or settings.order:
+        return "iterations or an order are set, which belong to xpbd"
+    if topology.reel is not None:
+        return "a winch feeds it, which explicit steps lack"
+    if topology.bends_by_angles:
+        return "it bends as a rope does, which explicit steps lack"
+    if strained:
+        return f"it is or was strained by more than {STRAINED:g}, and explicit steps heat it"
+    if math.isinf(needed):
+        return "a spring is too stiff for explicit steps"
+    if settings.substeps and settings.substeps < needed:
+        return f"explicit steps would need {needed:g} substeps and {settings.substeps} are set"
+    return ""
+
+
+def _verlet(settings: Settings, needed: float) -> Choice:
+    """Explicit steps: as many as stability asks for, and more where they would miss by more than is wanted."""
+    least = max(FEWEST, needed)
+    substeps = settings.substeps or least * max(1.0, math.sqrt(_LEAPFROG / settings.error))
+    substeps = math.ceil(substeps) if math.isfinite(substeps) else 1
+    error = _LEAPFROG * (least / substeps) ** 2 if math.isfinite(needed) else math.inf
+    reason = f"is computed by verlet in {substeps} substeps, of which it needs {needed:g} to be stable"
+    return Choice("verlet", 1, substeps, settings.iterations or 1, error, reason)
+
+
+def _xpbd(
+    settings: Settings,
+    topology: Topology,
+    materials: Collection[tuple[Sequence[float], float]],
+    limit: float,
+    around: Surroundings,
+) -> Choice:
+    """XPBD in as many substeps as the wanted error asks for and the budget allows.
+
+    limit: substeps that leapfrog needs without dashpots.
+    """
+    order, iterations = settings.order or 2, settings.iterations or 1
+    constant, power = _error_law(topology, limit, order)
+    effective = settings.frame_dt * (2.0 / 3.0 if order == 2 else 1.0)
+    bending = effective * math.sqrt(_bending_rate(topology, materials) / _BENDING)
+    wanted = max((constant / settings.error) ** (1.0 / power), bending)
+    affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
+    substeps = settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), FEWEST, _MOST_LINES))
+    error = constant / substeps**power
+    reason = f"is computed by xpbd order {order} in {substeps} x {iterations}"
+    if not settings.substeps and substeps < math.floor(wanted):
+        reason += f", where an error of {settings.error:g} would take {math.ceil(wanted)}: it may be {error:.2g}"
+    share = limits.bending_share(_bending_rate(topology, materials), effective / substeps)
+    if share < 1.0:
+        reason += f", and {share:.2g} of its bending rigidity acts"
+    return Choice("xpbd", order, substeps, iterations, error, reason)
+
+
+def _error_law(topology: Topology, limit: float, order: int) -> tuple[float, int]:
+    """The constant and the power of substeps by which XPBD misses; `limit` are the substeps of leapfrog."""
+    if _hangs(topology):
+        constant, power = _HUNG, 1
+    elif xpbd_is_direct(topology):
+        constant, power = _LEAST_ROPE**2 * 1e-3, 2
+    else:
+        side = math.sqrt(len(topology.masses))
+        constant, power = min(_BDF2 * (limit / 44.0) ** 2 * (16.0 / side) ** 1.4, _RIGID), 2
+    return (constant, power) if order == 2 else (max(math.sqrt(constant), _EULER), 1)
+
+
+def _hangs(topology: Topology) -> bool:
+    """Whether a sheet is held along a line and nowhere else, so that it swings more than it stretches."""
+    held = topology.layout[topology.pinned]
+    if xpbd_is_direct(topology):
+        return False
+    if len(held) < 0.5 * math.sqrt(len(topology.masses)):
+        return False
+    spread = np.linalg.svd(held - held.mean(axis=0), compute_uv=False)
+    return bool(len(spread) > 1 and spread[1] < 1e-6 * max(spread[0], 1e-300))
+
+
+def _bending_rate(topology: Topology, materials: Collection[tuple[Sequence[float], float]]) -> float:
+    """omega^2 of the stiffest bending mode of a sheet [1/s^2]."""
+    softest = min(compliance[2] for compliance, _ in materials)
+    return topology.plate_rate / max(softest, 1e-30) if topology.plate is not None else 0.0
+
+
+def is_strained(topology: Topology, positions: np.ndarray) -> bool:
+    """Whether positions (N, 3) [m] strain any spring by more than STRAINED."""
+    for elements in topology.springs.values():
+        length = np.linalg.norm(positions[elements.particles[:, 1]] - positions[elements.particles[:, 0]], axis=1)
+        if (np.abs(length - elements.rest) > STRAINED * elements.rest).any():
+            return True
+    return False

@@ -1,0 +1,105 @@
+"""How large a step an explicit method may take, by NumPy on the rest shape; nothing of the device."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from cloth_sim_ros.sim.topology import KINDS, Topology
+
+
+class Unstable(ValueError):
+    """A value with which explicit steps would fly apart; the message says what would be needed."""
+
+
+# Of the limit of small motions. Springs that turn while they stretch are heated by leapfrog in resonances of third,
+# fourth, .. order, at omega h = sqrt(3), sqrt(2), .. (Schlick et al. 1998). Let go at 0.9, a whipping rope flies apart
+# within a minute, a soft hung sheet as well. Of a line of springs most modes are near the fastest, of a sheet few.
+_SHARE = 0.7
+_SHARE_OF_LINES = 0.5
+
+_ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS, of a length in float32
+_HEAT = 1e-2  # [m^2/s^3] by which rounding may heat a body; beyond it a spring is as good as rigid
+
+_LONGEST_OUTER = 1.0 / 600.0  # [s] between impulses of the air
+_OUTER_PHASE = 0.5  # omega times that between impulses of bending, omega of its fastest mode
+_GROWTH = 0.1  # [1/s] at which resonance may feed the energy of a mode
+
+
+def outer_steps(substeps: int, h: float, rate: float, damping: float, drag: float) -> int:
+    """How many steps of slow forces a frame of `substeps` of h [s] has, see `integrate.outer_weight`.
+
+    rate: omega^2 [1/s^2] of the fastest bending mode, 0 for none; damping tau [s] of dashpots, drag [1/s].
+    Steps last at most 1/600 s, 0.5 / omega and 0.5 / (tau omega^2), or one substep where that is longer. Impulses in
+    resonance with a spring mode of frequency Omega = n pi / step feed its energy at omega_b^2 / Omega, omega_b the
+    bending frequency of the same mode (Ma, Izaguirre and Skeel 2003). Two substeps reach no such mode, which is all
+    that is taken unless dashpots, tau Omega^2, and drag take out more than that.
+    """
+    longest = _LONGEST_OUTER
+    if rate > 0.0:
+        fed = rate * h - drag - _GROWTH
+        if fed > 0.0:
+            longest = min(longest, max(2.0 * h, math.pi * math.sqrt(damping / fed)))
+        longest = min(longest, _OUTER_PHASE / math.sqrt(rate), _OUTER_PHASE / max(damping * rate, 1e-300))
+    return math.ceil(substeps / max(1, math.floor(longest / h * (1.0 + 1e-9))))
+
+
+# (omega h_e)^2 of the stiffest bending mode that XPBD takes; beyond it, the sheet is computed as softer.
+MOST_BENDING = 0.6
+
+
+def bending_share(rate: float, step: float) -> float:
+    """The share of a sheet's bending rigidity that acts under XPBD, for its stiffest mode's omega^2 [1/s^2] and h_e."""
+    return min(1.0, MOST_BENDING / max(rate * step * step, 1e-30))
+
+
+def explicit_substeps(
+    topology: Topology, compliance: Sequence[float], damping: float, frame_dt: float, crumples: bool
+) -> float:
+    """The least substeps a frame [s] at which leapfrog is stable; infinite where a spring is rigid, also for float32,
+    and for a winch, which feeds a segment from no length.
+
+    With dashpots of time constant tau = `damping` [s], whose force takes the velocity of the last half step, the limit
+    is omega^2 (h^2 + 2 h tau) < 4 (Jury's criterion on one oscillator). omega^2 is the largest eigenvalue of M^-1 K of
+    all springs, by power iteration from a fixed start: at rest, or the most of any shape where the body `crumples`, as
+    in wind. A stretched spring along n is k (n n^T + (1 - rest / length) (1 - n n^T)), never more than k in every
+    direction; with that, K is the Laplacian of the springs' graph along each axis. Of that step a sheet may take 0.7
+    and a rope 0.5, against nonlinear resonances (Schlick, Mandziuk, Skeel and Srinivas 1998, Nonlinear resonance
+    artifacts in molecular dynamics simulations).
+
+    The rounding r of lengths l shakes particles by (k / m) l r h a substep of length h = 2 / omega, which as a random
+    walk heats them by (l r)^2 omega^3 / 8 a second; `infinite` is also where that is too much.
+    """
+    if topology.reel is not None:
+        return math.inf
+    kinds = [(elements, float(compliance[KINDS.index(kind)])) for kind, elements in topology.springs.items()]
+    if any(value == 0.0 for _, value in kinds) or (topology.plate is not None and compliance[2] == 0.0):
+        return math.inf
+    if not kinds:
+        return 1
+    pairs = np.concatenate([elements.particles for elements, _ in kinds])
+    constant = np.concatenate([1.0 / (value * elements.scale) for elements, value in kinds])
+    edge = topology.rest[pairs[:, 1]] - topology.rest[pairs[:, 0]]
+    n = np.ones((len(edge), 1)) if crumples else edge / np.linalg.norm(edge, axis=1, keepdims=True)
+    inverse_mass = np.where(topology.pinned, 0.0, 1.0 / topology.masses)
+    x = np.random.default_rng(3).standard_normal((len(inverse_mass), n.shape[1])) * (inverse_mass > 0.0)[:, None]
+    largest = 0.0
+    for _ in range(60):
+        x /= max(np.linalg.norm(x), 1e-300)
+        pull = (constant * ((x[pairs[:, 1]] - x[pairs[:, 0]]) * n).sum(1))[:, None] * n
+        force = np.zeros_like(x)
+        for axis in range(n.shape[1]):
+            force[:, axis] -= np.bincount(pairs[:, 0], pull[:, axis], minlength=len(x))
+            force[:, axis] += np.bincount(pairs[:, 1], pull[:, axis], minlength=len(x))
+        x, largest = force * inverse_mass[:, None], float(np.linalg.norm(force * inverse_mass[:, None]))
+    if topology.plate is not None:
+        largest += topology.plate_rate / float(compliance[2])
+    if largest == 0.0:
+        return 1.0
+    if (float(np.linalg.norm(edge, axis=1).mean()) * _ROUNDING) ** 2 * largest**1.5 / 8.0 > _HEAT:
+        return math.inf
+    longest = 4.0 / largest / (damping + math.sqrt(damping**2 + 4.0 / largest))
+    share = _SHARE if len(topology.triangles) else _SHARE_OF_LINES
+    return float(math.ceil(frame_dt / (share * longest)))

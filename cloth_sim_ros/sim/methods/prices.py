@@ -1,0 +1,63 @@
+"""What a substep costs [ms], by method, device and what a scene holds: measured once, on a CPU core and an H200.
+
+The constants only have to be right in proportion: they decide which of two methods is cheaper, and how many substeps a
+budget buys.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from cloth_sim_ros.sim.topology import Topology
+
+_NS = 1e-6  # [ms]
+# Of a CPU, for each particle: explicit springs of a grid in vector lanes, of a mesh one by one, motion, air, collider,
+# the plate operator; and for each spring of a line, without and with dashpots.
+_GRID, _MESH, _MOTION, _AIR, _COLLIDER, _PLATE = (n * _NS for n in (6.0, 60.0, 5.0, 18.0, 9.0, 10.0))
+_SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
+_SEGMENT = 45.0 * _NS  # of a rope
+# Of an H200: a substep of tiles, and for each particle of all worlds; a launch of one stage, likewise; a rope in a
+# block; lines in a block, for each particle of all worlds.
+_TILES, _TILES_PARTICLE, _LAUNCH, _LAUNCH_PARTICLE, _ROPE = 6.0e-4, 5.5e-8, 4.0e-3, 2.5e-8, 5.0e-3
+_BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind, colliders and worlds."""
+
+    device: str
+    wind: bool
+    colliders: int
+    worlds: int = 1
+
+
+def verlet(topology: Topology, around: Surroundings) -> float:
+    """Of explicit steps."""
+    count = len(topology.masses)
+    if around.device == "cuda":
+        slow = 1.0 + 0.5 * around.wind + 0.1 * around.colliders + 0.5 * (topology.plate is not None)
+        return slow * (_TILES + _TILES_PARTICLE * count * around.worlds)
+    springs = _MESH if topology.grid is None else _GRID
+    return (
+        around.worlds
+        * count
+        * (springs + _AIR * around.wind + _COLLIDER * around.colliders + _PLATE * (topology.plate is not None))
+    )
+
+
+def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
+    """Of XPBD, by one iteration."""
+    count, plate = len(topology.masses), topology.plate is not None
+    if not len(topology.triangles):
+        return _ROPE if around.device == "cuda" else around.worlds * count * _SEGMENT
+    if around.device == "cuda":
+        stages = 2 + len(topology.families) + around.wind + plate
+        particles = count * around.worlds
+        in_blocks = stages / 6 * (_BLOCK + 8.0e-6 * count + _BLOCK_PARTICLE * particles)
+        return min(in_blocks, stages * (_LAUNCH + _LAUNCH_PARTICLE * particles))
+    springs = sum(len(elements.rest) for elements in topology.springs.values())
+    damped = any(damping > 0.0 for _, damping in materials)
+    each = _MOTION + _AIR * around.wind + _COLLIDER * around.colliders + _PLATE * plate
+    return around.worlds * (springs * (_SPRING + _DASHPOT * damped) + count * each)

@@ -1,0 +1,330 @@
+"""The program of a substep: which stages it has for the features of a scene, and in which order. Written once.
+
+The contract of an executor (resident.py: a body in a block; coloured.py: a launch a stage):
+
+1. It gives every stage a `Here` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
+2. It runs `outer` before each substep that begins a step of slow forces, and once more behind the last; then `before`,
+   `iterated` in each iteration, and `after`; and `ending` at the end of the frame.
+3. A stage is run(t, width, here), called by `width` threads of numbers t. What they store is seen by all threads of the
+   body before the next stage begins.
+4. A stage with `rounds` is run once for each group of these, in order, with `here.group` set and a barrier between.
+   Of lines, `width` is a multiple of a warp on a GPU.
+5. It sets `here.step.first`, `store` and `repeats`, and `here.last`; stages with `but_last` are left out in the last
+   iteration, and those of `every` n substeps run in substeps that n divides.
+6. It knows no physics, and a stage knows no executor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import array_address, sync
+from cloth_sim_ros.sim.lines.layout import WARP
+from cloth_sim_ros.sim.lines.solve import make_solve_line_row
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.physics.integrate import make_step, outer_weight
+from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
+from cloth_sim_ros.sim.ropes.drum import make_turn
+from cloth_sim_ros.sim.ropes.twist import ask_for
+from cloth_sim_ros.sim.stages.aerodynamics import make_panels
+from cloth_sim_ros.sim.stages.bending import curve_triangle, make_bend
+from cloth_sim_ros.sim.stages.contact import make_contact
+from cloth_sim_ros.sim.stages.edge_contact import make_edge_contact
+from cloth_sim_ros.sim.stages.fault_recovery import find_fault, make_count, make_settle
+from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.stages.motion import (
+    SWEPT,
+    make_finish,
+    make_kick,
+    make_predict,
+    store_velocity,
+    sweep_collider,
+)
+from cloth_sim_ros.sim.state import Arrays
+
+
+@dataclass(frozen=True)
+class Stage:
+    """run(t, width, here); threads(body row, colliders) of a launch of its own.
+
+    rounds: "", or of what it is run once a group: "lines" or "edges".
+    """
+
+    name: str
+    run: wp.Function
+    threads: Callable[[dict, int], int]
+    rounds: str = ""
+    every: int = 1
+    but_last: bool = False
+
+
+@dataclass
+class Program:
+    """The stages of a frame, in order."""
+
+    outer: list[Stage] = field(default_factory=list)
+    before: list[Stage] = field(default_factory=list)
+    iterated: list[Stage] = field(default_factory=list)
+    after: list[Stage] = field(default_factory=list)
+    ending: list[Stage] = field(default_factory=list)
+
+
+def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: bool = True) -> Program:
+    """The program for `features`; of chains, which `threads` of a block solve together, see make_solve_chain."""
+    program = Program()
+    before, explicit = program.before, features.method == "verlet"
+    if features.shapes:
+        swept = lambda body, colliders: SWEPT * colliders  # noqa: E731
+        before.append(Stage("sweep", _sweep, swept, every=SWEPT))
+    if features.winch:
+        before.append(Stage("reel", _make_reel(features), lambda *_: 1))
+    slow = program.outer if explicit else before
+    if features.panels:
+        beside = lambda body, _: 1 if on_cpu else -(-(body["panels_end"] - body["panels"]) // 2)  # noqa: E731
+        slow.append(Stage("panels", make_panels(features), beside))
+    if not explicit:
+        before.append(_over_particles("predict", make_predict(features)))
+    if features.curved:
+        slow.append(_make_curve(explicit))
+    if features.plate and not explicit:
+        before.append(_over_particles("bend", make_bend(features)))
+    if explicit:
+        if features.has_outer:
+            slow.append(_over_particles("kick", _make_slow_kick(features)))
+            slow.append(_over_particles("take_kick", store_velocity))
+        before.append(_over_particles("predict", make_predict(features)))
+    if features.chain:
+        program.iterated.append(Stage("chain", _make_chain(features, threads, stored), lambda *_: 1))
+    if "line" in features.constraints:
+        program.iterated.append(_make_lines(features, on_cpu))
+    if "edge" in features.constraints:
+        program.iterated.append(_make_edges(features))
+    finish = make_finish(features)
+    if features.shapes:
+        contact = make_contact(features)
+        program.iterated.append(_over_particles("contact", contact, but_last=True))
+        finish = _both(contact, finish)
+    program.after.append(_over_particles("finish", finish))
+    program.ending += [
+        _over_particles("find_faults", find_fault),
+        _over_particles("settle", make_settle(features)),
+        Stage("count", _once(make_count(features)), lambda *_: 1),
+    ]
+    return program
+
+
+def make_begin(features: Features):
+    """A Warp function: what stages are given of body b of a world, with its particles in device arrays."""
+    separate = features.plate and features.method == "xpbd"
+
+    @wp.func
+    def begin(arrays: Arrays, b: int) -> Here:
+        here = Here()
+        here.model = arrays.model
+        here.state = arrays.state
+        here.body = arrays.model.bodies[b]
+        here.material = arrays.materials[b]
+        here.frame = arrays.frames[0]
+        here.colliders = arrays.colliders
+        if wp.static(features.winch):
+            here.drive = arrays.drives[b]
+        if wp.static(features.twist):
+            here.turn = arrays.ends[b].turn
+        here.x = array_address(arrays.state.positions, here.body.particles)
+        here.low = array_address(arrays.state.low, here.body.particles)
+        here.d = array_address(arrays.state.displacements, here.body.particles)
+        here.p = here.d
+        if wp.static(separate):
+            here.p = array_address(arrays.state.predicted, here.body.particles)
+        here.spans = here.x
+        return here
+
+    return begin
+
+
+def make_enter(features: Features):
+    """A Warp function: the same in a substep, from what `begin` made."""
+
+    @wp.func
+    def enter(given: Here, substep: int) -> Here:
+        here = given
+        here.substep = substep
+        smooth = bool(False)
+        if wp.static(features.looks_back):
+            # What the substep before found; two places take turns, so that none is read while it is written.
+            smooth = here.state.events[2 * here.body.index + (substep + 1) % 2] != substep
+            if substep == 0:
+                smooth = here.state.history[here.body.index] > 0
+        here.step = make_step(here.frame.dt, smooth, wp.static(features.order), here.frame.global_damping)
+        bodies, colliders = here.model.bodies.shape[0], here.colliders.shape[0]
+        here.sweep = (substep % wp.static(SWEPT) * bodies + here.body.index) * colliders
+        return here
+
+    return enter
+
+
+def _over_particles(name: str, stage, but_last: bool = False) -> Stage:
+    """A stage of every particle."""
+
+    def run(t: int, width: int, here: Here):
+        # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
+        for i in range(here.body.count - 1 - t, -1, -width):
+            stage(i, here)
+
+    return Stage(name, wp.func(run, name=f"over_particles_{name}"), lambda body, _: body["count"], but_last=but_last)
+
+
+def _both(first, second):
+    @wp.func
+    def both(i: int, here: Here):
+        first(i, here)
+        second(i, here)
+
+    return both
+
+
+def _once(stage):
+    @wp.func
+    def once(t: int, width: int, here: Here):
+        if t == 0:
+            stage(0, here)
+
+    return once
+
+
+@wp.func
+def _sweep(t: int, width: int, here: Here):
+    colliders = here.colliders.shape[0]
+    for q in range(t, wp.static(SWEPT) * colliders, width):
+        ahead = q / colliders
+        substep, c = here.substep + ahead, q - ahead * colliders
+        if substep < here.frame.substeps:
+            count = float(here.frame.substeps)
+            place = here.sweep + ahead * here.model.bodies.shape[0] * colliders + c
+            before, after = float(substep) / count, float(substep + 1) / count
+            here.state.sweeps[place] = sweep_collider(here.colliders[c], before, after)
+
+
+def _make_reel(features: Features):
+    turn = make_turn(features.order)
+
+    @wp.func
+    def reel(t: int, width: int, here: Here):
+        if t == 0:
+            turn(here, here.drive, here.frame.dt)
+
+    return reel
+
+
+def _make_curve(explicit: bool) -> Stage:
+    @wp.func
+    def curve(t: int, width: int, here: Here):
+        moved = here.p
+        if wp.static(explicit):
+            moved = here.low
+        for c in range(here.body.curves + t, here.body.curves_end, width):
+            curve_triangle(c, here, here.x, moved)
+
+    return Stage("curve", curve, lambda body, _: body["curves_end"] - body["curves"])
+
+
+def _make_slow_kick(features: Features):
+    kick = make_kick(features)
+
+    @wp.func
+    def slow_kick(i: int, here: Here):
+        span = outer_weight(here.substep, here.frame.substeps, here.frame.outer) * here.frame.dt
+        kick(i, span, here)
+
+    return slow_kick
+
+
+def _make_chain(features: Features, threads: int, stored: bool):
+    solve_chain = make_solve_chain(features, threads, stored)
+
+    @wp.func
+    def chain(t: int, width: int, here: Here):
+        if wp.static(features.twist):
+            if t == 0 and here.step.first:
+                ask_for(here.turn, here.body.index, here.state)
+        torn = solve_chain(t, here, here.spans)
+        if t == 0:
+            here.state.torn[here.body.index] = wp.where(torn or (not here.step.first and _was_torn(here)), 1, 0)
+
+    return chain
+
+
+@wp.func
+def _was_torn(here: Here) -> bool:
+    return here.state.torn[here.body.index] > 0
+
+
+def _make_lines(features: Features, on_cpu: bool) -> Stage:
+    solve_line_row, team = make_solve_line_row(features), 1 if on_cpu else WARP
+
+    @wp.func
+    def lines(t: int, width: int, here: Here):
+        group = here.model.groups[here.group]
+        for r in range(group[2] + t / wp.static(team), group[3], width / wp.static(team)):
+            solve_line_row(r, group[1], here)
+
+    return Stage("lines", lines, lambda size, _: team * size, rounds="lines")
+
+
+def _make_edges(features: Features) -> Stage:
+    edge_contact = make_edge_contact(features.shapes, features.order)
+
+    @wp.func
+    def edges(t: int, width: int, here: Here):
+        group = here.model.groups[here.group]
+        for k in range(group[2] + t, group[3], width):
+            edge_contact(k, here)
+
+    return Stage("edges", edges, lambda size, _: size, rounds="edges")
+
+
+def in_turn(stages: list[Stage], name: str):
+    """A Warp function: the threads of a block, or of a CPU, run `stages` one after the other; None without any."""
+    run = None
+    for stage in stages:
+        run = _then(run, _with_barrier(stage), f"{name}_to_{stage.name}")
+    return run
+
+
+def _then(first, second, name: str):
+    if first is None:
+        return second
+
+    def both(t: int, width: int, here: Here):
+        first(t, width, here)
+        second(t, width, here)
+
+    return wp.func(both, name=name)
+
+
+def _with_barrier(stage: Stage):
+    """A stage with its rounds, and a barrier behind each."""
+    run = stage.run
+
+    def once(t: int, width: int, here: Here):
+        if wp.static(stage.every == 1) or here.substep % wp.static(stage.every) == 0:
+            if wp.static(not stage.but_last) or not here.last:
+                run(t, width, here)
+                sync()
+
+    def rounds(t: int, width: int, here: Here):
+        begin = int(here.body.groups)
+        end = int(here.body.groups_end)
+        if wp.static(stage.rounds == "edges"):
+            begin = int(here.body.groups_end)
+            end = int(here.body.edge_groups_end)
+        inside = here
+        for g in range(begin, end):
+            inside.group = g
+            run(t, width, inside)
+            sync()
+
+    return wp.func(rounds if stage.rounds else once, name=f"block_{stage.name}")

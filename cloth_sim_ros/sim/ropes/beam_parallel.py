@@ -1,0 +1,254 @@
+"""The direct solve of a rope's bending by many threads: all tell what joints and rows are, and one eliminates.
+
+The equations are those of beam.py, where one thread does everything in one walk. What depends on the row before is
+little, and lies in shared memory.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import load4, quick_quotient, store4, sync, xyz
+from cloth_sim_ros.sim.model import Body, Model
+from cloth_sim_ros.sim.ropes.beam import (
+    add_joint,
+    make_keep_moment,
+    rest_at,
+    stiffness_at,
+    turn_at,
+    weights_at,
+)
+from cloth_sim_ros.sim.ropes.beam_rotation import SUMS, Sums, rotation_of, sums_of_block, with_particle
+from cloth_sim_ros.sim.ropes.scan import scan_size
+from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.state import BeamRow
+
+
+def rows_of(bent: bool) -> int:
+    """vec4 a particle: two of its row, and one of the joint that it begins; one more of each where rest is bent."""
+    return 5 if bent else 3
+
+
+def most_together(threads: int, bent: bool) -> int:
+    """The particles of the longest body that `threads` threads solve together in the shared memory of their scans."""
+    return (scan_size(threads) - (SUMS * threads // 32 if bent else 0)) // rows_of(bent)
+
+
+@wp.struct
+class Joint:
+    """One joint: the weights of its particles, its stiffness, by how much its moment is to change, and what that would
+    be without its rest turn."""
+
+    weights: wp.vec3
+    change: wp.vec3
+    rest: wp.vec3
+    stiff: float
+
+
+def _make_joint_at(bent: bool):
+    """A Warp function: joint j of a body before a solve."""
+
+    @wp.func
+    def joint_at(j: int, here: Here) -> Joint:
+        joint = Joint()
+        joint.weights = weights_at(j, here.model, here.body)
+        joint.stiff = stiffness_at(j, here)
+        turn = turn_at(j, here)
+        if wp.static(bent):
+            rest = rest_at(j, here)
+            joint.change = joint.stiff * (turn - rest)
+            joint.rest = joint.stiff * rest
+        else:
+            square = here.step.effective * here.step.effective
+            joint.change = joint.stiff * turn - square * here.state.moments[here.body.segments + j]
+        return joint
+
+    return joint_at
+
+
+@wp.func
+def _row_of(w: float, begun: Joint, near: Joint, far: Joint):
+    """The row of a particle of inverse mass w that one joint begins with, one has in its middle and one ends with:
+    its pivot so far, what couples it to the two before it, and its inertia, 0 where it is pinned; its pull, and what
+    that would be from the rest turns alone."""
+    row = wp.vec4(0.0)
+    pull = wp.vec3(0.0)
+    turning = wp.vec3(0.0)
+    if w > 0.0:
+        below = near.stiff * near.weights[1] * near.weights[0] + far.stiff * far.weights[2] * far.weights[1]
+        beyond = far.stiff * far.weights[2] * far.weights[0]
+        diagonal = quick_quotient(1.0, w) + begun.stiff * begun.weights[0] * begun.weights[0]
+        diagonal += near.stiff * near.weights[1] * near.weights[1] + far.stiff * far.weights[2] * far.weights[2]
+        row = wp.vec4(diagonal, below, beyond, quick_quotient(1.0, w))
+        pull = -(begun.weights[0] * begun.change + near.weights[1] * near.change + far.weights[2] * far.change)
+        turning = begun.weights[0] * begun.rest + near.weights[1] * near.rest + far.weights[2] * far.rest
+    return row, pull, turning
+
+
+def _make_walks(bent: bool):
+    """Two Warp functions by one thread: elimination, and substitution."""
+    width = rows_of(bent)
+
+    @wp.func
+    def eliminate(count: int, rows: wp.uint64):
+        """From the first particle to the last: L D L^T, and what it makes of the pulls.
+
+        In a row that is pinned all is 0, and so is what couples the next two to it.
+        """
+        one = BeamRow()
+        two = BeamRow()
+        row = load4(rows, 0)
+        pull = load4(rows, 1)
+        turning = wp.vec4(0.0)
+        if wp.static(bent):
+            turning = load4(rows, 3)
+        for i in range(count):
+            # One ahead: the next row comes while this one is reckoned.
+            after = width * wp.min(i + 1, count - 1)
+            next_row = load4(rows, after)
+            next_pull = load4(rows, after + 1)
+            here = BeamRow()
+            here.second = row[2] * two.inverse
+            here.first = (row[1] - here.second * two.pivot * one.first) * one.inverse
+            left = here.first * here.first * one.pivot + here.second * here.second * two.pivot
+            here.pivot = wp.max(row[0] - left, row[3])
+            here.inverse = wp.where(row[3] > 0.0, quick_quotient(1.0, wp.max(here.pivot, 1.0e-30)), 0.0)
+            here.move = xyz(pull) - here.first * one.move - here.second * two.move
+            move = here.inverse * here.move
+            store4(rows, width * i, wp.vec4(move[0], move[1], move[2], here.first))
+            turn = wp.vec3(0.0)
+            if wp.static(bent):
+                here.turn = xyz(turning) - here.first * one.turn - here.second * two.turn
+                turn = here.inverse * here.turn
+                turning = load4(rows, after + 3)
+            store4(rows, width * i + 1, wp.vec4(here.second, turn[0], turn[1], turn[2]))
+            two = one
+            one = here
+            row = next_row
+            pull = next_pull
+
+    @wp.func
+    def substitute(count: int, rows: wp.uint64):
+        """From the last particle to the first: how they move."""
+        one = wp.vec3(0.0)
+        two = wp.vec3(0.0)
+        turn_one = wp.vec3(0.0)
+        turn_two = wp.vec3(0.0)
+        first = float(0.0)
+        second = float(0.0)
+        ahead = float(0.0)
+        row = load4(rows, width * (count - 1))
+        coupled = load4(rows, width * (count - 1) + 1)
+        for r in range(count):
+            i = count - 1 - r
+            before = width * wp.max(i - 1, 0)
+            next_row = load4(rows, before)
+            next_coupled = load4(rows, before + 1)
+            move = xyz(row) - first * one - second * two
+            store4(rows, width * i, wp.vec4(move[0], move[1], move[2], 0.0))
+            two = one
+            one = move
+            if wp.static(bent):
+                turn = wp.vec3(coupled[1], coupled[2], coupled[3]) - first * turn_one - second * turn_two
+                store4(rows, width * i + 3, wp.vec4(turn[0], turn[1], turn[2], 0.0))
+                turn_two = turn_one
+                turn_one = turn
+            second = ahead
+            first = row[3]
+            ahead = coupled[0]
+            row = next_row
+            coupled = next_coupled
+
+    return eliminate, substitute
+
+
+def make_solve_beam_together(threads: int, bent: bool):
+    """A Warp function that all of `threads` threads call together, one solve over all joints of a body, `bent` at rest
+    or straight: it moves the particles and changes the moments. `rows` is the address of what the threads share, by
+    no more than most_together() particles.
+    """
+    width = rows_of(bent)
+    joint_at, keep_moment = _make_joint_at(bent), make_keep_moment(bent)
+    eliminate, substitute = _make_walks(bent)
+
+    @wp.func
+    def shown(j: int, m: Model, body: Body, rows: wp.uint64) -> Joint:
+        """Joint j as a thread has shown it; without stiffness where there is none."""
+        joint = Joint()
+        if j >= 0 and j < body.count - 2:
+            row = load4(rows, width * j + 2)
+            joint.weights = weights_at(j, m, body)
+            joint.change = xyz(row)
+            joint.stiff = row[3]
+            if wp.static(bent):
+                joint.rest = xyz(load4(rows, width * j + 4))
+        return joint
+
+    @wp.func
+    def moved(j: int, place: int, rows: wp.uint64) -> wp.mat33:
+        """What rows hold at `place` for the particles of joint j."""
+        first = xyz(load4(rows, width * j + place))
+        middle = xyz(load4(rows, width * (j + 1) + place))
+        return wp.matrix_from_rows(first, middle, xyz(load4(rows, width * (j + 2) + place)))
+
+    @wp.func
+    def rotation(
+        t: int,
+        here: Here,
+        rows: wp.uint64,
+    ) -> wp.mat33:
+        """By how much the rest shape turns, less 1, when rows tell how particles move."""
+        sums = Sums()
+        for i in range(t, here.body.count, threads):
+            w = load4(here.d, i)[3]
+            if w > 0.0:
+                move = here.state.bend_moves[here.body.particles + i] + xyz(load4(rows, width * i))
+                sums = with_particle(sums, quick_quotient(1.0, w), move, xyz(load4(rows, width * i + 3)))
+        for j in range(t, here.body.count - 2, threads):
+            sums = add_joint(j, here, moved(j, 0, rows), moved(j, 3, rows), sums)
+        return rotation_of(sums_of_block(t, threads, sums, width * here.body.count, rows))
+
+    @wp.func
+    def solve_beam_together(
+        t: int,
+        here: Here,
+        rows: wp.uint64,
+    ):
+        joints = here.body.count - 2
+        for j in range(t, joints, threads):
+            joint = joint_at(j, here)
+            store4(rows, width * j + 2, wp.vec4(joint.change[0], joint.change[1], joint.change[2], joint.stiff))
+            if wp.static(bent):
+                store4(rows, width * j + 4, wp.vec4(joint.rest[0], joint.rest[1], joint.rest[2], 0.0))
+        sync()
+        for i in range(t, here.body.count, threads):
+            begun, near, far = (
+                shown(i, here.model, here.body, rows),
+                shown(i - 1, here.model, here.body, rows),
+                shown(i - 2, here.model, here.body, rows),
+            )
+            row, pull, turning = _row_of(load4(here.d, i)[3], begun, near, far)
+            store4(rows, width * i, row)
+            if wp.static(bent):
+                pull -= row[3] * here.state.bend_moves[here.body.particles + i]
+            store4(rows, width * i + 1, wp.vec4(pull[0], pull[1], pull[2], 0.0))
+            if wp.static(bent):
+                store4(rows, width * i + 3, wp.vec4(turning[0], turning[1], turning[2], 0.0))
+        sync()
+        if t == 0:
+            eliminate(here.body.count, rows)
+            substitute(here.body.count, rows)
+        sync()
+        turned = wp.mat33(0.0)
+        if wp.static(bent):
+            turned = rotation(t, here, rows)
+            for i in range(t, here.body.count, threads):
+                move = xyz(load4(rows, width * i)) + turned * xyz(load4(rows, width * i + 3))
+                store4(rows, width * i, wp.vec4(move[0], move[1], move[2], 0.0))
+                here.state.bend_moves[here.body.particles + i] += move
+            sync()
+        for j in range(t, joints, threads):
+            keep_moment(j, here, moved(j, 0, rows), turned)
+        sync()
+        for i in range(t, here.body.count, threads):
+            store4(here.d, i, load4(here.d, i) + load4(rows, width * i))
+
+    return solve_beam_together

@@ -1,0 +1,63 @@
+"""The direct solve of a rope's bending by one thread of a CPU: from both its ends at once, in double precision.
+
+The equations are those of beam.py. What joints and rows are is told of four at a time; the elimination, which waits for
+one quotient after the other, goes from either end to the two rows in the middle, each in one half of a vector register.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.ropes.beam import STIFFEST
+from cloth_sim_ros.sim.ropes.beam_rotation import Sums, rotation_of
+from cloth_sim_ros.sim.ropes.beam_simd import make_lanes
+from cloth_sim_ros.sim.ropes.elimination import FEWEST
+from cloth_sim_ros.sim.stages.here import Here
+
+
+def make_solve_beam_from_both_ends(bent: bool):
+    """A Warp function: one solve over all joints of a body, `bent` at rest or straight; it moves the particles and
+    changes the moments, and is False where this is not a CPU or joints are few."""
+    prepare, walk, add_up, move = make_lanes(bent)
+
+    @wp.func
+    def solve_beam_from_both_ends(here: Here) -> bool:
+        if here.body.count <= FEWEST or here.state.ladder.shape[0] == 0:
+            return False
+        p = here.body.particles
+        compliance = here.material.compliance[2]
+        prepare(
+            p,
+            here.body.segments,
+            here.body.count,
+            here.x,
+            here.d,
+            here.model.joints,
+            here.state.moments,
+            here.state.bend_moves,
+            here.state.ladder,
+            compliance,
+            here.step.effective,
+            STIFFEST,
+        )
+        walk(p, here.body.count, here.x, here.d, here.state.ladder)
+        rotation = wp.mat33(0.0)
+        if wp.static(bent):
+            found = add_up(p, here.body.count, here.x, here.d, here.state.ladder)
+            sums = Sums()
+            sums.inertia = wp.matrix_from_rows(found[0], found[1], found[2])
+            sums.lag = wp.matrix_from_rows(found[3], found[4], found[5])
+            rotation = rotation_of(sums)
+        move(
+            p,
+            here.body.segments,
+            here.body.count,
+            here.x,
+            here.d,
+            here.state.moments,
+            here.state.bend_moves,
+            here.state.ladder,
+            here.step.inverse_square,
+            rotation,
+        )
+        return True
+
+    return solve_beam_from_both_ends

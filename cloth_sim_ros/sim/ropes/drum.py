@@ -1,0 +1,182 @@
+"""A winch at the start of a rope: rest length is fed to, or taken from, the segment between the drum and the rope.
+
+All particles of a rope exist from the beginning. Those still on the drum lie at its point, held, with no length between
+them; `Reel.index` is the last of them and the segment that begins there is the one that is fed. When it is longer than
+one and a half segments, the particle at the drum is let go where one whole segment ends, and the rest is fed on
+(a segment is born); when it is shorter than nearly half of one, the drum takes in its other particle (it is swallowed).
+Never is a segment so short that its mass or length would stiffen the solve.
+
+Nothing of that jumps. Fed material enters at the pay-out rate of unstretched rope. A born particle lies on its segment
+where its material is, so that both parts keep the strain, and moves as that material does: with the rope ahead and with
+the feed behind it. A swallowed one leaves its neighbour's segment with the mean strain of the two that were; what a
+bend between them would pull taut is owed and fed little by little. The particle next to the drum weighs what of its
+two half segments is out.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import load4, store4, xyz
+from cloth_sim_ros.sim.model import Body, Model
+from cloth_sim_ros.sim.physics.integrate import split_sum
+from cloth_sim_ros.sim.physics.winch import next_rate
+from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.state import Drive, Reel, State
+
+BORN = wp.constant(0.5)  # of the next segment on the drum: with so much more than its own, a segment is two
+SWALLOWED = wp.constant(0.45)  # of its own length: with less it is part of the next
+SHORTEST = wp.constant(0.5)  # of the last segment: no winch takes in more
+REACHED = wp.constant(1.0e-5)  # of the rope: nearer to a limit of its length it is there
+SETTLING = wp.constant(0.2)  # [s] in which what is owed is fed
+
+
+@wp.func
+def density_at(k: int, m: Model, body: Body) -> float:
+    """Mass per length [kg/m] of the rope where segment k begins: of both its ends the lighter, loads left out."""
+    at = body.segments + k
+    i = body.particles + k
+    before = wp.where(k > 0, m.segment_length[wp.max(at - 1, 0)], 0.0)
+    after = wp.where(at + 1 < body.segments_end, m.segment_length[wp.min(at + 1, body.segments_end - 1)], 0.0)
+    near = m.particle_masses[i] / (before + m.segment_length[at])
+    far = m.particle_masses[i + 1] / (after + m.segment_length[at])
+    return 2.0 * wp.min(near, far)
+
+
+@wp.func
+def lightened(reel: Reel, m: Model, body: Body) -> float:
+    """The mass [kg] of the particle beyond the drum, with as much of its segment as is out."""
+    k = reel.index
+    lacks = m.segment_length[body.segments + k] - reel.length
+    return m.particle_masses[body.particles + k + 1] - 0.5 * density_at(k, m, body) * lacks
+
+
+@wp.func
+def weigh(i: int, mass: float, x: wp.uint64):
+    """Give particle i of the body a mass [kg], unless it is held."""
+    p = load4(x, i)
+    if p[3] > 0.0:
+        store4(x, i, wp.vec4(p[0], p[1], p[2], 1.0 / mass))
+
+
+def make_turn(order: int):
+    """A Warp function: one thread turns a body's drum at the start of a substep of length h [s]."""
+
+    @wp.func
+    def swallow(reel: Reel, here: Here) -> Reel:
+        k = reel.index
+        g = here.body.particles + k
+        drum = load4(here.x, k)
+        drum_low = load4(here.low, k)
+        middle = load4(here.x, k + 1)
+        middle_low = load4(here.low, k + 1)
+        first = xyz(middle - drum) + xyz(middle_low - drum_low)
+        second = xyz(load4(here.x, k + 2) - middle) + xyz(load4(here.low, k + 2) - middle_low)
+        following = here.model.segment_length[here.body.segments + k + 1]
+        whole = reel.length + following
+        straight = wp.length(first + second) / wp.max(wp.length(first) + wp.length(second), 1.0e-12)
+        length = wp.clamp(straight * whole, SHORTEST * following, whole)
+        reel.owed += whole - length
+        reel.length = length
+        reel.behind -= following
+        reel.index = k + 1
+        store4(here.x, k + 1, wp.vec4(drum[0], drum[1], drum[2], 0.0))
+        store4(here.low, k + 1, drum_low)
+        here.state.velocities[g + 1] = wp.vec4(0.0)
+        here.state.chain_forces[g + 1] = wp.vec3(0.0)
+        here.state.tensions[here.body.segments + k] = 0.0
+        if wp.static(order == 2):
+            here.state.last_velocities[g + 1] = wp.vec3(0.0)
+            here.state.last_displacements[g + 1] = wp.vec3(0.0)
+        return reel
+
+    @wp.func
+    def bear(reel: Reel, h: float, here: Here) -> Reel:
+        k = reel.index
+        g = here.body.particles + k
+        drum = load4(here.x, k)
+        drum_low = xyz(load4(here.low, k))
+        e = xyz(load4(here.x, k + 1) - drum) + (xyz(load4(here.low, k + 1)) - drum_low)
+        own = here.model.segment_length[here.body.segments + k]
+        part = own / reel.length
+        away = drum_low + (1.0 - part) * e
+        position = xyz(drum)
+        rest = split_sum(position, away)
+        position += away
+        # How the material at this place moves: by (1 - part) with the rope ahead, by part with the feed.
+        feed = (part * reel.rate / reel.length) * e
+        velocity = (1.0 - part) * xyz(here.state.velocities[g + 1]) + feed
+        store4(here.x, k, wp.vec4(position[0], position[1], position[2], 1.0 / here.model.particle_masses[g]))
+        store4(here.low, k, wp.vec4(rest[0], rest[1], rest[2], 0.0))
+        here.state.velocities[g] = wp.vec4(velocity[0], velocity[1], velocity[2], 0.0)
+        if wp.static(order == 2):
+            here.state.last_velocities[g] = (1.0 - part) * here.state.last_velocities[g + 1] + feed
+            here.state.last_displacements[g] = (1.0 - part) * here.state.last_displacements[g + 1] + h * feed
+        here.state.tensions[here.body.segments + k - 1] = here.state.tensions[here.body.segments + k]
+        weigh(k + 1, here.model.particle_masses[g + 1], here.x)
+        reel.length -= own
+        reel.behind += own
+        reel.index = k - 1
+        return reel
+
+    @wp.func
+    def turn(here: Here, drive: Drive, h: float):
+        reel = here.state.reels[here.body.index]
+        last = here.body.segments_end - here.body.segments - 1
+        while (
+            reel.index < last and reel.length < SWALLOWED * here.model.segment_length[here.body.segments + reel.index]
+        ):
+            reel = swallow(reel, here)
+        while reel.index > 0 and reel.length >= (
+            here.model.segment_length[here.body.segments + reel.index]
+            + BORN * here.model.segment_length[here.body.segments + reel.index - 1]
+        ):
+            reel = bear(reel, h, here)
+        out = reel.behind + reel.length + reel.owed
+        shortest = wp.max(drive.shortest, SHORTEST * here.model.segment_length[here.body.segments_end - 1])
+        longest = wp.min(drive.longest, reel.total)
+        room = longest - out
+        slack = out - wp.max(reel.owed, 0.0) - shortest  # what is owed cannot be hauled in
+        reel.rate = next_rate(reel.rate, drive.pay_out, drive.max_rate, drive.acceleration, room, slack, h)
+        near = REACHED * reel.total
+        reel.stopped = 0
+        if (drive.pay_out > 0.0 and room < near) or (drive.pay_out < 0.0 and slack < near):
+            reel.stopped = 1
+        returned = reel.owed * wp.min(h / SETTLING, 1.0)
+        fed = reel.rate * h + returned
+        length = reel.length + fed
+        reel.last_fed = reel.fed
+        reel.fed = length - reel.length
+        reel.owed += (fed - reel.fed) - returned  # what rounding kept back, too
+        reel.length = length
+        weigh(reel.index + 1, lightened(reel, here.model, here.body), here.x)
+        here.state.reels[here.body.index] = reel
+
+    return turn
+
+
+@wp.func
+def rest_of(k: int, here: Here) -> float:
+    """The rest length [m] of segment k of the body."""
+    reel = here.state.reels[here.body.index]
+    return wp.where(k == reel.index, reel.length, here.model.segment_length[here.body.segments + k])
+
+
+def make_fed(order: int):
+    """A Warp function: how much longer [m] segment k became in this substep by being fed, of a stretch of `length` [m]
+    per rest length; what of it order 2 carries on is left out, as of displacements."""
+
+    @wp.func
+    def fed_to(k: int, length: float, s: State, body: Body, second: bool) -> float:
+        reel = s.reels[body.index]
+        fed = reel.fed
+        if wp.static(order == 2):
+            if second:
+                fed -= reel.last_fed / 3.0
+        return wp.where(k == reel.index, fed * length / reel.length, 0.0)
+
+    return fed_to
+
+
+@wp.func
+def first_out(s: State, body: Body) -> int:
+    """The first segment of the body that is out."""
+    return s.reels[body.index].index

@@ -1,0 +1,119 @@
+"""Twist along a rope between two clamps: at the start of a substep one thread finds the torsional moment, and what it
+pushes sideways with goes into the prediction, beside the bending moments of the last substep (see beam.py).
+
+It is taken explicitly beside an implicit bending EI, at the positions that order 2 extrapolates to (as in semi-implicit
+BDF2: Ascher, Ruuth, Wetton 1995). That is stable as long as M k^3 < EI k^4 + 4 mu / h^2 for every wave number k, and
+where a rope buckles does not depend on the step.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import load4, store4, xyz
+from cloth_sim_ros.sim.model import Body, Model
+from cloth_sim_ros.sim.physics.bending import wrap_angle
+from cloth_sim_ros.sim.physics.twist import angle_about, carried_across, half_binormal
+from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.state import State
+
+
+def make_tangent(order: int):
+    """A Warp function: the unit tangent of segment k of the body, where the substep begins; order 2 looks ahead."""
+
+    @wp.func
+    def tangent_at(k: int, here: Here) -> wp.vec3:
+        g = here.body.particles + k
+        e = xyz(load4(here.x, k + 1) - load4(here.x, k)) + xyz(load4(here.low, k + 1) - load4(here.low, k))
+        if wp.static(order == 2):
+            if here.step.second:
+                e += here.state.last_displacements[g + 1] - here.state.last_displacements[g]
+        return wp.normalize(e)
+
+    return tangent_at
+
+
+@wp.func
+def any_across(t: wp.vec3) -> wp.vec3:
+    """A unit vector across t: of the axis that t lies least along."""
+    axis = wp.vec3(1.0, 0.0, 0.0)
+    if wp.abs(t[0]) > wp.min(wp.abs(t[1]), wp.abs(t[2])):
+        axis = wp.where(wp.abs(t[1]) < wp.abs(t[2]), wp.vec3(0.0, 1.0, 0.0), wp.vec3(0.0, 0.0, 1.0))
+    return wp.normalize(axis - wp.dot(axis, t) * t)
+
+
+@wp.func
+def push_of(i: int, m: Model, s: State, body: Body) -> wp.vec3:
+    """The force [N] of the twist on particle i, from the couples around it."""
+    force = wp.vec3(0.0)
+    for place in range(3):
+        j = i - place
+        if j >= 0 and j < body.count - 2:
+            joint = m.joints[body.segments + j]
+            weight = wp.where(place == 0, joint[2], wp.where(place == 1, joint[3] - joint[2], -joint[3]))
+            force += weight * s.couples[body.segments + j]
+    return force
+
+
+@wp.func
+def push_by_couples(i: int, here: Here):
+    """Add to the prediction of particle i what the couples around it do."""
+    p = load4(here.d, i)
+    if p[3] == 0.0:
+        return
+    move = (here.step.effective * here.step.effective * p[3]) * push_of(i, here.model, here.state, here.body)
+    store4(here.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+
+
+def make_find_twist(order: int):
+    """A Warp function: one thread finds the twist of a body and the couples of its joints."""
+    tangent_at = make_tangent(order)
+
+    @wp.func
+    def twist_anew(here: Here) -> float:
+        """The torsional moment [N m] from where the particles are, and in State.twists what belongs to it.
+
+        At first, and whenever positions were set, the rope is without twist but for what its end is turned by.
+        """
+        twist = here.state.twists[here.body.index]
+        last = here.body.count - 2
+        before = tangent_at(0, here)
+        if twist.known == 0:
+            twist.start = any_across(before)
+            twist.angle = twist.wanted
+            twist.turned = twist.wanted
+        u = twist.start
+        length = float(0.0)
+        for k in range(1, last + 1):
+            after = tangent_at(k, here)
+            u = carried_across(u, before, after)
+            before = after
+            if k < last:
+                length += here.model.segment_length[here.body.segments + k]
+        if twist.known == 0:
+            twist.end = u
+            twist.known = 1
+        # However far the end was turned; from one substep to the next the writhe changes by less than half a turn.
+        turned = twist.angle + (twist.wanted - twist.turned)
+        twist.angle = turned + wrap_angle(angle_about(before, u, twist.end) + twist.wanted - turned)
+        twist.turned = twist.wanted
+        twist.moment = twist.angle / (length * here.material.compliance[1])
+        here.state.twists[here.body.index] = twist
+        return twist.moment
+
+    @wp.func
+    def find_twist(here: Here):
+        moment = twist_anew(here)
+        before = tangent_at(0, here)
+        for j in range(here.body.count - 2):
+            after = tangent_at(j + 1, here)
+            here.state.couples[here.body.segments + j] = moment * half_binormal(before, after)
+            before = after
+
+    return find_twist
+
+
+@wp.func
+def ask_for(angle: float, b: int, s: State):
+    """Turn the end of body b by `angle` [rad] from now on."""
+    twist = s.twists[b]
+    twist.wanted = angle
+    s.twists[b] = twist

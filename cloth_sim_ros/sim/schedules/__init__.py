@@ -1,1 +1,0 @@
-"""How the physics is run: the same stages, resident in one launch a frame or coloured in one launch a colour."""

@@ -1,0 +1,1 @@
+"""What one particle, panel or contact does in a substep: functions of a number and of Here."""

@@ -1,0 +1,190 @@
+"""Contact of particles with colliders: the stage that keeps a particle outside, with friction."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.colliders import make_signed_distance
+from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.physics.friction import friction_correction
+from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.stages.motion import pack
+from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
+
+# [m/s] at which what overlaps at the start of a substep comes apart, as after a fall of half a metre: a collider that
+# is placed into a cloth would otherwise fling it out within one substep.
+SEPARATION = wp.constant(3.0)
+NOISE = wp.constant(1.0e-6)  # [m] a motion of this size may be rounding alone
+
+
+@wp.func
+def forgotten(past: wp.vec3, now: wp.vec3, normal: wp.vec3, hit: bool) -> wp.vec3:
+    """What BDF2 may remember of a motion `past` that a contact turned into `now`, both displacements or velocities.
+
+    Across the surface only what is now, or the particle would bounce off with half the velocity that it came with; in
+    a `hit`, where it came by as much as it was pressed back, that holds for friction's jump as well.
+    """
+    if hit:
+        return now
+    return past + wp.dot(now - past, normal) * normal
+
+
+@wp.func
+def length_of(step: Step) -> float:
+    """The length of a substep [s], which in order 2 is more than its effective step."""
+    return step.effective / wp.where(step.second, 2.0 / 3.0, 1.0)
+
+
+def make_meet(shapes: tuple[str, ...]):
+    """A Warp function: where a point that moved meets a collider of one of `shapes`."""
+    signed_distance = make_signed_distance(shapes)
+
+    @wp.func
+    def enter(shape: int, size: wp.vec3, start: wp.vec3, path: wp.vec3, before: wp.vec4, thickness: float) -> wp.vec4:
+        """Normal and fraction of `path` at which it enters the surface, by sphere tracing; -1 if it does not.
+
+        before: normal and signed distance [m] at its start.
+        """
+        length = wp.length(path)
+        surface = before
+        gap = surface[3] - thickness
+        reached = wp.where(surface[3] < 0.0 or length <= 0.0, 2.0, 0.0)
+        count = int(0)
+        # A loop that Warp does not unroll: next to no particle ever comes here, and all would carry its registers.
+        while count < 16 and gap > 1.0e-3 * thickness and reached <= 1.0:
+            reached += gap / wp.max(length, 1.0e-30)
+            if reached <= 1.0:
+                surface = signed_distance(shape, start + reached * path, size)
+                gap = surface[3] - thickness
+            count += 1
+        return pack(xyz(surface), wp.where(reached > 1.0, -1.0, reached))
+
+    @wp.func
+    def meet(shape: int, size: wp.vec3, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float) -> wp.vec4:
+        """Normal and gap [m] of local point p, which came by `slip`; negative also where it came through.
+
+        Of an overlap that was there before it came, no more than `apart` [m] counts.
+        """
+        # Both at once, though few need where they came from: a GPU waits for the one as long as for both.
+        before = signed_distance(shape, p - slip, size)
+        surface = signed_distance(shape, p, size)
+        gap = surface[3] - thickness
+        n = xyz(surface)
+        square = wp.length_sq(slip)
+        if square > gap * gap:
+            # Fast enough to have come through the surface: find where it entered, and stay on that side. A particle
+            # that merely touches is also better off where it entered: a third of the error of the way straight out.
+            entry = enter(shape, size, p - slip, slip, before, thickness)
+            if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
+                n = xyz(entry)
+                gap = wp.dot(n, slip) * (1.0 - entry[3])
+        if gap < -apart:
+            gap -= wp.min(before[3] - thickness + apart, 0.0)
+        return pack(n, gap)
+
+    return meet
+
+
+def make_touch(features: Features):
+    """A Warp function that keeps particle i outside all colliders, with friction.
+
+    The colliders' motion lies in `sweeps` from `first_sweep` on, what earlier iterations did in `contacts` at `slot`.
+    """
+    meet = make_meet(features.shapes)
+
+    @wp.func
+    def contact(
+        i: int,
+        first_sweep: int,
+        slot: int,
+        material: Material,
+        colliders: wp.array(dtype=ColliderMotion),
+        sweeps: wp.array(dtype=Sweep),
+        contacts: wp.array(dtype=wp.vec4),
+        velocities: wp.array(dtype=wp.vec4),
+        last_displacements: wp.array(dtype=wp.vec3),
+        step: Step,
+        x: wp.uint64,
+        low_address: wp.uint64,
+        d: wp.uint64,
+    ):
+        packed = load4(d, i)
+        w = packed[3]
+        if w == 0.0:
+            return
+        position = xyz(load4(x, i))
+        displacement = xyz(packed)
+        touched = bool(False)
+        for c in range(colliders.shape[0]):
+            k = first_sweep + c
+            before = wp.vec4(0.0)
+            if not step.first:
+                before = load_row(contacts, slot * colliders.shape[0] + c)
+            after = before
+            # Most particles are farther from the collider than both can move in a substep: a few numbers tell.
+            offset = (position - sweeps[k].position) + displacement
+            path = wp.length(displacement - sweeps[k].motion)
+            path += sweeps[k].spin * (wp.length(offset) + path)
+            if wp.length(offset) - path < colliders[c].reach + material.thickness:
+                collider = colliders[c]
+                sweep = sweeps[k]
+                low = xyz(load4(low_address, i))
+                # Relative motion in the collider's axes, without the difference of two large positions.
+                slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
+                p = sweep.to_local * offset
+                apart = SEPARATION * step.effective
+                touching = meet(collider.shape, collider.size, p, slip, material.thickness, apart)
+                gap = touching[3]
+                if gap < 0.0:
+                    n = xyz(touching)
+                    pressed = before[3] - gap
+                    tangential = slip - wp.dot(slip, n) * n
+                    rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n
+                    mu_s = wp.sqrt(material.static_friction * collider.static_friction)
+                    mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
+                    rubbed = friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
+                    displacement += wp.transpose(sweep.to_local) * (-gap * n + rubbed - rubbed_before)
+                    after = pack(rubbed, pressed)
+                    touched = True
+                    if wp.static(features.order == 2):
+                        normal = wp.transpose(sweep.to_local) * n
+                        moved = displacement - low
+                        past = last_displacements[slot]
+                        if wp.dot(moved - past, normal) > NOISE:
+                            hit = -wp.dot(past - sweep.motion, normal) > 0.5 * pressed
+                            v = load_row(velocities, slot)
+                            speed = moved / length_of(step)
+                            last_displacements[slot] = forgotten(past, moved, normal, hit)
+                            store_row(velocities, slot, pack(forgotten(xyz(v), speed, normal, hit), 0.0))
+            if step.repeats:
+                store_row(contacts, slot * colliders.shape[0] + c, after)
+        if touched:
+            store4(d, i, pack(displacement, w))
+
+    return contact
+
+
+def make_contact(features: Features):
+    """The stage that keeps particle i outside all colliders, after each iteration."""
+    touch = make_touch(features)
+
+    @wp.func
+    def contact(i: int, here: Here):
+        s = here.state
+        touch(
+            i,
+            here.sweep,
+            here.body.particles + i,
+            here.material,
+            here.colliders,
+            s.sweeps,
+            s.contacts,
+            s.velocities,
+            s.last_displacements,
+            here.step,
+            here.x,
+            here.low,
+            here.d,
+        )
+
+    return contact

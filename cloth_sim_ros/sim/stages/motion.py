@@ -1,0 +1,248 @@
+"""The stages of a substep besides the constraints, one function an element, made for the features of a batch.
+
+Every schedule runs: sweep and panels, then predict, then per iteration (constraints, chain, contact), then finish.
+Particle indices count within the body; x, low and d are addresses of its positions, of what float32 lost of them, and
+of its displacements (intrinsics.py).
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import (
+    array_address,
+    divide,
+    inverse_root,
+    load4,
+    load_pair,
+    load_row,
+    store4,
+    store_row,
+    xyz,
+)
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.physics.distance import SHORTEST
+from cloth_sim_ros.sim.physics.integrate import Step, carried, eased_by, kicked, predict_displacement, split_sum
+from cloth_sim_ros.sim.stages.aerodynamics import make_push
+from cloth_sim_ros.sim.stages.bending import make_bending_force
+from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
+
+
+@wp.func
+def pack(v: wp.vec3, w: float) -> wp.vec4:
+    return wp.vec4(v[0], v[1], v[2], w)
+
+
+SWEPT = 64  # substeps whose colliders' motion a launch computes ahead
+
+
+@wp.func
+def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
+    """The motion of a collider between two fractions of the frame; a resting one does not turn by rounding."""
+    sweep = Sweep()
+    q0 = c.start_orientation
+    q1 = c.start_orientation
+    moves = wp.length_sq(c.start_orientation - c.end_orientation) > 0.0
+    if moves:
+        q0 = wp.quat_slerp(c.start_orientation, c.end_orientation, before)
+        q1 = wp.quat_slerp(c.start_orientation, c.end_orientation, after)
+    sweep.to_local = wp.transpose(wp.quat_to_matrix(q1))
+    if moves:
+        sweep.turn = sweep.to_local - wp.transpose(wp.quat_to_matrix(q0))
+        sweep.spin = wp.sqrt(wp.ddot(sweep.turn, sweep.turn))
+    sweep.motion = (c.end_position - c.start_position) * (after - before)
+    sweep.position = c.start_position + (c.end_position - c.start_position) * after
+    return sweep
+
+
+@wp.func
+def spring_constants(material: Material) -> wp.vec3:
+    """Constants [N/m] of structural, shear and bending springs of scale 1."""
+    c = material.compliance
+    return wp.vec3(1.0 / wp.max(c[0], 1.0e-30), 1.0 / wp.max(c[1], 1.0e-30), 1.0 / wp.max(c[2], 1.0e-30))
+
+
+@wp.func
+def spoke_constant(kind: wp.vec4, constants: wp.vec3) -> float:
+    """The constant [N/m] of a spring of type `kind` (Model.spoke_types)."""
+    return wp.where(kind[2] == 0.0, constants[0], wp.where(kind[2] == 1.0, constants[1], constants[2])) * kind[1]
+
+
+@wp.func
+def spoke_force(e: wp.vec3, rest: float, constant: float, lost: float, damping: float, apart: wp.vec3) -> wp.vec3:
+    """The force [N] of the spring and dashpot along e [m] on the particle where e begins; `apart` is de/dt [m/s].
+
+    lost: what float32 lost of the rest length, over it. It would strain all springs of a grid alike, by up to 6e-8, a
+    thousandth of what its own weight does to a stiff sheet.
+    """
+    inverse = inverse_root(wp.max(wp.dot(e, e), SHORTEST * SHORTEST))
+    pull = (1.0 - rest * inverse) - lost
+    if damping > 0.0:
+        pull += damping * wp.dot(e, apart) * inverse * inverse
+    return (constant * pull) * e
+
+
+@wp.func
+def spring_force(i: int, here: Here, v: wp.vec3) -> wp.vec3:
+    """The force of all springs and dashpots around particle i [N], gathered, for explicit methods."""
+    xi = load4(here.x, i)
+    li = load4(here.low, i)
+    constants = spring_constants(here.material)
+    force = wp.vec3(0.0)
+    # One spoke ahead: the fetch from a GPU's memory takes longer than the arithmetic of a spoke.
+    ahead = load_pair(here.model.spokes, here.body.spokes + i)
+    for q in range(1, here.body.spoke_width + 1):
+        spoke = ahead
+        ahead = load_pair(
+            here.model.spokes, here.body.spokes + wp.min(q, here.body.spoke_width - 1) * here.body.count + i
+        )
+        j = spoke[0]
+        kind = load4(array_address(here.model.spoke_types, 0), spoke[1])
+        e = xyz((load4(here.x, j) - xi) + (load4(here.low, j) - li))
+        apart = wp.vec3(0.0)
+        if here.material.damping > 0.0:
+            apart = xyz(load_row(here.state.velocities, here.body.particles + j)) - v
+        force += spoke_force(e, kind[0], spoke_constant(kind, constants), kind[3], here.material.damping, apart)
+    return force
+
+
+@wp.func
+def first_share(step: Step) -> float:
+    """Leapfrog: velocities live half a step before the positions, so the first kick is half a kick."""
+    return wp.where(step.second, 1.0, 0.5)
+
+
+@wp.func
+def prediction(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, low: wp.vec3, step: Step) -> wp.vec4:
+    """The predicted displacement plus the low part [m], and the effective inverse mass [1/kg], under drag."""
+    displacement = predict_displacement(base, v, a, step.effective, eased)
+    # The implicit drag weighs like added mass; with it the static balance of drag, weight and springs is exact.
+    return pack(displacement + low, w * eased)
+
+
+def make_predict(features: Features):
+    """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
+    push = make_push(features) if features.panels and features.method == "xpbd" else None
+
+    @wp.func
+    def predict(i: int, here: Here):
+        g = here.body.particles + i
+        w = load4(here.x, i)[3]
+        v = xyz(load_row(here.state.velocities, g))
+        low = xyz(load4(here.low, i))
+        base = wp.vec3(0.0)
+        ahead = v
+        if wp.static(features.order == 2):
+            if here.step.second:
+                base = carried(here.state.last_displacements[g])
+                change = v - here.state.last_velocities[g]
+                v += carried(change)
+                ahead += change
+        # Forces were taken at the velocity ahead; drag is implicit from there (Rosenbrock).
+        a = here.frame.gravity - here.frame.global_damping * v
+        eased = here.step.eased
+        if wp.static(push is not None):
+            pushed = push(g, here.model, here.state)
+            a += w * (xyz(pushed) + pushed[3] * (ahead - v))
+            eased = eased_by(here.frame.global_damping + w * pushed[3], here.step.effective)
+        if wp.static(features.method == "verlet"):
+            a += w * spring_force(i, here, v)
+            a *= first_share(here.step)
+        # Chosen, not branched to, or a warp with a pinned particle would go both ways.
+        moved = prediction(base, v, a, eased, w, low, here.step)
+        store4(here.p, i, wp.where(w == 0.0, pack(low, 0.0), moved))
+
+    return predict
+
+
+def make_kick(features: Features):
+    """The stage of explicit methods that stores at `d` the velocity of particle i after an impulse of the slow forces.
+
+    span: how long they act [s]. `store_velocity` follows where all particles have looked around.
+    """
+    push = make_push(features) if features.panels else None
+    bending_force = make_bending_force(features) if features.plate else None
+
+    @wp.func
+    def kick(
+        i: int,
+        span: float,
+        here: Here,
+    ):
+        g = here.body.particles + i
+        total = wp.vec4(0.0)
+        if wp.static(push is not None):
+            total = push(g, here.model, here.state)
+        force = xyz(total)
+        if wp.static(bending_force is not None):
+            force += bending_force(i, here)
+        store4(
+            here.d,
+            i,
+            pack(kicked(xyz(load_row(here.state.velocities, g)), force, total[3], load4(here.x, i)[3], span), 0.0),
+        )
+
+    return kick
+
+
+@wp.func
+def store_velocity(i: int, here: Here):
+    """Particle i takes the velocity at `d`."""
+    store_row(here.state.velocities, here.body.particles + i, load4(here.d, i))
+
+
+# BDF2 extrapolates the last displacement; where a substep departs from it by this share of the spacing (a stroke of a
+# collider, a stretched start), the next one is implicit Euler, which is stable whatever came before.
+SMOOTH = wp.constant(0.05)
+
+
+@wp.func
+def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
+    """A change over a substep [m], divided by its effective length [m/s]."""
+    h = step.effective
+    return wp.vec3(
+        divide(change[0], h, step.inverse), divide(change[1], h, step.inverse), divide(change[2], h, step.inverse)
+    )
+
+
+# A substep that puts a torn rope together may move its particles by many segments: of the velocity that would leave, a
+# particle gains at most this many segments a substep, or the next substep would tear it again.
+MOST_SPACINGS = wp.constant(0.25)
+
+
+def make_finish(features: Features):
+    """The stage that turns the displacement of particle i into its velocity and position."""
+
+    @wp.func
+    def finish(i: int, here: Here):
+        g = here.body.particles + i
+        low = xyz(load4(here.low, i))
+        old = load4(here.x, i)
+        total = xyz(load4(here.d, i))
+        displacement = total - low  # 0 of what is pinned
+        # Divided, not multiplied by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
+        velocity = rate_of(displacement, here.step)
+        if wp.static(features.order == 2):
+            base = wp.vec3(0.0)
+            if here.step.second:
+                base = carried(here.state.last_displacements[g])
+            velocity = rate_of(displacement - base, here.step)
+            if wp.length(displacement - here.state.last_displacements[g]) > SMOOTH * here.body.spacing:
+                here.state.events[2 * here.body.index + here.substep % 2] = here.substep + 1
+            before = xyz(load_row(here.state.velocities, g))
+            if wp.static(features.panels != ""):
+                store_row(here.state.ahead_velocities, g, pack(velocity + (velocity - before), 0.0))
+                store_row(here.state.ahead_positions, g, pack(xyz(old) + displacement + displacement, 0.0))
+            here.state.last_velocities[g] = before
+            here.state.last_displacements[g] = displacement
+        if wp.static(features.chain):
+            # A chain that was put together from afar: its particles did not move so, they were placed.
+            if here.state.torn[here.body.index] > 0:
+                kick = velocity - xyz(load_row(here.state.velocities, g))
+                most = MOST_SPACINGS * here.body.spacing * here.step.inverse
+                velocity -= kick * (1.0 - wp.min(1.0, most / wp.max(wp.length(kick), 1.0e-20)))
+        store_row(here.state.velocities, g, pack(velocity, 0.0))
+        position = xyz(old)
+        store4(here.low, i, pack(split_sum(position, total), 0.0))
+        store4(here.x, i, pack(position + total, old[3]))
+
+    return finish
