@@ -200,8 +200,8 @@ class Energy:
 
 
 def _bending_matrix(sim: Simulation) -> sparse.csr_array:
-    """(N, N) [N/m], whose quadratic form is twice the energy of bending [J]: of the joints of a rope, or of a flat sheet
-    its plate operator."""
+    """(N, N) [N/m], whose quadratic form is twice the energy of bending [J]: of the joints of a rope, or the plate
+    operator of a flat sheet."""
     body = sim.scene.objects[BODY]
     count = len(sim.masses(BODY))
     if not body.bend_compliance or (isinstance(body, Cloth) and body.bending == "springs"):
