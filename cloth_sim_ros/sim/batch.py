@@ -76,6 +76,7 @@ class Batch:
         colliders: LiveArray,
         worlds: int,
         device: wp.Device,
+        forces: list[tuple[float, ...]],
     ):
         self.features, self.device = features, device
         self.index = {name: b for b, name in enumerate(topologies)}
@@ -104,6 +105,8 @@ class Batch:
         self.states = make_states(collected, features, colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, colliders) for w in range(worlds)]
+        for arrays in self.worlds:
+            arrays.forces = wp.array(np.array(forces).reshape(-1, 4), dtype=wp.vec4, device=device)
         self._saved: dict[str, wp.array] | None = None
         self.schedule = self._make_schedule(rows, list(topologies.values()))
         self._trial = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -11,6 +12,7 @@ import warp as wp
 from cloth_sim_ros.sim.batch import Batch, goes_in_rows
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.executors.block import capacity
+from cloth_sim_ros.sim.forces import name_of
 from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.methods import choose as choosing
 from cloth_sim_ros.sim.methods.choose import Choice
@@ -97,14 +99,16 @@ class Bodies:
         """A batch of each group of objects with the same features, in rows or not."""
         shapes = shapes_of(self.scene.colliders.values())
         wind = self.scene.wind is not None
+        forces = [force.numbers() for force in self.scene.forces.values()]
         alike: dict[tuple[Features, bool], dict[str, Topology]] = {}
         for name, topo in self.topologies.items():
             choice = self._choices[name]
             features = Features.of(topo, wind, shapes, choice.order, choice.method, self.worlds > 1)
+            features = replace(features, forces=tuple(map(name_of, self.scene.forces.values())))
             rows = goes_in_rows(features, topo, self.warp_device)
             alike.setdefault((features, rows), {})[name] = topo
         return [
-            Batch(bodies, features, rows, self.frame, self.colliders, self.worlds, self.warp_device)
+            Batch(bodies, features, rows, self.frame, self.colliders, self.worlds, self.warp_device, forces)
             for (features, rows), bodies in alike.items()
         ]
 

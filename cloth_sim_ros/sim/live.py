@@ -10,7 +10,7 @@ import numpy as np
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.bodies import Bodies, distinct, names_of
-from cloth_sim_ros.sim.colliders import NAMES, shape_of
+from cloth_sim_ros.sim.colliders import number_of, shape_of
 from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.quaternion import unit_quaternion
@@ -175,7 +175,7 @@ class Live:
             self._bodies.colliders.write(
                 self._bodies.collider_row[name],
                 None,
-                shape=NAMES.index(shape_of(collider)),
+                shape=number_of(shape_of(collider)),
                 size=collider.size(),
                 reach=collider.reach(),
                 static_friction=collider.static_friction,

@@ -35,6 +35,7 @@ class Features:
     plate: bool = False  # a sheet that resists bending by its curvature
     curved: bool = False  # and is curved at rest
     redoes: bool = False  # whether only bodies are computed whose frame is done again
+    forces: tuple[str, ...] = ()  # of forces.FORCES, in the order of Arrays.forces
     line_slots: int = 1  # particles of a line that a thread of a warp holds
 
     def key(self) -> str:
@@ -49,7 +50,7 @@ class Features:
     @property
     def has_outer(self) -> bool:
         """Whether explicit substeps lie between impulses of slow forces."""
-        return self.method == "verlet" and (self.panels != "" or self.plate)
+        return self.method == "verlet" and (self.panels != "" or self.plate or self.forces != ())
 
     @staticmethod
     def of(

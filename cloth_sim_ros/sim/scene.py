@@ -13,6 +13,7 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.checks import check_fields
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.forces import Force, name_of
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.quaternion import Vector
 
@@ -36,12 +37,15 @@ class Wind:
 
 @dataclass(frozen=True)
 class Scene:
-    """Named objects and colliders, wind (None: no air) and gravity [m/s^2]. Names are shared by topics and
-    parameters."""
+    """Named objects and colliders, wind (None: no air), forces by any name and gravity [m/s^2].
+
+    Names of objects and colliders are shared by topics and parameters. Raises ValueError for what cannot be.
+    """
 
     objects: Mapping[str, Cloth | Rope] = field(default_factory=dict)
     colliders: Mapping[str, Collider] = field(default_factory=dict)
     wind: Wind | None = None
+    forces: Mapping[str, Force] = field(default_factory=dict)
     gravity: Vector = (0.0, 0.0, -9.81)
 
     def __post_init__(self) -> None:
@@ -52,6 +56,8 @@ class Scene:
             raise ValueError(f"the name {min(both)!r} is given to an object and a collider; allowed is one of the two")
         if self.wind is not None and not isinstance(self.wind, Wind):
             raise ValueError(f"Scene.wind is {self.wind!r}; allowed is a Wind or None")
+        for force in self.forces.values():
+            name_of(force)
         check_fields(self, (table.GRAVITY,))
 
 

@@ -222,6 +222,7 @@ class Arrays:
     materials: wp.array(dtype=Material)  # (B,)
     colliders: wp.array(dtype=ColliderMotion)  # (K,)
     drives: wp.array(dtype=Drive)  # (B,) of ropes that a winch feeds
+    forces: wp.array(dtype=wp.vec4)  # (F,) numbers of the scene's own forces
     ends: wp.array(dtype=EndTurn)  # (B,) of ropes that resist twist
 
 

@@ -1,4 +1,5 @@
-"""Collider shapes. A new shape: a file with its scene class and its `signed_distance`, and its line in SHAPES."""
+"""Collider shapes. A new shape: a file with its scene class and its `signed_distance`, and its line in SHAPES, which
+may also come from outside of this package (docs/extending.md)."""
 
 from collections.abc import Iterable
 
@@ -13,12 +14,16 @@ SHAPES = {
     "capsule": (capsule.Capsule, capsule.signed_distance),
     "box": (box.Box, box.signed_distance),
 }
-NAMES = tuple(SHAPES)
 
 
 def shape_of(collider: Collider) -> str:
     """The name in SHAPES of a collider of the scene."""
     return next(name for name, (kind, _) in SHAPES.items() if type(collider) is kind)
+
+
+def number_of(name: str) -> int:
+    """The number by which kernels know a shape."""
+    return list(SHAPES).index(name)
 
 
 def shapes_of(colliders: Iterable[Collider]) -> tuple[str, ...]:
@@ -40,7 +45,7 @@ def make_signed_distance(present: tuple[str, ...]):
 
 
 def _or(others, name: str):
-    index, of_shape = NAMES.index(name), SHAPES[name][1]
+    index, of_shape = number_of(name), SHAPES[name][1]
 
     def signed_distance(shape: int, p: wp.vec3, size: wp.vec3) -> wp.vec4:
         if shape == wp.static(index):

@@ -113,6 +113,8 @@ def plan(
     """
     if features.method != "verlet":
         raise Unfit("method 'xpbd'", "method 'verlet'")
+    if features.forces:
+        raise Unfit("forces of the scene's own", "weight, springs, bending and air")
     if "edge" in features.constraints:
         raise Unfit("edge_contact", "contact of particles alone")
     if features.curved:

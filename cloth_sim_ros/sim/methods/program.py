@@ -129,6 +129,7 @@ def make_begin(features: Features):
         here.material = arrays.materials[b]
         here.frame = arrays.frames[0]
         here.colliders = arrays.colliders
+        here.forces = arrays.forces
         if wp.static(features.winch):
             here.drive = arrays.drives[b]
         if wp.static(features.twist):

@@ -27,6 +27,7 @@ class Here:
     p: wp.uint64
     spans: wp.uint64  # where the threads of a block show one another spans of a chain
     colliders: wp.array(dtype=ColliderMotion)
+    forces: wp.array(dtype=wp.vec4)  # numbers of the scene's own forces
     drive: Drive  # of a winch
     turn: float  # of the end of a rope [rad]
     substep: int

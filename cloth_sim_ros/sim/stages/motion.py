@@ -7,6 +7,7 @@ of its displacements (intrinsics.py).
 
 import warp as wp
 
+from cloth_sim_ros.sim.forces import make_pull
 from cloth_sim_ros.sim.intrinsics import (
     array_address,
     divide,
@@ -122,6 +123,7 @@ def prediction(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, lo
 def make_predict(features: Features):
     """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
     push = make_push(features) if features.panels and features.method == "xpbd" else None
+    pull = make_pull(features.forces) if features.forces and features.method == "xpbd" else None
 
     @wp.func
     def predict(i: int, here: Here):
@@ -144,6 +146,10 @@ def make_predict(features: Features):
             pushed = push(g, here.model, here.state)
             a += w * (xyz(pushed) + pushed[3] * (ahead - v))
             eased = eased_by(here.frame.global_damping + w * pushed[3], here.step.effective)
+        if wp.static(pull is not None):
+            pulled = pull(xyz(load4(here.x, i)), ahead, 1.0 / wp.max(w, 1.0e-30), here.forces)
+            a += w * (xyz(pulled) + pulled[3] * (ahead - v))
+            eased = eased / (1.0 + eased * here.step.effective * w * pulled[3])
         if wp.static(features.method == "verlet"):
             a += w * spring_force(i, here, v)
             a *= first_share(here.step)
@@ -160,6 +166,7 @@ def make_kick(features: Features):
     span: how long they act [s]. `store_velocity` follows where all particles have looked around.
     """
     push = make_push(features) if features.panels else None
+    pull = make_pull(features.forces) if features.forces else None
     bending_force = make_bending_force(features) if features.plate else None
 
     @wp.func
@@ -172,14 +179,13 @@ def make_kick(features: Features):
         total = wp.vec4(0.0)
         if wp.static(push is not None):
             total = push(g, here.model, here.state)
+        w, v = load4(here.x, i)[3], xyz(load_row(here.state.velocities, g))
+        if wp.static(pull is not None):
+            total += pull(xyz(load4(here.x, i)), v, 1.0 / wp.max(w, 1.0e-30), here.forces)
         force = xyz(total)
         if wp.static(bending_force is not None):
             force += bending_force(i, here)
-        store4(
-            here.d,
-            i,
-            pack(kicked(xyz(load_row(here.state.velocities, g)), force, total[3], load4(here.x, i)[3], span), 0.0),
-        )
+        store4(here.d, i, pack(kicked(v, force, total[3], w, span), 0.0))
 
     return kick
 

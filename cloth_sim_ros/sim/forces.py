@@ -1,0 +1,54 @@
+"""Forces on particles beside weight, springs, bending and air: what a scene adds, each from its place and velocity.
+
+A force is a frozen class with `numbers()`, and a Warp function of a particle; `FORCES` brings both together, also from
+outside of this package (docs/extending.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import warp as wp
+
+
+class Force(Protocol):
+    """What a scene holds of a force."""
+
+    def numbers(self) -> tuple[float, float, float, float]:
+        """What its Warp function is given of it."""
+
+
+# name -> (class, Warp function); the function takes position (vec3) [m], velocity (vec3) [m/s], mass [kg] and the
+# numbers (vec4), and returns the force [N] and its drag rate [N s/m], by which it falls with the velocity, or 0.
+FORCES: dict[str, tuple[type, wp.Function]] = {}
+
+
+def name_of(force: Force) -> str:
+    """The name in FORCES of a force of the scene. Raises ValueError where its class is not there."""
+    for name, (kind, _) in FORCES.items():
+        if type(force) is kind:
+            return name
+    raise ValueError(f"Scene.forces has {force!r}; allowed are {', '.join(FORCES) or 'none'}, see forces.FORCES")
+
+
+def make_pull(names: Iterable[str]):
+    """A Warp function: the sum of the forces `names` on a particle, whose numbers lie in an array in this order."""
+    pull = _nothing
+    for place, name in enumerate(names):
+        pull = _and(pull, place, name)
+    return pull
+
+
+@wp.func
+def _nothing(x: wp.vec3, v: wp.vec3, mass: float, numbers: wp.array(dtype=wp.vec4)) -> wp.vec4:
+    return wp.vec4(0.0)
+
+
+def _and(others, place: int, name: str):
+    force = FORCES[name][1]
+
+    def pull(x: wp.vec3, v: wp.vec3, mass: float, numbers: wp.array(dtype=wp.vec4)) -> wp.vec4:
+        return others(x, v, mass, numbers) + force(x, v, mass, numbers[wp.static(place)])
+
+    return wp.func(pull, name=f"pull_{place}_{name}")
