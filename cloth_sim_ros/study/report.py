@@ -14,8 +14,8 @@ from cloth_sim_ros.study.hard.judge import Combination
 
 CAPTIONS = {  # file name of a picture -> what it shows
     "curtain": "A gathered curtain, a ball pushed through it, and a breeze.",
-    "topology": "Passes of the springs of a 5 x 5 grid; cells of a pass share no particle and are solved at once.",
-    "colouring": "The colours of a triangle mesh; the last ones hold what the others left.",
+    "topology": "Families of lines of a 5 x 5 grid: a line is solved as a whole, all lines of a family at once.",
+    "mesh_lines": "Lines of a triangle mesh, which go on as straight as its edges do; late families hold short ones.",
     "oscillator": "One mass on one spring: what a step does to the amplitude, measured beside its formula.",
     "rope": "A dragged rope of 12 particles: PBD stretches it by its iterations, XPBD by its material.",
 }

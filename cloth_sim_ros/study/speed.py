@@ -1,4 +1,4 @@
-"""`speed`: one launch a frame, a substep or a pass: the same cloth in the same run.
+"""`speed`: one launch a frame or one a stage: the same cloth in the same run, by xpbd of second order.
 
 The schedules take turns, so that whatever else the machine does falls on all alike. With --peers, the same springs
 at the same substeps in Newton and pyPBD, and MuJoCo's flex of the same size, in the same run; with --features, what
@@ -25,7 +25,7 @@ from cloth_sim_ros.study.figures import draw_speed
 from cloth_sim_ros.study.peers import PEERS, flex_times
 from cloth_sim_ros.study.timing import frame_time, machine, quartiles
 
-SCHEDULES = {"resident": "a frame", "coloured": "a pass"}  # and what each needs a launch for
+SCHEDULES = {"resident": "a frame", "coloured": "a stage"}  # and what each needs a launch for
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -128,11 +128,12 @@ def best(row: dict) -> str:
 
 
 def measure(resolution: int, arguments: argparse.Namespace) -> dict:
-    """Medians over the rounds of all schedules [ms per frame], their quartiles, and the ratio of colours to frames.
+    """Medians over the rounds of all schedules [ms per frame], their quartiles, and the ratio of stages to frames.
 
     A cloth too large for one block of the device has no launch a frame.
     """
-    settings = {"substeps": arguments.substeps, "iterations": arguments.iterations}
+    numbers = {"substeps": arguments.substeps, "iterations": arguments.iterations}
+    settings = {"method": "xpbd", "order": 2, **numbers}
     scene, sims, frames = Scene(objects={"cloth": hanging_cloth(resolution)}), {}, {}
     automatic = Simulation(scene, Settings(**settings), device=arguments.device, worlds=arguments.worlds)
     for schedule in SCHEDULES:
@@ -147,7 +148,7 @@ def measure(resolution: int, arguments: argparse.Namespace) -> dict:
     for _ in range(arguments.rounds):
         for schedule, sim in sims.items():
             found[schedule].append(frame_time(sim, frames[schedule]))
-    row = {"resolution": resolution, **settings, "device": automatic.device}
+    row = {"resolution": resolution, **numbers, "device": automatic.device}
     for schedule in sims:
         row[schedule] = quartiles(found[schedule])
     if "resident" in found:
@@ -180,5 +181,5 @@ def table(rows: list[dict]) -> str:
         lines.append(f"{size:>9}  {times}  {row['wall']:.3f} ms  {row['chosen']}")
         if "ratio" in row:
             ratio = row["ratio"]
-            lines.append(f"{'':>9}  passes / frame {ratio['median']:.2f} ({ratio['low']:.2f}-{ratio['high']:.2f})")
+            lines.append(f"{'':>9}  stages / frame {ratio['median']:.2f} ({ratio['low']:.2f}-{ratio['high']:.2f})")
     return "\n".join(lines)

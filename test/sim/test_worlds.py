@@ -108,6 +108,22 @@ def test_a_bad_world_leaves_63_others_as_they_were(device, schedule):
             assert all(same) and sims[0].report(w)["sheet"]["recoveries"] == 0
 
 
+def test_a_world_does_a_frame_again_alone(device):
+    """One of four worlds is torn: its sheet alone is done again by XPBD, the others do not change by a bit."""
+    one = Scene({"sheet": Cloth(resolution=(6, 6), pins="top")})
+    sims = [Simulation(one, Settings(method="verlet"), device, worlds=4) for _ in range(2)]
+    torn = sims[0].rest_positions("sheet") * (3.0, 3.0, 1.0)
+    sims[0].set_positions("sheet", torn, world=2)
+    for sim in sims:
+        sim.step(10)
+    assert [sims[0].report(w)["sheet"]["redone"] > 0 for w in range(4)] == [False, False, True, False]
+    for w in (0, 1, 3):
+        assert all(np.array_equal(a, b) for a, b in zip(states(sims[0], w), states(sims[1], w), strict=True))
+    assert np.isfinite(sims[0].positions("sheet", 2)).all() and sims[0].report(2)["sheet"]["recoveries"] == 0
+    sims[0].reset(2)
+    assert sims[0].report(2)["sheet"]["redone"] == 0
+
+
 def test_one_world_is_reset_alone(device):
     many = Simulation(scene(), Settings(method="xpbd", substeps=20, order=2), device, worlds=3)
     start = states(many)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy import sparse
 from scipy.optimize import minimize
 
 from cloth_sim_ros.sim import Cloth, Rope, Simulation
+from cloth_sim_ros.sim.topology import build
 
 BODY = "body"
 SEGMENTS = 24
 GRAVITY = 9.81
-KINDS = ("sheet", "sheet with bending springs", "sheet with hinges", "rope", "rope with bending")
+KINDS = ("sheet", "sheet with bending springs", "sheet with bending", "rope", "rope with bending")
 
 
 def is_rope(kind: str) -> bool:
@@ -40,7 +42,7 @@ def make_body(kind: str, compliance: float = 1e-4, ratio: float = 0.0, pins: str
             pins={"hung": "start", "both": "both", "none": None}[pins],
             **{{"thickness": "radius"}.get(name, name): value for name, value in fields.items()},
         )
-    bending = {"sheet with bending springs": ("springs", 1e-1), "sheet with hinges": ("dihedral", 1e3)}
+    bending = {"sheet with bending springs": ("springs", 1e-1), "sheet with bending": ("dihedral", 1e3)}
     how, bend_compliance = bending.get(kind, ("springs", None))
     sides = tuple(int(i) for i in np.concatenate([np.arange(0, 100, 10), np.arange(9, 100, 10)]))
     return Cloth(
@@ -57,14 +59,19 @@ def make_body(kind: str, compliance: float = 1e-4, ratio: float = 0.0, pins: str
 
 
 def bends_by_angles(body: Cloth | Rope) -> bool:
-    """Whether a body resists bending by the angles of a rope or of hinges, and not by springs."""
-    return body.bend_compliance is not None and (isinstance(body, Rope) or body.bending != "springs")
+    """Whether a body is a rope that resists bending, which explicit steps lack."""
+    return isinstance(body, Rope) and body.bend_compliance is not None
 
 
 def inverse_mass(sim: Simulation) -> np.ndarray:
     """Of every particle (N,) [1/kg], 0 where it is pinned."""
     arrays, span, _ = sim.device_arrays(BODY)
     return arrays.state.positions[span].numpy()[:, 3].astype(np.float64)
+
+
+def substep_of(sim: Simulation) -> float:
+    """Length of a substep of the body [s]."""
+    return sim.settings.frame_dt / sim.choices[BODY].substeps
 
 
 class Energy:
@@ -76,7 +83,8 @@ class Energy:
         kinds = sim.springs(BODY)
         self.pairs, self.rest, constant = (np.concatenate([kind[k] for kind in kinds.values()]) for k in range(3))
         self._rigid, self._constant = np.isinf(constant), constant
-        self._h = sim.settings.frame_dt / sim.settings.substeps
+        self._h = substep_of(sim)
+        self._bends = _bending_matrix(sim)
         self._stretch = np.repeat([name != "bending" for name in kinds], [len(kind[1]) for kind in kinds.values()])
 
     def lengths(self, x: np.ndarray) -> np.ndarray:
@@ -154,6 +162,7 @@ class Energy:
         force = np.zeros_like(x)
         np.add.at(force, self.pairs[:, 0], pull)
         np.add.at(force, self.pairs[:, 1], -pull)
+        force -= self._bends @ x
         return (self.inverse_mass > 0.0)[:, None] * (force / self._masses[:, None] + self._sim.scene.gravity)
 
     def momentum(self, v: np.ndarray) -> float:
@@ -187,30 +196,20 @@ class Energy:
         return (float(self.rest.mean()) * 2.0**-24) ** 2 / 3.0 * highest**3 / 8.0
 
     def _bending(self, x: np.ndarray) -> float:
-        body = self._body
-        if isinstance(body, Rope) and body.bend_compliance:
-            edges = np.diff(x, axis=0) * SEGMENTS
-            return 0.5 * float((np.diff(edges, axis=0) ** 2).sum()) * SEGMENTS / body.bend_compliance
-        if isinstance(body, Cloth) and body.bend_compliance and body.bending == "dihedral":
-            return _hinges(x, self._sim.rest_positions(BODY), self._sim.triangles(BODY)) / body.bend_compliance
-        return 0.0
+        return 0.5 * float((x * (self._bends @ x)).sum())
 
 
-def _hinges(x: np.ndarray, rest: np.ndarray, triangles: np.ndarray) -> float:
-    """Sum over inner edges of |e|^2 / (2 (A1 + A2)) theta^2, lengths and areas at rest, which is flat."""
-    half = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    owner = np.tile(np.arange(len(triangles)), 3)
-    order = np.lexsort((owner, *np.sort(half, axis=1).T[::-1]))
-    edge, owner = np.sort(half, axis=1)[order], owner[order]
-    inner = np.flatnonzero((edge[1:] == edge[:-1]).all(1))
-    first, second = owner[inner], owner[inner + 1]
-    areas = [np.linalg.norm(_doubled(rest, triangles[side]), axis=1) / 2.0 for side in (first, second)]
-    square = ((rest[edge[inner, 1]] - rest[edge[inner, 0]]) ** 2).sum(1)
-    n1, n2 = _doubled(x, triangles[first]), _doubled(x, triangles[second])
-    angle = np.arctan2(np.linalg.norm(np.cross(n1, n2), axis=1), (n1 * n2).sum(1))
-    return float((square / (2.0 * (areas[0] + areas[1])) * angle**2).sum())
-
-
-def _doubled(x: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    a, b, c = (x[triangles[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
+def _bending_matrix(sim: Simulation) -> sparse.csr_array:
+    """(N, N) [N/m], whose quadratic form is twice the energy of bending [J]: of the joints of a rope, or the plate
+    operator of a flat sheet."""
+    body = sim.scene.objects[BODY]
+    count = len(sim.masses(BODY))
+    if not body.bend_compliance or (isinstance(body, Cloth) and body.bending == "springs"):
+        return sparse.csr_array((count, count))
+    if isinstance(body, Rope):
+        turns = sparse.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count - 2, count))
+        return sparse.csr_array(turns.T @ turns) * (SEGMENTS**3 / body.bend_compliance)
+    plate = build(body, BODY, False).plate
+    rows = np.repeat(np.arange(count), plate.neighbours.shape[1])
+    weights = sparse.csr_array((plate.weights.ravel(), (rows, plate.neighbours.ravel())), (count, count))
+    return (weights - sparse.diags_array(weights.sum(axis=1))) / body.bend_compliance

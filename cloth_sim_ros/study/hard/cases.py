@@ -26,7 +26,7 @@ class Case:
     grid: dict[str, tuple] = field(default_factory=dict)
 
 
-_SHEETS_AND_ROPES = ("sheet", "sheet with hinges", "rope")
+_SHEETS_AND_ROPES = ("sheet", "sheet with bending", "rope")
 _ROPES = tuple(kind for kind in KINDS if is_rope(kind))
 _COMPLIANCES = (0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
 from cloth_sim_ros.sim.colliders import shape_of
-from cloth_sim_ros.study.hard.bodies import BODY, Energy, bends_by_angles
+from cloth_sim_ros.study.hard.bodies import BODY, Energy, bends_by_angles, substep_of
 from cloth_sim_ros.study.hard.cases import CASES, Case
 from cloth_sim_ros.study.hard.trial import WHIP, Trial
 from cloth_sim_ros.study.hard.trials.contact import SHAPES
@@ -22,7 +22,7 @@ from cloth_sim_ros.study.hard.trials.contact import SHAPES
 METHODS: dict[str, dict[str, Any]] = {
     "xpbd 1": {"method": "xpbd", "order": 1},
     "xpbd 2": {"method": "xpbd", "order": 2},
-    "auto": {"method": "auto"},
+    "auto": {"method": "auto", "substeps": 0, "iterations": 0},  # with nothing said, as users run it
     "verlet": {"method": "verlet"},  # with as many substeps as it asks for, once it has refused those that are too few
 }
 SUBSTEPS, ITERATIONS = (1, 5, 20, 80), (1, 10)
@@ -94,9 +94,10 @@ def make_trial(combination: Combination) -> Trial:
 def judge(combination: Combination, device: str) -> Verdict:
     """Run a combination on a device and hold it against what its case promises."""
     options, trial = combination.options, make_trial(combination)
-    settings = {**METHODS[combination.method], "frame_dt": trial.frame_dt, "iterations": options["iterations"]}
+    numbers = {name: options[name] for name in ("substeps", "iterations")}
+    settings = {"frame_dt": trial.frame_dt, **numbers, **METHODS[combination.method]}
     try:
-        sim = Simulation(trial.scene, Settings(substeps=options["substeps"], **settings), device)
+        sim = Simulation(trial.scene, Settings(**settings), device)
     except ValueError as refusal:
         wrong = _unfounded(str(refusal), trial, settings)
         if wrong:
@@ -105,7 +106,7 @@ def judge(combination: Combination, device: str) -> Verdict:
         wrong = keeps_state(sim, options["substeps"]) if sim else keeps_soft_state(trial.scene, settings, device)
         if wrong or sim is None:
             return Verdict("failed" if wrong else "refused", wrong or str(refusal))
-    return dataclasses.replace(watch(sim, trial), substeps=sim.settings.substeps)
+    return dataclasses.replace(watch(sim, trial), substeps=sim.choices[BODY].substeps)
 
 
 def _unfounded(refusal: str, trial: Trial, settings: dict) -> str:
@@ -133,7 +134,7 @@ def obliging(refusal: str, scene: Scene, settings: dict, device: str) -> Simulat
     needed = re.search(r"at least (\d+) ", refusal)
     if needed is None or int(needed[1]) > MOST_SUBSTEPS:
         return None
-    return Simulation(scene, Settings(substeps=int(needed[1]), **settings), device)
+    return Simulation(scene, Settings(**{**settings, "substeps": int(needed[1])}), device)
 
 
 def keeps_state(sim: Simulation, substeps: int) -> str:
@@ -148,9 +149,9 @@ def keeps_soft_state(scene: Scene, settings: dict, device: str) -> str:
         return ""  # bending by angles is there from the start or never
     soft = {"stretch_compliance": 1.0} | ({"shear_compliance": 1.0} if isinstance(body, Cloth) else {})
     if getattr(body, "bend_compliance", None):
-        soft["bend_compliance"] = 1.0
+        soft["bend_compliance"] = 1e6
     gentle = dataclasses.replace(body, **soft)
-    sim = Simulation(Scene({BODY: gentle}), Settings(substeps=100, **settings), device)
+    sim = Simulation(Scene({BODY: gentle}), Settings(**{**settings, "substeps": 100}), device)
     return _stays(sim, f"{BODY}.stretch_compliance", body.stretch_compliance)
 
 
@@ -202,7 +203,7 @@ def watch(sim: Simulation, trial: Trial) -> Verdict:
         if not (np.isfinite(x).all() and np.isfinite(v).all()):
             return Verdict("failed", f"not finite {when}")
         speed = float(np.linalg.norm(v, axis=1).max())
-        h = trial.frame_dt / sim.settings.substeps
+        h = substep_of(sim)
         fastest = WHIP * trial.jump / h if trial.jump else trial.fastest
         if speed > fastest:
             return Verdict("failed", f"a particle at {speed:.4g} m/s {when}, allowed {fastest:g}")

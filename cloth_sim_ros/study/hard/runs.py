@@ -21,9 +21,9 @@ def kernels_of(combination: Combination) -> tuple:
     scene = make_trial(combination).scene
     body, shapes = scene.objects[BODY], shapes_of(scene.colliders.values())
     method = METHODS[combination.method]
-    order = 2 if method["method"] == "auto" else method.get("order", "verlet")
     edges = bool(shapes) and body.edge_contact
-    return isinstance(body, Rope), bends_by_angles(body), order, shapes, scene.wind is not None, edges
+    bends = bends_by_angles(body), getattr(body, "bending", "") == "dihedral" and body.bend_compliance is not None
+    return isinstance(body, Rope), bends, *method.values(), shapes, scene.wind is not None, edges
 
 
 def grouped(every: list[Combination]) -> list[list[Numbered]]:

@@ -14,7 +14,7 @@ from cloth_sim_ros.study.pictures import curtain, oscillator, rope, springs
 PICTURES: dict[str, Callable[[str], Figure]] = {  # file name -> figure, drawn on a device
     "curtain": curtain.draw,
     "topology": springs.draw_topology,
-    "colouring": springs.draw_colouring,
+    "mesh_lines": springs.draw_mesh_lines,
     "oscillator": oscillator.draw,
     "rope": rope.draw,
 }

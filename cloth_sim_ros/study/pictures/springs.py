@@ -1,4 +1,4 @@
-"""The passes of a grid's springs and the colours of a mesh, as the solver builds them."""
+"""The lines into which the springs of a grid and of a mesh are joined, as the solver builds them."""
 
 from __future__ import annotations
 
@@ -8,60 +8,44 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from scipy.spatial import Delaunay
 
-from cloth_sim_ros.sim import Cloth, cells
-from cloth_sim_ros.sim.topology import Elements, build
+from cloth_sim_ros.sim import Cloth
+from cloth_sim_ros.sim.topology import Topology, build
+from cloth_sim_ros.sim.topology.lines import Family
 
 PALETTE = ("#e4572e", "#2e86ab", "#f2b134", "#3b8f5a", "#8e5aa8", "#5fbcd3", "#c2637a", "#7d8c4a", "#d9863d", "#4b5d8a")
 INK, FAINT = "#2c3440", "#d8dade"
 
 
 def draw_topology(device: str) -> Figure:
-    """The six passes of the springs of a 5 x 5 grid: each cell by one thread, all cells of a pass at the same time."""
-    topology = build(Cloth(resolution=(5, 5), bending="springs", bend_compliance=1.0), "grid", direct_ropes=True)
-    points, passes = topology.rest[:, :2], cells.passes(topology)
+    """The families of lines of a 5 x 5 grid: each line is solved as a whole, all lines of a family at the same time."""
+    cloth = Cloth(resolution=(5, 5), bending="springs", bend_compliance=1.0)
+    topology = build(cloth, "grid", direct_ropes=True)
     figure = Figure(figsize=(10.5, 7.4), layout="constrained")
-    for axes, (place, one) in zip(figure.subplots(2, 3).flat, enumerate(passes), strict=True):
-        pairs, cell = springs_of(one)
-        bow = 0.16 if one.kind == "bending" else 0.0
-        faint = np.concatenate([elements.particles for elements in topology.springs.values()])
-        axes.add_collection(LineCollection(points[faint], color=FAINT, lw=0.7))
-        _draw_springs(axes, points, Elements(pairs, np.zeros(len(pairs)), np.ones(len(pairs)), cell), bow)
-        axes.scatter(*points.T, s=30, color=INK, zorder=3)
-        axes.set_title(f"pass {place + 1}: {len(pairs)} springs in {cell.max() + 1} cells", fontsize=11, color=INK)
+    for axes, (place, family) in zip(figure.subplots(2, 3).flat, enumerate(topology.families), strict=True):
+        _draw_family(axes, topology, family, 0.16 if family.kind == "bending" else 0.0)
+        lines, springs = len(family.particles), int((family.springs >= 0).sum())
+        axes.set_title(f"{place + 1}: {springs} {family.kind} springs in {lines} lines", fontsize=11, color=INK)
     return figure
 
 
-def springs_of(one: cells.Pass) -> tuple[np.ndarray, np.ndarray]:
-    """The springs (S, 2) of a pass and the cell (S,) of each."""
-    held = np.r_[np.arange(4) if one.holds & cells.SIDES else [], [4, 5] if one.holds & cells.DIAGONALS else []]
-    pairs, owner = [], []
-    for place, particles in enumerate(one.particles):
-        mine = cells.PAIRS[held.astype(int)] if place < one.whole else cells.PAIRS[:2]
-        chosen = np.unique(np.sort(particles[mine], axis=1), axis=0)
-        pairs.append(chosen)
-        owner.append(np.full(len(chosen), place))
-    return np.concatenate(pairs), np.concatenate(owner)
-
-
-def draw_colouring(device: str) -> Figure:
-    """A triangle mesh: all edges by colour, then single colours, in which no two edges share a particle."""
+def draw_mesh_lines(device: str) -> Figure:
+    """The lines of a triangle mesh: its longest family, then two more of those that are solved after it."""
     points, triangles = disk()
     mesh = Cloth.from_mesh(np.pad(points, ((0, 0), (0, 1))), triangles)
-    edges = build(mesh, "disk", direct_ropes=True).springs["structural"]
-    count = int(edges.colour.max()) + 1
-    figure = Figure(figsize=(12.5, 3.4), layout="constrained")
-    panels = figure.subplots(1, 4)
-    _draw_springs(panels[0], points, edges)
-    panels[0].scatter(*points.T, s=5, color=INK, zorder=3)
-    panels[0].set_title(f"{len(edges.rest)} edges in {count} colours", fontsize=11, color=INK)
-    for axes, colour in zip(panels[1:], (0, 1, count - 1), strict=True):
-        chosen = edges.colour == colour
-        axes.add_collection(LineCollection(points[edges.particles], color=FAINT, lw=0.7))
-        axes.add_collection(LineCollection(points[edges.particles[chosen]], color=PALETTE[colour], lw=2.5))
-        axes.scatter(*points[edges.particles[chosen].ravel()].T, s=7, color=INK, zorder=3)
-        axes.set_title(f"colour {colour + 1}: {chosen.sum()} at once", fontsize=11, color=INK)
-        _frame(axes)
+    topology = build(mesh, "disk", direct_ropes=True)
+    found = topology.families
+    figure = Figure(figsize=(12.5, 4.4), layout="constrained")
+    for axes, place in zip(figure.subplots(1, 3), (0, 1, len(found) // 2), strict=True):
+        _draw_family(axes, topology, found[place])
+        lines = len(found[place].particles)
+        axes.set_title(f"family {place + 1} of {len(found)}: {lines} lines at once", fontsize=11, color=INK)
     return figure
+
+
+def springs_of(topology: Topology, family: Family) -> tuple[np.ndarray, np.ndarray]:
+    """The springs (S, 2) of a family and the line (S,) that each is part of."""
+    line, place = np.nonzero(family.springs >= 0)
+    return topology.springs[family.kind].particles[family.springs[line, place]], line
 
 
 def disk(rings: int = 7) -> tuple[np.ndarray, np.ndarray]:
@@ -76,16 +60,22 @@ def disk(rings: int = 7) -> tuple[np.ndarray, np.ndarray]:
     return points, triangles[area > 1e-6].astype(np.int32)
 
 
-def _draw_springs(axes: Axes, points: np.ndarray, elements: Elements, bow: float = 0.0) -> None:
-    """Every spring in its colour, bent by `bow` of its length to a side that alternates with the colour."""
-    first, second = points[elements.particles[:, 0]], points[elements.particles[:, 1]]
-    along = second - first
+def _draw_family(axes: Axes, topology: Topology, family: Family, bow: float = 0.0) -> None:
+    """All springs faintly, those of a family in the colour of their line, bent by `bow` of their length, every second
+    one of neighbouring lines to the other side."""
+    points = topology.layout[:, :2]
+    every = np.concatenate([elements.particles for elements in topology.springs.values()])
+    axes.add_collection(LineCollection(points[every], color=FAINT, lw=0.7))
+    pairs, line = springs_of(topology, family)
+    pairs = np.sort(pairs, axis=1)
+    first, along = points[pairs[:, 0]], points[pairs[:, 1]] - points[pairs[:, 0]]
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    side = np.where(elements.colour % 2, -bow, bow)[:, None, None]
+    side = np.where(2 * line >= len(family.particles), -bow, bow)[:, None, None]
     t = np.linspace(0.0, 1.0, 12 if bow else 2)[None, :, None]
-    lines = first[:, None] + t * along[:, None] + 4.0 * side * t * (1.0 - t) * across[:, None]
-    colours = [PALETTE[c % len(PALETTE)] for c in elements.colour]
-    axes.add_collection(LineCollection(lines, color=colours, lw=2.0, capstyle="round"))
+    curves = first[:, None] + t * along[:, None] + 4.0 * side * t * (1.0 - t) * across[:, None]
+    colours = [PALETTE[number % len(PALETTE)] for number in line]
+    axes.add_collection(LineCollection(curves, color=colours, lw=2.4, capstyle="round"))
+    axes.scatter(*points.T, s=30 if len(points) < 50 else 6, color=INK, zorder=3)
     _frame(axes)
 
 
