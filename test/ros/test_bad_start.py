@@ -45,7 +45,7 @@ SENTENCES = [
     "ball.shape is 'cube'; allowed is one of plane, sphere, capsule, box",
     "ball.dimensions is no list of one type and is ignored",
     "ball.position is no list of one type and is ignored",
-    "solver.iterations is 'many'; allowed is a whole number from 1 to 1000; using the default 1",
+    "solver.iterations is 'many'; allowed is a whole number from 0 to 1000; using the default 0",
 ]
 
 
