@@ -21,7 +21,7 @@ from cloth_sim_ros.sim.topology import Topology
 STRAINED = 0.5  # Strain of a spring beyond which explicit steps may heat an object, however small they are at rest
 _MOST_STIFF = 6.0  # times as many substeps as sweeps of BDF2 on a mesh are what leapfrog would need, at most
 _SAFE = 40  # substeps of a frame that is done again, at least
-FEWEST = 8  # substeps a frame that are chosen at least: contact and gusts need them
+FEWEST = 6  # substeps a frame that are chosen at least: contact and gusts need them
 _MOST_LINES = 2000  # substeps of xpbd that are chosen at most
 _LEAST_ROPE = 20  # of a rope at an error of 1e-3
 
