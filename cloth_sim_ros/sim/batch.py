@@ -127,7 +127,9 @@ class Batch:
         if rows:
             return Rows(self.features, self.worlds, topologies, self.device)
         largest, limit = max(self.counts), capacity(self.device, self.features)
-        if _forced == "tiled" or (_forced is None and self.device.is_cuda):
+        # A rope is short; in a block it also leaves the forces of the air behind, which its end wrenches need.
+        sheets = all(len(topology.triangles) for topology in topologies)
+        if _forced == "tiled" or (_forced is None and self.device.is_cuda and sheets):
             try:
                 return Tiled(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
             except Unfit:

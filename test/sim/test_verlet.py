@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind, limits
+from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.sim.batch import forced_schedule
 from cloth_sim_ros.sim.executors.trial import Trial
+from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.methods.limits import explicit_substeps
 from cloth_sim_ros.sim.topology import build
 from cloth_sim_ros.study.implicit import equilibrium

@@ -59,11 +59,11 @@ for (int k = 0; k + 1 < slots; ++k) {
         }
         square = dot(columns, columns);
     }
-    const Lanes inverse_length = 1.0f / __builtin_elementwise_sqrt(square + 1.0e-30f);
+    const Lanes length = __builtin_elementwise_sqrt(square + 1.0e-30f), inverse_length = 1.0f / length;
     const Lanes there = is_there ? Lanes(1.0f) : Lanes(0.0f);
     for (int axis = 0; axis < 3; ++axis) spring.u[axis] = columns[axis] * inverse_length * there;
     const Lanes compliance = alpha * *(const Kept*)(scale + 8 * k);
-    Lanes violation = square * inverse_length - free_length;
+    Lanes violation = length - free_length;
     if (!fresh) violation += compliance * *(const Kept*)(kept + 8 * k);
     if (gamma > 0.0f) {
         Lanes next_motion[4], apart[4];
@@ -75,7 +75,7 @@ for (int k = 0; k + 1 < slots; ++k) {
         Lanes de[4], was[3];
         transpose(apart, de);
         for (int axis = 0; axis < 3; ++axis) was[axis] = columns[axis] - de[axis];
-        const Lanes lengths = square * inverse_length + __builtin_elementwise_sqrt(dot(was, was));
+        const Lanes lengths = length + __builtin_elementwise_sqrt(dot(was, was));
         Lanes sum[3];
         for (int axis = 0; axis < 3; ++axis) sum[axis] = columns[axis] + was[axis];
         violation += gamma * (dot(sum, de) / (lengths + 1.0e-30f));

@@ -54,16 +54,18 @@ for (int j = 0; j < Slots; ++j) {
         ez = way[2];
         square = ex * ex + ey * ey + ez * ez;
     }
-    const float inverse_length = there ? rsqrtf(square + 1.0e-30f) : 0.0f;
+    const float near = rsqrtf(square + 1.0e-30f), rough = square * near;
+    const float length = fmaf(fmaf(-rough, rough, square), 0.5f * near, rough);  // correctly rounded (Markstein 1990)
+    const float inverse_length = there ? near : 0.0f;
     ux[j] = ex * inverse_length;
     uy[j] = ey * inverse_length;
     uz[j] = ez * inverse_length;
-    float violation = square * inverse_length - rest;
+    float violation = length - rest;
     if (!fresh) violation += compliance * multipliers.data[at];
     if (gamma > 0.0f) {
         const float ax = m[j + 1].x - m[j].x, ay = m[j + 1].y - m[j].y, az = m[j + 1].z - m[j].z;
         const float bx = ex - ax, by = ey - ay, bz = ez - az;
-        const float lengths = square * inverse_length + sqrtf(bx * bx + by * by + bz * bz);
+        const float lengths = length + sqrtf(bx * bx + by * by + bz * bz);
         violation += gamma * ((ex + bx) * ax + (ey + by) * ay + (ez + bz) * az) / (lengths + 1.0e-30f);
     }
     const float both = w[j] + (j + 1 < Slots ? w[j + 1 < Slots ? j + 1 : 0] : w_next);

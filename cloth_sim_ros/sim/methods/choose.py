@@ -19,8 +19,9 @@ from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.topology import Topology
 
 STRAINED = 0.5  # Strain of a spring beyond which explicit steps may heat an object, however small they are at rest
+_MOST_STIFF = 6.0  # times as many substeps as sweeps of BDF2 on a mesh are what leapfrog would need, at most
 _SAFE = 40  # substeps of a frame that is done again, at least
-FEWEST = 8  # substeps a frame that are chosen at least: contact and gusts need them
+FEWEST = 6  # substeps a frame that are chosen at least: contact and gusts need them
 _MOST_LINES = 2000  # substeps of xpbd that are chosen at most
 _LEAST_ROPE = 20  # of a rope at an error of 1e-3
 
@@ -148,6 +149,8 @@ def _xpbd(
     affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
     substeps = settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), FEWEST, _MOST_LINES))
     error = constant / substeps**power
+    if not settings.order and _boils(topology, limit, substeps * iterations):
+        order, error = 1, max(error, _error_law(topology, limit, 1)[0] / substeps)
     reason = f"is computed by xpbd order {order} in {substeps} x {iterations}"
     if not settings.substeps and substeps < math.floor(wanted):
         reason += f", where an error of {settings.error:g} would take {math.ceil(wanted)}: it may be {error:.2g}"
@@ -167,6 +170,11 @@ def _error_law(topology: Topology, limit: float, order: int) -> tuple[float, int
         side = math.sqrt(len(topology.masses))
         constant, power = min(_BDF2 * (limit / 44.0) ** 2 * (16.0 / side) ** 1.4, _RIGID), 2
     return (constant, power) if order == 2 else (max(math.sqrt(constant), _EULER), 1)
+
+
+def _boils(topology: Topology, limit: float, sweeps: int) -> bool:
+    """Whether sweeps of second order leave so much of the stiff springs of a mesh that they shake it for ever."""
+    return bool(len(topology.triangles)) and topology.grid is None and limit > _MOST_STIFF * sweeps
 
 
 def _hangs(topology: Topology) -> bool:

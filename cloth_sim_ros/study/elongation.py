@@ -1,0 +1,87 @@
+"""How much longer than in equilibrium a hung sheet gets by XPBD, over substeps, iterations and resolution."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+from scipy import optimize
+
+from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
+
+BODY = "sheet"
+_REST = {"global_damping": 2.0}  # [1/s] by which it comes to rest
+_FINE = {"substeps": 80, "iterations": 4, "order": 1}  # from where the minimum of the energy is looked for
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("--resolution", type=int, nargs="+", default=[16, 32, 64], help="particles a side")
+    parser.add_argument("--substeps", type=int, nargs="+", default=[20])
+    parser.add_argument("--iterations", type=int, nargs="+", default=[1, 4])
+    parser.add_argument("--constant", type=float, default=1000.0, help="of structural springs [N/m]")
+    parser.add_argument("--seconds", type=float, default=5.0, help="until it is at rest")
+    parser.add_argument("--device", default="cpu")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print a row a resolution; returns the exit status."""
+    pairs = [(s, i) for s in arguments.substeps for i in arguments.iterations]
+    print(f"{'mean strain over that of the equilibrium':<16}" + "".join(f"{f'{s} x {i}':>10}" for s, i in pairs))
+    for resolution in arguments.resolution:
+        scene = Scene({BODY: hung_sheet(resolution, arguments.constant)})
+        exact = equilibrium(*_at_rest(scene, _FINE, arguments))
+        wanted = mean_strain(exact[0], exact[1])
+        found = []
+        for substeps, iterations in pairs:
+            sim, x = _at_rest(scene, {"substeps": substeps, "iterations": iterations, "order": 1}, arguments)
+            found.append(mean_strain(sim, x) / wanted - 1.0)
+        print(f"{f'{resolution} x {resolution}':<40}" + "".join(f"{share:>+10.1%}" for share in found), flush=True)
+    return 0
+
+
+def hung_sheet(resolution: int, constant: float) -> Cloth:
+    """A square sheet of 1 m and 0.2 kg that hangs by its two upper corners."""
+    return Cloth(
+        resolution=(resolution, resolution),
+        orientation=(np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)),
+        stretch_compliance=1.0 / constant,
+        shear_compliance=3.0 / constant,
+    )
+
+
+def _at_rest(scene: Scene, settings: dict, arguments: argparse.Namespace) -> tuple[Simulation, np.ndarray]:
+    sim = Simulation(scene, Settings(method="xpbd", **settings, **_REST), device=arguments.device)
+    sim.step(round(60 * arguments.seconds))
+    return sim, sim.positions(BODY).astype(np.float64)
+
+
+def mean_strain(sim: Simulation, x: np.ndarray) -> float:
+    """The mean strain [-] of the structural springs at positions x (N, 3) [m]."""
+    pairs, rest, _ = sim.springs(BODY)["structural"]
+    return float((np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=1) / rest - 1.0).mean())
+
+
+def equilibrium(sim: Simulation, start: np.ndarray) -> tuple[Simulation, np.ndarray]:
+    """Where the energy of the springs that `sim` reports, and of their weight, is least near `start` (N, 3) [m]."""
+    parts = list(sim.springs(BODY).values())
+    pairs, rest, constant = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    masses, count = sim.masses(BODY), len(start)
+    free = sim.device_arrays(BODY)[0].state.positions.numpy()[:count, 3] > 0.0
+
+    def energy(moved: np.ndarray) -> tuple[float, np.ndarray]:
+        x = start.copy()
+        x[free] = moved.reshape(-1, 3)
+        edge = x[pairs[:, 1]] - x[pairs[:, 0]]
+        length = np.linalg.norm(edge, axis=1)
+        pull = (constant * (length - rest) / length)[:, None] * edge
+        gradient = np.stack([np.bincount(pairs[:, 1], p, count) - np.bincount(pairs[:, 0], p, count) for p in pull.T])
+        gradient = gradient.T + masses[:, None] * [0.0, 0.0, 9.81]
+        stored = 0.5 * (constant * (length - rest) ** 2).sum() + 9.81 * (masses * x[:, 2]).sum()
+        return stored, gradient[free].ravel()
+
+    options = {"maxiter": 6000, "maxfun": 8000, "ftol": 1e-16, "gtol": 1e-8, "maxcor": 50}
+    found = optimize.minimize(energy, start[free].ravel(), jac=True, method="L-BFGS-B", options=options)
+    x = start.copy()
+    x[free] = found.x.reshape(-1, 3)
+    return sim, x
