@@ -9,7 +9,7 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.ros.scene_plan import load_mesh, make_plan
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Simulation, Sphere, Winch
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Settings, Simulation, Sphere, Winch
 
 TYPES = {"sheet": "cloth", "line": "rope"}
 COLLIDERS = ("ball", "rod", "crate", "ground")
@@ -30,7 +30,7 @@ def values(**changes):
 def test_the_defaults_make_a_simulation():
     plan = make_plan(values())
     assert not plan.problems and plan.scene.wind is None
-    assert (plan.settings.frame_dt, plan.settings.substeps) == (1 / 60, 20)
+    assert plan.settings == Settings()
     Simulation(plan.scene, plan.settings, device="cpu").step()
 
 
