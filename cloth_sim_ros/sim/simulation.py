@@ -221,9 +221,10 @@ class Simulation:
 
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
         """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries, redone, substeps,
-        iterations, expected_error and bending_share; of a rope also max_tension, start_tension, end_tension [N], of all, the first and the last of its segments, and
-        of one on a winch paid_out [m], pay_out [m/s] and winch_stopped, whether a limit of length holds it back; of one
-        that resists twist, twist [rad] from start to end and torsion [N m].
+        iterations, expected_error and bending_share; of a rope also max_tension, start_tension, end_tension [N], of
+        all, the first and the last of its segments, and of one on a winch paid_out [m], pay_out [m/s] and
+        winch_stopped, whether a limit of length holds it back; of one that resists twist, twist [rad] from start to end
+        and torsion [N m].
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
