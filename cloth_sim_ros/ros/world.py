@@ -107,13 +107,14 @@ class World:
         return True
 
     def _tell_reasons(self) -> None:
-        """Says in the log how method auto computes each object, when that is new."""
-        if self.sim.settings.method != "auto":
-            return
+        """Says in the log how each object is computed where that is chosen, and what is missed, when that is new."""
         for name, choice in self.sim.choices.items():
-            if self._told.get(name) != choice.words:
-                self._log.info(f"{name} {choice.reason}")
-            self._told[name] = choice.words
+            softer = choice.bending_share < 1.0
+            told = (choice.words, choice.substeps, softer)
+            if self._told.get(name) != told and (softer or self.sim.settings.method == "auto"):
+                say = self._log.warning if softer else self._log.info
+                say(f"{name} {choice.reason}")
+            self._told[name] = told
 
     def set_wind(self, velocity: Vector) -> None:
         """Sets the wind [m/s] from a message."""

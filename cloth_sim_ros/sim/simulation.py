@@ -220,19 +220,23 @@ class Simulation:
         return rows
 
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
-        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries;
-        of a rope also max_tension, start_tension, end_tension [N], of all, the first and the last of its segments, and
-        of one on a winch paid_out [m], pay_out [m/s] and winch_stopped, whether a limit of length holds it back; of one
-        that resists twist, twist [rad] from start to end and torsion [N m].
+        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries, redone, substeps,
+        iterations, expected_error and bending_share; of a rope also max_tension, start_tension, end_tension [N], of
+        all, the first and the last of its segments, and of one on a winch paid_out [m], pay_out [m/s] and
+        winch_stopped, whether a limit of length holds it back; of one that resists twist, twist [rad] from start to end
+        and torsion [N m].
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
-        object was put back, at rest, to where it was last good, because a particle was not finite or ran away. Method
-        auto leaves what was put back or is strained by more than half to the implicit method, until the next reset.
+        object was put back, at rest, to where it was last good, because a particle was not finite or ran away; redone
+        counts frames of explicit steps that were done again by XPBD. expected_error is meant as solver.error is;
+        bending_share is the share of a sheet's bending rigidity that acts.
         """
         self._bodies.one(world)
         self._upload()
         found = {name: self._reporter.measure(batch, name, world) for name, batch in self._bodies.batch.items()}
+        for name, choice in self._bodies.choices.items():
+            found[name] |= {"expected_error": choice.error, "bending_share": choice.bending_share}
         for name, thing in self._bodies.scene.objects.items():
             if isinstance(thing, Rope):
                 found[name] |= self._ropes.measure_rope(name, thing, world)

@@ -40,6 +40,7 @@ class Choice:
     """How one object is computed; `reason` says why, in words that follow its name.
 
     error: what is expected of it, in the units of solver.error. safe_substeps: of a frame that XPBD does again.
+    bending_share: of a sheet's rigidity, that acts.
     """
 
     method: str
@@ -49,6 +50,7 @@ class Choice:
     error: float
     reason: str
     safe_substeps: int = 1
+    bending_share: float = 1.0
 
     @property
     def words(self) -> str:
@@ -78,11 +80,11 @@ def choose(
         return verlet
     because = _not_explicit(settings, topology, needed, strained)
     if because:
-        return replace(xpbd, reason=f"{because}; {xpbd.reason}")
+        return replace(xpbd, reason=f"{xpbd.reason}; {because}")
     cost = verlet.substeps * prices.verlet(topology, around)
     if cost > _budget(settings):
         why = f"explicit steps would need {needed:g} substeps, more than the budget"
-        return replace(xpbd, reason=f"{why}; {xpbd.reason}")
+        return replace(xpbd, reason=f"{xpbd.reason}; {why}")
     other = xpbd.substeps * xpbd.iterations * prices.xpbd(topology, materials, around)
     misses = xpbd.error > settings.error and verlet.error <= xpbd.error
     return verlet if cost <= other or misses else xpbd
@@ -159,7 +161,7 @@ def _xpbd(
     share = limits.bending_share(_bending_rate(topology, materials), effective / substeps)
     if share < 1.0:
         reason += f", and {share:.2g} of its bending rigidity acts"
-    return Choice("xpbd", order, substeps, iterations, error, reason)
+    return Choice("xpbd", order, substeps, iterations, error, reason, bending_share=share)
 
 
 def _error_law(topology: Topology, limit: float, order: int) -> tuple[float, int]:
