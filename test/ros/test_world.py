@@ -69,10 +69,10 @@ def test_an_object_that_goes_bad_is_named_in_log_and_diagnostics(caplog):
     assert diagnostics("cloth_sim", world, Pace(1.0, 1.0, 0.5, 1), False, 0).status[0].level == DiagnosticStatus.OK
 
 
-def test_a_method_that_an_object_cannot_have_is_refused_and_the_simulation_goes_on(caplog):
+def test_a_method_that_needs_more_substeps_than_asked_is_refused_and_the_simulation_goes_on(caplog):
     world = World(values(device="cpu"), logging.getLogger("test"))
     assert world.build(world.values)
     before = world.sim
-    assert not world.build(values(device="cpu", solver__method="verlet"))
-    assert world.sim is before and "method 'verlet'" in caplog.text and "the simulation before goes on" in caplog.text
+    assert not world.build(values(device="cpu", solver__method="verlet", solver__substeps=5))
+    assert world.sim is before and "solver.substeps is 5 with method 'verlet'" in caplog.text and "the simulation before goes on" in caplog.text
     world.advance()
