@@ -38,7 +38,7 @@ def shared(ros, tmp_path_factory):
         ("cloth.bending", "wood", "cloth.bending is 'wood'; allowed is one of none, springs, dihedral"),
         ("gravity", [0.0, 0.0], "gravity is (0.0, 0.0); allowed is 3 finite numbers"),
         ("gravity", [0.0, 0.0, math.nan], "gravity is"),
-        ("solver.substeps", 0, "solver.substeps"),
+        ("solver.substeps", -1, "solver.substeps out of range. Min: 0, Max: 10000"),
         ("ball.dimensions", [0.1, 0.2], "ball.dimensions is [0.1, 0.2]; a sphere has 1: radius [m]"),
         ("ball.orientation", [0.0, 0.0, 0.0, 0.0], "quaternion"),
         ("objects", ["other"], "read-only"),
