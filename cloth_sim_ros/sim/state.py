@@ -153,7 +153,7 @@ class BeamRow:
     first: float
     second: float
     move: wp.vec3
-    turn: wp.vec3  # y of beam_turn.py, where the rest shape is bent
+    turn: wp.vec3  # y of beam_rotation.py, where the rest shape is bent
 
 
 @wp.struct

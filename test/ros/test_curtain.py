@@ -18,14 +18,14 @@ def curtain(start, client) -> Client:
     """The running node and, as client.clouds, its particles."""
     start(CURTAIN).ready()
     client.clouds = client.listen(PointCloud2, "/cloth_sim/cloth/particles", 1)
-    client.until(lambda: client.clouds)
+    client.until(lambda: client.clouds, timeout=60.0)
     return client
 
 
 def newest(client: Client) -> np.ndarray:
     """Positions (N, 3) of the next cloud that comes."""
     client.clouds.clear()
-    client.until(lambda: client.clouds)
+    client.until(lambda: client.clouds, timeout=60.0)
     return fields(client.clouds[-1])[:, :3]
 
 
@@ -126,8 +126,9 @@ def test_compliance_changes_the_sag(curtain):
     stiff = settle(curtain, 2)[lower, 2].mean()
     for kind in ("stretch", "shear"):
         assert curtain.set(f"cloth.{kind}_compliance", 0.3).successful
-    soft = settle(curtain, 2)[lower, 2].mean()
-    assert soft < stiff - 0.01
+    # Another method may act now, and its kernels may have to be compiled first: the curtain stands still meanwhile.
+    curtain.until(lambda: newest(curtain)[lower, 2].mean() < stiff - 0.01, timeout=60.0)
     for kind, value in (("stretch", "1e-3"), ("shear", "3e-3")):
         assert curtain.set(f"cloth.{kind}_compliance", value).successful
+    curtain.until(lambda: abs(newest(curtain)[lower, 2].mean() - stiff) < 0.003, timeout=60.0)
     assert settle(curtain, 2)[lower, 2].mean() == pytest.approx(stiff, abs=0.003)

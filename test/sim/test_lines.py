@@ -99,7 +99,7 @@ def dense_substep(topology, x, v, constants, damping, iterations):
             jacobian[rows, pairs[:, 1]] = e / length[:, None]
             jacobian[rows, pairs[:, 0]] = -e / length[:, None]
             j = jacobian.reshape(len(springs), -1)
-            matrix = (1.0 + gamma) * (j * np.repeat(w, 3)) @ j.T + np.diag(alpha + 1e-4 * w[pairs].sum(axis=1) + 1e-30)
+            matrix = (1.0 + gamma) * (j * np.repeat(w, 3)) @ j.T + np.diag(alpha + 1e-5 * w[pairs].sum(axis=1) + 1e-30)
             kept = multipliers[family.kind][springs]
             change = np.linalg.solve(matrix, -(length - rest + alpha * kept + gamma * (length - before)))
             multipliers[family.kind][springs] += change

@@ -1,4 +1,4 @@
-"""The forces on a member of a tile, gathered from what lies around it in the tile's shared memory (see tiled.py)."""
+"""The forces on a member of a tile, gathered from what lies around it in its shared memory (see subdomains.py)."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""The kernels of the tiled schedule: several substeps a launch, and the watch at the end of a frame (see tiled.py)."""
+"""The kernels of subdomains: several substeps a launch, and the watch at the end of a frame (see subdomains.py)."""
 
 from functools import lru_cache
 

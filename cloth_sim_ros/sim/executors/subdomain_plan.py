@@ -1,4 +1,4 @@
-"""The tiles of a batch on the device, and how large and how deep they are best (see tiled.py)."""
+"""The tiles of a batch on the device, and how large and how deep they are best (see subdomains.py)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Tiles:
     positions: wp.array(dtype=wp.vec4)  # (worlds N,)
     low: wp.array(dtype=wp.vec4)  # (worlds N,)
     velocities: wp.array(dtype=wp.vec4)  # (worlds N,)
-    messages: wp.array(dtype=wp.vec4)  # (2 x 3 worlds N,) where tiles wait for one another (see exchange.py)
+    messages: wp.array(dtype=wp.vec4)  # (2 x 3 worlds N,) where tiles wait for one another (see halo_exchange.py)
     sent: wp.array(dtype=int)  # (1,) substeps of all frames so far, by which messages are numbered
     sweeps: wp.array(dtype=Sweep)  # (worlds T SWEPT K,)
     contacts: wp.array(dtype=wp.vec4)  # (worlds T C K,)

@@ -4,9 +4,9 @@ A block loads its tile and a halo of as many rings as it will make substeps into
 still valid, one ring fewer every substep, and hands its own particles to its neighbours: what they need in between is
 computed twice instead of waited for (temporal blocking). Every particle's arithmetic is the same, in the same order,
 however a body is cut. Where all tiles are on the GPU at once, a frame is one launch, in which tiles wait for what their
-neighbours send (exchange.py); elsewhere it is a launch every few substeps, between two buffers. A body of one tile has
-no halo and makes all substeps of a frame in one launch. Slow forces at outer steps look farther than springs and use up
-as many rings more. The launches of a frame are captured in one CUDA graph.
+neighbours send (halo_exchange.py); elsewhere it is a launch every few substeps, between two buffers. A body of one tile
+has no halo and makes all substeps of a frame in one launch. Slow forces at outer steps look farther than springs and
+use up as many rings more. The launches of a frame are captured in one CUDA graph.
 """
 
 import numpy as np

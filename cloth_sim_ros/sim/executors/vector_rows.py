@@ -1,5 +1,5 @@
 """Method verlet for grids on a CPU: one launch a frame like the resident schedule, with the springs of eight particles
-at a time (see row_lanes.py). What air and colliders do is done particle by particle, as elsewhere.
+at a time (see vector_rows_simd.py). What air and colliders do is done particle by particle, as elsewhere.
 """
 
 from functools import lru_cache
@@ -22,7 +22,7 @@ from cloth_sim_ros.sim.topology import KINDS, Topology
 
 @wp.struct
 class Grid:
-    """Where one body lies in the planes (see row_lanes.py)."""
+    """Where one body lies in the planes (see vector_rows_simd.py)."""
 
     size: int  # places of a plane
     first: int  # the first particle's first number
@@ -114,7 +114,7 @@ def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Plane
 
 @lru_cache
 def make_frame(features: Features):
-    """The kernel of a whole frame for `features`: the program of explicit steps, moved by row_lanes.py."""
+    """The kernel of a whole frame for `features`: the program of explicit steps, moved by vector_rows_simd.py."""
     program = make_program(features, True)
     begin, enter = make_begin(features), make_enter(features)
     outer, end = in_turn(program.outer, "outer"), in_turn(program.ending, "ending")

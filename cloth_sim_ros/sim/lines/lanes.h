@@ -81,7 +81,7 @@ for (int k = 0; k + 1 < slots; ++k) {
         violation += gamma * (dot(sum, de) / (lengths + 1.0e-30f));
     }
     const Lanes both = weight + next_weight;
-    const Lanes diagonal = (1.0f + gamma) * both + compliance + 1.0e-4f * both + 1.0e-30f;
+    const Lanes diagonal = (1.0f + gamma) * both + compliance + 1.0e-5f * both + 1.0e-30f;
     spring.coupling = -(1.0f + gamma) * weight * dot(spring.u, before->u);
     const Lanes share = spring.coupling * before->inverse;
     spring.inverse = there / (diagonal - spring.coupling * share);

@@ -69,7 +69,7 @@ for (int j = 0; j < Slots; ++j) {
         violation += gamma * ((ex + bx) * ax + (ey + by) * ay + (ez + bz) * az) / (lengths + 1.0e-30f);
     }
     const float both = w[j] + (j + 1 < Slots ? w[j + 1 < Slots ? j + 1 : 0] : w_next);
-    D[j] = there ? (1.0f + gamma) * both + compliance + 1.0e-4f * both + 1.0e-30f : 1.0f;
+    D[j] = there ? (1.0f + gamma) * both + compliance + 1.0e-5f * both + 1.0e-30f : 1.0f;
     R[j] = there ? -violation : 0.0f;
 }
 const float px = up(ux[Slots - 1], 1), py = up(uy[Slots - 1], 1), pz = up(uz[Slots - 1], 1);

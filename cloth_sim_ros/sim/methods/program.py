@@ -1,6 +1,6 @@
 """The program of a substep: which stages it has for the features of a scene, and in which order. Written once.
 
-The contract of an executor (resident.py: a body in a block; coloured.py: a launch a stage):
+The contract of an executor (block.py: a body in a block; graph.py: a launch a stage):
 
 1. It gives every stage a `Here` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
 2. It runs `outer` before each substep that begins a step of slow forces, and once more behind the last; then `before`,

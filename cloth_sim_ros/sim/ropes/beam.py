@@ -1,4 +1,4 @@
-"""The direct solve of a rope's bending, beside that of its stretch (see lines.py), by one thread.
+"""The direct solve of a rope's bending, beside that of its stretch (see chain_solve.py), by one thread.
 
 At joint j between two segments the turn vector kappa = w1 (x_j+1 - x_j) - w0 (x_j - x_j-1), w the inverse lengths, is
 the difference of their unit tangents; the moment there is M = EI / span (kappa - rest), the force on the particles
@@ -7,8 +7,8 @@ force, and one solve finds by how much they change. It is linear, and the same f
 pentadiagonal matrix m + G^T (EI / span) G, factored as L D L^T from one end to the other.
 
 A bent rest shape is a length of kappa; rest points where kappa did before the substep, turned with the rope as a whole
-(see beam_turn.py). Where rest pointed along the prediction, joint by joint, a solve would give energy to the rope. Its
-moments pull along the segments too, which its tension has not met yet, and are not carried over.
+(see beam_rotation.py). Where rest pointed along the prediction, joint by joint, a solve would give energy to the rope.
+Its moments pull along the segments too, which its tension has not met yet, and are not carried over.
 """
 
 import warp as wp
@@ -123,7 +123,7 @@ def add_joint(
     y: wp.mat33,
     sums: Sums,
 ) -> Sums:
-    """The sums of beam_turn.py with joint j, whose particles the rows of u and y move."""
+    """The sums of beam_rotation.py with joint j, whose particles the rows of u and y move."""
     weights = weights_at(j, here.model, here.body)
     stiff = stiffness_at(j, here)
     rest = rest_at(j, here)

@@ -4,7 +4,7 @@ Positions and multipliers start from where the last substep and iteration left t
 the first tangent already knows the geometric stiffness, and the static balance does not depend on step or iterations.
 
 A thread takes neighbouring segments. Alone it walks the chain to its end and back, on a CPU from both ends at once
-(both_ends.py) but for the shortest chains and those on a winch. Many first join their segments to spans and scan these,
+(two_sided.py) but for the shortest chains and those on a winch. Many first join their segments to spans and scan these,
 from both ends of the chain, so that each knows what lies before its own and how its end moves.
 """
 

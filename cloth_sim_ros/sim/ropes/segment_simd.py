@@ -1,6 +1,6 @@
 """What the segments of a chain are, and what its particles do, told of four at a time by one thread of a CPU.
 
-That is what no segment waits for; the rest is walks.py.
+That is what no segment waits for; the rest is elimination.py.
 """
 
 import warp as wp

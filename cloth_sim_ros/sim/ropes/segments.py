@@ -1,6 +1,6 @@
 """One segment of a chain in a direct solve: what its tangent needs, and the ways past it, there and back.
 
-See physics/chain.py for the quantities, and lines.py for the walk.
+See physics/chain.py for the quantities, and chain_solve.py for the walk.
 """
 
 import warp as wp

@@ -1,4 +1,4 @@
-"""The direct solve of a chain on a CPU: Newton steps along it, each from both its ends at once (see walks.py)."""
+"""The direct solve of a chain on a CPU: Newton steps along it, each from both its ends at once (see elimination.py)."""
 
 import warp as wp
 
@@ -54,7 +54,7 @@ def prepare_both_ends(here: Here) -> bool:
 
 @wp.func
 def solve_both_ends(here: Here) -> bool:
-    """Newton steps along a prepared chain until it is settled, see lines.py; whether it was torn."""
+    """Newton steps along a prepared chain until it is settled, see chain_solve.py; whether it was torn."""
     n = here.body.segments_end - here.body.segments
     lacking = not here.step.first
     torn = bool(False)
