@@ -229,7 +229,8 @@ class Simulation:
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
         object was put back, at rest, to where it was last good, because a particle was not finite or ran away; redone
-        counts frames of explicit steps that were done again by XPBD. expected_error is meant as solver.error is;
+        counts frames of explicit steps that were done again by XPBD. expected_error is meant as solver.error is, for
+        the world where it is largest;
         bending_share is the share of a sheet's bending rigidity that acts.
         """
         self._bodies.one(world)

@@ -63,7 +63,10 @@ def test_each_world_is_what_it_would_be_alone(device, schedule, settings):
     first = states(many, 0)
     for w in range(4):
         assert all(np.array_equal(a, b) for a, b in zip(states(many, w), states(alone[w]), strict=True)), w
-        assert many.report(w) == alone[w].report()
+        for name, told in alone[w].report().items():
+            found = many.report(w)[name]
+            assert found.pop("expected_error") >= told.pop("expected_error"), name  # one choice for all worlds
+            assert found == told, name
         if w:
             assert all(not np.array_equal(a, b) for a, b in zip(states(many, w), first, strict=True)), "inputs differ"
 
