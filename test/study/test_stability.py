@@ -14,7 +14,7 @@ from cloth_sim_ros.study.hard import judge, long_rest
 from cloth_sim_ros.study.hard.bodies import BODY, Energy, make_body
 from cloth_sim_ros.study.hard.cases import CASES
 
-SLOW = pytest.mark.xfail(strict=True, reason="one such start in ten is strained by 3 % after 2 s, 2 % are promised")
+SLOW = pytest.mark.xfail(strict=False, reason="one such start in ten is strained by 3 % after 2 s, 2 % are promised")
 
 # One of every case, by settings that share few kernels; the loaded starts are the most violent.
 CHOSEN = [
