@@ -55,10 +55,22 @@ class Client:
         self.until(lambda: time.monotonic() > end, timeout=seconds + 10.0, meanwhile=meanwhile)
 
     def call(self, kind: type, name: str, request: Any = None, timeout: float = 30.0) -> Any:
-        """The response of a service."""
-        future = self.service(kind, name).call_async(request or kind.Request())
-        self.until(future.done, timeout)
-        return future.result()
+        """The response of a service.
+
+        Asks again every 10 s: Fast DDS loses a response that a server sends before it has discovered who asked.
+        """
+        service, asked = self.service(kind, name), []
+        next_try = time.monotonic()
+
+        def answered() -> bool:
+            nonlocal next_try
+            if time.monotonic() >= next_try:
+                next_try += 10.0
+                asked.append(service.call_async(request or kind.Request()))
+            return any(future.done() for future in asked)
+
+        self.until(answered, timeout)
+        return next(future for future in asked if future.done()).result()
 
     def service(self, kind: type, name: str) -> Any:
         """The client of a service, once the service is there."""
