@@ -121,7 +121,9 @@ WIND = (
 CLOTH = (
     Parameter("resolution", "integer_array", (32, 32), "Particles along local x and y.", "", 2, 2048, length=2),
     _vector("size", (1, 1), "Width and height.", "m", 1e-4, 1e4, length=2),
-    Parameter("pins", "pins", "corners", "Fixed particles: corners (the top two), top, edges, none, or indices."),
+    Parameter(
+        "pins", "pins", "corners", "Fixed particles: corners (the top two), top, edges, none, or indices.", live=True
+    ),
     _double(
         "stretch_compliance",
         1e-3,
@@ -162,7 +164,7 @@ ROPE = (
     _integer("segments", 32, "Straight segments from start to end.", 1, 65535),
     _vector("start", (0, 0, 1), "First end, in the local axes.", "m"),
     _vector("end", (1, 0, 1), "Last end, in the local axes.", "m"),
-    Parameter("pins", "pins", "start", "Fixed particles: start, end, both, none, or indices."),
+    Parameter("pins", "pins", "start", "Fixed particles: start, end, both, none, or indices.", live=True),
     _double("radius", 0.005, "Radius of the rope.", "m", 1e-6, 10.0),
     _double("end_mass", 0, "Mass of a load at the end, beside that of the rope.", "kg", 0, 1e6, live=False),
     _double("stretch_compliance", 1e-4, "1/EA: strain per tension; 0 is rigid.", "1/N", 0, 1e6),
@@ -226,6 +228,24 @@ COLLIDER = (
         1e6,
     ),
     *_SURFACE,
+    *_PLACE,
+)
+
+HANDLE = (
+    Parameter(
+        "reach",
+        "double_array",
+        (0.03,),
+        "What is grasped lies within this: the radius of a ball, or x y z of a box, around the handle.",
+        "m",
+        1e-6,
+        1e6,
+        live=True,
+    ),
+    Parameter("object", "string", "", "The one object that it grasps; empty is any.", live=True),
+    _double("compliance", 0, "Of its hold on all that it grasps, along each axis; 0 is rigid.", "m/N", 0, 1e6),
+    _double("break_force", 0, "It lets go where it is pulled harder than this; 0 is never.", "N", 0, 1e9),
+    Parameter("attached", "bool", False, "Whether it holds what was within its reach when it grasped.", live=True),
     *_PLACE,
 )
 

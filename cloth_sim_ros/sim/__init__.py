@@ -15,6 +15,7 @@ from cloth_sim_ros.sim.colliders.box import Box
 from cloth_sim_ros.sim.colliders.capsule import Capsule
 from cloth_sim_ros.sim.colliders.plane import Plane
 from cloth_sim_ros.sim.colliders.sphere import Sphere
+from cloth_sim_ros.sim.handles import Handle
 from cloth_sim_ros.sim.objects import Cloth, Rope, Winch
 from cloth_sim_ros.sim.readback import EndReadback, Readback
 from cloth_sim_ros.sim.scene import Scene, Wind
@@ -22,6 +23,6 @@ from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.simulation import Simulation
 
 __all__ = [
-    "Box", "Capsule", "Cloth", "EndReadback", "Plane", "Readback", "Rope", "Scene", "Settings", "Simulation",
+    "Box", "Capsule", "Cloth", "EndReadback", "Handle", "Plane", "Readback", "Rope", "Scene", "Settings", "Simulation",
     "Sphere", "Winch", "Wind"
 ]  # fmt: skip

@@ -26,7 +26,8 @@ from cloth_sim_ros.sim.topology import Topology
 Schedule = Resident | Coloured | Tiled | Rows
 _forced: str | None = None
 _BLOCK_OF_LINES, _GRAPH_OF_LINES = 1600, 160_000  # particles of a body and of all, on an H200
-KEPT = ("positions", "low", "good_positions", "velocities")
+_KEPT = ("positions", "low", "good_positions", "velocities", "grips", "grip_pulls", "grip_forces")
+_PAST = ("last_displacements", "last_velocities")
 
 
 @contextmanager
@@ -51,13 +52,26 @@ def goes_in_rows(features: Features, topology: Topology, device: wp.Device) -> b
 
 @dataclass(frozen=True)
 class BodyState:
-    """One body in all worlds: arrays of KEPT (worlds, N, 4), recoveries (worlds, 1), its rows of the live arrays
-    (worlds,) and of Reel and Twist (worlds, 1) where it has them."""
+    """One body in all worlds: rows of its particles (worlds, N, 4), counts (worlds, 1), its rows of the live arrays
+    (worlds,) and of Reel and Twist (worlds, 1) where it has them. past: what substeps of this order, so many a frame,
+    look back at."""
 
+    past: tuple[int, int]
     particles: dict[str, np.ndarray]
-    recoveries: np.ndarray
+    counts: dict[str, np.ndarray]
     live: list[np.ndarray]
     bodies: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What all bodies of a simulation meet: colliders, handles, how many particles each of these holds (worlds, H), and
+    the numbers of the scene's own forces (F,)."""
+
+    colliders: LiveArray
+    handles: LiveArray
+    handle_counts: wp.array
+    forces: wp.array
 
 
 class Batch:
@@ -73,10 +87,9 @@ class Batch:
         features: Features,
         rows: bool,
         frame: LiveArray,
-        colliders: LiveArray,
+        shared: Shared,
         worlds: int,
         device: wp.Device,
-        forces: list[tuple[float, ...]],
     ):
         self.features, self.device = features, device
         self.index = {name: b for b, name in enumerate(topologies)}
@@ -102,11 +115,9 @@ class Batch:
         self.safe_frame = LiveArray(Frame, 1, worlds, device)
         self.substeps = self.iterations = self.safe_substeps = self._outer = 1
         self._live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
-        self.states = make_states(collected, features, colliders.array.shape[1], worlds, device)
+        self.states = make_states(collected, features, shared.colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
-        self.worlds = [self._world(w, model, colliders) for w in range(worlds)]
-        for arrays in self.worlds:
-            arrays.forces = wp.array(np.array(forces).reshape(-1, 4), dtype=wp.vec4, device=device)
+        self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self._saved: dict[str, wp.array] | None = None
         self.schedule = self._make_schedule(rows, list(topologies.values()))
         self._trial = None
@@ -115,11 +126,13 @@ class Batch:
         for name in topologies:
             self.reset(name, None)
 
-    def _world(self, w: int, model: Model, colliders: LiveArray) -> Arrays:
+    def _world(self, w: int, model: Model, shared: Shared) -> Arrays:
         arrays = Arrays()
         arrays.model, arrays.state = model, state_of(self.states, w)
         arrays.frames, arrays.materials = self.frame.array[w], self.materials.array[w]
-        arrays.colliders, arrays.drives = row_of(colliders.array, w), row_of(self.drives.array, w)
+        arrays.colliders, arrays.drives = row_of(shared.colliders.array, w), row_of(self.drives.array, w)
+        arrays.handles, arrays.handle_counts = row_of(shared.handles.array, w), row_of(shared.handle_counts, w)
+        arrays.forces = shared.forces
         arrays.ends = row_of(self.ends.array, w)
         return arrays
 
@@ -228,17 +241,34 @@ class Batch:
     def take(self, name: str) -> BodyState:
         """Everything of a body that outlives its arrays."""
         span, b = self.span(name), self.index[name]
-        particles = {array: self._part(array, span, None).numpy() for array in KEPT}
-        recoveries = self._part("recoveries", slice(b, b + 1), None).numpy()
+        has = [array for array in (*_KEPT, *_PAST) if self.states[array].size]
+        particles = {array: self._part(array, span, None).numpy() for array in has}
+        has = [array for array in ("recoveries", "held", "history") if self.states[array].size]
+        counts = {array: self._part(array, slice(b, b + 1), None).numpy() for array in has}
         live = [rows.read(b, None) for rows in self._live]
-        return BodyState(particles, recoveries, live, {array: self.read_body(array, name, None) for array in self._own})
+        past = (self.features.order, self.substeps)
+        bodies = {array: self.read_body(array, name, None) for array in self._own}
+        return BodyState(past, particles, counts, live, bodies)
 
     def give(self, name: str, kept: BodyState) -> None:
-        """What another batch took of a body; history and multipliers start anew."""
+        """What another batch took of a body, whose pins may be others now; multipliers start anew, and so does history
+        where order or substeps changed."""
         span, b = self.span(name), self.index[name]
+        follows = kept.past == (self.features.order, self.substeps)
+        fixed = self._inverse_mass[name] == 0.0
         for array, rows in kept.particles.items():
+            if array in _PAST and not follows:
+                continue
+            if not self.features.winch:  # which pins what is on its drum
+                rows = rows.copy()
+                if array in ("positions", "good_positions"):
+                    rows[..., 3] = self._inverse_mass[name]
+                elif array in ("velocities", *_PAST):
+                    rows[:, fixed] = 0.0
             self._part(array, span, None).assign(rows)
-        self._part("recoveries", slice(b, b + 1), None).assign(kept.recoveries)
+        for array, rows in kept.counts.items():
+            if array != "history" or follows:
+                self._part(array, slice(b, b + 1), None).assign(rows)
         for rows, held in zip(self._live, kept.live, strict=True):
             rows.edit()[:, b] = held
         for array, held in kept.bodies.items():

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.batch import Batch, goes_in_rows
+from cloth_sim_ros.sim.batch import Batch, Shared, goes_in_rows
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.forces import name_of
@@ -18,11 +18,11 @@ from cloth_sim_ros.sim.methods import choose as choosing
 from cloth_sim_ros.sim.methods.choose import Choice
 from cloth_sim_ros.sim.methods.prices import Surroundings
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.objects import Rope
-from cloth_sim_ros.sim.poses import Colliders
+from cloth_sim_ros.sim.objects import Cloth, Rope
+from cloth_sim_ros.sim.poses import Motions
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
-from cloth_sim_ros.sim.state import Frame
+from cloth_sim_ros.sim.state import ColliderMotion, Frame, HandleMotion
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.topology import build as build_topology
 
@@ -43,7 +43,10 @@ class Bodies:
         self.scene, self.settings, self.worlds, self.builds = scene, settings, worlds, 0
         self.warp_device = _find_device(device)
         self.frame = LiveArray(Frame, 1, worlds, self.warp_device)
-        self.colliders = Colliders(len(scene.colliders), worlds, self.warp_device)
+        self.colliders = Motions(ColliderMotion, len(scene.colliders), worlds, self.warp_device)
+        self.handles = Motions(HandleMotion, len(scene.handles), worlds, self.warp_device)
+        self.handle_counts = wp.zeros((worlds, len(scene.handles)), dtype=int, device=self.warp_device)
+        self.handle_row = {name: row for row, name in enumerate(scene.handles)}
         self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
         self.elastic = {name: build_topology(thing, name, False) for name, thing in scene.objects.items()}
         self.strained: set[str] = set()
@@ -87,28 +90,42 @@ class Bodies:
             self._choices = chosen
             self._write_substeps()
             return
+        self._build_around(chosen)
+        for name in changed:
+            _LOG.info("%s now %s", name, chosen[name].reason)
+
+    def describe_again(self, name: str, thing: Cloth | Rope) -> None:
+        """An object of as many particles takes the place of `name`, and goes on from where it is."""
+        self.elastic[name] = build_topology(thing, name, False)
+        self.scene = replace(self.scene, objects={**self.scene.objects, name: thing})
+        self._build_around({each: self.choose(each, distinct(self.materials_of(each, None))) for each in self.batch})
+
+    def _build_around(self, choices: dict[str, Choice]) -> None:
+        """Everything on the device anew, with the state that there is."""
         kept = {name: self.batch[name].take(name) for name in self.batch}
-        self.build(chosen)
+        self.build(choices)
         for name, state in kept.items():
             self.batch[name].give(name, state)
         self._write_substeps()
-        for name in changed:
-            _LOG.info("%s now %s", name, chosen[name].reason)
 
     def _make_batches(self) -> list[Batch]:
         """A batch of each group of objects with the same features, in rows or not."""
         shapes = shapes_of(self.scene.colliders.values())
         wind = self.scene.wind is not None
-        forces = [force.numbers() for force in self.scene.forces.values()]
+        forces = np.array([force.numbers() for force in self.scene.forces.values()]).reshape(-1, 4)
+        shared = Shared(
+            self.colliders, self.handles, self.handle_counts, wp.array(forces, dtype=wp.vec4, device=self.warp_device)
+        )
         alike: dict[tuple[Features, bool], dict[str, Topology]] = {}
         for name, topo in self.topologies.items():
             choice = self._choices[name]
             features = Features.of(topo, wind, shapes, choice.order, choice.method, self.worlds > 1)
-            features = replace(features, forces=tuple(map(name_of, self.scene.forces.values())))
+            own = tuple(map(name_of, self.scene.forces.values()))
+            features = replace(features, forces=own, handles=bool(self.scene.handles))
             rows = goes_in_rows(features, topo, self.warp_device)
             alike.setdefault((features, rows), {})[name] = topo
         return [
-            Batch(bodies, features, rows, self.frame, self.colliders, self.worlds, self.warp_device, forces)
+            Batch(bodies, features, rows, self.frame, shared, self.worlds, self.warp_device)
             for (features, rows), bodies in alike.items()
         ]
 

@@ -11,6 +11,7 @@ import numpy as np
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.bodies import Bodies, distinct, names_of
 from cloth_sim_ros.sim.colliders import number_of, shape_of
+from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.quaternion import unit_quaternion
@@ -23,8 +24,8 @@ _COMPLIANCES = {"stretch_compliance": 0, "shear_compliance": 1, "twist_complianc
 class Live:
     """What a simulation is told while it runs."""
 
-    def __init__(self, bodies: Bodies, ropes: Ropes) -> None:
-        self._bodies, self._ropes = bodies, ropes
+    def __init__(self, bodies: Bodies, ropes: Ropes, hands: Hands) -> None:
+        self._bodies, self._ropes, self._hands = bodies, ropes, hands
 
     def set_collider_pose(
         self,
@@ -69,6 +70,8 @@ class Live:
             self._set_frame(_live(table.WIND, field, name), name, value, world)
         elif owner.endswith(".winch") and owner.removesuffix(".winch") in self._bodies.scene.objects:
             self._ropes.set_winch(owner.removesuffix(".winch"), _live(table.WINCH, field, name), name, value, world)
+        elif owner in self._bodies.scene.handles:
+            self._hands.set(owner, field, value, world)
         elif owner in self._bodies.scene.objects:
             self._set_material(owner, field, name, value, world)
         elif owner in self._bodies.scene.colliders:
@@ -77,7 +80,8 @@ class Live:
                 self._bodies.collider_row[owner], world, **{field: table.check(row, value, name)}
             )
         else:
-            known = [*self._bodies.scene.objects, *self._bodies.scene.colliders, "solver", "wind"]
+            scene = self._bodies.scene
+            known = [*scene.objects, *scene.colliders, *scene.handles, "solver", "wind"]
             raise ValueError(f"there is no parameter {name!r}; allowed are 'gravity' and those of {names_of(known)}")
 
     def _set_frame(self, row: table.Parameter, name: str, value: Any, world: int | None) -> None:
@@ -95,6 +99,9 @@ class Live:
 
     def _set_material(self, owner: str, field: str, name: str, value: Any, world: int | None) -> None:
         thing = self._bodies.scene.objects[owner]
+        if field == "pins":
+            self._set_pins(owner, value, world)
+            return
         row = _live(table.CLOTH if isinstance(thing, Cloth) else (*table.ROPE, *table.TWIST), field, name)
         needed = "twist_compliance" if field == "end_turn" else field
         if needed in ("shear_compliance", "bend_compliance", "twist_compliance") and getattr(thing, needed) is None:
@@ -116,6 +123,17 @@ class Live:
         batch.materials.write(batch.index[owner], world, **{field: materials[field]})
         if field in ("compliance", "damping"):
             self._bodies.choose_again()
+
+    def _set_pins(self, owner: str, value: Any, world: int | None) -> None:
+        """Other particles are fixed where they are, those that were go on from there."""
+        if world is not None:
+            raise ValueError(f"{owner}.pins is set in world {world} alone; allowed is to set it in all of them")
+        thing = self._bodies.scene.objects[owner]
+        try:
+            thing = dataclasses.replace(thing, pins=value)
+        except ValueError as error:
+            raise ValueError(str(error).replace(f"{type(thing).__name__}.pins", f"{owner}.pins")) from None
+        self._bodies.describe_again(owner, thing)
 
     def _check_materials(self, name: str, materials: np.ndarray, substeps: int) -> None:
         """`_check_explicit` for each material that differs from the others."""
@@ -157,6 +175,7 @@ class Live:
             if isinstance(thing, Rope):
                 self._ropes.write_rope(name, thing)
         self._place_colliders()
+        self._hands.write_scene()
 
     def _write_material(self, name: str, thing: Cloth | Rope) -> None:
         batch = self._bodies.batch[name]

@@ -34,6 +34,7 @@ class Features:
     bent: bool = False  # a beam that is bent at rest
     plate: bool = False  # a sheet that resists bending by its curvature
     curved: bool = False  # and is curved at rest
+    handles: bool = False  # whether there are any
     redoes: bool = False  # whether only bodies are computed whose frame is done again
     forces: tuple[str, ...] = ()  # of forces.FORCES, in the order of Arrays.forces
     line_slots: int = 1  # particles of a line that a thread of a warp holds

@@ -1,4 +1,4 @@
-"""Where colliders are and will be: poses wanted by the end of the next frame become motions through that frame."""
+"""Where colliders and handles are and will be: a pose wanted by the end of the next frame is a motion through it."""
 
 from __future__ import annotations
 
@@ -8,27 +8,26 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
-from cloth_sim_ros.sim.state import ColliderMotion
 
 
-class Colliders(LiveArray):
-    """The motions of `rows` colliders in each of `worlds` worlds, and the poses that are wanted of them."""
+class Motions(LiveArray):
+    """The motions of `rows` things in each of `worlds` worlds, in rows of `struct`, and the poses wanted of them."""
 
-    def __init__(self, rows: int, worlds: int, device: wp.Device) -> None:
-        super().__init__(ColliderMotion, rows, worlds, device)
+    def __init__(self, struct, rows: int, worlds: int, device: wp.Device) -> None:
+        super().__init__(struct, rows, worlds, device)
         self._moving, self._wanted = (np.zeros((worlds, rows), dtype=bool) for _ in range(2))
         self._position, self._orientation = np.zeros((worlds, rows, 3)), np.zeros((worlds, rows, 4))
         self._at_rest = True  # all of them: asked every frame, for less than NumPy takes to look
 
     def move(self, row: int, world: int | None, position: Sequence[float], orientation: Sequence[float]) -> None:
-        """A collider reaches a pose [m], x y z w, at the end of the next frame, in one world or, for None, in all."""
+        """A thing reaches a pose [m], x y z w, at the end of the next frame, in one world or, for None, in all."""
         worlds = worlds_of(world)
         self._position[worlds, row], self._orientation[worlds, row] = position, orientation
         self._wanted[worlds, row] = True
         self._at_rest = False
 
     def place(self, row: int, world: int | None, position: Sequence[float], orientation: Sequence[float]) -> None:
-        """A collider is at a pose at once and was never anywhere else."""
+        """A thing is at a pose at once and was never anywhere else."""
         worlds = worlds_of(world)
         self._wanted[worlds, row] = self._moving[worlds, row] = False
         pose = {"position": position, "orientation": orientation}

@@ -14,6 +14,7 @@ from cloth_sim_ros.sim.checks import check_fields
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.forces import Force, name_of
+from cloth_sim_ros.sim.handles import Handle
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.quaternion import Vector
 
@@ -37,13 +38,14 @@ class Wind:
 
 @dataclass(frozen=True)
 class Scene:
-    """Named objects and colliders, wind (None: no air), forces by any name and gravity [m/s^2].
+    """Named objects, colliders and handles, wind (None: no air), forces by any name and gravity [m/s^2].
 
-    Names of objects and colliders are shared by topics and parameters. Raises ValueError for what cannot be.
+    Names of objects, colliders and handles are shared by topics and parameters. Raises ValueError for what cannot be.
     """
 
     objects: Mapping[str, Cloth | Rope] = field(default_factory=dict)
     colliders: Mapping[str, Collider] = field(default_factory=dict)
+    handles: Mapping[str, Handle] = field(default_factory=dict)
     wind: Wind | None = None
     forces: Mapping[str, Force] = field(default_factory=dict)
     gravity: Vector = (0.0, 0.0, -9.81)
@@ -51,9 +53,18 @@ class Scene:
     def __post_init__(self) -> None:
         _check_names(self.objects, (Cloth, Rope), "objects")
         _check_names(self.colliders, tuple(kind for kind, _ in SHAPES.values()), "colliders")
-        both = set(self.objects) & set(self.colliders)
-        if both:
-            raise ValueError(f"the name {min(both)!r} is given to an object and a collider; allowed is one of the two")
+        _check_names(self.handles, (Handle,), "handles")
+        names = [*self.objects, *self.colliders, *self.handles]
+        twice = {name for name in names if names.count(name) > 1}
+        if twice:
+            raise ValueError(
+                f"the name {min(twice)!r} is given to two of objects, colliders and handles; allowed is one of them"
+            )
+        for name, handle in self.handles.items():
+            if handle.object not in ("", *self.objects):
+                raise ValueError(
+                    f"Handle {name!r} grasps {handle.object!r}; allowed is '' for any of {', '.join(self.objects)}"
+                )
         if self.wind is not None and not isinstance(self.wind, Wind):
             raise ValueError(f"Scene.wind is {self.wind!r}; allowed is a Wind or None")
         for force in self.forces.values():
@@ -64,7 +75,7 @@ class Scene:
 def _check_names(things: Any, kinds: tuple[type, ...], where: str) -> None:
     """Raise ValueError where `things` is no dict of names, as parameters can have them, to objects of `kinds`."""
     *first, last = (f"a {kind.__name__}" for kind in kinds)
-    allowed = f"{', '.join(first)} or {last}"
+    allowed = f"{', '.join(first)} or {last}" if first else last
     if not isinstance(things, Mapping):
         raise ValueError(f"Scene.{where} is {things!r}; allowed is a dict of name to {allowed}")
     for name, thing in things.items():

@@ -1,7 +1,7 @@
 """The public face: a scene and settings on a device, advanced frame by frame and read back by name.
 
 A Simulation is composed of parts: Bodies (how objects are computed, and where), Queries (what is read of them), Ropes
-(the same of ropes alone) and Live (what may change while it runs). Here are time and state.
+(the same of ropes alone), Hands (what handles hold) and Live (what may change while it runs). Here are time and state.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.checks import finite_array
+from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live import Live, compliances_of
 from cloth_sim_ros.sim.methods.choose import is_strained
 from cloth_sim_ros.sim.objects import Rope
@@ -56,7 +57,8 @@ class Simulation:
         self._bodies = Bodies(scene, settings or Settings(), device, worlds)
         self._queries = Queries(self._bodies)
         self._ropes = Ropes(self._bodies, self._queries)
-        self._live = Live(self._bodies, self._ropes)
+        self._hands = Hands(self._bodies)
+        self._live = Live(self._bodies, self._ropes, self._hands)
         for name, thing in scene.objects.items():
             self._ropes.check_rope(name, thing)
         materials = {name: (compliances_of(thing), thing.damping) for name, thing in scene.objects.items()}
@@ -69,6 +71,7 @@ class Simulation:
         self._finer = 1
         self._frames = 0
         self._live.write_scene()
+        self._hands.reset(None)
 
     masses = _of("_queries", Queries.masses)
     triangles = _of("_queries", Queries.triangles)
@@ -85,6 +88,10 @@ class Simulation:
     set = _of("_live", Live.set)
     set_wind = _of("_live", Live.set_wind)
     set_collider_pose = _of("_live", Live.set_collider_pose)
+    set_handle_pose = _of("_hands", Hands.set_handle_pose)
+    attach, release = _of("_hands", Hands.attach), _of("_hands", Hands.release)
+    held, broken = _of("_hands", Hands.held), _of("_hands", Hands.broken)
+    handle_wrench = _of("_hands", Hands.handle_wrench)
     scene, settings = _its("scene"), _its("settings")
     worlds, builds = _its("worlds"), _its("builds")
     device, method = _its("device"), _its("method")
@@ -98,9 +105,17 @@ class Simulation:
     def step(self, frames: int = 1) -> None:
         """Simulate `frames` frames of settings.frame_dt each."""
         for _ in range(frames):
-            self._bodies.colliders.advance()
+            self._begin()
             self._advance()
-            self._frames += 1
+            self._end()
+
+    def _begin(self) -> None:
+        self._bodies.colliders.advance()
+        self._bodies.handles.advance()
+
+    def _end(self) -> None:
+        self._hands.judge()
+        self._frames += 1
 
     def step_and_estimate(self) -> dict[str, float]:
         """One frame as by `step`, to the same bits, and name -> by how much it goes astray in world 0 [m].
@@ -109,12 +124,12 @@ class Simulation:
         from two trials, one with twice the substeps (docs/study.md says how well it tracks the true error).
         Takes four frames' time, and memory for a second state.
         """
-        self._bodies.colliders.advance()
+        self._begin()
         for batch in self._bodies.batches:
             batch.save()
         trials = [self._trial(1), self._trial(2)]
         self._advance()
-        self._frames += 1
+        self._end()
         orders = {
             name: 2 if choice.method == "verlet" else choice.order for name, choice in self._bodies.choices.items()
         }
@@ -137,7 +152,7 @@ class Simulation:
         return found
 
     def reset(self, world: int | None = None) -> None:
-        """Objects and colliders back to where the scene put them, at rest; live parameters stay as they are.
+        """Objects, colliders and handles back to where the scene put them, at rest; live parameters stay as they are.
 
         Resetting all worlds (None) sets the time to 0; one world alone goes on with the time of the others.
         """
@@ -149,6 +164,7 @@ class Simulation:
             self._bodies.colliders.place(
                 self._bodies.collider_row[name], world, collider.position, collider.orientation
             )
+        self._hands.reset(world)
         if world is None:
             self._frames = 0
             self._bodies.strained.clear()
@@ -167,6 +183,7 @@ class Simulation:
             self._finer = finer
             self._bodies.frame.upload()
         self._bodies.colliders.upload()
+        self._bodies.handles.upload()
         for batch in self._bodies.batches:
             batch.upload()
 

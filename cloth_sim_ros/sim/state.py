@@ -63,6 +63,23 @@ class ColliderMotion:
 
 
 @wp.struct
+class HandleMotion:
+    """One handle: its reach as a box and a ball around its origin [m], how it holds, and poses at both ends of the
+    frame.
+
+    reach: half the edges of the box, and the radius of the ball; what is grasped lies in both.
+    """
+
+    reach: wp.vec4
+    compliance: float  # of the whole hold [m/N]
+    break_force: float  # [N], 0 is never
+    start_position: wp.vec3
+    start_orientation: wp.quat
+    end_position: wp.vec3
+    end_orientation: wp.quat
+
+
+@wp.struct
 class Sweep:
     """One collider within one substep: R^T at its end, R^T_end - R^T_start and a bound of it, position, motion [m]."""
 
@@ -190,6 +207,10 @@ class State:
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     edge_contacts: wp.array(dtype=wp.vec4)  # (K D,) the same of edges
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
+    grips: wp.array(dtype=wp.vec4)  # (N,) place in the axes of the handle that holds a particle [m], and 1 + its number
+    grip_pulls: wp.array(dtype=wp.vec4)  # (N,) of the handle on the particle in the last substep [N]
+    grip_forces: wp.array(dtype=wp.vec4)  # (N,) of the handle on the particle, mean over the frame [N]
+    held: wp.array(dtype=int)  # (B,) particles that handles hold
     reels: wp.array(dtype=Reel)  # (B,) of ropes that a winch feeds, and when the body was last good
     good_reels: wp.array(dtype=Reel)  # (B,)
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see watch.py
@@ -221,6 +242,8 @@ class Arrays:
     frames: wp.array(dtype=Frame)  # (1,)
     materials: wp.array(dtype=Material)  # (B,)
     colliders: wp.array(dtype=ColliderMotion)  # (K,)
+    handles: wp.array(dtype=HandleMotion)  # (H,)
+    handle_counts: wp.array(dtype=int)  # (H,) particles that each holds
     drives: wp.array(dtype=Drive)  # (B,) of ropes that a winch feeds
     forces: wp.array(dtype=wp.vec4)  # (F,) numbers of the scene's own forces
     ends: wp.array(dtype=EndTurn)  # (B,) of ropes that resist twist

@@ -157,6 +157,7 @@ FUNCTIONS = {
     "chain": "series_admittance",
     "edges": "deepest edge_contact",
     "winch": "next_rate rest_of first_out",
+    "handles": "hold feel way_of",
     "twist": "carried_across half_binormal push_by_couples",
 }
 SHEET_AND_BALL = Features(("line", "edge"), False, "triangles", ("sphere",), 2, "xpbd", plate=True, curved=True)
@@ -178,6 +179,7 @@ HOSE = Features((), True, "", (), 2, "xpbd", beam=True, twist=True)
         (HOSE, {"chain", "beam", "twist"}),
         (Features((), True, "", (), 2, "xpbd", beam=True, bent=True), {"chain", "beam", "bent"}),
         (SHEET_AND_BALL, {"lines", "plate", "curved", "wind on cloth", "colliders", "sphere", "edges"}),
+        (Features((), True, "", ("box",), 2, "xpbd", handles=True), {"chain", "colliders", "box", "handles"}),
         (ROPE_AND_ROOM, {"chain", "wind on ropes", "colliders", "plane", "box", "edges"}),
     ],
 )  # fmt: skip

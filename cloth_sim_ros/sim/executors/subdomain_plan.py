@@ -115,6 +115,8 @@ def plan(
         raise Unfit("method 'xpbd'", "method 'verlet'")
     if features.forces:
         raise Unfit("forces of the scene's own", "weight, springs, bending and air")
+    if features.handles:
+        raise Unfit("handles", "a scene without them")
     if "edge" in features.constraints:
         raise Unfit("edge_contact", "contact of particles alone")
     if features.curved:

@@ -14,6 +14,7 @@ from cloth_sim_ros.sim.methods.program import in_turn, make_begin, make_enter, m
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import outer_weight
 from cloth_sim_ros.sim.simd import LANES
+from cloth_sim_ros.sim.stages.grasp import feel, hold
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import first_share, spring_constants
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
@@ -139,11 +140,24 @@ def make_frame(features: Features):
         here = given
         store(planes, size, here)
         write4(planes, size, wp.static(row_lanes.D), here.body.count, here.d)
-        here.step.repeats = here.frame.iterations > 1
-        for iteration in range(here.frame.iterations):
-            here.step.first = iteration == 0
-            iterated(0, 1, here)
+        if wp.static(features.handles):
+            for i in range(here.body.count):
+                hold(i, here)
+        if wp.static(iterated is not None):
+            here.step.repeats = here.frame.iterations > 1
+            for iteration in range(here.frame.iterations):
+                here.step.first = iteration == 0
+                iterated(0, 1, here)
+        if wp.static(features.handles):
+            for i in range(here.body.count):
+                feel(i, here)
         read3(planes, size, wp.static(row_lanes.D), here.body.count, here.d)
+
+    @wp.func
+    def touches(here: Here) -> bool:
+        if wp.static(features.handles and iterated is None):
+            return here.state.held[here.body.index] > 0
+        return wp.static(iterated is not None)
 
     @wp.kernel(enable_backward=False, module="unique", module_options=CPU_FLAGS)
     def simulate_rows(given: argument, planes: Planes):
@@ -186,7 +200,7 @@ def make_frame(features: Features):
             )
             if wp.static(before is not None):
                 before(0, 1, here)
-            if wp.static(iterated is not None):
+            if touches(here):
                 touch(numbers, size, here)
             finish_lanes(numbers, size, count, here.step.effective)
         here.substep = frame.substeps

@@ -34,6 +34,7 @@ from cloth_sim_ros.sim.stages.bending import curve_triangle, make_bend
 from cloth_sim_ros.sim.stages.contact import make_contact
 from cloth_sim_ros.sim.stages.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.stages.fault_recovery import find_fault, make_count, make_settle
+from cloth_sim_ros.sim.stages.grasp import feel, hold
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import (
     SWEPT,
@@ -85,8 +86,11 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     if features.panels:
         beside = lambda body, _: 1 if on_cpu else -(-(body["panels_end"] - body["panels"]) // 2)  # noqa: E731
         slow.append(Stage("panels", make_panels(features), beside))
+    predict, finish = make_predict(features), make_finish(features)
+    if features.handles:
+        predict, finish = _both(predict, hold), _both(feel, finish)
     if not explicit:
-        before.append(_over_particles("predict", make_predict(features)))
+        before.append(_over_particles("predict", predict))
     if features.curved:
         slow.append(_make_curve(explicit))
     if features.plate and not explicit:
@@ -95,14 +99,13 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
         if features.has_outer:
             slow.append(_over_particles("kick", _make_slow_kick(features)))
             slow.append(_over_particles("take_kick", store_velocity))
-        before.append(_over_particles("predict", make_predict(features)))
+        before.append(_over_particles("predict", predict))
     if features.chain:
         program.iterated.append(Stage("chain", _make_chain(features, threads, stored), lambda *_: 1))
     if "line" in features.constraints:
         program.iterated.append(_make_lines(features, on_cpu))
     if "edge" in features.constraints:
         program.iterated.append(_make_edges(features))
-    finish = make_finish(features)
     if features.shapes:
         contact = make_contact(features)
         program.iterated.append(_over_particles("contact", contact, but_last=True))
@@ -130,6 +133,9 @@ def make_begin(features: Features):
         here.frame = arrays.frames[0]
         here.colliders = arrays.colliders
         here.forces = arrays.forces
+        if wp.static(features.handles):
+            here.handles = arrays.handles
+            here.handle_counts = arrays.handle_counts
         if wp.static(features.winch):
             here.drive = arrays.drives[b]
         if wp.static(features.twist):

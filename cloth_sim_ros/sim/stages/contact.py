@@ -7,6 +7,7 @@ from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.stages.grasp import HELD
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
 from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
@@ -91,6 +92,7 @@ def make_touch(features: Features):
     The colliders' motion lies in `sweeps` from `first_sweep` on, what earlier iterations did in `contacts` at `slot`.
     """
     meet = make_meet(features.shapes)
+    least = HELD if features.handles else 0.0
 
     @wp.func
     def contact(
@@ -109,10 +111,11 @@ def make_touch(features: Features):
         d: wp.uint64,
     ):
         packed = load4(d, i)
+        row = load4(x, i)
         w = packed[3]
-        if w == 0.0:
+        if w <= wp.static(least) * row[3]:
             return
-        position = xyz(load4(x, i))
+        position = xyz(row)
         displacement = xyz(packed)
         touched = bool(False)
         for c in range(colliders.shape[0]):

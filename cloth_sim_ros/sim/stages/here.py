@@ -4,7 +4,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.state import ColliderMotion, Drive, Frame, Material, State
+from cloth_sim_ros.sim.state import ColliderMotion, Drive, Frame, HandleMotion, Material, State
 
 
 @wp.struct
@@ -27,6 +27,8 @@ class Here:
     p: wp.uint64
     spans: wp.uint64  # where the threads of a block show one another spans of a chain
     colliders: wp.array(dtype=ColliderMotion)
+    handles: wp.array(dtype=HandleMotion)
+    handle_counts: wp.array(dtype=int)
     forces: wp.array(dtype=wp.vec4)  # numbers of the scene's own forces
     drive: Drive  # of a winch
     turn: float  # of the end of a rope [rad]

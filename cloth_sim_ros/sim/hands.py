@@ -1,0 +1,253 @@
+"""What handles do between frames: grasp, let go, and tell what they feel. Within a frame see stages/grasp.py."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.bodies import Bodies, names_of
+from cloth_sim_ros.sim.handles import checked_reach, extents
+from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
+from cloth_sim_ros.sim.live_array import worlds_of
+from cloth_sim_ros.sim.quaternion import unit_quaternion
+from cloth_sim_ros.sim.state import Arrays, HandleMotion
+
+_LANES = 64  # threads that add up what a handle feels
+
+
+@wp.kernel(enable_backward=False)
+def grasp(given: wp.array(dtype=Arrays), b: int, h: int, only: int, count: int):
+    w = wp.tid() / count
+    if only >= 0 and w != only:
+        return
+    arrays = given[w]
+    s = arrays.state
+    g = arrays.model.bodies[b].particles + wp.tid() % count
+    position = load_row(s.positions, g)
+    if position[3] == 0.0 or load_row(s.grips, g)[3] > 0.0:
+        return
+    handle = arrays.handles[h]
+    offset = (xyz(position) - handle.end_position) + xyz(load_row(s.low, g))
+    place = wp.quat_rotate_inv(handle.end_orientation, offset)
+    size, far = wp.abs(place), wp.length(place)
+    if size[0] <= handle.reach[0] and size[1] <= handle.reach[1] and size[2] <= handle.reach[2]:
+        if far <= handle.reach[3]:
+            store_row(s.grips, g, wp.vec4(place[0], place[1], place[2], float(h + 1)))
+            store_row(s.grip_pulls, g, wp.vec4(0.0))
+            store_row(s.grip_forces, g, wp.vec4(0.0))
+            wp.atomic_add(s.held, b, 1)
+            wp.atomic_add(arrays.handle_counts, h, 1)
+
+
+@wp.kernel(enable_backward=False)
+def let_go(given: wp.array(dtype=Arrays), b: int, leaves: wp.array2d(dtype=int), count: int):
+    w = wp.tid() / count
+    arrays = given[w]
+    s = arrays.state
+    g = arrays.model.bodies[b].particles + wp.tid() % count
+    h = int(load_row(s.grips, g)[3]) - 1
+    if h >= 0:
+        if leaves[w, h] > 0:
+            store_row(s.grips, g, wp.vec4(0.0))
+            store_row(s.grip_forces, g, wp.vec4(0.0))
+            wp.atomic_sub(s.held, b, 1)
+            wp.atomic_sub(arrays.handle_counts, h, 1)
+
+
+@wp.kernel(enable_backward=False)
+def add_loads(given: wp.array(dtype=Arrays), loads: wp.array2d(dtype=wp.spatial_vector), lanes: int):
+    """A block adds up what one handle feels in one world: force [N] and torque [N m] about its origin."""
+    q, t = wp.tid()
+    w, h = q / loads.shape[1], q % loads.shape[1]
+    arrays = given[w]
+    s = arrays.state
+    origin = arrays.handles[h].end_position
+    part = wp.spatial_vector()
+    if arrays.handle_counts[h] > 0:
+        for g in range(t, s.positions.shape[0], lanes):
+            if int(load_row(s.grips, g)[3]) == h + 1:
+                force = -xyz(load_row(s.grip_forces, g))
+                part += wp.spatial_vector(force, wp.cross(xyz(load_row(s.positions, g)) - origin, force))
+    total = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+    if t == 0:
+        loads[w, h] += total
+
+
+@wp.kernel(enable_backward=False)
+def find_broken(
+    handles: wp.array2d(dtype=HandleMotion),
+    loads: wp.array2d(dtype=wp.spatial_vector),
+    leaves: wp.array2d(dtype=int),
+    breaks: wp.array2d(dtype=int),
+):
+    w, h = wp.tid()
+    most = handles[w, h].break_force
+    broken = most > 0.0 and wp.length(wp.spatial_top(loads[w, h])) > most
+    leaves[w, h] = wp.where(broken, 1, 0)
+    breaks[w, h] += leaves[w, h]
+
+
+class Hands:
+    """The handles of a simulation. Raises ValueError for a name, a world or a value that cannot be."""
+
+    def __init__(self, bodies: Bodies) -> None:
+        self._bodies = bodies
+        shape, device = (bodies.worlds, len(bodies.scene.handles)), bodies.warp_device
+        self._loads = wp.zeros(shape, dtype=wp.spatial_vector, device=device)
+        self._leaves, self._breaks = (wp.zeros(shape, dtype=int, device=device) for _ in range(2))
+        self._objects = {name: handle.object for name, handle in bodies.scene.handles.items()}
+        self._arrays: dict[int, wp.array] = {}
+        self._built = -1  # Bodies.builds that these are of
+        self._breakable = False
+
+    def write_scene(self) -> None:
+        """All handles as the scene has them."""
+        for name, handle in self._bodies.scene.handles.items():
+            self.place(name, None)
+            self._write(name, None, reach=extents(handle.reach), compliance=handle.compliance)
+            self._write(name, None, break_force=handle.break_force)
+
+    def _write(self, name: str, world: int | None, **numbers: Any) -> None:
+        self._bodies.handles.write(self._row(name), world, **numbers)
+        self._breakable = bool((self._bodies.handles.edit()["break_force"] > 0.0).any())
+
+    def place(self, name: str, world: int | None) -> None:
+        """Where the scene puts it."""
+        handle = self._bodies.scene.handles[name]
+        self._bodies.handles.place(self._bodies.handle_row[name], world, handle.position, handle.orientation)
+
+    def set_handle_pose(
+        self,
+        name: str,
+        position: Any,
+        orientation: Any = (0.0, 0.0, 0.0, 1.0),
+        sweep: bool = True,
+        world: int | None = None,
+    ) -> None:
+        """Move a handle: it reaches the pose [m], x y z w, at the end of the next frame, with what it holds.
+
+        Without `sweep` it is there at once: for placing an empty one, as what it holds would be torn along.
+        """
+        row = self._row(name)
+        position = table.check(table.row(table.HANDLE, "position"), position, f"{name}.position")
+        orientation = unit_quaternion(orientation, f"{name}.orientation")
+        reach = self._bodies.handles.move if sweep else self._bodies.handles.place
+        reach(row, self._bodies.some(world), position, orientation)
+
+    def set(self, name: str, field: str, value: Any, world: int | None) -> None:
+        """Set a live parameter of a handle; `attached` grasps or lets go."""
+        try:
+            row = table.row(table.HANDLE, field)
+        except KeyError:
+            live = names_of(row.name for row in table.HANDLE if row.live)
+            raise ValueError(f"there is no parameter '{name}.{field}'; allowed is one of {live}") from None
+        where = f"{name}.{field}"
+        if field == "reach":
+            self._write(name, world, reach=extents(checked_reach(value, where)))
+            return
+        value = table.check(row, value, where)
+        if field == "attached":
+            (self.attach if value else self.release)(name, world)
+        elif field == "object":
+            if value not in ("", *self._bodies.scene.objects):
+                raise ValueError(
+                    f"{where} is {value!r}; allowed is '' or one of {names_of(self._bodies.scene.objects)}"
+                )
+            self._objects[name] = value
+        elif field in ("compliance", "break_force"):
+            self._write(name, world, **{field: value})
+        else:
+            raise ValueError(f"{where} is not set while running; allowed is set_handle_pose")
+
+    def attach(self, name: str, world: int | None = None) -> int | np.ndarray:
+        """Grasp what is within reach and nobody holds; how many particles it holds now, see `held`."""
+        h, some = self._row(name), self._bodies.some(world)
+        self._bodies.handles.upload()
+        for body, (batch, given, b, count) in self._each().items():
+            if self._objects[name] in ("", body):
+                inputs = [given, b, h, -1 if some is None else some, count]
+                wp.launch(grasp, dim=self._bodies.worlds * count, inputs=inputs, device=batch.device)
+        return self.held(name, world)
+
+    def release(self, name: str, world: int | None = None) -> None:
+        """Let go of all that it holds, which goes on with the velocity it has."""
+        h, some = self._row(name), self._bodies.some(world)
+        self._leaves.zero_()
+        self._leaves[worlds_of(some), h : h + 1].fill_(1)
+        self._drop()
+
+    def held(self, name: str, world: int | None = None) -> int | np.ndarray:
+        """How many particles it holds: in one world, or for None in each of several (worlds,)."""
+        h, some = self._row(name), self._bodies.some(world)
+        counts = self._bodies.handle_counts.numpy()[:, h]
+        return int(counts[some or 0]) if some is not None or self._bodies.worlds == 1 else counts.copy()
+
+    def broken(self, name: str, world: int = 0) -> int:
+        """How often it has let go because the load was larger than its break_force."""
+        return int(self._breaks.numpy()[self._bodies.one(world), self._row(name)])
+
+    def handle_wrench(self, name: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Force (3,) [N] and torque (3,) [N m] about its origin on a handle, in world axes: mean over the last frame.
+
+        It is what the hand feels: the weight of a cloth that hangs from it points down.
+        """
+        h, w = self._row(name), self._bodies.one(world)
+        self._add_loads()
+        load = self._loads.numpy()[w, h].astype(np.float64)
+        return load[:3], load[3:]
+
+    def judge(self) -> None:
+        """At the end of a frame: handles whose load is too large let go. On the device alone."""
+        if self._breakable:
+            self._add_loads()
+            inputs = [self._bodies.handles.array, self._loads, self._leaves, self._breaks]
+            wp.launch(find_broken, dim=self._loads.shape, inputs=inputs, device=self._bodies.warp_device)
+            self._drop()
+
+    def reset(self, world: int | None) -> None:
+        """Back to where the scene put them, holding what it says."""
+        for name, handle in self._bodies.scene.handles.items():
+            self.release(name, world)
+            self.place(name, world)
+            if handle.attached:
+                self.attach(name, world)
+
+    def _row(self, name: str) -> int:
+        if name not in self._bodies.handle_row:
+            raise ValueError(f"there is no handle {name!r}; allowed is {names_of(self._bodies.handle_row)}")
+        return self._bodies.handle_row[name]
+
+    def _each(self) -> dict[str, tuple[Batch, wp.array, int, int]]:
+        """Object -> its batch, the arrays of all worlds, its number in the batch and its count of particles."""
+        if self._built != self._bodies.builds:
+            self._arrays = {
+                id(batch): wp.array(batch.worlds, dtype=Arrays, device=batch.device) for batch in self._bodies.batches
+            }
+            self._built = self._bodies.builds
+        found = {}
+        for name, batch in self._bodies.batch.items():
+            b = batch.index[name]
+            found[name] = (batch, self._arrays[id(batch)], b, batch.counts[b])
+        return found
+
+    def _add_loads(self) -> None:
+        self._loads.zero_()
+        self._each()
+        for batch in self._bodies.batches:
+            lanes = 1 if batch.device.is_cpu else _LANES
+            wp.launch_tiled(
+                add_loads,
+                dim=[self._loads.size],
+                inputs=[self._arrays[id(batch)], self._loads, lanes],
+                block_dim=lanes,
+                device=batch.device,
+            )
+
+    def _drop(self) -> None:
+        for batch, given, b, count in self._each().values():
+            dim = self._bodies.worlds * count
+            wp.launch(let_go, dim=dim, inputs=[given, b, self._leaves, count], device=batch.device)

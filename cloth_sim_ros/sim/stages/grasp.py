@@ -1,0 +1,96 @@
+"""What a handle does to the particles that it holds: a spring to where each of them lay when it was grasped.
+
+The spring is taken at the end of the substep, as implicit Euler does: a particle of the inverse mass w that would move
+by d, and whose place is t away, moves by (c d + w h^2 t) / (c + w h^2) where the compliance c of its spring is. To the
+constraints that follow it has the inverse mass w c / (c + w h^2).
+
+A rigid hold has a small c nonetheless, so that its force can be told, and begins a substep with the force of the last:
+what the spring has to give way by vanishes as the load becomes steady (an augmented Lagrangian, Hestenes 1969).
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
+from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.state import HandleMotion
+
+# What a rigid hold leaves of the inverse mass, and the most that it gives way by [m/N].
+RIGID = wp.constant(1.0e-3)
+FIRMEST = wp.constant(3.0e-6)
+KEPT = wp.constant(0.99)  # of the last force, so that it stays bounded where a hand pulls at what cannot follow
+HELD = 2.0e-3  # of the inverse mass: what has less of it left is held, and no collider moves it
+
+
+@wp.func
+def way_to(x: wp.vec3, place: wp.vec3, handle: HandleMotion, after: float) -> wp.vec3:
+    """From a particle at x to its `place` in the axes of a handle, at a fraction of the frame [m]."""
+    q = handle.start_orientation
+    if wp.length_sq(handle.start_orientation - handle.end_orientation) > 0.0:
+        q = wp.quat_slerp(handle.start_orientation, handle.end_orientation, after)
+    travel = after * (handle.end_position - handle.start_position)
+    return (handle.start_position - x) + travel + wp.quat_rotate(q, place)
+
+
+@wp.func
+def give_of(number: int, w: float, here: Here) -> float:
+    """The compliance [m/N] of a handle's spring to one particle of the inverse mass w."""
+    firm = wp.min(RIGID * w * here.step.effective * here.step.effective, FIRMEST)
+    return wp.max(here.handles[number].compliance * float(here.handle_counts[number]), firm)
+
+
+@wp.func
+def way_of(x: wp.vec4, grip: wp.vec4, here: Here) -> wp.vec3:
+    """How far a held particle at x is from where its handle wants it at the end of the substep [m]."""
+    after = float(here.substep + 1) / float(here.frame.substeps)
+    return way_to(xyz(x), xyz(grip), here.handles[int(grip[3]) - 1], after)
+
+
+@wp.func
+def pull_before(g: int, number: int, here: Here) -> wp.vec3:
+    """The force [N] with which a rigid hold of particle g of the batch begins a substep; a soft one has its spring."""
+    if here.handles[number].compliance > 0.0:
+        return wp.vec3(0.0)
+    return KEPT * xyz(load_row(here.state.grip_pulls, g))
+
+
+@wp.func
+def hold(i: int, here: Here):
+    """The stage that follows prediction: particle i moves as its handle has it."""
+    if here.state.held[here.body.index] == 0:
+        return
+    g = here.body.particles + i
+    grip = load_row(here.state.grips, g)
+    x = load4(here.x, i)
+    if grip[3] == 0.0 or x[3] == 0.0:
+        return
+    number = int(grip[3]) - 1
+    predicted = load4(here.p, i)
+    give = give_of(number, x[3], here)
+    moved = predicted[3] * here.step.effective * here.step.effective
+    share = give / (give + moved)
+    free = xyz(predicted) + moved * pull_before(g, number, here)
+    d = share * free + (1.0 - share) * way_of(x, grip, here)
+    store4(here.p, i, wp.vec4(d[0], d[1], d[2], share * predicted[3]))
+
+
+@wp.func
+def feel(i: int, here: Here):
+    """The stage before particle i arrives: what its handle pulls at it with in this substep."""
+    if here.state.held[here.body.index] == 0:
+        return
+    g = here.body.particles + i
+    grip = load_row(here.state.grips, g)
+    if grip[3] == 0.0:
+        return
+    x = load4(here.x, i)
+    if x[3] == 0.0:
+        return
+    number = int(grip[3]) - 1
+    missing = way_of(x, grip, here) - xyz(load4(here.d, i))
+    pull = pull_before(g, number, here) + missing / give_of(number, x[3], here)
+    pulled = wp.vec4(pull[0], pull[1], pull[2], 0.0)
+    store_row(here.state.grip_pulls, g, pulled)
+    total = pulled / float(here.frame.substeps)
+    if here.substep > 0:
+        total += load_row(here.state.grip_forces, g)
+    store_row(here.state.grip_forces, g, total)
