@@ -36,7 +36,7 @@ class Parameter:
 
 
 def _double(name, default, text, unit="", low=-INFINITY, high=INFINITY, live=True):
-    return Parameter(name, "double", float(default), text, unit, low, high, live)
+    return Parameter(name, "double", float(default), text, unit, float(low), float(high), live)
 
 
 def _integer(name, default, text, low, high, live=False):
@@ -214,6 +214,17 @@ WINCH = (
     _double("acceleration", 1, "How fast the rate changes at most.", "m/s^2", 1e-3, 1e4),
     _double("shortest", 0, "Hauls in no further than this, nor than half of the last segment.", "m", 0, 1e4),
     _double("longest", 1e4, "Pays out no further than this, nor than the rope is long.", "m", 1e-6, 1e4),
+)
+
+WINCH_TOPIC = (
+    _double(
+        "timeout",
+        0.5,
+        "A rate by topic holds this long in simulated time, then pay_out acts again; so does it after a reset.",
+        "s",
+        0.01,
+        3600,
+    ),
 )
 
 COLLIDER = (

@@ -8,14 +8,16 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import tempfile
 import threading
 from pathlib import Path
+from typing import Any
 
 SPIN_PERIOD = 0.1  # [s] at most between a signal and its effect: the middleware's wait is not interrupted by it
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Spins the node until a signal comes; returns the exit status."""
+    """Spins the node until a signal comes; returns the exit status. Raises no exception."""
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
@@ -29,17 +31,19 @@ def main(arguments: list[str] | None = None) -> int:
 
     log = get_logger("cloth_sim")
     try:
-        arguments = readable_arguments(sys.argv if arguments is None else arguments, log.error)
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        with tempfile.TemporaryDirectory(prefix="cloth_sim_") as folder:
+            given = sys.argv if arguments is None else arguments
+            arguments, keys = readable_arguments(given, Path(folder), log.error)
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         print(f"cloth_sim: {error}", file=sys.stderr)
         return 1
-    spin(stop)
+    spin(stop, keys)
     return 0
 
 
-def spin(stop: threading.Event) -> None:
-    """Runs the node until `stop` is set, then takes everything down."""
+def spin(stop: threading.Event, keys: dict[str, list[str]]) -> None:
+    """Runs the node until `stop` is set, then takes everything down. keys: parameter file -> nodes that it is for."""
     import rclpy
     import warp
     from rclpy.executors import SingleThreadedExecutor
@@ -48,6 +52,7 @@ def spin(stop: threading.Event) -> None:
 
     warp.config.log_level = warp.LOG_WARNING
     node = ClothSimNode()
+    tell_lost_parameters(node, keys)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     while not stop.is_set():
@@ -62,6 +67,19 @@ def spin(stop: threading.Event) -> None:
     if not ended:  # compiling, which cannot be interrupted: leave without waiting
         sys.stdout.flush()
         os._exit(0)
+
+
+def tell_lost_parameters(node: Any, keys: dict[str, list[str]]) -> None:
+    """Warns of parameter files that are for other nodes, and of an empty scene where none was given."""
+    from cloth_sim_ros.ros.params_file import is_for
+
+    log, name = node.get_logger(), node.get_fully_qualified_name()
+    for path, found in keys.items():
+        if not any(is_for(key, name) for key in found):
+            keyed = ", ".join(found) or "no node with ros__parameters"
+            log.warning(f"{path} is for {keyed} and none of it reaches this node; key it with {name} or /**")
+    if not keys and not node.get_parameter("objects").value:
+        log.warning("the scene is empty, as no parameters were given; start with --ros-args --params-file FILE")
 
 
 def set_up_large_messages() -> None:

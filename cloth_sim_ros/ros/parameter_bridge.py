@@ -11,6 +11,7 @@ import difflib
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
@@ -171,9 +172,10 @@ class ParameterBridge:
                 return
             asked = {parameter.name: parameter.value for parameter in parameters if parameter.name in self.rows}
             self._given |= {name: value for name, value in asked.items() if name not in self._followed}
-            changed = [name for name in asked if self.values[name] != before[name]]
-            rebuilds = any(not self.rows[name].live for name in changed)
-            for name in changed:
+            # A live value acts even where it is the one before: a topic may have set another since.
+            acting = [name for name in asked if self.rows[name].live or self.values[name] != before[name]]
+            rebuilds = any(not self.rows[name].live for name in acting)
+            for name in acting:
                 if not (rebuilds and name in self._followed):  # the new simulation takes those as it is built
                     self._on_change(name, self.rows[name], self.values[name])
         except Exception as error:
@@ -201,18 +203,28 @@ class ParameterBridge:
 
 
 def coerced(row: Parameter, value: Any, name: str) -> Any:
-    """`value` as the type of `row`: text such as 1e-6 and whole numbers count as doubles.
+    """`value` as the type of `row`: text such as 1e-6 and whole numbers count as doubles, text in brackets as a list.
 
     Raises ValueError in one sentence.
     """
-    if isinstance(value, (list, tuple, array.array)):
-        value = tuple(value)
-    if row.kind in ("double", "integer") and isinstance(value, str):
-        try:
-            value = float(value)
-        except ValueError:
+    if row.kind.endswith("_array") and isinstance(value, str) and value.lstrip().startswith("["):
+        try:  # ros2 param set sends a list of mixed numbers as text
+            value = yaml.safe_load(value)
+        except yaml.YAMLError:
             pass  # check() says what is allowed
+    if isinstance(value, (list, tuple, array.array)):
+        value = tuple(_number(item) if row.kind in ("double_array", "integer_array") else item for item in value)
+    elif row.kind in ("double", "integer"):
+        value = _number(value)
     return table.check(row, value, name)
+
+
+def _number(value: Any) -> Any:
+    """Text such as 1e-6, which YAML takes for text, as a number; anything else as it is."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value  # check() says what is allowed
 
 
 def ros_value(row: Parameter, value: Any) -> Any:

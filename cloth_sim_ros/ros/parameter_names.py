@@ -17,7 +17,7 @@ _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 COLLIDER = tuple(replace(row, live=True) if row.name in ("position", "orientation") else row for row in table.COLLIDER)
 
 
-WINCH = tuple(replace(row, name=f"winch.{row.name}") for row in table.WINCH)
+WINCH = tuple(replace(row, name=f"winch.{row.name}") for row in (*table.WINCH, *table.WINCH_TOPIC))
 
 
 def object_rows(kind: str) -> tuple[Parameter, ...]:

@@ -2,96 +2,117 @@
 
 The middleware's parser stops the process at a list such as [0, 0, -9.81], whose numbers are not all of one type, at a
 value left empty and at nested lists. Here whole numbers in such lists become decimals; what no parameter can hold is
-left out with one sentence. Files without such trouble are passed on untouched.
+left out with one sentence. Files without such trouble are passed on untouched. A pipe, which can be read only once, is
+passed on as a copy.
 """
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import yaml
 
 _NUMBER = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_DECIMAL = re.compile(r"[-+]?((0|[1-9]\d*)(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 Complain = Callable[[str], None]
 
 
-def readable_arguments(arguments: list[str], complain: Complain) -> list[str]:
+def readable_arguments(
+    arguments: list[str], folder: Path, complain: Complain
+) -> tuple[list[str], dict[str, list[str]]]:
     """`arguments` with the files after --params-file and the values after -p made readable.
 
-    Raises ValueError in one sentence for a file that is missing or no YAML.
+    Also path -> keys of the nodes that each file has parameters for. Copies of files lie in `folder`, until the
+    middleware has read them. Raises ValueError in one sentence for a file that is missing or no YAML.
     """
-    result = list(arguments)
+    result, keys = list(arguments), {}
     for k in range(1, len(result)):
         if result[k - 1] == "--params-file":
-            result[k] = _readable_file(result[k], complain)
+            path = result[k]
+            result[k], keys[path] = _readable_file(path, folder / f"{k}.yaml", complain)
         elif result[k - 1] in ("-p", "--param") and ":=" in result[k]:
             result[k] = _readable_override(result[k])
-    return result
+    return result, keys
 
 
-def _readable_file(path: str, complain: Complain) -> str:
+def is_for(key: str, node: str) -> bool:
+    """Whether the parameters under `key` of a file are for the node of this fully qualified name."""
+    pattern = re.escape(key).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
+    return re.fullmatch(pattern, node) is not None
+
+
+def _readable_file(path: str, copy: Path, complain: Complain) -> tuple[str, list[str]]:
     try:
         root = yaml.compose(Path(path).read_text())
+        if not isinstance(root, yaml.MappingNode):
+            raise ValueError(f"the parameter file {path} holds no parameters; it must start with a node's name")
+        keys = list(_node_keys(root, ""))
+        mended = _mend(root, path, "", complain)
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"the parameter file {path} cannot be read: {error}") from None
     except yaml.YAMLError as error:
         raise ValueError(f"the parameter file {path} is not valid YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(root, yaml.MappingNode):
-        raise ValueError(f"the parameter file {path} holds no parameters; it must start with a node's name")
-    if not _mend(root, path, "", complain):
-        return path
-    with tempfile.NamedTemporaryFile("w", prefix="cloth_sim_", suffix=".yaml", delete=False) as file:
-        file.write(yaml.serialize(root))
-    return file.name
+    except RecursionError:
+        raise ValueError(f"the parameter file {path} is nested too deeply to be read") from None
+    if not mended and Path(path).is_file():
+        return path, keys
+    copy.write_text(yaml.serialize(root))
+    return str(copy), keys
+
+
+def _node_keys(mapping: yaml.MappingNode, prefix: str) -> Iterator[str]:
+    for key, value in mapping.value:
+        if key.value == "ros__parameters":
+            yield prefix
+        elif isinstance(value, yaml.MappingNode):
+            yield from _node_keys(value, f"{prefix}/{str(key.value).strip('/')}")
 
 
 def _mend(mapping: yaml.MappingNode, path: str, prefix: str, complain: Complain) -> bool:
     """Mends `mapping` in place; whether anything had to be."""
     mended, kept = False, []
     for key, value in mapping.value:
-        name = f"{prefix}{key.value}"
+        name, trouble = f"{prefix}{key.value}", ""
         if isinstance(value, yaml.MappingNode):
             inner = "" if key.value == "ros__parameters" or not prefix and key.value[:1] in "/" else f"{name}."
             mended |= _mend(value, path, inner, complain)
         elif isinstance(value, yaml.SequenceNode):
-            trouble = not _one_type(value)
-            mended |= trouble
-            if trouble and not _to_decimals(value):
-                complain(f"{path}, line {value.start_mark.line + 1}: {name} is no list of one type and is ignored")
-                continue
+            trouble = _trouble(value)
+            if not trouble and not _one_type(value):
+                _to_decimals(value)
+                mended = True
         elif value.tag.endswith(":null") and not value.value:
-            complain(f"{path}, line {key.start_mark.line + 1}: {name} has no value and is ignored")
+            trouble = "has no value"
+        if trouble:
+            complain(f"{path}, line {key.start_mark.line + 1}: {name} {trouble} and is ignored")
             mended = True
-            continue
-        kept.append((key, value))
+        else:
+            kept.append((key, value))
     mapping.value = kept
     return mended
 
 
+def _trouble(sequence: yaml.SequenceNode) -> str:
+    """Why no parameter can hold this list, in words that follow its name; "" where one can."""
+    items = sequence.value
+    if not all(isinstance(item, yaml.ScalarNode) for item in items):
+        return "is no list of one type"
+    odd = [item.value for item in items if item.tag in _NUMBER and not _DECIMAL.fullmatch(item.value)]
+    if odd:
+        return f"holds {odd[0]}, but numbers in a list must be finite decimals,"
+    if not _one_type(sequence) and not all(_DECIMAL.fullmatch(item.value) for item in items):
+        return "is no list of one type"
+    return ""
+
+
 def _one_type(sequence: yaml.SequenceNode) -> bool:
-    return (
-        all(isinstance(item, yaml.ScalarNode) for item in sequence.value)
-        and len({item.tag for item in sequence.value}) <= 1
-    )
+    return len({item.tag for item in sequence.value}) <= 1
 
 
-def _to_decimals(sequence: yaml.SequenceNode) -> bool:
-    """Turns whole numbers of a list of numbers into decimals; False if it holds anything else."""
-    for item in sequence.value:
-        if not isinstance(item, yaml.ScalarNode) or not (item.tag in _NUMBER or _is_number(item.value)):
-            return False
+def _to_decimals(sequence: yaml.SequenceNode) -> None:
     sequence.value = [yaml.ScalarNode(_NUMBER[1], repr(float(item.value))) for item in sequence.value]
-    return True
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _readable_override(argument: str) -> str:
@@ -100,6 +121,12 @@ def _readable_override(argument: str) -> str:
         value = yaml.compose(text)
     except yaml.YAMLError:
         return argument
-    if isinstance(value, yaml.SequenceNode) and not _one_type(value) and _to_decimals(value):
-        return f"{name}:=[{', '.join(item.value for item in value.value)}]"
-    return argument
+    if not isinstance(value, yaml.SequenceNode):
+        return argument
+    trouble = _trouble(value)
+    if trouble:
+        raise ValueError(f"{name} on the command line {trouble.rstrip(',')}")
+    if _one_type(value):
+        return argument
+    _to_decimals(value)
+    return f"{name}:=[{', '.join(item.value for item in value.value)}]"

@@ -100,6 +100,7 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
         if not own.pop("twist"):
             del own["twist_compliance"]
         winch = group(own, "winch")
+        del winch["timeout"]
         own = {field: value for field, value in own.items() if not field.startswith("winch.")}
         return Rope(**own, winch=Winch(**winch) if winch.pop("enabled") else None)
     path, shear = own.pop("mesh"), own.pop("shear")

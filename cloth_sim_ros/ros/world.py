@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import warp
@@ -33,7 +33,7 @@ class World:
         self._recoveries: dict[str, float] = {}
         self._told: dict[str, str] = {}
         self._wind: Vector | None = None  # set by topic since the parameter was last set
-        self._pay_outs: dict[str, float] = {}  # rope -> the same of its winch [m/s]
+        self._pay_outs: dict[str, tuple[float, float]] = {}  # rope -> the same of its winch [m/s], self.simulated then
         self._stopped: set[str] = set()
         self._log = log
 
@@ -59,9 +59,8 @@ class World:
         self.sim, self.values, self.in_effect, self.trouble = sim, values, values, ""
         if self._wind is not None and sim.scene.wind is not None:
             sim.set_wind(self._wind)
-        for name, rate in self._pay_outs.items():
-            if name in sim.scene.objects and sim.scene.objects[name].winch is not None:
-                sim.set(f"{name}.winch.pay_out", rate)
+        for name, (rate, _) in self._pay_outs.items():
+            self._drive(name, rate)
         sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
         self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
         self.estimates, self._unjudged = {}, 0.0
@@ -83,18 +82,20 @@ class World:
         False where explicit steps would fly apart with it: nothing has changed then.
         """
         owner, _, field = name.rpartition(".")
-        if name == "estimate_period":
+        if name == "estimate_period" or field == "timeout":
             pass  # read every frame
         elif name == "pose_timeout":
             for track in self.tracks.values():
                 track.timeout = value
         elif owner in self.tracks and field in ("position", "orientation"):
             self.tracks[owner].place(_pose(values, owner))
-        elif self.sim is not None:
+        else:
             if name == "wind.velocity":
                 self._wind = None
             if field == "pay_out":
                 self._set_pay_out_parameter(owner.removesuffix(".winch"), value, values)
+            if self.sim is None:
+                return True
             try:
                 self.sim.set(name, value)
                 self._tell_reasons()
@@ -124,10 +125,34 @@ class World:
 
     def set_pay_out(self, rope: str, rate: float) -> None:
         """Sets the rate of a winch [m/s] from a message."""
-        self._pay_outs[rope] = rate
+        self._pay_outs[rope] = rate, self.simulated
+        self._drive(rope, rate)
+
+    def _drive(self, rope: str, rate: float) -> None:
         thing = self.sim.scene.objects.get(rope) if self.sim is not None else None
         if thing is not None and thing.winch is not None:
             self.sim.set(f"{rope}.winch.pay_out", rate)
+
+    def _release_winches(self, ropes: Iterable[str]) -> None:
+        """Winches go back to what their parameters say."""
+        for rope in ropes:
+            del self._pay_outs[rope]
+            self._drive(rope, self.in_effect[f"{rope}.winch.pay_out"])
+
+    def _end_old_commands(self) -> None:
+        """Stops winches whose sender has fallen silent, and says so once."""
+        values = self.in_effect
+        old = [
+            rope
+            for rope, (_, since) in self._pay_outs.items()
+            if self.simulated - since > values[f"{rope}.winch.timeout"]
+        ]
+        for rope in old:
+            rate, held = self._pay_outs[rope][0], values[f"{rope}.winch.pay_out"]
+            if rate != held:
+                silence = f"no rate came for {values[f'{rope}.winch.timeout']:g} s"
+                self._log.warning(f"{rope}/winch: {silence}; back to {rope}.winch.pay_out, {held:g} m/s")
+        self._release_winches(old)
 
     def _set_pay_out_parameter(self, rope: str, rate: float, values: Mapping[str, Any]) -> None:
         self._pay_outs.pop(rope, None)
@@ -144,8 +169,10 @@ class World:
         self._stopped = stopped
 
     def reset(self) -> None:
-        """Objects back to their start; colliders stay where the last pose put them, as their senders believe."""
+        """Objects back to their start and winches to their parameters; colliders stay where the last pose put them, as
+        their senders believe."""
         self.resets += 1
+        self._release_winches(list(self._pay_outs))
         if self.sim is None:
             return
         self.sim.reset()
@@ -156,6 +183,7 @@ class World:
     def advance(self) -> float:
         """Simulates one frame and returns its length [s]. On a GPU the frame may still be under way."""
         frame_dt = self.sim.settings.frame_dt
+        self._end_old_commands()
         for name in self.sim.scene.colliders:
             pose = self.tracks[name].advance(frame_dt)
             if pose is not None:

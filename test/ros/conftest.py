@@ -44,7 +44,7 @@ def start(tmp_path):
     """Starts nodes on YAML text or files, and ends them: start(yaml_or_path, *arguments) -> NodeProcess."""
     processes = []
 
-    def launch(parameters: str, *arguments: str) -> NodeProcess:
+    def launch(parameters: str | None, *arguments: str) -> NodeProcess:
         processes.append(NodeProcess(parameters, arguments, tmp_path / f"node{len(processes)}"))
         return processes[-1]
 

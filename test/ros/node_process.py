@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 
 SMALL = """
-cloth_sim:
+/**:
   ros__parameters:
     objects: [cloth, rope]
     colliders: [ball]
@@ -25,17 +25,19 @@ cloth_sim:
 class NodeProcess:
     """One at a time: all have the same name, and a request would reach any of them.
 
-    `parameters` is YAML text, or the path of a file under the repository's root.
+    `parameters` is YAML text, the path of a file under the repository's root, or None for no file.
     """
 
-    def __init__(self, parameters: str, arguments: tuple[str, ...], directory: Path):
+    def __init__(self, parameters: str | None, arguments: tuple[str, ...], directory: Path):
         directory.mkdir(parents=True)
-        file = ROOT / parameters
-        if "\n" in parameters:
-            file = directory / "parameters.yaml"
-            file.write_text(parameters)
+        files = []
+        if parameters is not None:
+            files = ["--params-file", str(ROOT / parameters)]
+            if "\n" in parameters:
+                files[1] = str(directory / "parameters.yaml")
+                Path(files[1]).write_text(parameters)
         self._log = directory / "log.txt"
-        command = [sys.executable, "-m", "cloth_sim_ros.ros", "--ros-args", "--params-file", str(file), *arguments]
+        command = [sys.executable, "-m", "cloth_sim_ros.ros", "--ros-args", *files, *arguments]
         with self._log.open("w") as log:
             self.process = subprocess.Popen(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT)
 

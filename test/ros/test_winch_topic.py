@@ -20,7 +20,7 @@ cloth_sim:
       end: [0, 0, 0]
       mass: 0.4
       stretch_compliance: 1.0e-4
-      winch: {enabled: true, length: 0.5, acceleration: 4.0, longest: 1.5}
+      winch: {enabled: true, length: 0.5, acceleration: 4.0, longest: 1.5, timeout: 60.0}
     other: {type: rope, segments: 4}
     solver: {substeps: 8, global_damping: 1.0}
 """
