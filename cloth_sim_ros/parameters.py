@@ -18,6 +18,8 @@ INFINITY = math.inf
 class Parameter:
     """One row: `live` values take effect at the next frame, `fixed` ones hold until a restart, others rebuild.
 
+    anew: whether an object starts anew with another value; with others it goes on from where it is.
+
     kind: "bool", "integer", "double", "string", "string_array", "double_array" or "pins" (a word or a list of indices).
     low, high: inclusive bounds of a number or of every element of an array; length: of an array, 0 for any.
     """
@@ -33,18 +35,20 @@ class Parameter:
     choices: tuple[str, ...] = ()
     length: int = 0
     fixed: bool = False
+    anew: bool = False
 
 
 def _double(name, default, text, unit="", low=-INFINITY, high=INFINITY, live=True):
     return Parameter(name, "double", float(default), text, unit, float(low), float(high), live)
 
 
-def _integer(name, default, text, low, high, live=False):
-    return Parameter(name, "integer", default, text, "", low, high, live)
+def _integer(name, default, text, low, high, live=False, anew=False):
+    return Parameter(name, "integer", default, text, "", low, high, live, anew=anew)
 
 
-def _vector(name, default, text, unit="", low=-1e6, high=1e6, live=False, length=3):
-    return Parameter(name, "double_array", tuple(map(float, default)), text, unit, low, high, live, length=length)
+def _vector(name, default, text, unit="", low=-1e6, high=1e6, live=False, length=3, anew=False):
+    value = tuple(map(float, default))
+    return Parameter(name, "double_array", value, text, unit, low, high, live, length=length, anew=anew)
 
 
 def _choice(name, default, text, choices):
@@ -52,8 +56,10 @@ def _choice(name, default, text, choices):
 
 
 _PLACE = (
-    _vector("position", (0, 0, 0), "Position of the local origin.", "m"),
-    _vector("orientation", (0, 0, 0, 1), "Orientation quaternion x y z w of the local axes.", "", -1, 1, length=4),
+    _vector("position", (0, 0, 0), "Position of the local origin.", "m", anew=True),
+    _vector(
+        "orientation", (0, 0, 0, 1), "Orientation quaternion x y z w of the local axes.", "", -1, 1, length=4, anew=True
+    ),
 )
 
 _SURFACE = (
@@ -119,8 +125,10 @@ WIND = (
 )
 
 CLOTH = (
-    Parameter("resolution", "integer_array", (32, 32), "Particles along local x and y.", "", 2, 2048, length=2),
-    _vector("size", (1, 1), "Width and height.", "m", 1e-4, 1e4, length=2),
+    Parameter(
+        "resolution", "integer_array", (32, 32), "Particles along local x and y.", "", 2, 2048, length=2, anew=True
+    ),
+    _vector("size", (1, 1), "Width and height.", "m", 1e-4, 1e4, length=2, anew=True),
     Parameter(
         "pins", "pins", "corners", "Fixed particles: corners (the top two), top, edges, none, or indices.", live=True
     ),
@@ -161,9 +169,9 @@ CLOTH = (
 )
 
 ROPE = (
-    _integer("segments", 32, "Straight segments from start to end.", 1, 65535),
-    _vector("start", (0, 0, 1), "First end, in the local axes.", "m"),
-    _vector("end", (1, 0, 1), "Last end, in the local axes.", "m"),
+    _integer("segments", 32, "Straight segments from start to end.", 1, 65535, anew=True),
+    _vector("start", (0, 0, 1), "First end, in the local axes.", "m", anew=True),
+    _vector("end", (1, 0, 1), "Last end, in the local axes.", "m", anew=True),
     Parameter("pins", "pins", "start", "Fixed particles: start, end, both, none, or indices.", live=True),
     _double("radius", 0.005, "Radius of the rope.", "m", 1e-6, 10.0),
     _double("end_mass", 0, "Mass of a load at the end, beside that of the rope.", "kg", 0, 1e6, live=False),
@@ -188,6 +196,7 @@ TWIST = (
         "bool",
         False,
         "Whether a rope that bends also resists twist; both its ends are clamped then, by two particles each.",
+        anew=True,
     ),
     _double("twist_compliance", 1e2, "1/GJ: twist per length and torsional moment.", "1/(N m^2)", 1e-6, 1e12),
     _double("end_turn", 0, "By how much the end is turned about its axis against the start.", "rad", -1e4, 1e4),
@@ -199,15 +208,17 @@ WINCH = (
         "bool",
         False,
         "Whether a winch at the start, which is held, pays the rope out and hauls it in.",
+        anew=True,
     ),
-    _double(
+    Parameter(
         "length",
+        "double",
         1e4,
         "Paid out at the beginning, laid from the start along the rope's path; the whole rope where that is shorter.",
         "m",
         1e-6,
         1e4,
-        live=False,
+        anew=True,
     ),
     _double("pay_out", 0, "Rate at which rope is paid out, below 0 hauled in, unstretched.", "m/s", -100, 100),
     _double("max_rate", 1, "Largest rate of the winch, both ways; more than that is cut to it.", "m/s", 0, 100),
@@ -265,6 +276,7 @@ GRAVITY = _vector("gravity", (0, 0, -9.81), "Acceleration of gravity.", "m/s^2",
 NODE = (
     Parameter("objects", "string_array", (), "Names of the objects; each prefixes its own parameters.", fixed=True),
     Parameter("colliders", "string_array", (), "Names of the colliders; each prefixes its own parameters.", fixed=True),
+    Parameter("handles", "string_array", (), "Names of the handles; each prefixes its own parameters.", fixed=True),
     Parameter("device", "string", "auto", "Where to compute: auto, cpu, cuda:0, ..."),
     Parameter("frame_id", "string", "world", "Frame of everything sent and received.", fixed=True),
     _double("rate", 60, "Frames a second, simulated and sent.", "Hz", 1, 1000, live=False),
@@ -307,7 +319,7 @@ OBJECT = (
 )
 
 SHEET = (
-    Parameter("mesh", "string", "", "File of a triangle mesh in place of the grid, read by trimesh."),
+    Parameter("mesh", "string", "", "File of a triangle mesh in place of the grid, read by trimesh.", anew=True),
     Parameter("shear", "bool", True, "Whether a square grid has diagonal springs; a mesh has none."),
 )
 

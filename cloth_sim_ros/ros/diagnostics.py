@@ -32,6 +32,7 @@ def diagnostics(node_name: str, world: World, pace: Pace, paused: bool, refused:
         if world.sim.settings.method == "auto":
             values |= {f"{name}.method": f"{name} {choice.reason}" for name, choice in world.sim.choices.items()}
         values |= {f"{name}.error_per_frame": error for name, error in world.estimates.items()}
+        values |= {f"{name}.held": world.sim.held(name) for name in world.sim.scene.handles}
         values |= {f"{name}.{key}": value for name, each in report.items() for key, value in each.items()}
     status = DiagnosticStatus(name=f"{node_name}: simulation", hardware_id=str(values.get("device", "")))
     status.level, status.message = _verdict(world, pace, paused, report)

@@ -22,7 +22,7 @@ from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.ros import inputs
 from cloth_sim_ros.ros.diagnostics import diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
-from cloth_sim_ros.ros.outputs import LATEST, ObjectOutput
+from cloth_sim_ros.ros.outputs import LATEST, HandleOutput, ObjectOutput
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
 from cloth_sim_ros.ros.scene_plan import group
 from cloth_sim_ros.ros.simulation_loop import SimulationLoop
@@ -54,9 +54,14 @@ class ClothSimNode(Node):
         self._sending: Future | None = None
         world = World(values, log)
         self._loop = SimulationLoop(world, lambda: self._bridge.values, self._built, self._send, self._tell, log)
-        for name in values["colliders"]:
-            topic = f"~/colliders/{name}/pose"
-            self.create_subscription(PoseStamped, topic, partial(self._on_pose, name), NEWEST_ONLY)
+        for kind in ("colliders", "handles"):
+            for name in values[kind]:
+                topic = f"{kind}/{name}/pose"
+                self.create_subscription(PoseStamped, f"~/{topic}", partial(self._on_pose, name, topic), NEWEST_ONLY)
+        for name in values["handles"]:
+            self.create_service(SetBool, f"~/handles/{name}/attach", partial(self._on_attach, name))
+        self._handle_output = HandleOutput(self, values["handles"], self._frame_id)
+        world.grasps.told = self._tell_attached
         for name in values["objects"]:
             if values[f"{name}.type"] == "rope":
                 self.create_subscription(Float64, f"~/{name}/winch", partial(self._on_winch, name), NEWEST_ONLY)
@@ -83,11 +88,11 @@ class ClothSimNode(Node):
         else:
             self._loop.rebuild()
 
-    def _on_pose(self, collider: str, message: PoseStamped) -> None:
+    def _on_pose(self, name: str, topic: str, message: PoseStamped) -> None:
         try:
-            inputs.follow(self._loop.world.tracks[collider], message, self._frame_id)
+            inputs.follow(self._loop.world.tracks[name], message, self._frame_id)
         except inputs.Refused as reason:
-            self._complaints.refuse(f"colliders/{collider}/pose", reason)
+            self._complaints.refuse(topic, reason)
 
     def _on_wind(self, message: Vector3Stamped) -> None:
         try:
@@ -111,6 +116,19 @@ class ClothSimNode(Node):
             self._loop.submit(lambda: self._loop.world.set_pay_out(rope, rate))
         except inputs.Refused as reason:
             self._complaints.refuse(topic, reason)
+
+    def _on_attach(self, handle: str, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        done = self._loop.submit(lambda: self._loop.world.attach(handle, request.data))
+        try:
+            response.success, response.message = done.result(timeout=PATIENCE)
+            self._bridge.follow(f"{handle}.attached", request.data and response.success)
+        except FutureTimeoutError:
+            response.message = (
+                f"the simulation is busy; this takes effect when it is not, after more than {PATIENCE:g} s"
+            )
+        except Exception as error:
+            response.message = f"that failed: {error}"
+        return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return _answer(response, self._loop.submit(self._loop.world.reset), "objects are back at the start")
@@ -141,8 +159,13 @@ class ClothSimNode(Node):
             held = world.in_effect[name]
             self.executor.create_task(lambda: self._bridge.put_back(name, value, held))
 
+    def _tell_attached(self, handle: str, attached: bool) -> None:
+        if self.executor is not None:
+            self.executor.create_task(lambda: self._bridge.follow(f"{handle}.attached", attached))
+
     def _attach(self, world: World) -> None:
         self._end_sending()
+        self._handle_output.attach(world.sim)
         publish = group(self._bridge.values, "publish")
         for name, output in self._outputs.items():
             if world.sim is not None and name in world.sim.scene.objects:
@@ -160,6 +183,7 @@ class ClothSimNode(Node):
         begin = time.monotonic()
         for output in self._outputs.values():
             output.wait(stamp)
+        self._handle_output.publish(stamp)
         world.finish()  # here, as the other thread may hold the interpreter from now on
         waited = time.monotonic() - begin
         if sum(output.size for output in self._outputs.values()) < WORTH_ANOTHER_THREAD:

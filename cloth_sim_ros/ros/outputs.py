@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -58,6 +60,35 @@ class RopeEnds:
         for publisher, wrench in zip(self._publishers, self._wrenches, strict=True):
             force.x, force.y, force.z, torque.x, torque.y, torque.z = wrench
             publisher.publish(self._message)
+
+
+class HandleOutput:
+    """What handles feel, in world axes, about their origins; computed and sent where somebody subscribes."""
+
+    def __init__(self, node: Node, names: Sequence[str], frame_id: str):
+        self._names = names
+        self._publishers = {
+            name: node.create_publisher(WrenchStamped, f"~/handles/{name}/wrench", LATEST) for name in names
+        }
+        self._message = WrenchStamped(header=Header(frame_id=frame_id))
+        self._sim: Simulation | None = None
+
+    def attach(self, sim: Simulation | None) -> None:
+        """Reads from this simulation from now on."""
+        self._sim = sim
+
+    def publish(self, stamp: tuple[int, int]) -> None:
+        """Sends the last frame's wrenches, stamped (seconds, nanoseconds)."""
+        wanted = [name for name, publisher in self._publishers.items() if publisher.get_subscription_count() > 0]
+        if self._sim is None or not wanted:
+            return
+        self._message.header.stamp.sec, self._message.header.stamp.nanosec = stamp
+        force, torque = self._message.wrench.force, self._message.wrench.torque
+        wrenches = dict(zip(self._sim.scene.handles, self._sim.handle_wrenches().tolist(), strict=True))
+        for name in wanted:
+            if name in wrenches:  # else it is left out of the simulation
+                force.x, force.y, force.z, torque.x, torque.y, torque.z = wrenches[name]
+                self._publishers[name].publish(self._message)
 
 
 class ObjectOutput:

@@ -55,7 +55,7 @@ class ParameterBridge:
     def _declare_all(self) -> None:
         self._declare(names.fixed_rows())
         taken = {*names.fixed_rows(), *names.GROUPS}
-        for what in ("objects", "colliders"):
+        for what in ("objects", "colliders", "handles"):
             good, complaints = names.usable(self.values[what], taken, what)
             self.values[what] = tuple(good)
             for sentence in complaints:
@@ -65,7 +65,7 @@ class ParameterBridge:
         for name in self.values["objects"]:
             self._declare({f"{name}.type": kind})
             types[name] = self.values[f"{name}.type"]
-        rows = names.scene_rows(types, self.values["colliders"])
+        rows = names.scene_rows(types, self.values["colliders"], self.values["handles"])
         self._declare({name: row for name, row in rows.items() if name not in self.rows})
 
     def _declare(self, rows: dict[str, Parameter]) -> None:
@@ -190,6 +190,11 @@ class ParameterBridge:
         """Puts a live parameter back to the value `held` in effect, unless it was set again since it was refused."""
         if self.values[name] == refused:
             self._hold({name: held})
+
+    def follow(self, name: str, value: Any) -> None:
+        """Takes over the value that the simulation has taken from elsewhere, such as a service."""
+        if self.values[name] != value:
+            self._hold({name: value})
 
     def _hold(self, values: Mapping[str, Any]) -> None:
         """Sets parameters without telling the simulation, which has these values already."""

@@ -13,8 +13,11 @@ GROUPS = {"solver": table.SOLVER, "wind": table.WIND, "publish": table.PUBLISH}
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 
-# Topics move colliders while the node runs, so their parameters may as well.
-COLLIDER = tuple(replace(row, live=True) if row.name in ("position", "orientation") else row for row in table.COLLIDER)
+# Topics move colliders and handles while the node runs, so their parameters may as well.
+COLLIDER, HANDLE = (
+    tuple(replace(row, live=True, anew=False) if row.name in ("position", "orientation") else row for row in rows)
+    for rows in (table.COLLIDER, table.HANDLE)
+)
 
 
 WINCH = tuple(replace(row, name=f"winch.{row.name}") for row in (*table.WINCH, *table.WINCH_TOPIC))
@@ -38,13 +41,15 @@ def fixed_rows() -> dict[str, Parameter]:
     return rows
 
 
-def scene_rows(types: Mapping[str, str], colliders: Iterable[str]) -> dict[str, Parameter]:
-    """The parameters of the objects in `types` (name -> "cloth" or "rope") and of `colliders`."""
+def scene_rows(types: Mapping[str, str], colliders: Iterable[str], handles: Iterable[str] = ()) -> dict[str, Parameter]:
+    """The parameters of the objects in `types` (name -> "cloth" or "rope"), of `colliders` and of `handles`."""
     rows: dict[str, Parameter] = {}
     for name, kind in types.items():
         rows.update(prefixed(name, object_rows(kind)))
     for name in colliders:
         rows.update(prefixed(name, COLLIDER))
+    for name in handles:
+        rows.update(prefixed(name, HANDLE))
     return rows
 
 

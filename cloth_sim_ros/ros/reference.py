@@ -14,10 +14,10 @@ HEAD = """# Parameters
 
 Printed from `cloth_sim_ros/parameters.py` by `make docs`; do not edit.
 
-`<cloth>`, `<rope>` and `<collider>` stand for the names listed in `objects` and `colliders`. **live**: takes effect at
-the next frame; **rebuild**: the simulation is built anew at the next frame, objects whose own parameters did not change
-go on from where they are; **start**: fixed while the node runs. Whole numbers and text such as `1e-6` are accepted for
-decimals.
+`<cloth>`, `<rope>`, `<collider>` and `<handle>` stand for the names listed in `objects`, `colliders` and `handles`.
+**live**: takes effect at the next frame. **rebuild**: the simulation is built anew at the next frame, and every object
+goes on from where it is. **anew**: so too, but this object starts from the beginning. **start**: fixed while the node
+runs. Whole numbers and text such as `1e-6` are accepted for decimals.
 """
 
 MATERIALS = """`material` sets what is not set otherwise: mass, compliances, bending (`dihedral`, of a rope `angle`),
@@ -37,6 +37,7 @@ def reference() -> str:
         ("Objects of type cloth", "<cloth>.", names.object_rows("cloth")),
         ("Objects of type rope", "<rope>.", names.object_rows("rope")),
         ("Colliders", "<collider>.", names.COLLIDER),
+        ("Handles", "<handle>.", names.HANDLE),
     ]
     return HEAD + "".join(_section(*section) for section in sections) + _materials()
 
@@ -64,7 +65,7 @@ def _materials() -> str:
 
 
 def _line(prefix: str, row: Parameter) -> str:
-    change = "start" if row.fixed else "live" if row.live else "rebuild"
+    change = "start" if row.fixed else "live" if row.live else "anew" if row.anew else "rebuild"
     return f"| `{prefix}{row.name}` | {_shown(row.default)} | {table.allowed(row)} | {change} | {row.text} |"
 
 

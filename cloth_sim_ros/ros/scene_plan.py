@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.ros.pose_track import Pose
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Sphere, Winch, Wind
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Handle, Plane, Rope, Scene, Settings, Sphere, Winch, Wind
 from cloth_sim_ros.sim.materials import CORDS, FABRICS, rope_fields, sheet_fields, triangles_area
 
 Values = Mapping[str, Any]  # full parameter name -> checked value
@@ -20,7 +20,8 @@ Values = Mapping[str, Any]  # full parameter name -> checked value
 
 @dataclass(frozen=True)
 class Plan:
-    """What to build, and `problems`: name of an object, collider or group -> why it is left out, in one sentence."""
+    """What to build, and `problems`: name of an object, collider, handle or group -> why it is left out, in one
+    sentence."""
 
     scene: Scene
     settings: Settings
@@ -28,12 +29,16 @@ class Plan:
     problems: dict[str, str] = field(default_factory=dict)
 
     def with_poses(self, poses: Mapping[str, Pose]) -> Plan:
-        """The same plan with colliders at `poses`, where topics have moved them."""
+        """The same plan with colliders and handles at `poses`, where topics have moved them."""
         colliders = {
             name: replace(collider, **_placed(collider, poses[name])) if name in poses else collider
             for name, collider in self.scene.colliders.items()
         }
-        return replace(self, scene=replace(self.scene, colliders=colliders))
+        handles = {
+            name: replace(handle, **vars(poses[name])) if name in poses else handle
+            for name, handle in self.scene.handles.items()
+        }
+        return replace(self, scene=replace(self.scene, colliders=colliders, handles=handles))
 
 
 def make_plan(values: Values) -> Plan:
@@ -41,11 +46,12 @@ def make_plan(values: Values) -> Plan:
     problems: dict[str, str] = {}
     objects = _made(values, values["objects"], make_object, problems)
     colliders = _made(values, values["colliders"], make_collider, problems)
+    handles = _made(values, values["handles"], make_handle, problems)
     wind = None
     if values["wind.enabled"]:
         wind = Wind(**{name: value for name, value in group(values, "wind").items() if name != "enabled"})
     return Plan(
-        scene=Scene(objects=objects, colliders=colliders, wind=wind, gravity=values["gravity"]),
+        scene=Scene(objects, colliders, wind, gravity=values["gravity"], handles=handles),
         settings=Settings(frame_dt=1.0 / values["rate"], **group(values, "solver")),
         device=values["device"],
         problems=problems,
@@ -121,6 +127,17 @@ def make_collider(values: Values, name: str) -> Plane | Sphere | Capsule | Box:
     if shape != "plane" and len(dimensions) != count:
         raise ValueError(f"{name}.dimensions is {list(dimensions)}; a {shape} has {meaning}")
     return kind(**own, **_DIMENSIONS[shape](dimensions))
+
+
+def make_handle(values: Values, name: str) -> Handle:
+    """The handle called `name`. Raises ValueError with what is wrong."""
+    own = group(values, name)
+    if own["object"] not in ("", *values["objects"]):
+        allowed = ", ".join(values["objects"])
+        raise ValueError(f"{name}.object is {own['object']!r}; allowed is '' for any object or one of {allowed}")
+    if len(own["reach"]) not in (1, 3):
+        raise ValueError(f"{name}.reach is {list(own['reach'])}; allowed is 1: radius [m], or 3: x y z [m]")
+    return Handle(**own)
 
 
 _SHAPES = {

@@ -8,8 +8,9 @@ from typing import Any
 import warp
 
 from cloth_sim_ros.ros import parameter_names as names
+from cloth_sim_ros.ros.grasps import Grasps
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
-from cloth_sim_ros.ros.scene_plan import group, make_plan
+from cloth_sim_ros.ros.scene_plan import make_plan
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.sim.methods.limits import Unstable
 
@@ -25,7 +26,9 @@ class World:
         self.trouble = "not built yet"
         self.resets = 0
         self.simulated = 0.0  # [s] in all, through resets and rebuilds
-        self.tracks = {name: PoseTrack(_pose(values, name), values["pose_timeout"]) for name in values["colliders"]}
+        moved = (*values["colliders"], *values["handles"])
+        self.tracks = {name: PoseTrack(_pose(values, name), values["pose_timeout"]) for name in moved}
+        self.grasps = Grasps(log)
         self.values: Mapping[str, Any] = values  # as they were when the simulation was built
         self.in_effect: Mapping[str, Any] = values  # with the live changes since then that the simulation took
         self.estimates: dict[str, float] = {}  # name -> error [m] of the last frame that was judged
@@ -97,7 +100,11 @@ class World:
             if self.sim is None:
                 return True
             try:
-                self.sim.set(name, value)
+                if owner in self.sim.scene.handles and field == "attached":
+                    done, sentence = self.grasps.set(self.sim, owner, value)
+                    (self._log.info if done else self._log.warning)(sentence)
+                else:
+                    self.sim.set(name, value)
                 self._tell_reasons()
             except Unstable as error:
                 self._log.error(f"{name} is put back: {error}")
@@ -179,19 +186,33 @@ class World:
         for name in self.sim.scene.colliders:
             pose = self.tracks[name].pose
             self.sim.set_collider_pose(name, pose.position, pose.orientation, sweep=False)
+        self.grasps.reset(self.sim, self.tracks, self.in_effect)
+
+    def attach(self, handle: str, on: bool) -> tuple[bool, str]:
+        """Has a handle grasp or let go; whether it did, and one sentence about it."""
+        if self.sim is None:
+            return False, f"no simulation: {self.trouble}"
+        done, sentence = self.grasps.set(self.sim, handle, on)
+        self.in_effect = {**self.in_effect, f"{handle}.attached": on and done}
+        return done, sentence
 
     def advance(self) -> float:
         """Simulates one frame and returns its length [s]. On a GPU the frame may still be under way."""
         frame_dt = self.sim.settings.frame_dt
         self._end_old_commands()
-        for name in self.sim.scene.colliders:
-            pose = self.tracks[name].advance(frame_dt)
-            if pose is not None:
-                self.sim.set_collider_pose(name, pose.position, pose.orientation)
+        for things, move in (
+            (self.sim.scene.colliders, self.sim.set_collider_pose),
+            (self.sim.scene.handles, self.sim.set_handle_pose),
+        ):
+            for name in things:
+                pose = self.tracks[name].advance(frame_dt)
+                if pose is not None:
+                    move(name, pose.position, pose.orientation)
         if 0.0 < self.in_effect["estimate_period"] <= self._unjudged + 0.5 * frame_dt:
             self.estimates, self._unjudged = self.sim.step_and_estimate(), 0.0
         else:
             self.sim.step()
+        self.grasps.watch(self.sim, self.in_effect)
         self._unjudged += frame_dt
         self.simulated += frame_dt
         return frame_dt
@@ -223,5 +244,4 @@ def _pose(values: Mapping[str, Any], collider: str) -> Pose:
 
 
 def _structure(values: Mapping[str, Any], name: str) -> dict[str, Any]:
-    live = {row.name for row in names.object_rows(values[f"{name}.type"]) if row.live}
-    return {field: value for field, value in group(values, name).items() if field not in live}
+    return {row.name: values[f"{name}.{row.name}"] for row in names.object_rows(values[f"{name}.type"]) if row.anew}

@@ -218,6 +218,19 @@ class Batch:
         self._assign("low", span, world, _padded(positions - high.astype(np.float64)))
         self._forget(name, world)
 
+    def read_rows(self, array: str, name: str) -> np.ndarray:
+        """A copy of a body's rows (worlds, N, 4) of an array of particles."""
+        return self._part(array, self.span(name), None).numpy().copy()
+
+    def write_rows(self, array: str, name: str, rows: np.ndarray) -> None:
+        """Put rows (N, 4) there in all worlds."""
+        self._assign(array, self.span(name), None, rows)
+
+    def write_count(self, array: str, name: str, counts: np.ndarray) -> None:
+        """Put a count (worlds,) of a body into an array of bodies."""
+        b = self.index[name]
+        self._part(array, slice(b, b + 1), None).assign(counts.reshape(-1, 1).astype(np.int32))
+
     def read_body(self, array: str, name: str, world: int | None) -> np.ndarray:
         """The row of "reels" or "twists" of a rope, (worlds, 1), of one world or, for None, of all."""
         b = self.index[name]

@@ -190,15 +190,23 @@ class Hands:
         """How often it has let go because the load was larger than its break_force."""
         return int(self._breaks.numpy()[self._bodies.one(world), self._row(name)])
 
+    def handle_position(self, name: str, world: int = 0) -> np.ndarray:
+        """Where a handle is at the end of the last frame (3,) [m]."""
+        return self._bodies.handles.read(self._row(name), self._bodies.one(world))["end_position"][0].copy()
+
     def handle_wrench(self, name: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Force (3,) [N] and torque (3,) [N m] about its origin on a handle, in world axes: mean over the last frame.
 
         It is what the hand feels: the weight of a cloth that hangs from it points down.
         """
-        h, w = self._row(name), self._bodies.one(world)
-        self._add_loads()
-        load = self._loads.numpy()[w, h].astype(np.float64)
+        load = self.handle_wrenches(world)[self._row(name)].astype(np.float64)
         return load[:3], load[3:]
+
+    def handle_wrenches(self, world: int = 0) -> np.ndarray:
+        """The same of all handles (H, 6) float32: force [N], then torque [N m]."""
+        w = self._bodies.one(world)
+        self._add_loads()
+        return self._loads.numpy()[w].copy()
 
     def judge(self) -> None:
         """At the end of a frame: handles whose load is too large let go. On the device alone."""
@@ -215,6 +223,28 @@ class Hands:
             self.place(name, world)
             if handle.attached:
                 self.attach(name, world)
+
+    def take_over(self, name: str, other: Hands) -> None:
+        """Handles hold an object, in all worlds, as those of the same names do in the first world of another
+        simulation."""
+        theirs = other._bodies
+        renamed = np.zeros(1 + len(theirs.handle_row), dtype=np.float32)
+        for handle, row in theirs.handle_row.items():
+            renamed[1 + row] = 1 + self._bodies.handle_row.get(handle, -1)
+        rows = theirs.batch[name].read_rows("grips", name)[0]
+        rows[:, 3] = renamed[rows[:, 3].astype(int)]
+        self._bodies.batch[name].write_rows("grips", name, rows)
+        self._count()
+
+    def _count(self) -> None:
+        """Say anew how many particles each handle holds, and of each body, in every world."""
+        counts = np.zeros(self._bodies.handle_counts.shape, dtype=np.int32)
+        for name, batch in self._bodies.batch.items():
+            numbers = batch.read_rows("grips", name)[..., 3].astype(int)
+            batch.write_count("held", name, (numbers > 0).sum(axis=1))
+            for h in range(counts.shape[1]):
+                counts[:, h] += (numbers == h + 1).sum(axis=1)
+        self._bodies.handle_counts.assign(counts)
 
     def _row(self, name: str) -> int:
         if name not in self._bodies.handle_row:

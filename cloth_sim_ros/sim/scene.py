@@ -45,10 +45,10 @@ class Scene:
 
     objects: Mapping[str, Cloth | Rope] = field(default_factory=dict)
     colliders: Mapping[str, Collider] = field(default_factory=dict)
-    handles: Mapping[str, Handle] = field(default_factory=dict)
     wind: Wind | None = None
     forces: Mapping[str, Force] = field(default_factory=dict)
     gravity: Vector = (0.0, 0.0, -9.81)
+    handles: Mapping[str, Handle] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check_names(self.objects, (Cloth, Rope), "objects")

@@ -91,7 +91,8 @@ class Simulation:
     set_handle_pose = _of("_hands", Hands.set_handle_pose)
     attach, release = _of("_hands", Hands.attach), _of("_hands", Hands.release)
     held, broken = _of("_hands", Hands.held), _of("_hands", Hands.broken)
-    handle_wrench = _of("_hands", Hands.handle_wrench)
+    handle_wrench, handle_wrenches = _of("_hands", Hands.handle_wrench), _of("_hands", Hands.handle_wrenches)
+    handle_position = _of("_hands", Hands.handle_position)
     scene, settings = _its("scene"), _its("settings")
     worlds, builds = _its("worlds"), _its("builds")
     device, method = _its("device"), _its("method")
@@ -199,6 +200,8 @@ class Simulation:
         self.set_velocities(name, other.velocities(name))
         if batch.features.twist:
             batch.write_body("twists", name, source.read_body("twists", name, 0), None)
+        if batch.features.handles and source.features.handles:
+            self._hands.take_over(name, other._hands)
 
     def set_positions(self, name: str, positions: Any, world: int | None = None) -> None:
         """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew.

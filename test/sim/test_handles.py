@@ -184,7 +184,8 @@ def test_one_hand_ties_a_rope_to_a_cloth_and_another_takes_only_its_own(device):
 
 def test_what_is_held_goes_with_the_hand_through_a_collider(device):
     scene = towel(**corners())
-    scene = Scene(scene.objects, {"ball": Sphere(radius=0.1, position=(-0.5, -0.5, 0.3))}, scene.handles, Wind())
+    ball = Sphere(radius=0.1, position=(-0.5, -0.5, 0.3))
+    scene = Scene(scene.objects, {"ball": ball}, Wind(), handles=scene.handles)
     sim = Simulation(scene, device=device)
     for frame in range(1, 41):
         sim.set_handle_pose("left", (-0.5, -0.5, 0.0075 * frame))
