@@ -239,12 +239,15 @@ WINCH_TOPIC = (
 )
 
 COLLIDER = (
-    _choice("shape", "sphere", "Shape of the collider.", ("plane", "sphere", "capsule", "box")),
+    _choice(
+        "shape", "sphere", "Shape of the collider.", ("plane", "sphere", "capsule", "box", "cylinder", "ellipsoid")
+    ),
     Parameter(
         "dimensions",
         "double_array",
         (0.2,),
-        "As in shape_msgs/SolidPrimitive: box x y z; sphere radius; capsule cylinder height, radius; plane none.",
+        "As in shape_msgs/SolidPrimitive: box x y z; sphere radius; cylinder and capsule height of the cylinder, radius; "
+        "ellipsoid diameters x y z; plane none.",
         "m",
         1e-6,
         1e6,

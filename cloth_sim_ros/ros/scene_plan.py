@@ -12,7 +12,21 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.ros.pose_track import Pose
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Handle, Plane, Rope, Scene, Settings, Sphere, Winch, Wind
+from cloth_sim_ros.sim import (
+    Box,
+    Capsule,
+    Cloth,
+    Cylinder,
+    Ellipsoid,
+    Handle,
+    Plane,
+    Rope,
+    Scene,
+    Settings,
+    Sphere,
+    Winch,
+    Wind,
+)
 from cloth_sim_ros.sim.materials import CORDS, FABRICS, rope_fields, sheet_fields, triangles_area
 
 Values = Mapping[str, Any]  # full parameter name -> checked value
@@ -145,6 +159,8 @@ _SHAPES = {
     "sphere": (Sphere, 1, "1: radius [m]"),
     "capsule": (Capsule, 2, "2: height of the cylinder, radius [m]"),
     "box": (Box, 3, "3: x y z [m]"),
+    "cylinder": (Cylinder, 2, "2: height, radius [m]"),
+    "ellipsoid": (Ellipsoid, 3, "3: diameters x y z [m]"),
 }
 
 _DIMENSIONS = {
@@ -152,6 +168,8 @@ _DIMENSIONS = {
     "sphere": lambda d: {"radius": d[0]},
     "capsule": lambda d: {"half_length": d[0] / 2, "radius": d[1]},
     "box": lambda d: {"half_extents": tuple(edge / 2 for edge in d)},
+    "cylinder": lambda d: {"half_length": d[0] / 2, "radius": d[1]},
+    "ellipsoid": lambda d: {"radii": tuple(edge / 2 for edge in d)},
 }
 
 

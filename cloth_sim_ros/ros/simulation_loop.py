@@ -48,10 +48,11 @@ class SimulationLoop:
         self._thread.start()
 
     def stop(self, timeout: float = 2.0) -> bool:
-        """Ends the thread after the frame under way; False if that takes longer than `timeout` [s]."""
+        """Ends the thread after the frame under way; False if that takes longer than `timeout` [s] or kernels are being
+        compiled."""
         self._stop.set()
         self._thread.join(timeout)
-        return not self._thread.is_alive()
+        return not self._thread.is_alive() and not self.world.is_compiling
 
     def submit(self, command: Callable[[], Any]) -> Future:
         """Has `command` run at the start of the next frame; the future gives its result."""

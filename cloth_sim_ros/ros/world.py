@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -38,6 +39,7 @@ class World:
         self._wind: Vector | None = None  # set by topic since the parameter was last set
         self._pay_outs: dict[str, tuple[float, float]] = {}  # rope -> the same of its winch [m/s], self.simulated then
         self._stopped: set[str] = set()
+        self._compiling: threading.Thread | None = None
         self._log = log
 
     def build(self, values: Mapping[str, Any]) -> bool:
@@ -69,7 +71,19 @@ class World:
         self.estimates, self._unjudged = {}, 0.0
         self._told.clear()
         self._tell_reasons()
+        self._compiling = threading.Thread(target=self._compile, args=(sim,), name="compiling", daemon=True)
+        self._compiling.start()
         return True
+
+    def _compile(self, sim: Simulation) -> None:
+        """What rare frames need, so that none of them waits for it; in a thread of its own."""
+        sim.make_ready()
+        self._log.info("all kernels are compiled")
+
+    @property
+    def is_compiling(self) -> bool:
+        """Whether kernels that rare frames need are still being compiled, in a thread of their own."""
+        return self._compiling is not None and self._compiling.is_alive()
 
     def _keep_states(self, sim: Simulation, values: Mapping[str, Any]) -> None:
         """Objects whose structure is as it was go on from where they are."""

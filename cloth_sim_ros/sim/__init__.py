@@ -13,6 +13,8 @@
 
 from cloth_sim_ros.sim.colliders.box import Box
 from cloth_sim_ros.sim.colliders.capsule import Capsule
+from cloth_sim_ros.sim.colliders.cylinder import Cylinder
+from cloth_sim_ros.sim.colliders.ellipsoid import Ellipsoid
 from cloth_sim_ros.sim.colliders.plane import Plane
 from cloth_sim_ros.sim.colliders.sphere import Sphere
 from cloth_sim_ros.sim.handles import Handle
@@ -23,6 +25,6 @@ from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.simulation import Simulation
 
 __all__ = [
-    "Box", "Capsule", "Cloth", "EndReadback", "Handle", "Plane", "Readback", "Rope", "Scene", "Settings", "Simulation",
+    "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Handle", "Plane", "Readback", "Rope", "Scene", "Settings", "Simulation",
     "Sphere", "Winch", "Wind"
 ]  # fmt: skip

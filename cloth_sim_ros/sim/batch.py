@@ -314,6 +314,11 @@ class Batch:
         rates = {(rate / c if rate and c else 0.0, damping) for c, damping in found}
         return max(outer_steps(substeps, frame_dt / substeps, *each, drag) for each in rates)
 
+    def make_ready(self) -> None:
+        """Compile what only a rejected frame needs; another thread may do so meanwhile."""
+        if self._trial is not None:
+            self._trial.make_ready()
+
     def advance(self, finer: int = 1) -> None:
         """Simulate one frame, as `write_frame` was told last."""
         if self._trial is None:

@@ -118,6 +118,11 @@ class Simulation:
         self._hands.judge()
         self._frames += 1
 
+    def make_ready(self) -> None:
+        """Compile what only some frames need, so that none of them waits; may run in a thread beside `step`."""
+        for batch in list(self._bodies.batches):
+            batch.make_ready()
+
     def step_and_estimate(self) -> dict[str, float]:
         """One frame as by `step`, to the same bits, and name -> by how much it goes astray in world 0 [m].
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import box, capsule, plane, sphere
+from cloth_sim_ros.sim.colliders import box, capsule, cylinder, ellipsoid, plane, sphere
 from cloth_sim_ros.sim.colliders.collider import Collider
 
 SHAPES = {
@@ -13,6 +13,8 @@ SHAPES = {
     "sphere": (sphere.Sphere, sphere.signed_distance),
     "capsule": (capsule.Capsule, capsule.signed_distance),
     "box": (box.Box, box.signed_distance),
+    "cylinder": (cylinder.Cylinder, cylinder.signed_distance),
+    "ellipsoid": (ellipsoid.Ellipsoid, ellipsoid.signed_distance),
 }
 
 

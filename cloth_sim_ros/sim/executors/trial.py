@@ -8,6 +8,7 @@ is stable at any strain. All of that stays on the device; `redone` counts the fr
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 
 import warp as wp
@@ -89,7 +90,10 @@ class Trial:
         self._given = wp.array(worlds, dtype=Arrays, device=self._device)
         self._worlds, self._counts, self._lines = len(worlds), counts, lines
         self._any = wp.zeros(1, dtype=int, device=self._device)
-        self._safe = None if self._device.is_cpu else make_safe()  # on a CPU it is compiled when it is needed
+        self._safe = None  # on a CPU it is compiled when it is needed, or before by `make_ready`
+        self._lock = threading.Lock()
+        if not self._device.is_cpu:
+            self.make_ready()
         self._before = [self._launch(keep_start, sum(counts))]
         self._check = [
             self._launch(find_strain, end - first, b, first, end - first)
@@ -108,6 +112,11 @@ class Trial:
         inputs = [self._given, *(numbers or (size,))]
         return wp.launch(kernel, dim=self._worlds * size, inputs=inputs, device=self._device, record_cmd=True)
 
+    def make_ready(self) -> None:
+        """Build and compile the schedule of XPBD, in any thread, if that is not done yet."""
+        with self._lock:
+            self._safe = self._safe or self._make_safe()
+
     def advance(self, substeps: int, outer: int, safe_substeps: int) -> None:
         """Simulate one frame, with `outer` steps of slow forces; of XPBD it would take `safe_substeps`."""
         _run(self._before)
@@ -116,7 +125,7 @@ class Trial:
             _run(self._check)
             if self._any.numpy()[0]:
                 self._any.zero_()
-                self._safe = self._safe or self._make_safe()
+                self.make_ready()
                 _run(self._restore)
                 self._safe.advance(safe_substeps, 1, 1)
             return

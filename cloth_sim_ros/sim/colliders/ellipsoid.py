@@ -1,0 +1,55 @@
+"""An ellipsoid around the local origin; its size is its radii."""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from cloth_sim_ros.sim.colliders.collider import Collider, lengths
+from cloth_sim_ros.sim.quaternion import Vector
+
+
+@dataclass(frozen=True)
+class Ellipsoid(Collider):
+    """An ellipsoid of `radii` (x, y, z) [m] along its local axes."""
+
+    radii: Vector = (0.2, 0.1, 0.1)
+    dimensions = (lengths("radii"),)
+
+    def size(self) -> tuple[float, float, float]:
+        """radii [m]."""
+        return self.radii
+
+    def reach(self) -> float:
+        """The largest radius [m]."""
+        return max(self.radii)
+
+
+@wp.func
+def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
+    """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m].
+
+    The nearest point q has q_i = s_i^2 p_i / (t + s_i^2) for radii s. Newton's method finds t from below, where the
+    function is convex and falls, so that it never overshoots (Eberly 2013, Distance from a point to an ellipsoid).
+    """
+    scale = wp.max(size[0], wp.max(size[1], size[2]))
+    s = size / scale
+    y = wp.vec3(wp.abs(p[0]), wp.abs(p[1]), wp.abs(p[2])) / scale
+    y = wp.vec3(wp.max(y[0], 1.0e-6 * s[0]), wp.max(y[1], 1.0e-6 * s[1]), wp.max(y[2], 1.0e-6 * s[2]))
+    t = wp.max(s[0] * (y[0] - s[0]), wp.max(s[1] * (y[1] - s[1]), s[2] * (y[2] - s[2])))
+    for _ in range(12):
+        value = float(-1.0)
+        slope = float(0.0)
+        for k in range(3):
+            inverse = 1.0 / wp.max(t + s[k] * s[k], 1.0e-12)
+            square = (s[k] * y[k] * inverse) * (s[k] * y[k] * inverse)
+            value += square
+            slope += 2.0 * square * inverse
+        t += value / wp.max(slope, 1.0e-12)
+    q = wp.vec3(0.0)
+    n = wp.vec3(0.0)
+    for k in range(3):
+        q[k] = s[k] * s[k] * y[k] / wp.max(t + s[k] * s[k], 1.0e-12)
+        n[k] = wp.where(p[k] < 0.0, -1.0, 1.0) * q[k] / (s[k] * s[k])
+    n = wp.normalize(n)
+    distance = wp.where(t < 0.0, -1.0, 1.0) * wp.length(y - q) * scale
+    return wp.vec4(n[0], n[1], n[2], distance)
