@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from functools import partial
@@ -12,6 +13,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -24,6 +26,7 @@ from cloth_sim_ros.ros.diagnostics import diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.outputs import LATEST, ObjectOutput
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
+from cloth_sim_ros.ros.parameter_services import ParameterServices, settled
 from cloth_sim_ros.ros.scene_plan import group
 from cloth_sim_ros.ros.simulation_loop import SimulationLoop
 from cloth_sim_ros.ros.world import World
@@ -39,9 +42,12 @@ class ClothSimNode(Node):
 
     def __init__(self, **node_arguments: Any):
         # Undeclared parameters pass rclpy, which would not name them, and are refused by the bridge.
-        super().__init__("cloth_sim", allow_undeclared_parameters=True, **node_arguments)
+        super().__init__(
+            "cloth_sim", allow_undeclared_parameters=True, start_parameter_services=False, **node_arguments
+        )
         log = self.get_logger()
         self._bridge = ParameterBridge(self, self._parameter_changed)
+        self._parameter_services = ParameterServices(self, self._bridge.decide)
         values = self._bridge.values
         self._frame_id = values["frame_id"]
         self._complaints = inputs.Complaints(log.warning)
@@ -61,16 +67,18 @@ class ClothSimNode(Node):
             if values[f"{name}.type"] == "rope":
                 self.create_subscription(Float64, f"~/{name}/winch", partial(self._on_winch, name), NEWEST_ONLY)
         self.create_subscription(Vector3Stamped, "~/wind", self._on_wind, NEWEST_ONLY)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(Trigger, "~/step", self._on_step)
+        waiting = MutuallyExclusiveCallbackGroup()  # topics go on meanwhile
+        self.create_service(Trigger, "~/reset", self._on_reset, callback_group=waiting)
+        self.create_service(Trigger, "~/step", self._on_step, callback_group=waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self._loop.start()
 
     def stop(self) -> bool:
-        """Ends the simulation; False if its thread is still busy after 2 s."""
+        """Ends the simulation; False if a thread is still busy after 2 s."""
+        decided = self._parameter_services.stop()
         ended = self._loop.stop()
         self._sender.shutdown()
-        return ended
+        return ended and decided
 
     # -- in the executor's thread --------------------------------------------------------------------------------
 
@@ -112,18 +120,30 @@ class ClothSimNode(Node):
         except inputs.Refused as reason:
             self._complaints.refuse(topic, reason)
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return _answer(response, self._loop.submit(self._loop.world.reset), "objects are back at the start")
+    async def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return await self._answer(response, self._loop.world.reset, "objects are back at the start")
 
-    def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._loop.paused:
             response.message = "the simulation is running; pause it first"
             return response
-        return _answer(response, self._loop.submit(self._loop.step_once), "one frame done")
+        return await self._answer(response, self._loop.step_once, "one frame done")
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._loop.paused = request.data
         response.success, response.message = True, "paused" if request.data else "running"
+        return response
+
+    async def _answer(self, response: Trigger.Response, command: Callable, message: str) -> Trigger.Response:
+        try:
+            await settled(self, self._loop.submit(command), PATIENCE)
+            response.success, response.message = True, message
+        except FutureTimeoutError:
+            response.message = (
+                f"the simulation is busy; this takes effect when it is not, after more than {PATIENCE:g} s"
+            )
+        except Exception as error:
+            response.message = f"that failed: {error}"
         return response
 
     # -- in the loop's thread ------------------------------------------------------------------------------------
@@ -186,14 +206,3 @@ class ClothSimNode(Node):
     def _now(self, world: World) -> int:
         """Nanoseconds for stamps: simulated ones where this node is the source of time. They never run backwards."""
         return round(1e9 * world.simulated) if self._clock_out is not None else self.get_clock().now().nanoseconds
-
-
-def _answer(response: Trigger.Response, done: Future, message: str) -> Trigger.Response:
-    try:
-        done.result(timeout=PATIENCE)
-        response.success, response.message = True, message
-    except FutureTimeoutError:
-        response.message = f"the simulation is busy; this takes effect when it is not, after more than {PATIENCE:g} s"
-    except Exception as error:
-        response.message = f"that failed: {error}"
-    return response

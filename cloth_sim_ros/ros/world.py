@@ -8,6 +8,7 @@ from typing import Any
 import warp
 
 from cloth_sim_ros.ros import parameter_names as names
+from cloth_sim_ros.ros.feasibility import broken_meshes, check_solver
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
 from cloth_sim_ros.ros.scene_plan import group, make_plan
 from cloth_sim_ros.sim import Simulation
@@ -42,9 +43,11 @@ class World:
         self._log.info("building the simulation; kernels that were never used here take some seconds to compile")
         try:
             plan = make_plan(values)
-            for sentence in plan.problems.values():
+            broken = broken_meshes(plan, plan.scene.objects)
+            for sentence in (*plan.problems.values(), *broken.values()):
                 self._log.error(f"{sentence}; it is left out until a parameter change mends it")
-            plan = plan.with_poses({name: track.pose for name, track in self.tracks.items()})
+            plan = plan.without(broken).with_poses({name: track.pose for name, track in self.tracks.items()})
+            check_solver(plan)
             sim = Simulation(plan.scene, plan.settings, device=plan.device)
             sim.step()  # compiles what is left to compile, so that no later frame waits for it
             sim.report()
