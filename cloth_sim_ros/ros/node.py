@@ -14,6 +14,8 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock as SteadyClock
+from rclpy.clock import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -22,7 +24,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.ros import inputs
-from cloth_sim_ros.ros.diagnostics import diagnostics
+from cloth_sim_ros.ros.clock_follower import ClockFollower
+from cloth_sim_ros.ros.diagnostics import busy, diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.outputs import LATEST, ObjectOutput
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
@@ -33,6 +36,7 @@ from cloth_sim_ros.ros.world import World
 
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 WORTH_ANOTHER_THREAD = 100_000  # bytes of a frame's messages: fewer are sent sooner than handed over
+LONG = {"": math.inf, "frame": 5.0, "building": 60.0}  # [s] after which the log tells what the loop is still at
 PATIENCE = 5.0  # [s] a service waits for the simulation, which may be compiling
 
 
@@ -55,11 +59,18 @@ class ClothSimNode(Node):
             name: ObjectOutput(self, name, values[f"{name}.type"], self._frame_id) for name in values["objects"]
         }
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._clock_out = self.create_publisher(Clock, "/clock", LATEST) if values["publish_clock"] else None
+        self._clock_out = None
+        if values["publish_clock"] and self.get_parameter("use_sim_time").value:
+            log.error("publish_clock is true with use_sim_time; a node cannot follow its own clock, and sends none")
+        elif values["publish_clock"]:
+            self._clock_out = self.create_publisher(Clock, "/clock", LATEST)
         self._sender = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sending")
         self._sending: Future | None = None
         world = World(values, log)
-        self._loop = SimulationLoop(world, lambda: self._bridge.values, self._built, self._send, self._tell, log)
+        self._follower = ClockFollower(self.get_clock(), world.forget_stamps, log)
+        self._loop = SimulationLoop(
+            world, lambda: self._bridge.values, self._built, self._send, self._tell, log, self._follower
+        )
         for name in values["colliders"]:
             topic = f"~/colliders/{name}/pose"
             self.create_subscription(PoseStamped, topic, partial(self._on_pose, name), NEWEST_ONLY)
@@ -71,6 +82,8 @@ class ClothSimNode(Node):
         self.create_service(Trigger, "~/reset", self._on_reset, callback_group=waiting)
         self.create_service(Trigger, "~/step", self._on_step, callback_group=waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        self._watched = 0.0  # [s] of what the loop is at that the log has told of
+        self.create_timer(1.0, self._watch, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
         self._loop.start()
 
     def stop(self) -> bool:
@@ -133,6 +146,23 @@ class ClothSimNode(Node):
         self._loop.paused = request.data
         response.success, response.message = True, "paused" if request.data else "running"
         return response
+
+    def _watch(self) -> None:
+        """Tells in log and diagnostics of a frame that takes so long that the loop's thread cannot."""
+        what, seconds = self._loop.busy or ("", 0.0)
+        if seconds < LONG[what]:
+            self._watched = 0.0
+            return
+        told = f"{what} has taken {seconds:.0f} s so far; fewer substeps or iterations, or coarser objects, take less"
+        if seconds > 2.0 * self._watched:
+            self._watched = seconds
+            self.get_logger().warning(told)
+        self._publish_diagnostics(busy(self.get_fully_qualified_name(), told))
+
+    def _publish_diagnostics(self, array: DiagnosticArray) -> None:
+        stamp = self.get_clock().now().nanoseconds or time.time_ns()  # 0 where a clock is waited for
+        array.header.stamp = Time(sec=stamp // 1_000_000_000, nanosec=stamp % 1_000_000_000)
+        self._diagnostics.publish(array)
 
     async def _answer(self, response: Trigger.Response, command: Callable, message: str) -> Trigger.Response:
         try:
@@ -199,10 +229,13 @@ class ClothSimNode(Node):
             output.publish()
 
     def _tell(self, world: World, pace: Pace) -> None:
-        array = diagnostics(self.get_name(), world, pace, self._loop.paused, self._complaints.refused)
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+        name, by_clock = self.get_fully_qualified_name(), self._follower.trouble if self._follower.active else None
+        refused = self._complaints.refused
+        self._publish_diagnostics(diagnostics(name, world, pace, self._loop.paused, refused, by_clock))
 
     def _now(self, world: World) -> int:
-        """Nanoseconds for stamps: simulated ones where this node is the source of time. They never run backwards."""
-        return round(1e9 * world.simulated) if self._clock_out is not None else self.get_clock().now().nanoseconds
+        """Nanoseconds for stamps: simulated ones where this node is the source of time, which never run backwards, and
+        those at the end of the frame where it follows one."""
+        if self._clock_out is not None:
+            return round(1e9 * world.simulated)
+        return self._follower.time if self._follower.active else self.get_clock().now().nanoseconds

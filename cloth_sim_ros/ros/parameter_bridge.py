@@ -113,6 +113,9 @@ class ParameterBridge:
         """Raises ValueError, in one sentence, where `parameters` cannot be set. May take seconds, in any thread."""
         if any(parameter.name in self.rows and self.rows[parameter.name].fixed for parameter in parameters):
             return  # the middleware refuses them
+        if any(each.name == "use_sim_time" and each.value is True for each in parameters):
+            if self.values["publish_clock"]:
+                raise ValueError("use_sim_time is True with publish_clock; a node cannot follow its own clock")
         every = self._coerced(parameters)
         every += self._following(every)
         plan = make_plan(self._proposed(every))

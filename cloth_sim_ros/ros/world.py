@@ -211,6 +211,11 @@ class World:
         self._recoveries = {name: each["recoveries"] for name, each in report.items()}
         return report
 
+    def forget_stamps(self) -> None:
+        """Colliders stay where they are and take poses with any stamp, as the clock has gone back."""
+        for track in self.tracks.values():
+            track.restart()
+
     def fail(self, why: str) -> None:
         """Drops a simulation that cannot go on; the next structural parameter change builds another."""
         self._log.error(f"{why}; waiting for a parameter change")
