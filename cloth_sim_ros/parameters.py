@@ -46,7 +46,7 @@ def _integer(name, default, text, low, high, live=False, anew=False):
     return Parameter(name, "integer", default, text, "", low, high, live, anew=anew)
 
 
-def _vector(name, default, text, unit="", low=-1e6, high=1e6, live=False, length=3, anew=False):
+def _vector(name, default, text, unit, low, high, live=False, length=3, anew=False):
     value = tuple(map(float, default))
     return Parameter(name, "double_array", value, text, unit, low, high, live, length=length, anew=anew)
 
@@ -55,8 +55,10 @@ def _choice(name, default, text, choices):
     return Parameter(name, "string", default, text, choices=choices)
 
 
+_FAR = 1e4  # [m] from the origin, along an axis: an object counts as run away at 1e6 m
+
 _PLACE = (
-    _vector("position", (0, 0, 0), "Position of the local origin.", "m", anew=True),
+    _vector("position", (0, 0, 0), "Position of the local origin.", "m", -_FAR, _FAR, anew=True),
     _vector(
         "orientation", (0, 0, 0, 1), "Orientation quaternion x y z w of the local axes.", "", -1, 1, length=4, anew=True
     ),
@@ -170,8 +172,8 @@ CLOTH = (
 
 ROPE = (
     _integer("segments", 32, "Straight segments from start to end.", 1, 65535, anew=True),
-    _vector("start", (0, 0, 1), "First end, in the local axes.", "m", anew=True),
-    _vector("end", (1, 0, 1), "Last end, in the local axes.", "m", anew=True),
+    _vector("start", (0, 0, 1), "First end, in the local axes.", "m", -_FAR, _FAR, anew=True),
+    _vector("end", (1, 0, 1), "Last end, in the local axes.", "m", -_FAR, _FAR, anew=True),
     Parameter("pins", "pins", "start", "Fixed particles: start, end, both, none, or indices.", live=True),
     _double("radius", 0.005, "Radius of the rope.", "m", 1e-6, 10.0),
     _double("end_mass", 0, "Mass of a load at the end, beside that of the rope.", "kg", 0, 1e6, live=False),
@@ -246,8 +248,8 @@ COLLIDER = (
         "dimensions",
         "double_array",
         (0.2,),
-        "As in shape_msgs/SolidPrimitive: box x y z; sphere radius; cylinder and capsule height of the cylinder, radius; "
-        "ellipsoid diameters x y z; plane none.",
+        "As in shape_msgs/SolidPrimitive: box x y z; sphere radius; cylinder and capsule height of the cylinder, "
+        "radius; ellipsoid diameters x y z; plane none.",
         "m",
         1e-6,
         1e6,
@@ -359,8 +361,13 @@ def check(parameter: Parameter, value: Any, name: str | None = None) -> Any:
     try:
         return _CHECKS[parameter.kind](parameter, value)
     except (TypeError, ValueError, OverflowError):
-        shown = repr(value) if len(repr(value)) <= 80 else repr(value)[:77] + "..."
-        raise ValueError(f"{name or parameter.name} is {shown}; allowed is {allowed(parameter)}") from None
+        raise ValueError(f"{name or parameter.name} is {shown(value)}; allowed is {allowed(parameter)}") from None
+
+
+def shown(value: Any) -> str:
+    """A foreign value on one line of bounded length, for sentences: text in quotes, its control characters escaped."""
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
 
 
 def _element(parameter: Parameter) -> str:

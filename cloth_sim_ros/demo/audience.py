@@ -70,7 +70,7 @@ class Audience(Node):
     def _print_status(self, array: DiagnosticArray) -> None:
         now = time.monotonic()
         for status in array.status:
-            if status.name.startswith("cloth_sim"):
+            if status.name.endswith("cloth_sim: simulation"):
                 print(self._line(status, now - self._last), flush=True)
                 self._counts = dict.fromkeys(self._counts, 0)
                 self._last = now

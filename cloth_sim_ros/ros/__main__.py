@@ -39,6 +39,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"cloth_sim: {error}", file=sys.stderr)
         return 1
     spin(stop, keys)
+    for number in (signal.SIGINT, signal.SIGTERM):  # a second one, while the interpreter ends, is no news
+        signal.signal(number, signal.SIG_IGN)
     return 0
 
 

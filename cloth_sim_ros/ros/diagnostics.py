@@ -13,8 +13,21 @@ SLOW = 0.95  # a real-time factor below this is worth a warning
 OVER_ALL = ("max_strain", "max_penetration", "residual")
 
 
-def diagnostics(node_name: str, world: World, pace: Pace, paused: bool, refused: int) -> DiagnosticArray:
-    """The array to publish on /diagnostics; its header is left to the sender."""
+def busy(node_name: str, what: str) -> DiagnosticArray:
+    """The array to publish while the simulation cannot be asked for more; its header is left to the sender."""
+    return DiagnosticArray(
+        status=[DiagnosticStatus(name=f"{node_name}: simulation", level=DiagnosticStatus.WARN, message=what)]
+    )
+
+
+def diagnostics(
+    node_name: str, world: World, pace: Pace, paused: bool, refused: int, by_clock: str | None = None
+) -> DiagnosticArray:
+    """The array to publish on /diagnostics; its header is left to the sender.
+
+    node_name: fully qualified, so that nodes can be told apart. by_clock: where frames are due by /clock, why the
+    simulation is not where the clock is, or "".
+    """
     values: dict[str, Any] = {
         "real_time_factor": pace.real_time_factor,
         "ms_per_frame": pace.ms_per_frame,
@@ -35,12 +48,14 @@ def diagnostics(node_name: str, world: World, pace: Pace, paused: bool, refused:
         values |= {f"{name}.held": world.sim.held(name) for name in world.sim.scene.handles}
         values |= {f"{name}.{key}": value for name, each in report.items() for key, value in each.items()}
     status = DiagnosticStatus(name=f"{node_name}: simulation", hardware_id=str(values.get("device", "")))
-    status.level, status.message = _verdict(world, pace, paused, report)
+    status.level, status.message = _verdict(world, pace, paused, report, by_clock)
     status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
     return DiagnosticArray(status=[status])
 
 
-def _verdict(world: World, pace: Pace, paused: bool, report: dict[str, dict[str, float]]) -> tuple[bytes, str]:
+def _verdict(
+    world: World, pace: Pace, paused: bool, report: dict[str, dict[str, float]], by_clock: str | None
+) -> tuple[bytes, str]:
     if world.sim is None:
         return DiagnosticStatus.ERROR, f"no simulation: {world.trouble}"
     put_back = [f"{name} ({each['recoveries']} times)" for name, each in report.items() if each["recoveries"]]
@@ -48,6 +63,8 @@ def _verdict(world: World, pace: Pace, paused: bool, report: dict[str, dict[str,
         return DiagnosticStatus.WARN, f"put back after it was not finite or ran away: {', '.join(put_back)}"
     if paused:
         return DiagnosticStatus.OK, "paused"
+    if by_clock is not None:
+        return (DiagnosticStatus.WARN, by_clock) if by_clock else (DiagnosticStatus.OK, "follows /clock")
     if pace.real_time_factor < SLOW:
         return DiagnosticStatus.WARN, f"slower than real time by a factor of {pace.real_time_factor:.2f}"
     return DiagnosticStatus.OK, "running"

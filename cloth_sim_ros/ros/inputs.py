@@ -28,7 +28,8 @@ class Refused(ValueError):
 def check_frame(message: PoseStamped | Vector3Stamped, frame_id: str) -> None:
     """Raises Refused for a foreign frame, which nothing here could convert. An empty one, as typed by hand, is ours."""
     if message.header.frame_id not in ("", frame_id):
-        raise Refused("frame", f"its frame_id is '{message.header.frame_id}', but this node only knows '{frame_id}'")
+        foreign = parameters.shown(message.header.frame_id)
+        raise Refused("frame", f"its frame_id is {foreign}, but this node only knows '{frame_id}'")
 
 
 def read_pose(message: PoseStamped, frame_id: str) -> Pose:
@@ -63,7 +64,7 @@ def follow(track: PoseTrack, message: PoseStamped, frame_id: str) -> None:
     pose, arrival = read_pose(message, frame_id), time.monotonic()
     stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
     try:
-        track.push(stamp or arrival, pose, arrival)
+        track.push(stamp or None, pose, arrival)
     except ValueError as error:
         raise Refused("stamp", str(error)) from None
 

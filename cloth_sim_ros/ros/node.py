@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from functools import partial
@@ -12,6 +13,9 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock as SteadyClock
+from rclpy.clock import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -20,16 +24,19 @@ from std_srvs.srv import SetBool, Trigger
 
 from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.ros import inputs
-from cloth_sim_ros.ros.diagnostics import diagnostics
+from cloth_sim_ros.ros.clock_follower import ClockFollower
+from cloth_sim_ros.ros.diagnostics import busy, diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.outputs import LATEST, HandleOutput, ObjectOutput
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
+from cloth_sim_ros.ros.parameter_services import ParameterServices, settled
 from cloth_sim_ros.ros.scene_plan import group
 from cloth_sim_ros.ros.simulation_loop import SimulationLoop
 from cloth_sim_ros.ros.world import World
 
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 WORTH_ANOTHER_THREAD = 100_000  # bytes of a frame's messages: fewer are sent sooner than handed over
+LONG = {"": math.inf, "frame": 5.0, "building": 60.0}  # [s] after which the log tells what the loop is still at
 PATIENCE = 5.0  # [s] a service waits for the simulation, which may be compiling
 
 
@@ -39,9 +46,12 @@ class ClothSimNode(Node):
 
     def __init__(self, **node_arguments: Any):
         # Undeclared parameters pass rclpy, which would not name them, and are refused by the bridge.
-        super().__init__("cloth_sim", allow_undeclared_parameters=True, **node_arguments)
+        super().__init__(
+            "cloth_sim", allow_undeclared_parameters=True, start_parameter_services=False, **node_arguments
+        )
         log = self.get_logger()
         self._bridge = ParameterBridge(self, self._parameter_changed)
+        self._parameter_services = ParameterServices(self, self._bridge.decide)
         values = self._bridge.values
         self._frame_id = values["frame_id"]
         self._complaints = inputs.Complaints(log.warning)
@@ -49,33 +59,45 @@ class ClothSimNode(Node):
             name: ObjectOutput(self, name, values[f"{name}.type"], self._frame_id) for name in values["objects"]
         }
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._clock_out = self.create_publisher(Clock, "/clock", LATEST) if values["publish_clock"] else None
+        self._clock_out = None
+        if values["publish_clock"] and self.get_parameter("use_sim_time").value:
+            log.error("publish_clock is true with use_sim_time; a node cannot follow its own clock, and sends none")
+        elif values["publish_clock"]:
+            self._clock_out = self.create_publisher(Clock, "/clock", LATEST)
         self._sender = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sending")
         self._sending: Future | None = None
         world = World(values, log)
-        self._loop = SimulationLoop(world, lambda: self._bridge.values, self._built, self._send, self._tell, log)
+        self._follower = ClockFollower(self.get_clock(), world.forget_stamps, log)
+        self._loop = SimulationLoop(
+            world, lambda: self._bridge.values, self._built, self._send, self._tell, log, self._follower
+        )
         for kind in ("colliders", "handles"):
             for name in values[kind]:
                 topic = f"{kind}/{name}/pose"
                 self.create_subscription(PoseStamped, f"~/{topic}", partial(self._on_pose, name, topic), NEWEST_ONLY)
+        waiting = MutuallyExclusiveCallbackGroup()  # topics go on meanwhile
         for name in values["handles"]:
-            self.create_service(SetBool, f"~/handles/{name}/attach", partial(self._on_attach, name))
+            attach = partial(self._on_attach, name)
+            self.create_service(SetBool, f"~/handles/{name}/attach", attach, callback_group=waiting)
         self._handle_output = HandleOutput(self, values["handles"], self._frame_id)
         world.grasps.told = self._tell_attached
         for name in values["objects"]:
             if values[f"{name}.type"] == "rope":
                 self.create_subscription(Float64, f"~/{name}/winch", partial(self._on_winch, name), NEWEST_ONLY)
         self.create_subscription(Vector3Stamped, "~/wind", self._on_wind, NEWEST_ONLY)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(Trigger, "~/step", self._on_step)
+        self.create_service(Trigger, "~/reset", self._on_reset, callback_group=waiting)
+        self.create_service(Trigger, "~/step", self._on_step, callback_group=waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        self._watched = 0.0  # [s] of what the loop is at that the log has told of
+        self.create_timer(1.0, self._watch, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
         self._loop.start()
 
     def stop(self) -> bool:
-        """Ends the simulation; False if its thread is still busy after 2 s."""
+        """Ends the simulation; False if a thread is still busy after 2 s."""
+        decided = self._parameter_services.stop()
         ended = self._loop.stop()
         self._sender.shutdown()
-        return ended
+        return ended and decided
 
     # -- in the executor's thread --------------------------------------------------------------------------------
 
@@ -117,31 +139,54 @@ class ClothSimNode(Node):
         except inputs.Refused as reason:
             self._complaints.refuse(topic, reason)
 
-    def _on_attach(self, handle: str, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        done = self._loop.submit(lambda: self._loop.world.attach(handle, request.data))
+    async def _on_attach(self, handle: str, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        await self._answer(response, partial(self._loop.world.attach, handle, request.data))
+        self._bridge.follow(f"{handle}.attached", request.data and response.success)
+        return response
+
+    async def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return await self._answer(response, self._loop.world.reset, "objects are back at the start")
+
+    async def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._loop.paused:
+            response.message = "the simulation is running; pause it first"
+            return response
+        return await self._answer(response, self._loop.step_once, "one frame done")
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._loop.paused = request.data
+        response.success, response.message = True, "paused" if request.data else "running"
+        return response
+
+    def _watch(self) -> None:
+        """Tells in log and diagnostics of a frame that takes so long that the loop's thread cannot."""
+        what, seconds = self._loop.busy or ("", 0.0)
+        if seconds < LONG[what]:
+            self._watched = 0.0
+            return
+        told = f"{what} has taken {seconds:.0f} s so far; fewer substeps or iterations, or coarser objects, take less"
+        if seconds > 2.0 * self._watched:
+            self._watched = seconds
+            self.get_logger().warning(told)
+        self._publish_diagnostics(busy(self.get_fully_qualified_name(), told))
+
+    def _publish_diagnostics(self, array: DiagnosticArray) -> None:
+        stamp = self.get_clock().now().nanoseconds or time.time_ns()  # 0 where a clock is waited for
+        array.header.stamp = Time(sec=stamp // 1_000_000_000, nanosec=stamp % 1_000_000_000)
+        self._diagnostics.publish(array)
+
+    async def _answer(self, response: Any, command: Callable, message: str = "") -> Any:
+        """Answers with what `command` gives in the loop's thread, success and a sentence, or where it gives nothing
+        with `message`."""
         try:
-            response.success, response.message = done.result(timeout=PATIENCE)
-            self._bridge.follow(f"{handle}.attached", request.data and response.success)
+            found = await settled(self, self._loop.submit(command), PATIENCE)
+            response.success, response.message = found or (True, message)
         except FutureTimeoutError:
             response.message = (
                 f"the simulation is busy; this takes effect when it is not, after more than {PATIENCE:g} s"
             )
         except Exception as error:
             response.message = f"that failed: {error}"
-        return response
-
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return _answer(response, self._loop.submit(self._loop.world.reset), "objects are back at the start")
-
-    def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self._loop.paused:
-            response.message = "the simulation is running; pause it first"
-            return response
-        return _answer(response, self._loop.submit(self._loop.step_once), "one frame done")
-
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._loop.paused = request.data
-        response.success, response.message = True, "paused" if request.data else "running"
         return response
 
     # -- in the loop's thread ------------------------------------------------------------------------------------
@@ -203,21 +248,13 @@ class ClothSimNode(Node):
             output.publish()
 
     def _tell(self, world: World, pace: Pace) -> None:
-        array = diagnostics(self.get_name(), world, pace, self._loop.paused, self._complaints.refused)
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+        name, by_clock = self.get_fully_qualified_name(), self._follower.trouble if self._follower.active else None
+        refused = self._complaints.refused
+        self._publish_diagnostics(diagnostics(name, world, pace, self._loop.paused, refused, by_clock))
 
     def _now(self, world: World) -> int:
-        """Nanoseconds for stamps: simulated ones where this node is the source of time. They never run backwards."""
-        return round(1e9 * world.simulated) if self._clock_out is not None else self.get_clock().now().nanoseconds
-
-
-def _answer(response: Trigger.Response, done: Future, message: str) -> Trigger.Response:
-    try:
-        done.result(timeout=PATIENCE)
-        response.success, response.message = True, message
-    except FutureTimeoutError:
-        response.message = f"the simulation is busy; this takes effect when it is not, after more than {PATIENCE:g} s"
-    except Exception as error:
-        response.message = f"that failed: {error}"
-    return response
+        """Nanoseconds for stamps: simulated ones where this node is the source of time, which never run backwards, and
+        those at the end of the frame where it follows one."""
+        if self._clock_out is not None:
+            return round(1e9 * world.simulated)
+        return self._follower.time if self._follower.active else self.get_clock().now().nanoseconds

@@ -19,6 +19,7 @@ from rclpy.parameter import Parameter as RosParameter
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.ros import parameter_names as names
+from cloth_sim_ros.ros.feasibility import broken_meshes, check_solver
 from cloth_sim_ros.ros.scene_plan import make_plan, material_values
 
 _RCLPY_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
@@ -102,12 +103,35 @@ class ParameterBridge:
 
     def _unknown(self, name: str) -> str:
         close = difflib.get_close_matches(name, self.rows, n=1)
-        return f"there is no parameter {name}" + (f"; did you mean {close[0]}?" if close else ".")
+        plain = name if name.isprintable() and len(name) <= 80 else table.shown(name)
+        return f"there is no parameter {plain}" + (f"; did you mean {close[0]}?" if close else ".")
 
     # -- changes -------------------------------------------------------------------------------------------------
     # An exception in one of these callbacks would end the node's spinning and leave the client without an answer.
 
+    def decide(self, parameters: list[RosParameter]) -> None:
+        """Raises ValueError, in one sentence, where `parameters` cannot be set. May take seconds, in any thread."""
+        if any(parameter.name in self.rows and self.rows[parameter.name].fixed for parameter in parameters):
+            return  # the middleware refuses them
+        if any(each.name == "use_sim_time" and each.value is True for each in parameters):
+            if self.values["publish_clock"]:
+                raise ValueError("use_sim_time is True with publish_clock; a node cannot follow its own clock")
+        every = self._coerced(parameters)
+        every += self._following(every)
+        plan = make_plan(self._proposed(every))
+        owners = {parameter.name.partition(".")[0] for parameter in every}
+        for sentence in broken_meshes(plan, owners).values():
+            raise ValueError(sentence)
+        if owners & {"solver", "device", "rate", "wind", *self.values["objects"]}:
+            check_solver(plan)
+
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
+        result = self._coerced(parameters)
+        following = [] if self._restoring else self._following(result)
+        self._followed = {parameter.name for parameter in following}
+        return result + following
+
+    def _coerced(self, parameters: list[RosParameter]) -> list[RosParameter]:
         result = []
         for parameter in parameters:
             row = self.rows.get(parameter.name)
@@ -118,9 +142,7 @@ class ParameterBridge:
             except (ValueError, TypeError):
                 pass  # refused with the reason in the next callback
             result.append(parameter)
-        following = [] if self._restoring else self._following(result)
-        self._followed = {parameter.name for parameter in following}
-        return result + following
+        return result
 
     def _following(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """What else changes with `parameters`: values by a material, where nobody has set any."""

@@ -10,6 +10,7 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.parameters import Parameter
 
 GROUPS = {"solver": table.SOLVER, "wind": table.WIND, "publish": table.PUBLISH}
+LONGEST = 100  # letters of a name: the middleware bounds those of topics
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 
@@ -58,7 +59,11 @@ def usable(names: Iterable[str], taken: set[str], what: str) -> tuple[list[str],
     good, complaints = [], []
     for name in names:
         if not _NAME.fullmatch(name):
-            complaints.append(f"{what} holds '{name}', left out: a name is letters, digits and _, a letter first")
+            complaints.append(
+                f"{what} holds {table.shown(name)}, left out: a name is letters, digits and _, a letter first"
+            )
+        elif len(name) > LONGEST:
+            complaints.append(f"{what} holds {table.shown(name)}, left out: a name has at most {LONGEST} letters")
         elif name in taken:
             complaints.append(f"{what} holds '{name}', left out: the name is already taken")
         else:

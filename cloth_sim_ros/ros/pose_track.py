@@ -41,11 +41,22 @@ class PoseTrack:
         self._now: float | None = None  # on the sender's clock
         self._newest: float | None = None
         self._newest_arrival = -math.inf
+        self._stamped = False
 
-    def push(self, stamp: float, pose: Pose, arrival: float) -> None:
-        """Adds a pose sent at `stamp` [s] that came at `arrival` [s]. Raises ValueError if it is not newer."""
+    def push(self, stamp: float | None, pose: Pose, arrival: float) -> None:
+        """Adds a pose sent at `stamp` [s], or without a stamp (None), that came at `arrival` [s].
+
+        Raises ValueError if it is not newer. A sender with stamps goes before one without.
+        """
         with self._lock:
             restarted = arrival - self._newest_arrival > self.timeout
+            stamped = stamp is not None
+            if not stamped and self._stamped and not restarted:
+                raise ValueError("it has no stamp, while another sender's poses have")
+            if stamped != self._stamped:
+                self._newest = None
+            self._stamped = stamped
+            stamp = stamp if stamped else arrival
             if self._newest is not None and stamp <= self._newest and not restarted:
                 back = self._newest - stamp
                 raise ValueError(f"its stamp is {back:.6f} s behind the one before" if back else "its stamp repeats")
@@ -54,6 +65,12 @@ class PoseTrack:
                 self._now = None
             self._ahead.append((stamp, pose))
             self._newest, self._newest_arrival = stamp, arrival
+
+    def restart(self) -> None:
+        """Stays where it is; the next pose may have any stamp, as clocks have gone back."""
+        with self._lock:
+            self._ahead.clear()
+            self._now = self._newest = None
 
     def place(self, pose: Pose) -> None:
         """Puts the collider at `pose` within the next frame; later messages move it on from there."""

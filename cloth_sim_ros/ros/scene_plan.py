@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from cloth_sim_ros.ros.mesh_file import load_mesh
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.sim import (
     Box,
@@ -41,6 +38,11 @@ class Plan:
     settings: Settings
     device: str
     problems: dict[str, str] = field(default_factory=dict)
+
+    def without(self, names: Container[str]) -> Plan:
+        """The same plan without the objects of these names."""
+        objects = {name: thing for name, thing in self.scene.objects.items() if name not in names}
+        return replace(self, scene=replace(self.scene, objects=objects))
 
     def with_poses(self, poses: Mapping[str, Pose]) -> Plan:
         """The same plan with colliders and handles at `poses`, where topics have moved them."""
@@ -171,32 +173,6 @@ _DIMENSIONS = {
     "cylinder": lambda d: {"half_length": d[0] / 2, "radius": d[1]},
     "ellipsoid": lambda d: {"radii": tuple(edge / 2 for edge in d)},
 }
-
-
-def load_mesh(path: str, parameter: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (N, 3) [m] and triangles (T, 3) of a mesh file. Raises ValueError with what is wrong."""
-    file = Path(path).expanduser()
-    if not file.is_file():
-        raise ValueError(f"{parameter} is '{path}'; no such file is there")
-    return _load_mesh(str(file), file.stat().st_mtime_ns, parameter)
-
-
-@lru_cache(maxsize=8)
-def _load_mesh(path: str, modified_ns: int, parameter: str) -> tuple[np.ndarray, np.ndarray]:
-    try:
-        import trimesh
-    except ImportError:
-        raise ValueError(f"{parameter} is '{path}', which needs trimesh to be read: pip install trimesh") from None
-    try:
-        mesh = trimesh.load(path, force="mesh")
-        mesh.merge_vertices(merge_tex=True, merge_norm=True)
-        mesh.remove_unreferenced_vertices()
-        vertices, triangles = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int32)
-    except Exception as error:  # whatever a reader of some format raises, the user gets one sentence
-        raise ValueError(f"{parameter} is '{path}', which cannot be read as a triangle mesh: {error}") from None
-    if not len(triangles):
-        raise ValueError(f"{parameter} is '{path}', which holds no triangles")
-    return vertices, triangles
 
 
 def _made(values: Values, names: tuple[str, ...], make, problems: dict[str, str]) -> dict[str, Any]:

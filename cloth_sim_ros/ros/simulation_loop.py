@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
 
+from cloth_sim_ros.ros.clock_follower import ClockFollower
 from cloth_sim_ros.ros.frame_clock import FrameClock
 from cloth_sim_ros.ros.world import World
 
@@ -18,7 +19,8 @@ class SimulationLoop:
 
     send(world) is called after every frame, also while paused, and waits until the device is done, so that frames never
     pile up there; it returns for how long [s]. tell(world, pace) is called once a second; built(world, ok) after each
-    attempt to build. values() gives the parameter values to build from. All are called in this thread.
+    attempt to build. values() gives the parameter values to build from. All are called in this thread. While `follower`
+    is active, frames are due by /clock and not by the wall.
     """
 
     TELL_PERIOD = 1.0  # [s]
@@ -31,6 +33,7 @@ class SimulationLoop:
         send: Callable[[World], float],
         tell: Callable[..., None],
         log: Any,
+        follower: ClockFollower | None = None,
     ):
         self.world = world
         self.paused = False
@@ -39,7 +42,8 @@ class SimulationLoop:
         self._rebuild = threading.Event()
         self._stop = threading.Event()
         self._rebuild.set()
-        self._clock = FrameClock(self._period())
+        self._clock, self._follower = FrameClock(self._period()), follower
+        self._busy: tuple[str, float] | None = None
         self._next_tell = time.monotonic() + self.TELL_PERIOD
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
@@ -64,6 +68,12 @@ class SimulationLoop:
         """Has the simulation built anew at the start of the next frame, once however often it was asked for."""
         self._rebuild.set()
 
+    @property
+    def busy(self) -> tuple[str, float] | None:
+        """What the thread is at, "building" or "frame", and for how long [s]; None between frames."""
+        busy = self._busy
+        return busy and (busy[0], time.monotonic() - busy[1])
+
     def step_once(self) -> None:
         """One frame while paused; to be submitted."""
         if self.world.sim is not None:
@@ -82,18 +92,27 @@ class SimulationLoop:
                     self._tell(self.world, self._clock.pace())
             except Exception as error:  # a device error must not silence the node: say so and wait to be mended
                 self.world.fail(f"the simulation stopped: {type(error).__name__}: {error}")
-            self._clock.wait(self._stop)
+            self._busy = None
+            if self._by_clock():
+                self._follower.wait()
+            else:
+                self._clock.wait(self._stop)
+
+    def _by_clock(self) -> bool:
+        return self._follower is not None and self._follower.active
 
     def _frame(self) -> None:
         if self._rebuild.is_set():
             self._rebuild.clear()
+            self._busy = "building", time.monotonic()
             self._built(self.world, self.world.build(self._values()))
             self._clock.restart(self._period())
             self._next_tell = time.monotonic() + self.TELL_PERIOD
         self._run_commands()
-        if self.world.sim is None:
+        if self.world.sim is None or self._by_clock() and not self._follower.due(self._period()):
             return
         begin = time.monotonic()
+        self._busy = "frame", begin
         simulated = 0.0 if self.paused else self.world.advance()
         waited = self._send(self.world)
         self._clock.worked(time.monotonic() - begin, waited, simulated)

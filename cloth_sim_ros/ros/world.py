@@ -9,6 +9,7 @@ from typing import Any
 import warp
 
 from cloth_sim_ros.ros import parameter_names as names
+from cloth_sim_ros.ros.feasibility import broken_meshes, check_solver
 from cloth_sim_ros.ros.grasps import Grasps
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
 from cloth_sim_ros.ros.scene_plan import make_plan
@@ -47,9 +48,11 @@ class World:
         self._log.info("building the simulation; kernels that were never used here take some seconds to compile")
         try:
             plan = make_plan(values)
-            for sentence in plan.problems.values():
+            broken = broken_meshes(plan, plan.scene.objects)
+            for sentence in (*plan.problems.values(), *broken.values()):
                 self._log.error(f"{sentence}; it is left out until a parameter change mends it")
-            plan = plan.with_poses({name: track.pose for name, track in self.tracks.items()})
+            plan = plan.without(broken).with_poses({name: track.pose for name, track in self.tracks.items()})
+            check_solver(plan)
             sim = Simulation(plan.scene, plan.settings, device=plan.device)
             sim.step()  # compiles what is left to compile, so that no later frame waits for it
             sim.report()
@@ -242,6 +245,11 @@ class World:
                 self._log.warning(f"{name} was not finite or ran away and was put back, at rest, {more} times")
         self._recoveries = {name: each["recoveries"] for name, each in report.items()}
         return report
+
+    def forget_stamps(self) -> None:
+        """Colliders stay where they are and take poses with any stamp, as the clock has gone back."""
+        for track in self.tracks.values():
+            track.restart()
 
     def fail(self, why: str) -> None:
         """Drops a simulation that cannot go on; the next structural parameter change builds another."""

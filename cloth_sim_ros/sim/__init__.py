@@ -25,6 +25,6 @@ from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.simulation import Simulation
 
 __all__ = [
-    "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Handle", "Plane", "Readback", "Rope", "Scene", "Settings", "Simulation",
-    "Sphere", "Winch", "Wind"
+    "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Handle", "Plane", "Readback", "Rope", "Scene",
+    "Settings", "Simulation", "Sphere", "Winch", "Wind"
 ]  # fmt: skip

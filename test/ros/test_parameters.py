@@ -42,22 +42,49 @@ def test_structural_changes_rebuild_and_others_keep_their_state(node, client):
     client.until(lambda: [f.name for f in node.clouds[-1].fields] == ["x", "y", "z", "vx", "vy", "vz"])
 
 
-def test_a_simulation_that_cannot_be_built_leaves_the_one_before(node, client):
-    assert client.set("device", "cuda:77").successful
-    node.wait_for("cannot build the simulation: device is 'cuda:77'")
-    assert "the simulation before goes on" in node.log
-    client.until(lambda: client.get("device") == "auto")
+def method(client) -> str:
+    """What computes now, by the next diagnostics."""
+    told = client.listen(DiagnosticArray, "/diagnostics", 1)
+    client.until(lambda: len(told) > 1)
+    return {value.key: value.value for value in told[-1].status[0].values}["method"]
+
+
+def test_what_cannot_be_is_refused_with_the_reason_and_what_is_taken_acts(node, client):
+    refusals = {
+        ("device", "cuda:77"): "device is 'cuda:77'; allowed is auto or one of cpu",
+        ("device", ""): "device is ''; allowed is auto or one of cpu",
+        ("solver.substeps", 2): "solver.substeps is 2 with method 'verlet'; allowed is at least",
+        ("cloth.stretch_compliance", 0): "a spring of cloth too stiff for explicit steps; allowed is 'auto' or 'xpbd'",
+        ("cloth.bending", "dihedral"): "",
+        ("rope.bending", "angle"): "'verlet' with bending by angles of rope; allowed is 'auto' or 'xpbd'",
+        ("rope.winch.enabled", True): "solver.method is 'verlet' with a winch on rope; allowed is 'auto' or 'xpbd'",
+    }
+    assert client.set("solver.method", "verlet").successful
+    client.until(lambda: method(client).startswith("verlet"))
+    for (name, value), reason in refusals.items():
+        before, result = client.get(name), client.set(name, value)
+        assert result.successful == (not reason) and reason in result.reason and "inf" not in result.reason, result
+        assert client.get(name) == (before if reason else value)
+    assert client.set("cloth.bending", "none").successful
+    client.until(lambda: method(client).startswith("verlet"))
+    built = node.log.count("building the simulation")
+    assert built == 4, "the start and three changes that were taken"
+    assert client.set("solver.method", "auto").successful and client.set("rope.stretch_compliance", 0.0).successful
+    refused = client.set("solver.method", "verlet")
+    assert not refused.successful and "a spring of rope too stiff" in refused.reason and "inf" not in refused.reason
     node.clouds.clear()
     client.until(lambda: len(node.clouds) > 3)
-    assert finite(node.clouds[-1])
+    assert finite(node.clouds[-1]) and method(client).startswith("auto: ")
+    assert "put back" not in node.log and "cannot build" not in node.log
 
 
-def test_a_live_value_that_explicit_steps_cannot_hold_is_put_back(start, client):
-    node = start(SMALL + "    solver: {method: verlet, substeps: 120}\n").ready()
-    assert client.set("cloth.stretch_compliance", 2e-3).successful
-    assert client.set("cloth.stretch_compliance", 1e-9).successful
-    node.wait_for("cloth.stretch_compliance is put back: solver.substeps is 120 with method 'verlet'; allowed is")
-    client.until(lambda: client.get("cloth.stretch_compliance") == 2e-3)
+def test_too_many_sweeps_are_refused(node, client):
+    assert client.set("solver.substeps", 10000).successful
+    refused = client.set("solver.iterations", 1000)
+    reason = (
+        "solver.substeps 10000 times solver.iterations 1000 are 10000000 sweeps a frame; allowed are at most 100000"
+    )
+    assert (refused.successful, refused.reason) == (False, reason)
 
 
 def test_auto_tells_in_log_and_diagnostics_how_each_object_is_computed(start, client):

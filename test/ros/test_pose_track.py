@@ -86,6 +86,30 @@ def test_stamps_must_grow_until_the_sender_was_silent():
     assert at(4).position < track.advance(FRAME).position < at(5).position
 
 
+def test_a_sender_with_stamps_goes_before_one_without():
+    track = PoseTrack(at(0), timeout=0.5)
+    track.push(None, at(-1), arrival=100.0)
+    assert track.advance(FRAME) == at(-1)
+    for k in range(20):
+        track.push(1e9 + 0.02 * k, at(k), arrival=100.01 + 0.02 * k)
+        with pytest.raises(ValueError, match="it has no stamp, while another sender's poses have"):
+            track.push(None, at(-9), arrival=100.02 + 0.02 * k)
+        track.advance(0.02)
+        assert track.pose.position[0] >= 0.0
+    track.push(None, at(-2), arrival=101.0)
+    assert track.advance(FRAME) == at(-2), "the one with stamps fell silent"
+
+
+def test_after_a_restart_any_stamp_is_taken():
+    track = PoseTrack(at(0), timeout=0.5)
+    track.push(10.0, at(1), arrival=0.0)
+    track.advance(FRAME)
+    track.restart()
+    assert track.advance(FRAME) is None and track.pose == at(1)
+    track.push(2.0, at(3), arrival=0.1)
+    assert track.advance(FRAME) == at(3)
+
+
 def test_placed_by_parameter_and_moved_on_by_messages():
     track = PoseTrack(at(0), timeout=0.5)
     track.push(10.0, at(1), arrival=0.0)

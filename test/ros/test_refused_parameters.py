@@ -7,9 +7,18 @@ from client import Client, finite
 from node_process import SMALL, NodeProcess
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
+
+from cloth_sim_ros.ros import parameter_names as names
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +47,7 @@ def shared(ros, tmp_path_factory):
         ("cloth.bending", "wood", "cloth.bending is 'wood'; allowed is one of none, springs, dihedral"),
         ("gravity", [0.0, 0.0], "gravity is (0.0, 0.0); allowed is 3 finite numbers"),
         ("gravity", [0.0, 0.0, math.nan], "gravity is"),
-        ("solver.substeps", -1, "solver.substeps out of range. Min: 0, Max: 10000"),
+        ("solver.substeps", -1, "solver.substeps is -1; allowed is a whole number from 0 to 10000"),
         ("ball.dimensions", [0.1, 0.2], "ball.dimensions is [0.1, 0.2]; a sphere has 1: radius [m]"),
         ("ball.orientation", [0.0, 0.0, 0.0, 0.0], "quaternion"),
         ("objects", ["other"], "read-only"),
@@ -66,12 +75,53 @@ def test_parameters_cannot_be_deleted(shared):
     assert (result.successful, result.reason) == (False, "cloth.mass cannot be deleted")
 
 
-def test_a_malformed_request_does_not_end_the_node(shared):
+def test_a_malformed_request_is_answered(shared):
     malformed = ParameterMsg(name="cloth.mass", value=ParameterValue(type=77))
-    service = shared.client.service(SetParameters, "/cloth_sim/set_parameters")
-    service.call_async(SetParameters.Request(parameters=[malformed]))  # rclpy raises, so no answer comes
-    shared.client.until(lambda: "a callback failed" in shared.log)
-    assert shared.client.set("cloth.damping", 0.0).successful
+    good = Parameter("cloth.damping", value=0.0).to_parameter_msg()
+    request = SetParameters.Request(parameters=[malformed, good])
+    results = shared.client.call(SetParameters, "/cloth_sim/set_parameters", request).results
+    reason = "'cloth.mass' is sent as type 77; allowed are those of ParameterType, 0 to 9"
+    assert [(result.successful, result.reason) for result in results] == [(False, reason), (True, "")]
+    atomic = SetParametersAtomically.Request(parameters=[malformed, good])
+    result = shared.client.call(SetParametersAtomically, "/cloth_sim/set_parameters_atomically", atomic).result
+    assert (result.successful, result.reason) == (False, reason)
+
+
+def test_every_question_is_answered(shared):
+    """Also about names that are not there, in a list with others."""
+    asked = ["cloth.mass", "no\nsuch", "", "x" * 5000, "objects"]
+    kinds = {GetParameters: "get_parameters", GetParameterTypes: "get_parameter_types"}
+    kinds |= {DescribeParameters: "describe_parameters"}
+    answers = {
+        kind: shared.client.call(kind, f"/cloth_sim/{name}", kind.Request(names=asked)) for kind, name in kinds.items()
+    }
+    values = answers[GetParameters].values
+    assert values[0].double_value == pytest.approx(0.2) and list(values[4].string_array_value) == ["cloth", "rope"]
+    types = [ParameterType.PARAMETER_DOUBLE, 0, 0, 0, ParameterType.PARAMETER_STRING_ARRAY]
+    assert list(answers[GetParameterTypes].types) == [value.type for value in values] == types
+    descriptors = answers[DescribeParameters].descriptors
+    assert [descriptor.name for descriptor in descriptors] == asked
+    assert [descriptor.type for descriptor in descriptors] == types
+    listed = shared.client.call(ListParameters, "/cloth_sim/list_parameters", ListParameters.Request(prefixes=["rope"]))
+    assert "rope.winch.timeout" in listed.result.names and "cloth.mass" not in listed.result.names
+    refused = shared.client.set("forged\n[INFO] all is well", 1)
+    assert not refused.successful and "\n" not in refused.reason
+
+
+def test_a_mesh_of_no_use_is_refused_at_once(shared, tmp_path):
+    assert shared.client.set("cloth.mesh", "m" * 5000).reason.startswith("cloth.mesh is 'mmmm")
+    assert len(shared.client.set("cloth.mesh", "m" * 5000).reason) < 200
+    file = tmp_path / "fins.obj"
+    file.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 0 -1 0\nf 1 2 3\nf 1 2 4\nf 1 2 5\n")
+    reason = "cloth has 3 triangles at edge 0-1; allowed are meshes with at most 2 an edge"
+    request = SetParametersAtomically.Request(
+        parameters=[
+            Parameter("cloth.pins", value="none").to_parameter_msg(),
+            Parameter("cloth.mesh", value=str(file)).to_parameter_msg(),
+        ]
+    )
+    result = shared.client.call(SetParametersAtomically, "/cloth_sim/set_parameters_atomically", request).result
+    assert (result.successful, result.reason) == (False, reason) and shared.client.get("cloth.pins") == "corners"
 
 
 def test_descriptors_tell_unit_range_and_effect(shared):
@@ -80,5 +130,16 @@ def test_descriptors_tell_unit_range_and_effect(shared):
     assert "[kg]" in mass.description and "rebuilds the simulation" in mass.description
     assert (mass.floating_point_range[0].from_value, mass.floating_point_range[0].to_value) == (1e-9, 1e6)
     assert "live" in shared.client.describe("solver.substeps").description
+    assert shared.client.describe("no.such").type == ParameterType.PARAMETER_NOT_SET
     assert shared.client.describe("objects").read_only
     assert shared.client.describe("rope.segments").integer_range[0].from_value == 1
+
+
+def test_ranges_are_those_of_the_reference(shared):
+    rows = {**names.fixed_rows(), **names.scene_rows({"cloth": "cloth", "rope": "rope"}, ["ball"])}
+    numbers = {name: row for name, row in rows.items() if row.kind in ("double", "integer")}
+    request = DescribeParameters.Request(names=list(numbers))
+    answer = shared.client.call(DescribeParameters, "/cloth_sim/describe_parameters", request)
+    for descriptor, (name, row) in zip(answer.descriptors, numbers.items(), strict=True):
+        ranges = descriptor.floating_point_range if row.kind == "double" else descriptor.integer_range
+        assert [(r.from_value, r.to_value) for r in ranges] == [(row.low, row.high)], name

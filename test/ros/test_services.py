@@ -61,7 +61,7 @@ def test_diagnostics(client, clouds):
     client.until(lambda: len(arrays) > 2)
     (status,) = arrays[-1].status
     values = {item.key: item.value for item in status.values}
-    assert status.name == "cloth_sim: simulation" and status.hardware_id
+    assert status.name == "/cloth_sim: simulation" and status.hardware_id
     assert status.level in (DiagnosticStatus.OK, DiagnosticStatus.WARN)
     for key in (
         "real_time_factor",

@@ -15,3 +15,13 @@ def test_signals_end_it(start, number, when):
     assert node.end(number) == 0, node.log
     assert time.monotonic() - begin < 5.0
     assert "Traceback" not in node.log
+
+
+@pytest.mark.parametrize("when", ["cloth_sim]: building", "cloth_sim]: simulating"])
+def test_who_presses_twice_or_more_ends_it_as_well(start, when):
+    node = start(SMALL).wait_for(when)
+    while node.alive():
+        node.process.send_signal(signal.SIGINT)
+        time.sleep(0.005)
+    assert node.process.returncode == 0, node.log
+    assert "Traceback" not in node.log and "KeyboardInterrupt" not in node.log

@@ -1,0 +1,96 @@
+"""Frames by /clock, where use_sim_time is set: one for each frame_dt of it, none while it stands."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.clock import JumpThreshold, ROSClock
+from rclpy.duration import Duration
+
+
+class ClockFollower:
+    """The thread that simulates asks `due` and waits by `wait`; `clock` ticks in the executor's.
+
+    went_back() is called when the clock has jumped back; what has a memory of time forgets it there.
+    """
+
+    MOST_BEHIND = 10.0  # [s] of /clock that are caught up with; more of it is skipped
+    SLOW = 0.5  # [s] behind /clock worth a warning
+    PATIENCE = 5.0  # [s] between warnings while no clock comes
+    SLACK = 1000  # [ns] by which a tick may come early: clocks round
+
+    def __init__(self, clock: ROSClock, went_back: Callable[[], None], log: Any):
+        self._clock, self._went_back, self._log = clock, went_back, log
+        self._ticked = threading.Event()
+        threshold = JumpThreshold(
+            min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1), on_clock_change=True
+        )
+        # The clock keeps no reference to the handle, and forgets a callback whose handle is gone.
+        self._handle = clock.create_jump_callback(threshold, post_callback=lambda _: self._ticked.set())
+        self._start: int | None = None  # [ns] on /clock, where frames are counted from
+        self._frames, self._frame_dt = 0, 0.0
+        self._newest = 0
+        self._asked: float | None = None  # when a clock was first waited for, or last warned of
+
+    @property
+    def active(self) -> bool:
+        """Whether use_sim_time is set."""
+        return self._clock.ros_time_is_active
+
+    @property
+    def time(self) -> int:
+        """Where the simulation is on /clock [ns], at the end of its last frame; never 0 once a frame was due."""
+        return (self._start or 0) + round(1e9 * self._frames * self._frame_dt)
+
+    @property
+    def trouble(self) -> str:
+        """Why the simulation is not where /clock is, in words; "" where it is."""
+        behind = 1e-9 * (self._newest - self.time)
+        if self._start is None:
+            return "use_sim_time is set and no /clock comes"
+        return f"{behind:.1f} s behind /clock" if behind > max(self.SLOW, self._frame_dt) else ""
+
+    def due(self, frame_dt: float) -> bool:
+        """Whether the clock has reached the end of the next frame of `frame_dt` [s], which then counts as taken."""
+        self._ticked.clear()
+        now = self._clock.now().nanoseconds
+        if now == 0:
+            self._warn_of_silence()
+            return False
+        self._count_from(now, frame_dt)
+        self._newest = now
+        if now + self.SLACK < self.time + 1e9 * frame_dt:
+            return False
+        self._frames += 1
+        self._ticked.set()  # the next one may be due as well
+        return True
+
+    def wait(self) -> None:
+        """Sleeps until the clock may have moved on, or for a moment."""
+        self._ticked.wait(0.05)
+
+    def _count_from(self, now: int, frame_dt: float) -> None:
+        """Has frames counted anew, where the count of before does not lead to `now` [ns]."""
+        if self._start is not None and now < self._newest:
+            back = 1e-9 * (self._newest - now)
+            self._log.warning(f"/clock went back by {back:.6g} s: time starts anew there, objects go on as they are")
+            self._went_back()
+            self._start = None
+        elif self._start is not None and now - self.time > 1e9 * self.MOST_BEHIND:
+            ahead = 1e-9 * (now - self.time)
+            self._log.warning(f"/clock is {ahead:.6g} s ahead of the simulation, which skips that time")
+            self._start = None
+        if self._start is None:
+            self._start, self._frames = now, 0
+        elif frame_dt != self._frame_dt:
+            self._start, self._frames = self.time, 0
+        self._frame_dt = frame_dt
+
+    def _warn_of_silence(self) -> None:
+        if self._asked is None or time.monotonic() - self._asked > self.PATIENCE:
+            if self._asked is not None:
+                self._log.warning("use_sim_time is set and no /clock comes; the simulation waits for it")
+            self._asked = time.monotonic()

@@ -1,0 +1,115 @@
+"""Triangle meshes from files: read apart from the thread that answers requests, and checked before they are cloth.
+
+Readers of text formats hold the interpreter for seconds on a large file. So a process of its own reads a large one.
+"""
+
+from __future__ import annotations
+
+import re
+import stat
+import subprocess
+import sys
+import tempfile
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from cloth_sim_ros.parameters import CLOTH, row, shown
+
+Mesh = tuple[np.ndarray, np.ndarray]
+
+MOST_BYTES = 64 << 20
+APART_BYTES = 4 << 20  # beyond this another process reads it
+FARTHEST = row(CLOTH, "position").high  # [m] of a vertex from the origin, along an axis
+SHORTEST = 1e-6  # of an edge, relative to the mesh: float32 cannot tell its ends apart well below
+_DECIMAL_INDICES = re.compile(rb"property\s+list\s+\w+\s+(float|double)\w*\s+vertex_ind")  # a reader would cut them
+
+
+def load_mesh(path: str, parameter: str) -> Mesh:
+    """Vertices (N, 3) [m] and triangles (T, 3) of a mesh file, read again only when the file has changed.
+
+    Raises ValueError, in one sentence about `parameter`.
+    """
+    try:
+        file = Path(path).expanduser()
+        status = file.stat()
+        found = (
+            _load(str(file), status.st_size, status.st_mtime_ns) if stat.S_ISREG(status.st_mode) else "is no mesh file"
+        )
+    except (FileNotFoundError, NotADirectoryError):
+        raise ValueError(f"{parameter} is {shown(path)}; no such file is there") from None
+    except (OSError, ValueError, RuntimeError) as error:
+        found = f"cannot be read: {getattr(error, 'strerror', '') or error}"
+    if isinstance(found, str):
+        raise ValueError(f"{parameter} is {shown(path)}, which {found}")
+    return found
+
+
+@lru_cache(maxsize=8)
+def _load(path: str, size: int, modified_ns: int) -> Mesh | str:
+    """The mesh, or what is wrong with it in words that follow its name."""
+    if size > MOST_BYTES:
+        return f"has {size / 1e6:.0f} MB; allowed are at most {MOST_BYTES / 1e6:.0f} MB"
+    if size <= APART_BYTES:
+        return _read(path)
+    with tempfile.TemporaryDirectory(prefix="cloth_sim_") as folder:
+        copy = Path(folder) / "mesh.npz"
+        command = [sys.executable, "-m", "cloth_sim_ros.ros.mesh_file", path, str(copy)]
+        result = subprocess.run(command, capture_output=True, text=True, check=False)
+        if result.returncode:
+            return result.stdout.strip() or "cannot be read as a triangle mesh: its reader failed"
+        with np.load(copy) as arrays:
+            return arrays["vertices"], arrays["triangles"]
+
+
+def _read(path: str) -> Mesh | str:
+    try:
+        import trimesh
+    except ImportError:
+        return "needs trimesh to be read: pip install trimesh"
+    try:
+        with open(path, "rb") as file:
+            if _DECIMAL_INDICES.search(file.read(4096)):
+                return "names its vertices by decimals; allowed are whole numbers"
+        mesh = trimesh.load(path, force="mesh", process=False)
+        wrong = _wrong(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        if wrong:
+            return wrong
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        mesh.remove_unreferenced_vertices()
+        vertices, triangles = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int32)
+    except Exception as error:  # whatever a reader of some format raises, the user gets one sentence
+        return f"cannot be read as a triangle mesh: {shown(' '.join(str(error).split()))}"
+    return _short(vertices, triangles) or (vertices, triangles)
+
+
+def _wrong(vertices: np.ndarray, triangles: np.ndarray) -> str:
+    """What is wrong with the numbers of a file; "" where nothing is."""
+    if triangles.ndim != 2 or not len(triangles):
+        return "holds no triangles"
+    if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
+        worst = int(np.argmax(np.where(np.isfinite(vertices), np.abs(vertices), np.inf).max(axis=1)))
+        return f"has vertex {worst} at {vertices[worst].tolist()}; allowed is up to {FARTHEST:g} m"
+    outside = np.flatnonzero(((triangles < 0) | (triangles >= len(vertices))).any(axis=1))
+    if len(outside):
+        named = triangles[outside[0]].tolist()
+        return f"has triangle {outside[0]} of vertices {named}; allowed are 0 to {len(vertices) - 1}"
+    return ""
+
+
+def _short(vertices: np.ndarray, triangles: np.ndarray) -> str:
+    """Which triangle has an edge of no length; "" where none has."""
+    lengths = np.linalg.norm(vertices[triangles] - vertices[np.roll(triangles, 1, axis=1)], axis=2).min(axis=1)
+    shortest = int(lengths.argmin())
+    if lengths[shortest] > SHORTEST * np.ptp(vertices, axis=0).max():
+        return ""
+    return f"has an edge of no length in triangle {shortest}; allowed are triangles of three distinct vertices"
+
+
+if __name__ == "__main__":
+    mesh_or_words = _read(sys.argv[1])
+    if isinstance(mesh_or_words, str):
+        print(mesh_or_words)
+        sys.exit(1)
+    np.savez(sys.argv[2], vertices=mesh_or_words[0], triangles=mesh_or_words[1])
