@@ -19,7 +19,7 @@ class Parameter:
     """One row: `live` values take effect at the next frame, `fixed` ones hold until a restart, others rebuild.
 
     kind: "bool", "integer", "double", "string", "string_array", "double_array" or "pins" (a word or a list of indices).
-    low, high: inclusive bounds of a number or of every element of an array; length: of an array, 0 for any.
+    low, high: inclusive bounds of a number or of every element of an array. length: of an array, 0 for any.
     """
 
     name: str

@@ -15,8 +15,8 @@ HEAD = """# Parameters
 Printed from `cloth_sim_ros/parameters.py` by `make docs`; do not edit.
 
 `<cloth>`, `<rope>` and `<collider>` stand for the names listed in `objects` and `colliders`. **live**: takes effect at
-the next frame; **rebuild**: the simulation is built anew at the next frame, objects whose own parameters did not change
-go on from where they are; **start**: fixed while the node runs. Whole numbers and text such as `1e-6` are accepted for
+the next frame. **rebuild**: the simulation is built anew at the next frame; objects whose own parameters did not change
+go on from where they are. **start**: fixed while the node runs. Whole numbers and text such as `1e-6` are accepted for
 decimals.
 """
 

@@ -51,8 +51,8 @@ def goes_in_rows(features: Features, topology: Topology, device: wp.Device) -> b
 
 @dataclass(frozen=True)
 class BodyState:
-    """One body in all worlds: arrays of KEPT (worlds, N, 4), recoveries (worlds, 1), its rows of the live arrays
-    (worlds,) and of Reel and Twist (worlds, 1) where it has them."""
+    """One body in all worlds: arrays of KEPT (worlds, N, 4), recoveries (worlds, 1) and its rows of the live arrays
+    (worlds,). Where it has them, also rows of Reel and Twist (worlds, 1)."""
 
     particles: dict[str, np.ndarray]
     recoveries: np.ndarray

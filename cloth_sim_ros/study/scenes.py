@@ -4,8 +4,8 @@ The error is the RMS distance of all particles at all frames of half a second fr
 substeps. The settings of a scene take turns, so that whatever else the machine does falls on all alike. Peers that are
 installed have rows of the bare sheet.
 
-Scenes: `bare`, a level sheet held at two corners; `curtain`, with ball, wind, dashpots and bending springs; `wind`, a
-curtain in nothing but wind; `plate`, a curtain in wind that bends as a plate of 1e-4 N m.
+`bare` is a level sheet held at two corners. `curtain` has a ball, wind, dashpots and bending springs. `wind` is a
+curtain in nothing but wind. `plate` is a curtain in wind that bends as a plate of 1e-4 N m.
 """
 
 from __future__ import annotations
