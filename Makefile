@@ -1,13 +1,15 @@
 # make demo   the node on config/curtain.yaml, a ball, a breeze and a status line; ARGS="--seconds 10" ends it by itself
-# make test   ruff and all tests
-# Both set up .venv first; the second time that takes no time. PYTHON=/path/to/python3 chooses an interpreter.
+# make test   ruff and the tests, but for those marked `long`, which `make test-long` runs
+# All set up .venv first; the second time that takes no time. PYTHON=/path/to/python3 chooses an interpreter.
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 VENV := .venv
 RUN := $(VENV)/bin/python
+# Two processes; all tests of a file in one of them, which then compiles their kernels once.
+TESTS := $(RUN) -m pytest -n 2 --dist loadfile
 SOURCES := setup.py setup.cfg pyproject.toml Makefile
 
-.PHONY: demo test format docs clean
+.PHONY: demo test test-long format docs clean
 
 demo: $(VENV)/ready-to-run
 	@exec $(RUN) -m cloth_sim_ros.demo $(ARGS)
@@ -15,7 +17,10 @@ demo: $(VENV)/ready-to-run
 test: $(VENV)/ready-to-test
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
-	$(RUN) -m pytest
+	$(TESTS) -m "not long"
+
+test-long: $(VENV)/ready-to-test
+	$(TESTS) -m long
 
 format: $(VENV)/ready-to-test
 	$(RUN) -m ruff check --fix .

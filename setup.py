@@ -23,7 +23,7 @@ setup(
         "mesh": ["trimesh"],
         "study": ["scipy", "matplotlib", "pyyaml"],
         "peers": ["newton==1.8.0", "mujoco", "pypbd"],
-        "test": ["pytest", "ruff", "scipy", "trimesh", "matplotlib", "pypbd"],
+        "test": ["pytest", "pytest-xdist", "ruff", "scipy", "trimesh", "matplotlib", "pypbd"],
     },
     python_requires=">=3.10",
     zip_safe=False,

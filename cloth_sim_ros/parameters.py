@@ -21,7 +21,7 @@ class Parameter:
     anew: whether an object starts anew with another value; with others it goes on from where it is.
 
     kind: "bool", "integer", "double", "string", "string_array", "double_array" or "pins" (a word or a list of indices).
-    low, high: inclusive bounds of a number or of every element of an array; length: of an array, 0 for any.
+    low, high: inclusive bounds of a number or of every element of an array. length: of an array, 0 for any.
     """
 
     name: str

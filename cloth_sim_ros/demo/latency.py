@@ -25,8 +25,8 @@ SETTLING = 2.0  # [s] after the first message, which are not counted
 
 @dataclass(frozen=True)
 class Told:
-    """One message on /diagnostics: its stamp [s], the frames since the one before, the time spent on one and waited for
-    the device in it [ms], both medians, and simulated per real time."""
+    """One message on /diagnostics: its stamp [s] and the frames since the one before. Medians of a frame [ms]: the time
+    spent on it and the time waited for the device. Simulated per real time."""
 
     stamp: float
     frames: int

@@ -1,7 +1,7 @@
 """The parameter table as ROS parameters: declared, coerced, checked, and handed on when they change.
 
-All rows are declared with dynamic typing, so that this bridge and not the middleware decides what a value may be: it
-knows the row and can say in one sentence what is allowed. A value keeps the type of its row all the same.
+All rows are declared with dynamic typing, so that this bridge and not the middleware decides what a value may be. The
+bridge knows the row and can say in one sentence what is allowed. A value keeps the type of its row all the same.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ class ParameterBridge:
         self._node = node
         self._on_change = on_change
         self._log = node.get_logger()
-        # rclpy offers the values from YAML files and the command line only by declaring each of them, and fails at the
-        # first of a wrong type or an empty list; its own store of them is the only way to look before declaring.
-        # Later also holds what clients have set: a material leaves all that alone.
+        # rclpy offers the values from YAML files and the command line only by declaring each of them. It fails at the
+        # first of a wrong type or an empty list. Its own store of them is the only way to look before declaring. Later
+        # also holds what clients have set: a material leaves all that alone.
         self._given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
         self.rows: dict[str, Parameter] = {}
         self.values: dict[str, Any] = {}

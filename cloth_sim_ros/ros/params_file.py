@@ -1,9 +1,9 @@
 """Command lines and YAML files that the middleware would refuse as a whole for one value, made readable.
 
-The middleware's parser stops the process at a list such as [0, 0, -9.81], whose numbers are not all of one type, at a
-value left empty and at nested lists. Here whole numbers in such lists become decimals; what no parameter can hold is
-left out with one sentence. Files without such trouble are passed on untouched. A pipe, which can be read only once, is
-passed on as a copy.
+The middleware's parser stops the process at a list such as [0, 0, -9.81], whose numbers are not all of one type. It
+also stops at an empty value and at nested lists. Here whole numbers in such lists become decimals; what no parameter
+can hold is left out with one sentence. Files without such trouble are passed on untouched. A pipe, which can be read
+only once, is passed on as a copy.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 Messages arrive with jitter and at any rate; a collider that jumped to each as it came would hit the cloth at the wrong
 speed. So the track moves between the received poses at the pace of their stamps: position linearly, orientation
 spherically. It never extrapolates: when nothing newer has come, the collider stays at the last pose. The delay is what
-it takes for the next message to arrive, about one period of the sender (a sender at or above the frame rate is followed
-within a frame or two).
+it takes for the next message to arrive, about one period of the sender. A sender at or above the frame rate is followed
+within a frame or two.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Pose:
 class PoseTrack:
     """`push` from the thread that receives, `advance` from the thread that simulates, once a frame.
 
-    timeout [s]: a longer gap between two stamps is a jump, reached within one frame; after as long a silence any stamp
+    timeout [s]: a longer gap between two stamps is a jump, reached within one frame. After as long a silence any stamp
     starts the track anew (a sender restarted, a recording looped).
     """
 

@@ -17,10 +17,10 @@ from cloth_sim_ros.ros.world import World
 class SimulationLoop:
     """Runs `world` in a thread of its own.
 
-    send(world) is called after every frame, also while paused, and waits until the device is done, so that frames never
-    pile up there; it returns for how long [s]. tell(world, pace) is called once a second; built(world, ok) after each
-    attempt to build. values() gives the parameter values to build from. All are called in this thread. While `follower`
-    is active, frames are due by /clock and not by the wall.
+    send(world) is called after every frame, also while paused. It waits until the device is done, so that frames never
+    pile up there, and returns for how long [s]. tell(world, pace) is called once a second, and built(world, ok) after
+    each attempt to build. values() gives the parameter values to build from. All are called in this thread. While
+    `follower` is active, frames are due by /clock and not by the wall.
     """
 
     TELL_PERIOD = 1.0  # [s]

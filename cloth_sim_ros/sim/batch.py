@@ -52,9 +52,9 @@ def goes_in_rows(features: Features, topology: Topology, device: wp.Device) -> b
 
 @dataclass(frozen=True)
 class BodyState:
-    """One body in all worlds: rows of its particles (worlds, N, 4), counts (worlds, 1), its rows of the live arrays
-    (worlds,) and of Reel and Twist (worlds, 1) where it has them. past: what substeps of this order, so many a frame,
-    look back at."""
+    """One body in all worlds: rows of its particles (worlds, N, 4), counts (worlds, 1) and its rows of the live arrays
+    (worlds,). Where it has them, also rows of Reel and Twist (worlds, 1). past: order and substeps a frame, which its
+    history is of."""
 
     past: tuple[int, int]
     particles: dict[str, np.ndarray]

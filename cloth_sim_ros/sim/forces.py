@@ -19,8 +19,8 @@ class Force(Protocol):
         """What its Warp function is given of it."""
 
 
-# name -> (class, Warp function); the function takes position (vec3) [m], velocity (vec3) [m/s], mass [kg] and the
-# numbers (vec4), and returns the force [N] and its drag rate [N s/m], by which it falls with the velocity, or 0.
+# name -> (class, Warp function). The function takes position (vec3) [m], velocity (vec3) [m/s], mass [kg] and the
+# numbers (vec4). It returns the force [N] and its drag rate [N s/m], by which it falls with the velocity, or 0.
 FORCES: dict[str, tuple[type, wp.Function]] = {}
 
 

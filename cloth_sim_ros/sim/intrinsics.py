@@ -35,8 +35,8 @@ _STORE = """
 ((wp::vec4*)address)[i] = v;
 #endif
 """
-# On a GPU the reciprocals of the special function unit, refined once to about one unit in the last place: a third of
-# the instructions of IEEE division and square root, which would otherwise fill half of the projection of a spring.
+# On a GPU the reciprocals come from the special function unit, refined once to about one unit in the last place. That
+# is a third of the instructions of IEEE division and square root. Those would fill half of the projection of a spring.
 _QUICK_INVERSE_ROOT = """
 #if defined(__CUDA_ARCH__)
 float y;

@@ -1,9 +1,9 @@
 """Materials by name: what sheets and ropes of cotton, steel cable, .. weigh, and how they stretch, bend and rub.
 
-Every preset names where its numbers come from. Cloth is anisotropic and stiffens as it stretches; a preset is the
+Every preset names where its numbers come from. Cloth is anisotropic and stiffens as it stretches. A preset is the
 isotropic sheet that is nearest at the loads of hanging cloth. "KES-F" marks rounded typical values of such cloth
-(Kawabata 1980, The standardization and analysis of hand evaluation), "makers" rounded catalogue values, "estimate" what
-no source gives. Damping times are estimates throughout: loss factors of 0.1 to 0.3 at about 5 Hz.
+(Kawabata 1980, The standardization and analysis of hand evaluation). "makers" marks rounded catalogue values, and
+"estimate" what no source gives. Damping times are estimates throughout: loss factors of 0.1 to 0.3 at about 5 Hz.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Cord:
 
 
 # Of Wang et al. 2011, Data-driven elastic models for cloth: moduli are the geometric mean of warp and weft at small
-# strain, bending is a quarter of their constant, which multiplies a force of half the angle over both heights.
+# strain. Bending is a quarter of their constant, which multiplies a force of half the angle over both heights.
 FABRICS = {
     "cotton": Fabric(
         0.13, 1500.0, 50.0, 7e-6, 5e-3, 0.3e-3, 0.5, 0.4,

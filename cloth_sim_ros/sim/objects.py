@@ -21,19 +21,18 @@ from cloth_sim_ros.sim.quaternion import Quaternion, Vector
 class Cloth:
     """A rectangular sheet (or, from `Cloth.from_mesh`, any manifold triangle mesh) of springs.
 
-    Particle (ix, iy) is index iy*nx + ix at local (ix*w/(nx-1) - w/2, iy*h/(ny-1) - h/2, 0).
-    stretch_compliance, shear_compliance [m/N]: 1/constant of every spring of a square grid, borders twice as compliant;
-    on a mesh the edge between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same
-    on a grid (Van Gelder 1998). bend_compliance: None for no bending; with bending="springs" [m/N], 1/constant of the
-    distance springs over two edges; with "dihedral" [1/(N m)], 1/flexural rigidity B of a sheet whose Poisson ratio is
-    0 in bending. Its energy is B/2 times the integral of the squared curvatures (kxx^2 + 2 kxy^2 + kyy^2): a strip of
-    width w bends with B w and twists with 2 B w, in any direction of any mesh. The energy is quadratic in the positions
+    Particle (ix, iy) is index iy*nx + ix at local (ix*w/(nx-1) - w/2, iy*h/(ny-1) - h/2, 0). stretch_compliance,
+    shear_compliance [m/N]: 1/constant of every spring of a square grid, borders twice as compliant. On a mesh the edge
+    between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same on a grid (Van
+    Gelder 1998). bend_compliance is None for no bending. With bending="springs" [m/N] it is 1/constant of the distance
+    springs over two edges. With "dihedral" [1/(N m)] it is 1/flexural rigidity B of a sheet whose Poisson ratio is 0 in
+    bending. Its energy is B/2 times the integral of the squared curvatures (kxx^2 + 2 kxy^2 + kyy^2). A strip of width
+    w bends with B w and twists with 2 B w, in any direction of any mesh. The energy is quadratic in the positions
     (Bergou et al. 2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of three pinned
     particles is a clamp: two pinned rows hold the sheet at the second one. shear_compliance None means no shear
-    springs. Compliance 0 is rigid.
-    mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem). damping [s]: c = damping x
-    constant. thickness [m]: distance at which the cloth touches a collider: with its particles alone, or with
-    `edge_contact` along structural and shear edges too.
+    springs. Compliance 0 is rigid. mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem).
+    damping [s]: c = damping x constant. thickness [m] is the distance at which the cloth touches a collider. It touches
+    with its particles alone, or with `edge_contact` along structural and shear edges too.
     """
 
     resolution: tuple[int, int] = (32, 32)
@@ -139,15 +138,14 @@ def check_lengths(shortest: float, longest: float, name: str) -> None:
 class Rope:
     """A chain of particles, from `points` (N, 3) [m] or `start`, `end`, `segments`, in local axes.
 
-    stretch_compliance [1/N] = 1/EA; bend_compliance [1/(N m^2)] = 1/EI or None for no bending; 0 is rigid.
-    mass [kg] is the total, lumped by length; particle_masses (N,) [kg] overrides it. end_mass [kg] is a load
-    at the last particle, on top of either. radius [m].
-    pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of each segment. edge_contact:
-    whether segments touch colliders, not particles alone. winch: a drum at the start, which must be pinned; the end may
-    be. What it has not paid out lies on it, and the rest, measured from the end, along the path from the start.
-    twist_compliance [1/(N m^2)] = 1/GJ or None for no twist; with it both ends are clamped, the first and the last two
-    particles pinned, and end_turn [rad] is by how much the end is turned about its axis against the start, from the
-    shape that positions were last set to.
+    stretch_compliance [1/N] = 1/EA. bend_compliance [1/(N m^2)] = 1/EI or None for no bending. 0 is rigid. mass [kg] is
+    the total, lumped by length; particle_masses (N,) [kg] overrides it. end_mass [kg] is a load at the last particle,
+    on top of either. radius [m]. pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of
+    each segment. edge_contact: whether segments touch colliders, not particles alone. winch: a drum at the start, which
+    must be pinned; the end may be. What it has not paid out lies on it. The rest, measured from the end, lies along the
+    path from the start. twist_compliance [1/(N m^2)] = 1/GJ or None for no twist. With it both ends are clamped: the
+    first two and the last two particles are pinned. end_turn [rad] is by how much the end is turned about its axis
+    against the start. It counts from the shape that positions were last set to.
     """
 
     points: Any = field(default=None, repr=False, compare=False)

@@ -31,7 +31,8 @@ class Ropes:
 
     def tensions(self, name: str, world: int = 0) -> np.ndarray:
         """Tensions (S,) float32 [N] of a rope's segments at the end of the last substep in one world, also where they
-        are rigid; below 0 where a segment is pushed together; 0 on a winch. Raises ValueError for a cloth."""
+        are rigid. They are below 0 where a segment is pushed together, and 0 on a winch. Raises ValueError for a
+        cloth."""
         return read_tensions(self._rope_batch(name), name, self._bodies.one(world))
 
     def tensions_into(self, out: wp.array, column: int, name: str, world: int = 0) -> Tensions:

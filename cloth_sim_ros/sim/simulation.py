@@ -49,8 +49,8 @@ class Simulation:
 
     Whatever takes a value raises ValueError with one sentence where the value cannot be, and changes nothing then.
     `step` may return before a GPU is done; whatever reads the state waits. `worlds` copies of the scene run side by
-    side in the same launches, each with its own state, materials, collider poses, wind and gravity: what reads takes
-    the number of a world, what writes takes one or, with None, all of them.
+    side in the same launches. Each has its own state, materials, collider poses, wind and gravity. What reads takes the
+    number of a world; what writes takes one or, with None, all of them.
     """
 
     def __init__(self, scene: Scene, settings: Settings | None = None, device: str = "auto", worlds: int = 1) -> None:
@@ -126,8 +126,8 @@ class Simulation:
     def step_and_estimate(self) -> dict[str, float]:
         """One frame as by `step`, to the same bits, and name -> by how much it goes astray in world 0 [m].
 
-        That is the RMS error over the particles of this frame alone, as it would be from the exact state, by Richardson
-        from two trials, one with twice the substeps (docs/study.md says how well it tracks the true error).
+        That is the RMS error over the particles of this frame alone, as it would be from the exact state. It comes by
+        Richardson from two trials, one with twice the substeps. docs/study.md says how well it tracks the true error.
         Takes four frames' time, and memory for a second state.
         """
         self._begin()
@@ -194,8 +194,8 @@ class Simulation:
             batch.upload()
 
     def take_over(self, name: str, other: Simulation) -> None:
-        """An object goes on, in all worlds, from where it is in the first world of another simulation that has it with
-        the same structure: positions, velocities, what a winch has paid out and the twist."""
+        """An object goes on, in all worlds, from where it is in the first world of another simulation. That one has to
+        have it with the same structure. It keeps positions, velocities, what a winch has paid out and the twist."""
         batch, source = self._bodies.batch[name], other._bodies.batch[name]
         if batch.features.winch:
             batch.write_body("reels", name, source.read_body("reels", name, 0), None)
@@ -246,17 +246,16 @@ class Simulation:
 
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
         """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], residual [m], recoveries, redone, substeps,
-        iterations, expected_error and bending_share; of a rope also max_tension, start_tension, end_tension [N], of
-        all, the first and the last of its segments, and of one on a winch paid_out [m], pay_out [m/s] and
-        winch_stopped, whether a limit of length holds it back; of one that resists twist, twist [rad] from start to end
-        and torsion [N m].
+        iterations, expected_error and bending_share. A rope also has max_tension, start_tension and end_tension [N]: of
+        all, the first and the last of its segments. On a winch it has paid_out [m], pay_out [m/s] and winch_stopped,
+        whether a limit of length holds it back. One that resists twist has twist [rad] from start to end and torsion [N
+        m].
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
-        substep; max_penetration is how much deeper than the thickness a particle lies; recoveries counts how often the
-        object was put back, at rest, to where it was last good, because a particle was not finite or ran away; redone
+        substep. max_penetration is how much deeper than the thickness a particle lies. recoveries counts how often the
+        object was put back, at rest, to where it was last good, because a particle was not finite or ran away. redone
         counts frames of explicit steps that were done again by XPBD. expected_error is meant as solver.error is, for
-        the world where it is largest;
-        bending_share is the share of a sheet's bending rigidity that acts.
+        the world where it is largest. bending_share is the share of a sheet's bending rigidity that acts.
         """
         self._bodies.one(world)
         self._upload()

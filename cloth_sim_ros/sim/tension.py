@@ -1,8 +1,8 @@
 """Tension along ropes, from what their solver left on the device.
 
-A rigid segment has a tension without a strain, so a direct solve's multipliers say little about it: they are the small
-difference of displacements, divided by next to no compliance, and their rounding may be as large as the tension. How
-far the solve moved each particle is known well, and times its mass that is the force of the chain on it. The segments'
+A rigid segment has a tension without a strain, so a direct solve's multipliers say little about it. They are the small
+difference of displacements, divided by next to no compliance. Their rounding may be as large as the tension. How far
+the solve moved each particle is known well, and times its mass that is the force of the chain on it. The segments'
 forces are sums of these from a free end; between two held ends the one that is unknown is fitted, so that forces lie
 along their segments.
 """
@@ -104,9 +104,9 @@ def write_tensions(arrays: Arrays, b: int, forces: wp.array(dtype=wp.vec3), colu
 class Tensions:
     """The forces (S,) vec3 [N] with which the segments of a rope in a world pull the particles that they begin at.
 
-    `launch()` computes them from the state as it is then, with no allocation: `forces`, and into a column of `out`
-    (N, columns) float, where that is given, the tensions, that of a segment at the particle it begins at, the last also
-    at the last particle. They are below 0 where a segment is pushed together, and hold the share of the dashpots.
+    `launch()` computes them from the state as it is then, with no allocation: `forces`. Where `out` (N, columns) float
+    is given, the tensions go into a column of it: that of a segment at the particle it begins at, the last also at the
+    last particle. They are below 0 where a segment is pushed together, and hold the share of the dashpots.
     """
 
     def __init__(self, batch: Batch, name: str, world: int, out: wp.array | None = None, column: int = 0) -> None:

@@ -21,9 +21,9 @@ def measure_twist(batch: Batch, name: str, world: int) -> dict[str, float]:
 def directors(points: np.ndarray, rest: np.ndarray, row: np.void) -> np.ndarray:
     """Unit vectors (S, 3) across the segments of a rope that turn with its material.
 
-    points (N, 3) [m]; rest (S,) [m] rest lengths; row: its state.Twist. Along the rope the vector of the start is
-    carried without turning, and turned by the share of the twist that lies before a segment's middle; the first and the
-    last segment are clamped and do not twist.
+    points (N, 3) [m]; rest (S,) [m] rest lengths; row: its state.Twist. The vector of the start is carried along the
+    rope without turning. Then it is turned by the share of the twist that lies before a segment's middle. The first and
+    the last segment are clamped and do not twist.
     """
     tangents = np.diff(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)

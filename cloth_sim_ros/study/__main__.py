@@ -7,11 +7,12 @@ import sys
 
 import warp as wp
 
-from cloth_sim_ros.study import elongation, error, report, speed, stability, tune
+from cloth_sim_ros.study import elongation, error, report, scenes, speed, stability, tune
 from cloth_sim_ros.study.pictures import command as pictures
 
 COMMANDS = {
     "speed": (speed, "one launch a frame, a substep or a pass, and what features and peers cost"),
+    "scenes": (scenes, "what a frame of real scenes costs by the defaults and by set numbers, and its error"),
     "error": (error, "error against time for a case over orders, substeps and iterations"),
     "elongation": (elongation, "how much too long a hung sheet gets by XPBD, over substeps and iterations"),
     "tune": (tune, "the cheapest settings of a scene file that keep a wanted error"),

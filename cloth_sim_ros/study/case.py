@@ -80,8 +80,9 @@ class Case:
 
 
 def _bending(rope: Rope) -> sparse.csr_array | None:
-    """The stiffness (N, N) [N/m] of E = sum EI / (2 a_i) |t_i+1 - t_i|^2, t the segments over their rest lengths and
-    a_i [m] half of both segments at particle i, where a segment fixed at both ends is none; Hencky's chain (1920)."""
+    """The stiffness (N, N) [N/m] of E = sum EI / (2 a_i) |t_i+1 - t_i|^2, Hencky's chain (1920). t are the segments
+    over their rest lengths. a_i [m] is half of both segments at particle i, where a segment fixed at both ends is
+    none."""
     if rope.bend_compliance is None:
         return None
     length = np.linalg.norm(np.diff(rope.points, axis=0), axis=1)

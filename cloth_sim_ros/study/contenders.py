@@ -37,9 +37,9 @@ Simulate = Callable[[Run], tuple[np.ndarray, np.ndarray]]
 class Contender:
     """`simulate` a run -> frames (F + 1, N, 3) [m], not finite from where it blew up, and milliseconds of every frame.
 
-    iterations: the numbers of them to try in place of the command line's, (1,) where there are none; numpy: a reference
-    in NumPy, timed on one core of the host; own_limit: is not made of springs, knows sheets alone, and is
-    judged by what it converges to itself.
+    iterations: the numbers of them to try in place of the command line's, (1,) where there are none. numpy: a reference
+    in NumPy, timed on one core of the host. own_limit: is not made of springs, knows sheets alone, and is judged by
+    what it converges to itself.
     """
 
     label: str

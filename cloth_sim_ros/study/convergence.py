@@ -59,7 +59,7 @@ class Converged:
 def converge(trial: Trial, error: float) -> Converged:
     """Runs of both orders, each of twice the substeps and iterations, until one order is known to error / 10 [m].
 
-    A run's error is taken for SHARE of the larger of its last change and half of the one before: one small change can
+    A run's error is taken for SHARE of the larger of its last change and half of the one before. One small change can
     be chance where contacts open and close. The order that is known better is what the scene is judged by.
     """
     substeps, iterations = 40, 2

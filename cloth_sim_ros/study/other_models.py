@@ -30,7 +30,7 @@ _COARSEST = 10  # substeps from which a limit is looked for
 
 @dataclass(frozen=True)
 class Limit:
-    """What a method converges to: frames (F + 1, N, 3) [m] of its run of so many substeps and iterations, which are
+    """What a method converges to: frames (F + 1, N, 3) [m] of its run of so many substeps and iterations. They are
     `known` [m] from those of the next coarser run, RMS; infinite where it does not converge."""
 
     frames: np.ndarray
@@ -45,8 +45,8 @@ class Limit:
 
 
 def limit(simulate: Simulate, run: Run, most: int) -> Limit:
-    """The limit of `simulate` with the iterations of `run`: its substeps are doubled as long as runs draw nearer to one
-    another, which rounding ends, and sweeps a frame are at most `most`."""
+    """The limit of `simulate` with the iterations of `run`. Its substeps are doubled as long as runs draw nearer to one
+    another, which rounding ends. Sweeps a frame are at most `most`."""
 
     def frames_of(substeps: int) -> np.ndarray:
         return simulate(dataclasses.replace(run, substeps=substeps))[0]

@@ -62,9 +62,10 @@ def chain(ratio: float) -> Case:
 def outcome(frames: np.ndarray, system: SpringSystem, seen: float) -> str:
     """What became of a run: frames (F + 1, N, 3) [m]; `seen` [N/m]: springs stiffer than this hold no energy of note.
 
-    It flies apart if it is not finite or its energy is above that of the start: that of its place at every frame, or
-    that of its mean motion between two frames above the lowest place. It is stretched if a spring ever is, by more than
-    0.05 and four times what the load stretches it at rest; three is what a swing and a wave in it can do.
+    It flies apart if it is not finite or its energy is above that of the start. The energy is that of its place at
+    every frame, or that of its mean motion between two frames above the lowest place. It is stretched if a spring ever
+    is, by more than 0.05 and four times what the load stretches it at rest. Three times is what a swing and a wave in
+    it can do.
     """
     if not np.isfinite(frames).any():
         return "refused"

@@ -181,8 +181,8 @@ _FLEX = """
 
 
 def flex_times(resolution: int, frames: int, steps: int = 4) -> np.ndarray:
-    """Milliseconds (frames,) of 1/60 s of MuJoCo's flex, a sheet of 1 m whose edges are equality constraints, hung by
-    two corners, at its usual step of about 4 ms, on one CPU core."""
+    """Milliseconds (frames,) of 1/60 s of MuJoCo's flex, at its usual step of about 4 ms, on one CPU core. It is a
+    sheet of 1 m whose edges are equality constraints, hung by two corners."""
     import mujoco
 
     text = _FLEX.format(dt=FRAME_DT / steps, n=resolution, spacing=1.0 / (resolution - 1), corner=resolution - 1)

@@ -1,6 +1,6 @@
 """The classic methods of cloth in NumPy, each a `Step` of motion.py made for a system and a number of iterations.
 
-They are what a textbook says, in float64 and as fast as NumPy makes them; the product is not meant to be timed against
+They are what a textbook says, in float64 and as fast as NumPy makes them. The product is not meant to be timed against
 NumPy, so figures name them as such. To add one, add a function from (system, iterations) to a Step.
 """
 

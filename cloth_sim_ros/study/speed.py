@@ -1,8 +1,8 @@
 """`speed`: one launch a frame or one a stage: the same cloth in the same run, by xpbd of second order.
 
-The schedules take turns, so that whatever else the machine does falls on all alike. With --peers, the same springs
-at the same substeps in Newton and pyPBD, and MuJoCo's flex of the same size, in the same run; with --features, what
-each feature of a scene costs.
+The schedules take turns, so that whatever else the machine does falls on all alike. --peers adds the same springs at
+the same substeps in Newton and pyPBD, and MuJoCo's flex of the same size, in the same run. --features adds what each
+feature of a scene costs.
 """
 
 from __future__ import annotations

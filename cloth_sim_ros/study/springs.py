@@ -1,7 +1,7 @@
 """A system of masses and springs in float64: the equations themselves, straight from Newton and Hooke.
 
-Particle i of mass m_i, spring s between a_s and b_s with rest length L_s, constant k_s and a dashpot c_s = tau k_s that
-feels only the rate of its length. Nothing here is shared with the solver that it judges.
+Particle i has the mass m_i. Spring s lies between a_s and b_s with rest length L_s, constant k_s and a dashpot c_s =
+tau k_s. The dashpot feels only the rate of its length. Nothing here is shared with the solver that it judges.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from scipy import sparse
 class SpringSystem:
     """Constants of motion. `fixed` particles stay where they start, whatever pulls them.
 
-    masses (N,) [kg], fixed (N,) bool, pairs (S, 2), rest_length (S,) [m], constant (S,) [N/m], damping tau [s],
-    global_damping [1/s]: a drag relative to each particle's momentum, gravity (3,) [m/s^2]; bending (N, N) [N/m]: a
-    stiffness that acts on every coordinate alike, None for none.
+    masses (N,) [kg], fixed (N,) bool, pairs (S, 2), rest_length (S,) [m], constant (S,) [N/m], damping tau [s], gravity
+    (3,) [m/s^2]. global_damping [1/s]: a drag relative to each particle's momentum. bending (N, N) [N/m]: a stiffness
+    that acts on every coordinate alike, None for none.
     """
 
     masses: np.ndarray

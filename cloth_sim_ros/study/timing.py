@@ -15,9 +15,9 @@ from cloth_sim_ros.sim import Simulation
 def frame_times(sim: Simulation, frames: int, after: Callable[[], None] | None = None) -> np.ndarray:
     """Milliseconds (frames,) that each of `frames` frames took; `after` is called after each, untimed.
 
-    On a GPU by CUDA events on its stream: without `after` the frames follow one another as fast as the device takes
-    them, and each counts from the end of the one before it (see `frame_time` for their mean); with it each starts on an
-    idle device, so that the way from the host counts. On the CPU by the wall clock.
+    On a GPU by CUDA events on its stream, on the CPU by the wall clock. Without `after` the frames follow one another
+    as fast as the device takes them, and each counts from the end of the one before it (see `frame_time` for their
+    mean). With it each starts on an idle device, so that the way from the host counts.
     """
     device = wp.get_device(sim.device)
     if not device.is_cuda:
@@ -37,8 +37,8 @@ def frame_times(sim: Simulation, frames: int, after: Callable[[], None] | None =
 
 
 def frame_time(sim: Simulation, frames: int) -> float:
-    """Milliseconds a frame of `frames` in a row: on a GPU their mean between two CUDA events, as one after each of them
-    would add 2 us of its own; on the CPU the median."""
+    """Milliseconds a frame of `frames` in a row. On a GPU it is their mean between two CUDA events, as one after each
+    of them would add 2 us of its own. On the CPU it is the median."""
     device = wp.get_device(sim.device)
     if not device.is_cuda:
         return float(np.median(frame_times(sim, frames)))

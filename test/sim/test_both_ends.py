@@ -85,7 +85,8 @@ def test_a_substep_is_what_a_dense_matrix_finds(segments, pins, load, compliance
 
 def dense_bending(masses, turns, stiff, x, rest, moved, held):
     """Displacements of particles of masses (N,), `inf` where pinned, and moments, stiffness times what turn vectors
-    lack, after a solve from x + moved, of which `moved` knows `held`; the rest shape turns so that they bear no torque.
+    lack. Both are those after a solve from x + moved, of which `moved` knows `held`. The rest shape turns so that they
+    bear no torque.
     """
     turned = turns @ x
     points = rest[:, None] * turned / np.linalg.norm(turned, axis=1)[:, None]

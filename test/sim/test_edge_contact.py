@@ -52,14 +52,22 @@ def dragged_over_the_edge(device, edge_contact, rope=False, schedule=None, **set
 
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"order": 2}, {"iterations": 3}, {"schedule": "coloured"}, {"method": "verlet", "substeps": 60}],
+    [
+        {},
+        {"order": 2},
+        {"iterations": 3},
+        pytest.param({"schedule": "coloured"}, marks=pytest.mark.long),
+        {"method": "verlet", "substeps": 60},
+    ],
 )
 def test_a_sharp_edge_does_not_poke_between_the_particles(device, settings):
     assert dragged_over_the_edge(device, False, **settings) > 0.25 * SPACING
     assert dragged_over_the_edge(device, True, **settings) < 0.01 * SPACING
 
 
-@pytest.mark.parametrize("settings", [{}, {"schedule": "coloured", "iterations": 2}])
+@pytest.mark.parametrize(
+    "settings", [{}, pytest.param({"schedule": "coloured", "iterations": 2}, marks=pytest.mark.long)]
+)
 def test_a_rope_lies_over_the_edge_with_its_segments(device, settings):
     assert dragged_over_the_edge(device, False, rope=True, **settings) > 0.08 * SPACING
     assert dragged_over_the_edge(device, True, rope=True, **settings) < 0.01 * SPACING

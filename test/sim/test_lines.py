@@ -1,4 +1,4 @@
-"""Springs solved line by line: each line is what a dense matrix in float64 finds, lines hold every spring once, and a
+"""Springs solved line by line: each line is what a dense matrix in float64 finds. Lines hold every spring once, and a
 hung sheet comes near its equilibrium in few sweeps."""
 
 import numpy as np
@@ -81,8 +81,8 @@ def test_a_line_of_a_mesh_goes_straight_on():
 
 
 def dense_substep(topology, x, v, constants, damping, iterations):
-    """Velocities (N, 3) after one substep of first-order XPBD: in each family the multipliers of all springs at once,
-    by the dense matrix of Macklin, Mueller and Chentanez (2016, eq. 26)."""
+    """Velocities (N, 3) after one substep of first-order XPBD. In each family it finds the multipliers of all springs
+    at once, by the dense matrix of Macklin, Mueller and Chentanez (2016, eq. 26)."""
     w = np.where(topology.pinned, 0.0, 1.0 / topology.masses)
     d = np.where(topology.pinned[:, None], 0.0, H * v + H * H * GRAVITY)
     gamma = damping / H

@@ -1,5 +1,5 @@
-"""Ropes with a bent rest shape: let go, they gain no energy; stiff ones swing as rigid bodies, thrown ones keep their
-angular momentum; and they hang as a chain that is bent at rest does."""
+"""Ropes with a bent rest shape. Let go, they gain no energy. Stiff ones swing as rigid bodies, and thrown ones keep
+their angular momentum. They hang as a chain that is bent at rest does."""
 
 import numpy as np
 import pytest
@@ -141,7 +141,7 @@ def test_thrown_bent_rope_keeps_its_angular_momentum(device, shape, compliance, 
 
     before = angular_momentum()
     sim.step(60)
-    # In single precision, as GPUs solve it, bending as stiff as it can be tells turns by a few hundredths: at most
+    # In single precision, as GPUs solve it, bending as stiff as it can be tells turns by a few hundredths. At most
     # 0.062 of it was lost on an H200, and 0.36 to all of it while the rest shape was held for a substep.
     share = 1e-3 if device == "cpu" and shape != "short" else 0.1
     assert np.linalg.norm(angular_momentum() - before) < share * np.linalg.norm(before)

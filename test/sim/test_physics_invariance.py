@@ -39,8 +39,10 @@ def same(first, second):
     return all(np.array_equal(a, b) for name in first for a, b in zip(first[name], second[name], strict=True))
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("schedule", ["resident", "coloured"])
+@pytest.mark.parametrize(
+    ("schedule", "order"),
+    [("resident", 1), ("resident", 2), ("coloured", 1), pytest.param("coloured", 2, marks=pytest.mark.long)],
+)
 def test_same_inputs_give_the_same_bits(device, schedule, order):
     assert same(*(run(NAMES, device, schedule=schedule, order=order, substeps=5) for _ in range(2)))
 

@@ -13,8 +13,8 @@ LENGTH, MASS, LOAD = 1.0, 0.3, 0.6
 
 
 def hanging(segments, compliance, load=LOAD, **rope):
-    """A rope that hangs with a load at its lower end, and T = w (L - s) + W [N] in the middle of its segments,
-    which is the weight below it in the lumped chain too."""
+    """A rope that hangs with a load at its lower end, and T = w (L - s) + W [N] in the middle of its segments. That is
+    the weight below it in the lumped chain too."""
     masses = np.full(segments + 1, MASS / segments)
     masses[[0, -1]] *= 0.5
     masses[-1] += load

@@ -218,7 +218,7 @@ def test_too_many_springs_at_a_particle_are_refused():
         simulation("cpu", scene=Scene({"it": sheet}))
 
 
-@pytest.mark.parametrize("kind", ["sheet", "rope"])
+@pytest.mark.parametrize("kind", ["sheet", pytest.param("rope", marks=pytest.mark.long)])
 def test_wind_blows_through_tiles(device, kind):
     sheet = Cloth(resolution=(12, 11), pins="top", stretch_compliance=1e-3, shear_compliance=3e-3)
     rope = Rope(segments=60, stretch_compliance=1e-2, pins="both")
@@ -240,6 +240,7 @@ def test_a_rope_is_a_row_of_tiles(device):
     assert np.array_equal(whole, states(simulation(device, 20, 4, Scene({"it": rope}), 100), 20))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("shapes", "waits"), [((), False), ((), True), (("sphere", "box"), True)])
 def test_it_compiles_for_cuda_with_its_springs_in_registers(shapes, waits, tmp_path):
     features = Features((), False, "", shapes, 1, "verlet")
@@ -273,6 +274,7 @@ def irregular():
 
 
 WIND = Wind((1, 2, 0.5))
+QUICK = ("curtain", "mesh")  # of REAL
 REAL = {
     "bends": Scene({"it": dataclasses.replace(SHEET, orientation=(0, 0, 0, 1), **BENDS)}),
     "bends and is damped in wind": Scene({"it": dataclasses.replace(SHEET, damping=1e-4, **BENDS)}, wind=WIND),
@@ -291,7 +293,7 @@ def pushed(sim):
     return np.hstack([sim.positions("it"), sim.velocities("it")])
 
 
-@pytest.mark.parametrize("kind", REAL)
+@pytest.mark.parametrize("kind", [*QUICK, *[pytest.param(k, marks=pytest.mark.long) for k in REAL if k not in QUICK]])
 def test_real_scenes_move_in_tiles_as_in_one_block(device, kind):
     substeps = 150 if kind == "mesh" else 60
     resident = forced("resident", REAL[kind], Settings(method="verlet", substeps=substeps), device)
@@ -318,7 +320,7 @@ def test_worlds_of_a_real_scene_have_their_own_wind(device):
     assert np.array_equal(many.positions("it", 0), first.positions("it"))
 
 
-@pytest.mark.parametrize("shape", ["ball", "box"])
+@pytest.mark.parametrize("shape", ["ball", pytest.param("box", marks=pytest.mark.long)])
 def test_skipping_colliders_decides_nothing(device, monkeypatch, shape):
     """A ball at 20 m/s, and a long box that turns by 45 degrees a frame: the same bits as testing every substep."""
     collider = Sphere(radius=0.1, position=(0, 0, -0.5)) if shape == "ball" else Box(half_extents=(0.6, 0.02, 0.1))
@@ -369,6 +371,7 @@ def test_momentum_is_kept_by_bending_and_springs(device):
     assert np.abs(sim.velocities("it") - kick).max() > 0.1
 
 
+@pytest.mark.long
 def test_bending_at_outer_steps_keeps_energy_for_ten_seconds():
     """Longer outer steps would be in resonance with in-plane modes and heat this very sheet (see outer_steps)."""
     thing = Cloth(
@@ -441,6 +444,7 @@ def test_a_sheet_that_is_curved_at_rest_is_refused():
         simulation("cpu", scene=Scene({"it": bent}), substeps=500)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("waits", [False, True])
 def test_all_that_a_sheet_may_have_compiles_for_cuda(waits, tmp_path):
     features = Features((), False, "triangles", ("box", "sphere"), 1, "verlet", worlds=True, plate=True)

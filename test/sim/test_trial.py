@@ -34,8 +34,8 @@ def spring_energy(sim):
 
 
 def most_of_a_ball(sim):
-    """More energy [J] than a ball can put in: all springs strained as a thread from an edge to the ball where it stops,
-    1 m above, and all particles twice as fast as it."""
+    """More energy [J] than a ball can put in. All springs are strained as a thread from an edge to the ball where it
+    stops, 1 m above, and all particles are twice as fast as it."""
     reach = np.hypot(0.5, 1.0) / 0.5 - 1.0
     stretched = sum(0.5 * float(constant @ (reach * rest) ** 2) for _, rest, constant in sim.springs("sheet").values())
     return stretched + 0.5 * float(sim.masses("sheet").sum()) * (2.0 * SPEED) ** 2

@@ -55,7 +55,10 @@ LOADS = [(5.0, 0.0, 0.0, 0.5), (5.0, 1e-5, 2e-3, 0.15), (0.5, 1e-4, 5e-3, 0.15),
 
 @pytest.mark.parametrize(
     ("load", "compliance", "damping", "ramp", "order", "schedule"),
-    [*[(*load, order, "resident") for load in LOADS for order in (1, 2)], (*LOADS[1], 2, "coloured")],
+    [
+        *[(*load, order, "resident") for load in LOADS for order in (1, 2)],
+        pytest.param(*LOADS[1], 2, "coloured", marks=pytest.mark.long),
+    ],
 )
 def test_two_metres_out_and_in_with_the_tension_of_the_closed_form(
     device, load, compliance, damping, ramp, order, schedule
@@ -206,7 +209,7 @@ def test_the_rope_itself_ends_what_can_be_paid_out_or_hauled_in(device, rate):
     assert report["recoveries"] == 0 and np.isfinite(sim.positions("it")).all()
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_both_schedules_and_many_worlds_give_the_same_state(device, order):
     axis = (0.6, 0.0, -0.8)
     found = {}

@@ -9,10 +9,9 @@ from cloth_sim_ros.sim.batch import forced_schedule
 
 SETTINGS = [
     (None, {}),
-    (None, {"order": 2, "iterations": 2}),
     (None, {"method": "verlet", "substeps": 80}),
     ("coloured", {}),
-    ("coloured", {"order": 2, "iterations": 2}),
+    *[pytest.param(name, {"order": 2, "iterations": 2}, marks=pytest.mark.long) for name in (None, "coloured")],
 ]
 
 

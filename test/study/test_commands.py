@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from cloth_sim_ros.study import __main__, error, exact, figures
+from cloth_sim_ros.study import __main__, error, exact, figures, scenes
 from cloth_sim_ros.study.cases import CASES
 from cloth_sim_ros.study.contenders import CONTENDERS, Contender, Run
 
@@ -58,6 +58,16 @@ def check_report(monkeypatch, folder):
     html = (folder / "report.html").read_text()
     assert html.count("data:image/png;base64,") == 1 and "http" not in html
     assert "sheet of 1 m" in html and "leapfrog Verlet (NumPy)" in html and "blew up" in html
+
+
+def test_scenes_has_a_row_a_setting_and_its_error(monkeypatch, capsys):
+    options = ("--device", "cpu", "--scene", "bare", "--resolution", 8, "--rounds", 1, "--reference", 160)
+    assert command(monkeypatch, "scenes", *options) == 0
+    lines = [line.strip("| ").split(" | ") for line in capsys.readouterr().out.splitlines() if line.startswith("| ba")]
+    rows = {line[1]: line[2:] for line in lines}
+    assert {*scenes.SETTINGS, "reference"} <= rows.keys() and rows["verlet"][0].startswith("verlet, ")
+    errors = [float(rows[f"xpbd {substeps} x 1"][2]) for substeps in (10, 20)]
+    assert errors[0] > 1.5 * errors[1] > 0.0
 
 
 def test_error_of_a_rope_for_as_long_as_asked(monkeypatch, tmp_path, capsys):

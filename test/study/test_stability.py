@@ -150,6 +150,7 @@ def test_the_command_counts_and_writes(monkeypatch, tmp_path, capsys):
     assert len(json.loads((tmp_path / "stability_cpu.json").read_text())["rows"]) == 10
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("settings", long_rest.SETTINGS.values(), ids=long_rest.SETTINGS)
 @pytest.mark.parametrize("scene", long_rest.SCENES)
 def test_ten_minutes_can_begin(scene, settings):

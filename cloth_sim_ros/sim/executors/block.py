@@ -1,7 +1,7 @@
 """One launch a frame: a block (on the CPU, one thread) keeps a body of a world and runs all its substeps.
 
-On a GPU positions and displacements stay in the block's shared memory for the whole frame, so a body may have at most
-`capacity(device)` particles; on the CPU there is no limit. Blocks never wait for one another.
+On a GPU positions and displacements stay in the block's shared memory for the whole frame. A body may have at most
+`capacity(device)` particles there; on the CPU there is no limit. Blocks never wait for one another.
 """
 
 from functools import lru_cache

@@ -28,8 +28,8 @@ class Buffer:
 
 
 def make_buffer_of(pieces):
-    """A Warp function: the first buffer of world w, which is the state itself, or the second, which lies in a struct of
-    type `pieces` for all worlds behind one another."""
+    """A Warp function: the first or the second buffer of world w. The first is the state itself. The second lies in a
+    struct of type `pieces` for all worlds behind one another."""
 
     @wp.func
     def buffer_of(s: State, cut: pieces, second: int, w: int) -> Buffer:

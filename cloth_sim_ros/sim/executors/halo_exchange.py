@@ -1,9 +1,9 @@
 """Particles exchanged between pieces of bodies that are all on a GPU at once, within one launch.
 
-A particle is three messages of 16 bytes, each with its own number. A message is written and read whole (a 128-bit
-access is atomic in PTX's memory model), so that who finds the number that it waits for has the rest as well: no flag,
-no fence, once through the cache. Two sides alternate: a piece sends a round only after it has received the one before
-from all its neighbours, which sent that after they had read the one before it.
+A particle is three messages of 16 bytes, each with its own number. A message is written and read whole, as a 128-bit
+access is atomic in PTX's memory model. A reader that finds the number that it waits for has the rest as well. This
+needs no flag and no fence, and goes through the cache once. Two sides alternate. A piece sends a round only after it
+has received the round before from all its neighbours. They sent that after they had read the round before it.
 """
 
 import warp as wp
@@ -62,8 +62,8 @@ def peek(address: wp.uint64, i: int) -> wp.vec4: ...
 
 @wp.struct
 class Exchange:
-    """Where the messages of one particle lie: the first of them on side 0 and how far apart they are; the side in turn,
-    the number of the frame's first message, and how many reads are left to one that is waited for."""
+    """Where the messages of one particle lie: the first of them on side 0 and how far apart they are. Also the side in
+    turn, the number of the frame's first message, and how many reads are left to one that is waited for."""
 
     messages: wp.uint64
     first: int

@@ -29,10 +29,10 @@ def moved_of(c: ColliderMotion, share: float) -> wp.vec2:
 def make_clearance(features: Features):
     """A Warp function: how far [m] a particle at x may go between two fractions of the frame without touching.
 
-    The particle is at the distance s of the surface. While it goes by p in the world, and the collider by u and about
-    its origin o by the angle a, it goes by at most p + u + a (|x - o| + p + u) in the axes of the collider. Contact
-    cannot be before that is s minus the thickness. A particle that goes farther is tested in every substep, so that
-    the bound saves work and decides nothing.
+    The particle is at the distance s of the surface. It moves by p in the world, and the collider by u and about its
+    origin o by the angle a. In the axes of the collider it then moves by at most p + u + a (|x - o| + p + u). Contact
+    cannot be before that is s minus the thickness. A particle that goes farther is tested in every substep, so that the
+    bound saves work and decides nothing.
     """
     signed_distance = make_signed_distance(features.shapes)
 

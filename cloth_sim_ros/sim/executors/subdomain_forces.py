@@ -38,7 +38,7 @@ class SpringForce:
 @wp.struct
 class Carried:
     """What a particle carries from substep to substep: position [m] and inverse mass [1/kg], what float32 lost of the
-    position [m], velocity [m/s], and how far it may go before it can touch a collider [m]."""
+    position [m], and velocity [m/s]. Also how far it may go before it can touch a collider [m]."""
 
     x: wp.vec4
     low: wp.vec3

@@ -32,9 +32,9 @@ _OPTIONS = {"enable_backward": False, "module": "unique", "module_options": nati
 def make_kernels(features: Features, capacity: int, block: int, widths: Widths, waits: bool) -> dict[str, wp.Kernel]:
     """The kernels for tiles of `capacity` places and `block` threads, with what lies around a particle in `widths`.
 
-    With a thread for every member (block > 1) it and its springs are read once a launch and stay in registers; on a
-    CPU, where one thread has them all (block = 1), they are read every substep. Where a tile `waits` for its
-    neighbours, a launch is a whole frame.
+    With a thread for every member (block > 1), it and its springs are read once a launch and stay in registers. On a
+    CPU one thread has them all (block = 1) and reads them every substep. Where a tile `waits` for its neighbours, a
+    launch is a whole frame.
     """
     return {
         "advance": _make_advance(features, capacity, block, widths, waits),

@@ -21,7 +21,7 @@ DEEPEST = 9  # substeps for which a halo lasts
 SWEPT = 32  # substeps whose colliders' motion is computed at a time
 _TYPES = (1 << 31) // PLACES
 # Microseconds on an H200: a launch with its loads and stores, an exchange within one, a substep however small, and a
-# spring of every warp, one on each of the four schedulers.
+# spring. A spring counts for every warp, with one warp on each of the four schedulers.
 _LAUNCH, _EXCHANGE, _LEAST, _A_SPRING = 3.5, 0.65, 0.05, 0.028
 _SCHEDULERS = 4
 _OUTER = 8.0  # substeps between slow forces for which tiles are planned; how many it will be may change live
@@ -62,8 +62,8 @@ class Unfit(ValueError):
 class Around:
     """What lies around the N particles of a body: W springs, padded with type 0, and P panels, padded with corner 3.
 
-    others (N, W + 2 P): the particles at the other ends of the springs, then the other two corners of every panel;
-    types (N, W) of the springs; corners (N, P): which corner of the panel the particle is. plate, weights (N, Q): the
+    others (N, W + 2 P): the particles at the other ends of the springs, then the other two corners of every panel.
+    types (N, W): of the springs. corners (N, P): which corner of the panel the particle is. plate, weights (N, Q): the
     neighbours in the operator of bending, of a sheet that has it. reach: how many rings the slow forces look at.
     """
 
@@ -77,8 +77,9 @@ class Around:
 
 @dataclass(frozen=True)
 class Plan:
-    """Tilings of all bodies and what lies around their particles, substeps for which a halo lasts, estimated
-    microseconds a substep, and whether tiles wait for one another within a launch instead of having one each time."""
+    """Tilings of all bodies and what lies around their particles. depth: substeps for which a halo lasts. cost:
+    estimated microseconds a substep. waits: whether tiles wait for one another within a launch, instead of having a
+    launch each time."""
 
     tilings: list[Tiling]
     around: list[Around]

@@ -1,10 +1,10 @@
 """Method verlet on a whole GPU: a body is cut into tiles, and a block advances its tile by several substeps at a time.
 
-A block loads its tile and a halo of as many rings as it will make substeps into its shared memory, advances what is
-still valid, one ring fewer every substep, and hands its own particles to its neighbours: what they need in between is
-computed twice instead of waited for (temporal blocking). Every particle's arithmetic is the same, in the same order,
-however a body is cut. Where all tiles are on the GPU at once, a frame is one launch, in which tiles wait for what their
-neighbours send (halo_exchange.py); elsewhere it is a launch every few substeps, between two buffers. A body of one tile
+A block loads its tile into its shared memory, with a halo of as many rings as it will make substeps. It advances what
+is still valid, one ring fewer every substep, and hands its own particles to its neighbours. What they need in between
+is computed twice instead of waited for (temporal blocking). Every particle's arithmetic is the same, in the same order,
+however a body is cut. Where all tiles are on the GPU at once, a frame is one launch. In it tiles wait for what their
+neighbours send (halo_exchange.py). Elsewhere it is a launch every few substeps, between two buffers. A body of one tile
 has no halo and makes all substeps of a frame in one launch. Slow forces at outer steps look farther than springs and
 use up as many rings more. The launches of a frame are captured in one CUDA graph.
 """
@@ -23,8 +23,8 @@ from cloth_sim_ros.sim.state import Arrays, gathered
 class Tiled:
     """The launches of one batch. `advance()` simulates one frame of every body in every world of it.
 
-    layouts: rest positions (N, 3) of every body in local axes; size: particles of a tile; depth: substeps for which a
-    halo lasts; waits: whether tiles wait for one another within a launch. What is None is chosen. Raises tiles.Unfit
+    layouts: rest positions (N, 3) of every body in local axes. size: particles of a tile. depth: substeps for which a
+    halo lasts. waits: whether tiles wait for one another within a launch. What is None is chosen. Raises tiles.Unfit
     where tiles cannot serve the batch.
     """
 

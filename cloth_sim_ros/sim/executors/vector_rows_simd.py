@@ -1,7 +1,7 @@
 """Method verlet on a grid, eight particles at a time in the vector registers of a CPU.
 
 Every number of a particle has a plane of its own, in which particles lie one behind the other, row by row. The other
-end of a spring is equally far away for all, so that nothing is gathered; at the border, where one is missing, a spring
+end of a spring is equally far away for all, so that nothing is gathered. At the border, where a spring is missing, one
 of weight 0 goes to whatever lies there. Compilers do not find this by themselves.
 
 The arithmetic is that of stages.py, term by term in the same order; which products and sums are rounded as one is the

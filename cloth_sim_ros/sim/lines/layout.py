@@ -17,8 +17,8 @@ WARP = 32  # threads that share a row of lines on a GPU
 class Rows:
     """Rows of one family: particles (and what lies between each and the next) in slots of LANES or of WARP lanes.
 
-    table (R, 3): the first slot of a row, its number of slots, its lines; nodes, others (S, lanes): a particle and
-    the next in its line, -1 where there is none; rests [m], -1 without a spring, and scales (S, lanes).
+    table (R, 3): the first slot of a row, its number of slots, its lines. nodes, others (S, lanes): a particle and the
+    next in its line, -1 where there is none. rests [m], -1 without a spring, and scales (S, lanes).
     """
 
     table: np.ndarray

@@ -4,9 +4,9 @@ For the springs j of a line, with unit vectors u_j, inverse masses w and violati
 
     (J M^-1 J^T (1 + gamma) + alpha / h^2) dlambda = -(C + alpha / h^2 lambda + gamma slip)
 
-is Macklin, Mueller and Chentanez (2016, eq. 18 and 26) for the line as one block. The matrix is tridiagonal: its
-diagonal is w_i + w_j, and beside it stands -w u_j . u_j+1 of the particle between two springs. 1e-5 of
-w_i + w_j is added, so that a rigid line between two pins has a solution.
+is Macklin, Mueller and Chentanez (2016, eq. 18 and 26) for the line as one block. The matrix is tridiagonal. Its
+diagonal is w_i + w_j, and beside it stands -w u_j . u_j+1 of the particle between two springs. A share of 1e-5 of w_i +
+w_j is added, so that a rigid line between two pins has a solution.
 """
 
 from __future__ import annotations

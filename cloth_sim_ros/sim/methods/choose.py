@@ -1,7 +1,7 @@
 """What computes each object where the settings leave it open, and why: the cheapest way to the wanted error.
 
-The error of both methods and their prices were measured (docs/study.md, `study error`); what is chosen depends on
-these constants and the scene alone, never on a clock, so that the same scene is computed alike every time.
+The error of both methods and their prices were measured (docs/study.md, `study error`). What is chosen depends on these
+constants and the scene alone, never on a clock. So the same scene is computed alike every time.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _SIDE = 10.0  # particles along a sheet to a substep of xpbd, at most: fewer do 
 _MOST_LINES = 2000  # substeps of xpbd that are chosen at most
 _LEAST_ROPE = 20  # of a rope at an error of 1e-3
 
-# BDF2 by lines misses the motion by _BDF2 (limit / 44)^2 (16 / side)^1.4 / substeps^2, relative to it, in sheets held
-# at all edges, the hardest of the study's cases; `limit` are the substeps that leapfrog needs, side^2 the particles.
-# Of a sheet too stiff to be seen to stretch it is no more than _RIGID / substeps^2.
-# One that is held along one edge swings: _HUNG / substeps. Implicit Euler misses by _EULER / substeps at least.
+# BDF2 by lines misses the motion by _BDF2 (limit / 44)^2 (16 / side)^1.4 / substeps^2, relative to it. That is in
+# sheets held at all edges, the hardest of the study's cases. `limit` are the substeps that leapfrog needs, side^2 the
+# particles. Of a sheet too stiff to be seen to stretch it is no more than _RIGID / substeps^2. One that is held along
+# one edge swings: _HUNG / substeps. Implicit Euler misses by _EULER / substeps at least.
 _BDF2, _RIGID, _HUNG, _EULER = 5.6, 30.0, 0.013, 0.1
 _BENDING = 0.3  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
 _LEAPFROG = 4.0e-4  # error of leapfrog at its limit, likewise; by four with twice the substeps

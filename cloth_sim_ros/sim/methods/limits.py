@@ -31,9 +31,9 @@ _GROWTH = 0.1  # [1/s] at which resonance may feed the energy of a mode
 def outer_steps(substeps: int, h: float, rate: float, damping: float, drag: float) -> int:
     """How many steps of slow forces a frame of `substeps` of h [s] has, see `integrate.outer_weight`.
 
-    rate: omega^2 [1/s^2] of the fastest bending mode, 0 for none; damping tau [s] of dashpots, drag [1/s].
-    Steps last at most 1/600 s, 0.5 / omega and 0.5 / (tau omega^2), or one substep where that is longer. Impulses in
-    resonance with a spring mode of frequency Omega = n pi / step feed its energy at omega_b^2 / Omega, omega_b the
+    rate: omega^2 [1/s^2] of the fastest bending mode, 0 for none; damping tau [s] of dashpots, drag [1/s]. Steps last
+    at most 1/600 s, 0.5 / omega and 0.5 / (tau omega^2), or one substep where that is longer. Impulses in resonance
+    with a spring mode of frequency Omega = n pi / step feed its energy at omega_b^2 / Omega. There omega_b is the
     bending frequency of the same mode (Ma, Izaguirre and Skeel 2003). Two substeps reach no such mode, which is all
     that is taken unless dashpots, tau Omega^2, and drag take out more than that.
     """
@@ -58,19 +58,19 @@ def bending_share(rate: float, step: float) -> float:
 def explicit_substeps(
     topology: Topology, compliance: Sequence[float], damping: float, frame_dt: float, crumples: bool
 ) -> float:
-    """The least substeps a frame [s] at which leapfrog is stable; infinite where a spring is rigid, also for float32,
-    and for a winch, which feeds a segment from no length.
+    """The least substeps a frame [s] at which leapfrog is stable. They are infinite where a spring is rigid, also for
+    float32, and for a winch, which feeds a segment from no length.
 
-    With dashpots of time constant tau = `damping` [s], whose force takes the velocity of the last half step, the limit
-    is omega^2 (h^2 + 2 h tau) < 4 (Jury's criterion on one oscillator). omega^2 is the largest eigenvalue of M^-1 K of
-    all springs, by power iteration from a fixed start: at rest, or the most of any shape where the body `crumples`, as
-    in wind. A stretched spring along n is k (n n^T + (1 - rest / length) (1 - n n^T)), never more than k in every
-    direction; with that, K is the Laplacian of the springs' graph along each axis. Of that step a sheet may take 0.7
-    and a rope 0.5, against nonlinear resonances (Schlick, Mandziuk, Skeel and Srinivas 1998, Nonlinear resonance
-    artifacts in molecular dynamics simulations).
+    Dashpots have the time constant tau = `damping` [s], and their force takes the velocity of the last half step. The
+    limit is omega^2 (h^2 + 2 h tau) < 4 then (Jury's criterion on one oscillator). omega^2 is the largest eigenvalue of
+    M^-1 K of all springs, by power iteration from a fixed start. It is that at rest, or the most of any shape where the
+    body `crumples`, as in wind. A stretched spring along n is k (n n^T + (1 - rest / length) (1 - n n^T)), never more
+    than k in every direction. With that bound, K is the Laplacian of the springs' graph along each axis. Of that step a
+    sheet may take 0.7 and a rope 0.5, against nonlinear resonances (Schlick, Mandziuk, Skeel and Srinivas 1998,
+    Nonlinear resonance artifacts in molecular dynamics simulations).
 
-    The rounding r of lengths l shakes particles by (k / m) l r h a substep of length h = 2 / omega, which as a random
-    walk heats them by (l r)^2 omega^3 / 8 a second; `infinite` is also where that is too much.
+    The rounding r of lengths l shakes particles by (k / m) l r h a substep of length h = 2 / omega. As a random walk
+    that heats them by (l r)^2 omega^3 / 8 a second. The substeps are `infinite` also where that is too much.
     """
     if topology.reel is not None:
         return math.inf

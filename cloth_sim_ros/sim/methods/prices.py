@@ -13,12 +13,12 @@ from cloth_sim_ros.sim.topology import Topology
 
 _NS = 1e-6  # [ms]
 # Of a CPU, for each particle: explicit springs of a grid in vector lanes, of a mesh one by one, motion, air, collider,
-# the plate operator; and for each spring of a line, without and with dashpots.
+# the plate operator. For each spring of a line: without and with dashpots.
 _GRID, _MESH, _MOTION, _AIR, _COLLIDER, _PLATE = (n * _NS for n in (6.0, 60.0, 5.0, 18.0, 9.0, 10.0))
 _SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
 _SEGMENT = 45.0 * _NS  # of a rope
-# Of an H200: a substep of tiles, and for each particle of all worlds; a launch of one stage, likewise; a rope in a
-# block; lines in a block, for each particle of all worlds.
+# Of an H200: a substep of tiles, and for each particle of all worlds. A launch of one stage, likewise. A rope in a
+# block. Lines in a block, for each particle of all worlds.
 _TILES, _TILES_PARTICLE, _LAUNCH, _LAUNCH_PARTICLE, _ROPE = 6.0e-4, 5.5e-8, 4.0e-3, 2.5e-8, 5.0e-3
 _BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7
 

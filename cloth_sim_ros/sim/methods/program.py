@@ -3,8 +3,8 @@
 The contract of an executor (block.py: a body in a block; graph.py: a launch a stage):
 
 1. It gives every stage a `Here` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
-2. It runs `outer` before each substep that begins a step of slow forces, and once more behind the last; then `before`,
-   `iterated` in each iteration, and `after`; and `ending` at the end of the frame.
+2. It runs `outer` before each substep that begins a step of slow forces, and once more behind the last. Each substep
+   runs `before`, `iterated` in each iteration, and `after`. `ending` runs at the end of the frame.
 3. A stage is run(t, width, here), called by `width` threads of numbers t. What they store is seen by all threads of the
    body before the next stage begins.
 4. A stage with `rounds` is run once for each group of these, in order, with `here.group` set and a barrier between.

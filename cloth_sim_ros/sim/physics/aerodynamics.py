@@ -35,8 +35,8 @@ def triangle_force(
 def segment_force(a: wp.vec3, b: wp.vec3, radius: float, relative: wp.vec3, density: float, drag: float) -> wp.vec4:
     """Force [N] and drag rate [N s/m] of a cylinder in air of velocity `relative` [m/s].
 
-    Cross-flow principle: the part v_n of the flow across the axis alone counts, F = 1/2 rho Cd 2 r L |v_n| v_n, which
-    is C_D = Cd sin^3 and C_L = Cd sin^2 cos of the incidence (Hoerner 1965, Fluid-Dynamic Drag).
+    Cross-flow principle: the part v_n of the flow across the axis alone counts, F = 1/2 rho Cd 2 r L |v_n| v_n. That is
+    C_D = Cd sin^3 and C_L = Cd sin^2 cos of the incidence (Hoerner 1965, Fluid-Dynamic Drag).
     """
     axis = b - a
     t = wp.normalize(axis)

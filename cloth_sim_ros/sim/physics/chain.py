@@ -1,10 +1,10 @@
 """The direct solve along a chain of segments, seen as a ladder of masses and edges, from one end to the other.
 
-One Newton step of implicit Euler (or BDF2) on a chain is block-tridiagonal with 3x3 blocks. Eliminating particle after
-particle, in units of mass (forces times h_e^2), a particle answers a force f with the displacement q + Y f, where the
-compliance Y gathers its mass and all that was eliminated before it. An edge between i and j has the compliance
-C = diag(alpha, 1/g, 1/g) in its own frame: alpha / h_e^2 along the edge, and g = tension / length across it, the
-geometric stiffness (dropped under compression, so that the tangent stays positive). Then
+One Newton step of implicit Euler (or BDF2) on a chain is block-tridiagonal with 3x3 blocks. Particles are eliminated
+one after another, in units of mass (forces times h_e^2). A particle answers a force f with the displacement q + Y f.
+The compliance Y gathers its mass and all that was eliminated before it. An edge between i and j has the compliance C =
+diag(alpha, 1/g, 1/g) in its own frame: alpha / h_e^2 along the edge, and g = tension / length across it. That g is the
+geometric stiffness, which is dropped under compression, so that the tangent stays positive. Then
 
     Z = C + Y_i,    S_j = m_j + Z^-1,    Y_j = S_j^-1.
 
@@ -12,7 +12,7 @@ Only positive quantities are added, never subtracted, so single precision keeps 
 loads of 1e5 times the mass alike. Matrices stay in the frames of their edges, because their entries along and across an
 edge may differ by ten orders of magnitude.
 
-Many threads solve a chain as a parallel scan over spans of it, which join like the elements of a parallel Kalman
+Many threads solve a chain as a parallel scan over spans of it. Spans join like the elements of a parallel Kalman
 smoother (Sarkka and Garcia-Fernandez 2021), again by adding positive matrices alone.
 """
 
@@ -97,9 +97,9 @@ def turn_frame(y: wp.mat33, old: wp.mat33, new: wp.mat33) -> wp.mat33:
 class Span:
     """Neighbouring segments, each with the particle at its far end, seen from outside.
 
-    For a displacement u of the particle before it and a force f on its last particle, that one moves by
-    A u + b + C f, and the particle before it feels the force eta - J u + A^T f. Vectors and matrices are in the frame
-    of the first segment on the side of u, in that of the last on the side of f.
+    The particle before it has a displacement u, and a force f acts on its last particle. The last particle then moves
+    by A u + b + C f, and the particle before it feels the force eta - J u + A^T f. Vectors and matrices are in the
+    frame of the first segment on the side of u, in that of the last on the side of f.
     """
 
     passed: wp.mat33  # A
@@ -113,7 +113,7 @@ class Span:
 def span_of(w: float, along: float, across: float, tension: float, gap: float, missing: wp.vec3) -> Span:
     """One segment of compliance diag(along, 1/across, 1/across) and its far particle of inverse mass w.
 
-    tension: what the segment pulls with already; gap: what it is too long by; missing: how far the particle lies from
+    tension: what the segment pulls with already. gap: what it is too long by. missing: how far the particle lies from
     where it would be without the chain, in the segment's frame.
     """
     span = Span()
@@ -220,7 +220,7 @@ def _beyond(first: Span, second: Span, l: wp.mat33, x: wp.mat33, inverse: wp.mat
 def join(first: Span, second: Span) -> Span:
     """Two spans one behind the other, the first ending in the frame in which the second begins.
 
-    Between them C = L L^T of the first meets J of the second. With X = L^T J, M = 1 + X L and N = M^-1 X, the particle
+    Between them C = L L^T of the first meets J of the second. Let X = L^T J, M = 1 + X L and N = M^-1 X. The particle
     that they share keeps the share D = (1 + C J)^-1 = 1 - L N of its motion, and both reach beyond it by
 
         (C^-1 + J)^-1 = L M^-1 L^T    and    (J^-1 + C)^-1 = D^T J D + N^T N.

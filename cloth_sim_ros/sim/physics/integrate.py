@@ -57,8 +57,8 @@ class Step:
 def carried(change: wp.vec3) -> wp.vec3:
     """The third of the last displacement or change of velocity that order 2 carries on.
 
-    Divided, because a product would be fused with a sum in one place and not in the other, and their difference would
-    push at every substep; from the inverse, since CUDA's own division takes a slow way for 0.
+    It is a division, because a product would be fused with a sum in one place and not in the other. Their difference
+    would push at every substep. It takes the inverse, since CUDA's own division takes a slow way for 0.
     """
     return wp.vec3(divide(change[0], 3.0, _THIRD), divide(change[1], 3.0, _THIRD), divide(change[2], 3.0, _THIRD))
 
@@ -87,8 +87,8 @@ def outer_weight(substep: int, substeps: int, outer: int) -> float:
     """How many substeps the impulse of slow forces before `substep` stands for; 0 between outer steps.
 
     A frame has `outer` steps of nearly equal length. Each has half of its impulse at either end, so that the method is
-    symmetric and of second order, and a frame knows nothing of the one before it (impulse multiple time stepping:
-    Tuckerman, Berne and Martyna 1992, Reversible multiple time scale molecular dynamics). `substep` may be `substeps`.
+    symmetric and of second order. A frame knows nothing of the one before it. This is impulse multiple time stepping
+    (Tuckerman, Berne and Martyna 1992, Reversible multiple time scale molecular dynamics). `substep` may be `substeps`.
     """
     j = (substep * outer + substeps - 1) / substeps
     if (j * substeps) / outer != substep:
@@ -113,6 +113,6 @@ def kicked(v: wp.vec3, force: wp.vec3, rate: float, w: float, span: float) -> wp
     """The velocity [m/s] after the impulse of `force` [N], taken at v, over `span` [s]; w: inverse mass [1/kg].
 
     Where the force falls with v by twice the `rate` [N s/m], as quadratic drag does, this is the linearly implicit
-    midpoint rule: of second order, exact in a balance of forces, and it never carries v beyond the wind.
+    midpoint rule. It is of second order, exact in a balance of forces, and never carries v beyond the wind.
     """
     return v + (span * w / (1.0 + span * w * rate)) * force

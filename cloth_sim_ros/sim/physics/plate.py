@@ -34,8 +34,8 @@ class RestCurvature:
 def rest_curvature(a: wp.vec3, b: wp.vec3, c: wp.vec3, moment: wp.vec3) -> RestCurvature:
     """The term -n . s of the energy of triangle a, b, c [m], with s = `moment` = sum_j g_j x_j over its stencil.
 
-    n turns by -sum_k grad phi_k (n . dx_k), phi_k the linear function that is 1 at vertex k and 0 at the others, so
-    that vertex k feels -(grad phi_k . s) n. A triangle without an area has no normal and feels nothing.
+    n turns by -sum_k grad phi_k (n . dx_k), with phi_k the linear function that is 1 at vertex k and 0 at the others.
+    So vertex k feels -(grad phi_k . s) n. A triangle without an area has no normal and feels nothing.
     """
     result = RestCurvature()
     cross = wp.cross(b - a, c - a)

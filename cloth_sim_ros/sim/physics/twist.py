@@ -1,9 +1,9 @@
 """Twist of a discrete elastic rod (Bergou, Wardetzky, Robinson, Audoly, Grinspun 2008).
 
 A frame carried along a rope without turning about it (Bishop's) arrives at the far end turned against the frame that is
-held there. That angle m is the twist of all of it; torsion waves are far faster than anything else, so that it is
-spread evenly, and the rope has the torsional moment M = GJ m / L everywhere. As the rope moves, the carried frame turns
-by the change of its writhe, and so M pushes sideways wherever it is curved.
+held there. That angle m is the twist of all of it. Torsion waves are far faster than anything else, so that it is
+spread evenly. The rope has the torsional moment M = GJ m / L everywhere. As the rope moves, the carried frame turns by
+the change of its writhe, and so M pushes sideways wherever it is curved.
 """
 
 import warp as wp
@@ -31,7 +31,7 @@ def angle_about(t: wp.vec3, u: wp.vec3, v: wp.vec3) -> float:
 def half_binormal(before: wp.vec3, after: wp.vec3) -> wp.vec3:
     """Half of the curvature binormal of a joint, t0 x t1 / (1 + t0 . t1): its length is the tangent of half the turn.
 
-    The twist grows by w0, w1 - w0 and -w1 times its product with the displacements of the joint's three particles, w
-    the inverse lengths of its segments (eq. 9 of the paper, for a frame held at the far end).
+    The twist grows by w0, w1 - w0 and -w1 times its product with the displacements of the joint's three particles.
+    There w are the inverse lengths of its segments (eq. 9 of the paper, for a frame held at the far end).
     """
     return wp.cross(before, after) / wp.max(1.0 + wp.dot(before, after), FOLDED)

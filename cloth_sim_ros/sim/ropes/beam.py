@@ -1,10 +1,10 @@
 """The direct solve of a rope's bending, beside that of its stretch (see chain_solve.py), by one thread.
 
-At joint j between two segments the turn vector kappa = w1 (x_j+1 - x_j) - w0 (x_j - x_j-1), w the inverse lengths, is
-the difference of their unit tangents; the moment there is M = EI / span (kappa - rest), the force on the particles
--G^T M with the same weights G = (w0, -(w0 + w1), w1). Moments carry over like tensions: the prediction holds their
-force, and one solve finds by how much they change. It is linear, and the same for x, y and z: a scalar, symmetric,
-pentadiagonal matrix m + G^T (EI / span) G, factored as L D L^T from one end to the other.
+Joint j lies between two segments of the inverse lengths w0 and w1. The turn vector kappa = w1 (x_j+1 - x_j) - w0 (x_j -
+x_j-1) is the difference of their unit tangents. The moment there is M = EI / span (kappa - rest). The force on the
+particles is -G^T M with the same weights G = (w0, -(w0 + w1), w1). Moments carry over like tensions: the prediction
+holds their force, and one solve finds by how much they change. It is linear, and the same for x, y and z: a scalar,
+symmetric, pentadiagonal matrix m + G^T (EI / span) G. The solve factors it as L D L^T from one end to the other.
 
 A bent rest shape is a length of kappa; rest points where kappa did before the substep, turned with the rope as a whole
 (see beam_rotation.py). Where rest pointed along the prediction, joint by joint, a solve would give energy to the rope.
@@ -91,8 +91,8 @@ def make_bend_by_moments(bent: bool):
 
 
 def make_keep_moment(bent: bool):
-    """A Warp function: the moment at joint j after a solve by which its particles are to move by the rows of `moves`
-    and the rest shape turned by `rotation` + 1.
+    """A Warp function: the moment at joint j after a solve. Its particles are to move by the rows of `moves`, and the
+    rest shape turned by `rotation` + 1.
 
     Told before they are moved: with what rounds their places moments would know more than they did, and give stiff
     ropes energy.

@@ -66,9 +66,9 @@ def _make_joint_at(bent: bool):
 
 @wp.func
 def _row_of(w: float, begun: Joint, near: Joint, far: Joint):
-    """The row of a particle of inverse mass w that one joint begins with, one has in its middle and one ends with:
-    its pivot so far, what couples it to the two before it, and its inertia, 0 where it is pinned; its pull, and what
-    that would be from the rest turns alone."""
+    """The row of a particle of inverse mass w that one joint begins with, one has in its middle and one ends with. It
+    has the pivot so far, what couples it to the two before it, and its inertia, 0 where it is pinned. It also has the
+    pull, and what that would be from the rest turns alone."""
     row = wp.vec4(0.0)
     pull = wp.vec3(0.0)
     turning = wp.vec3(0.0)
@@ -161,9 +161,9 @@ def _make_walks(bent: bool):
 
 
 def make_solve_beam_together(threads: int, bent: bool):
-    """A Warp function that all of `threads` threads call together, one solve over all joints of a body, `bent` at rest
-    or straight: it moves the particles and changes the moments. `rows` is the address of what the threads share, by
-    no more than most_together() particles.
+    """A Warp function that all of `threads` threads call together: one solve over all joints of a body, `bent` at rest
+    or straight. It moves the particles and changes the moments. `rows` is the address of what the threads share, by no
+    more than most_together() particles.
     """
     width = rows_of(bent)
     joint_at, keep_moment = _make_joint_at(bent), make_keep_moment(bent)

@@ -1,7 +1,7 @@
 """How the rest shape of a bent rope turns with it in a substep: all of it by one rotation, found with displacements.
 
-Let the rest turn vectors r point where the turn vectors did before the substep. Turned by any rotation R they leave an
-energy, half the sum of EI / span |kappa - R r|^2, that is nowhere less than what the lengths of kappa alone tell, and
+Let the rest turn vectors r point where the turn vectors did before the substep. Turned by any rotation R they leave the
+energy of half the sum of EI / span |kappa - R r|^2. It is nowhere less than what the lengths of kappa alone tell, and
 at first, with R = 1, the same. So what makes the least of it and of inertia, displacements and R together, gives no
 energy to the rope (majorization, Hunter and Lange 2004). And where no other R is better, moments bear no torque as a
 whole: a free rope keeps its angular momentum, and one that hangs by an end swings.

@@ -6,13 +6,13 @@ import warp as wp
 
 from cloth_sim_ros.sim.ropes.elimination import NUMBERS
 
-# Planes of numbers, in the room of elimination.py, which is done by then: of every joint its stiffness, the inverse
-# lengths before and behind it and by how much its moment is to change; of every particle inverse mass, row, pull and
-# move; of every step of the walks, for both side by side, what couples a row to the two before it, and D^-1 of its
+# Planes of numbers, in the room of elimination.py, which is done by then. Of every joint: its stiffness, the inverse
+# lengths before and behind it, and by how much its moment is to change. Of every particle: inverse mass, row, pull and
+# move. Of every step of the walks, for both side by side: what couples a row to the two before it, and D^-1 of its
 # pull. Before the first and behind the last there are two places where nothing is. Where rows are one too few for walks
 # of as many steps and two between them, one more is there, which moves nothing. Where rest is bent (beam_rotation.py),
-# pulls and moves have three columns more, by which the rest shape turns; and there are the rest turn of every joint and
-# by how much bending has moved every particle before.
+# pulls and moves have three columns more, by which the rest shape turns. There are also the rest turn of every joint
+# and by how much bending has moved every particle before.
 _PLANES = """
 enum { STIFF, BEFORE, BEHIND, CHANGE, WEIGHT = 6, DIAGONAL, BELOW, BEYOND, PULL, COLUMNS = BENT ? 6 : 3,
     MOVED = PULL + COLUMNS, WALKS = MOVED + COLUMNS, REST = WALKS + 2 + COLUMNS + 1,

@@ -1,7 +1,8 @@
 """The direct solve of a rope's bending by one thread of a CPU: from both its ends at once, in double precision.
 
-The equations are those of beam.py. What joints and rows are is told of four at a time; the elimination, which waits for
-one quotient after the other, goes from either end to the two rows in the middle, each in one half of a vector register.
+The equations are those of beam.py. Joints and rows are computed four at a time. The elimination has to wait for one
+quotient after the other. It goes from either end to the two rows in the middle, each side in one half of a vector
+register.
 """
 
 import warp as wp
@@ -14,8 +15,8 @@ from cloth_sim_ros.sim.stages.here import Here
 
 
 def make_solve_beam_from_both_ends(bent: bool):
-    """A Warp function: one solve over all joints of a body, `bent` at rest or straight; it moves the particles and
-    changes the moments, and is False where this is not a CPU or joints are few."""
+    """A Warp function: one solve over all joints of a body, `bent` at rest or straight. It moves the particles and
+    changes the moments. It is False where this is not a CPU or joints are few."""
     prepare, walk, add_up, move = make_lanes(bent)
 
     @wp.func

@@ -1,7 +1,7 @@
 """Direct solves along chains: one Newton step over all segments of a rope (see physics/chain.py).
 
-Positions and multipliers start from where the last substep and iteration left them: the tension carries over, so that
-the first tangent already knows the geometric stiffness, and the static balance does not depend on step or iterations.
+Positions and multipliers start from where the last substep and iteration left them. The tension carries over, so that
+the first tangent already knows the geometric stiffness. The static balance does not depend on step or iterations.
 
 A thread takes neighbouring segments. Alone it walks the chain to its end and back, on a CPU from both ends at once
 (two_sided.py) but for the shortest chains and those on a winch. Many first join their segments to spans and scan these,

@@ -1,16 +1,16 @@
 """A winch at the start of a rope: rest length is fed to, or taken from, the segment between the drum and the rope.
 
 All particles of a rope exist from the beginning. Those still on the drum lie at its point, held, with no length between
-them; `Reel.index` is the last of them and the segment that begins there is the one that is fed. When it is longer than
-one and a half segments, the particle at the drum is let go where one whole segment ends, and the rest is fed on
-(a segment is born); when it is shorter than nearly half of one, the drum takes in its other particle (it is swallowed).
-Never is a segment so short that its mass or length would stiffen the solve.
+them. `Reel.index` is the last of them. The segment that begins there is the one that is fed. A segment is born when the
+fed one is longer than one and a half segments. The particle at the drum is let go where one whole segment ends, and the
+rest is fed on. The fed segment is swallowed when it is shorter than nearly half of one. The drum takes in its other
+particle then. Never is a segment so short that its mass or length would stiffen the solve.
 
 Nothing of that jumps. Fed material enters at the pay-out rate of unstretched rope. A born particle lies on its segment
-where its material is, so that both parts keep the strain, and moves as that material does: with the rope ahead and with
-the feed behind it. A swallowed one leaves its neighbour's segment with the mean strain of the two that were; what a
-bend between them would pull taut is owed and fed little by little. The particle next to the drum weighs what of its
-two half segments is out.
+where its material is, so that both parts keep the strain. It moves as that material does: with the rope ahead and with
+the feed behind it. A swallowed one leaves its neighbour's segment with the mean strain of the two that were. What a
+bend between them would pull taut is owed and fed little by little. The particle next to the drum weighs what of its two
+half segments is out.
 """
 
 import warp as wp
@@ -162,7 +162,7 @@ def rest_of(k: int, here: Here) -> float:
 
 def make_fed(order: int):
     """A Warp function: how much longer [m] segment k became in this substep by being fed, of a stretch of `length` [m]
-    per rest length; what of it order 2 carries on is left out, as of displacements."""
+    per rest length. What of it order 2 carries on is left out, as of displacements."""
 
     @wp.func
     def fed_to(k: int, length: float, s: State, body: Body, second: bool) -> float:

@@ -1,8 +1,8 @@
 """A direct solve of a chain by one thread of a CPU walks it from both its ends at once, in double precision.
 
 A walk along a chain waits for one inverse after the other. Two of them, each in one half of a vector register, take the
-time of one; and in double precision, which costs a CPU nothing more, there is no need of the frames and of the scaled
-inverses by which chain.py keeps the digits of float32.
+time of one. Double precision costs a CPU nothing more. It needs neither the frames nor the scaled inverses by which
+chain.py keeps the digits of float32.
 
 The quantities are those of chain.py, in the world. An edge from i to j along n that pulls with H has the stiffness
 g + kappa n n^T: g across it, g + kappa = 1 / alpha along it. Let particle i answer a force f with the displacement
@@ -24,10 +24,10 @@ import warp as wp
 NUMBERS = 2 * 37  # a particle: planes of the larger layout, each up to twice as long as there are particles
 FEWEST = 5  # segments: they, and the joints between them, are told of four at a time
 
-# Where planes begin, each as long as the chain. Of every segment n, g, how far it reaches, g unless it turns and its
-# largest turn so far, kappa, gap / alpha and how much H is along n; of every particle w, how far it lies from where it
-# would be without the chain, and how it is to move; of every segment its force; and of every step of the walks, for
-# both side by side, T and f_0.
+# Where planes begin, each as long as the chain. Of every segment: n, g, how far it reaches, g unless it turns and its
+# largest turn so far, kappa, gap / alpha, how much H is along n, and its force. Of every particle: w, how far it lies
+# from where it would be without the chain, and how it is to move. Of every step of the walks, for both side by side: T
+# and f_0.
 PLANES = f"""
 enum {{
     N, G = N + 3, REACH, ACROSS, TURN, KAPPA, PUSH, HELD, WEIGHT, MISSING, MOVED = MISSING + 3, FORCE = MOVED + 3,

@@ -3,7 +3,7 @@
 The first half of the threads walks from the start of the chain to its middle, the other from its end, as if it began
 there. Where they meet, one particle is moved by both sides; from there the forces reach back. Both ways take log2 of
 the threads of a side (Hillis and Steele 1986). Threads show one another their spans in shared memory, in two copies
-that take turns: what a step stores in one was last read two steps ago, so that each step needs one barrier. A side of
+that take turns. What a step stores in one was last read two steps ago, so that each step needs one barrier. A side of
 at most half a warp, or a whole one, never waits for another warp.
 """
 
@@ -192,8 +192,8 @@ def make_scans(threads: int, stored: bool):
 
     @wp.func
     def scan_backward(t: int, share: Share, reach: Reach, first: Segment, last: Segment, u: wp.vec3, shared: wp.uint64):
-        """How the last particle of a thread's segments moves, the one before its first, and how the force in that
-        changes, in its frame; u: how the last particle of the side moves, behind its segment `last`."""
+        """How the last particle of a thread's segments moves, and the one before its first, and how the force in that
+        changes, in its frame. u: how the last particle of the side moves, behind its segment `last`."""
         if share.lane + 1 == share.lanes:
             force = wp.transpose(last.frame) * (change_of(last, u) + wp.vec3(last.tension, 0.0, 0.0))
             if wp.static(stored):

@@ -42,7 +42,7 @@ def stiffness_across(segment: Segment) -> float:
 def make_prepare(order: int, winch: bool, two_sided: bool):
     """A Warp function: everything that the tangent at segment k needs and that does not depend on others.
 
-    way: 1 where the chain is walked along to its end, -1 where it is walked back from there, as if it began there.
+    way: 1 where the chain is walked along to its end; -1 where it is walked back from there, as if it began there.
     missing: of the particle at the segment's far end on the way.
     """
     fed_to = make_fed(order)
@@ -118,9 +118,9 @@ def pull_of(segment: Segment, admittance: wp.mat33, q: wp.vec3) -> wp.vec3:
 def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
     """Past a segment, from the particle before it with compliance y, in the segment's frame, and free displacement q.
 
-    Returns the segment with what the way back needs, compliance and free displacement of its far particle, and what
-    moves that, in units of mass times length, in the segment's frame. Displacements are in the world: differences of
-    turned ones would lose digits.
+    Returns the segment with what the way back needs: compliance and free displacement of its far particle. Also what
+    moves that particle, in units of mass times length, in the segment's frame. Displacements are in the world:
+    differences of turned ones would lose digits.
     """
     # The edge's present tension pulls its first particle; the rest of the pull is solved for.
     q += wp.transpose(segment.frame) * (y * wp.vec3(segment.tension, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Twist along a rope between two clamps: at the start of a substep one thread finds the torsional moment, and what it
+"""Twist along a rope between two clamps. At the start of a substep one thread finds the torsional moment. What it
 pushes sideways with goes into the prediction, beside the bending moments of the last substep (see beam.py).
 
 It is taken explicitly beside an implicit bending EI, at the positions that order 2 extrapolates to (as in semi-implicit

@@ -12,7 +12,7 @@ from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
 from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
 
-# [m/s] at which what overlaps at the start of a substep comes apart, as after a fall of half a metre: a collider that
+# [m/s] at which what overlaps at the start of a substep comes apart, as after a fall of half a metre. A collider that
 # is placed into a cloth would otherwise fling it out within one substep.
 SEPARATION = wp.constant(3.0)
 NOISE = wp.constant(1.0e-6)  # [m] a motion of this size may be rounding alone
@@ -22,8 +22,8 @@ NOISE = wp.constant(1.0e-6)  # [m] a motion of this size may be rounding alone
 def forgotten(past: wp.vec3, now: wp.vec3, normal: wp.vec3, hit: bool) -> wp.vec3:
     """What BDF2 may remember of a motion `past` that a contact turned into `now`, both displacements or velocities.
 
-    Across the surface only what is now, or the particle would bounce off with half the velocity that it came with; in
-    a `hit`, where it came by as much as it was pressed back, that holds for friction's jump as well.
+    Across the surface only what is now counts, or the particle would bounce off with half the velocity that it came
+    with. In a `hit` it came by as much as it was pressed back. There that holds for friction's jump as well.
     """
     if hit:
         return now

@@ -1,7 +1,7 @@
 """Contact between particles: the stage that keeps an edge of two particles outside all colliders, colour by colour.
 
-Colliders are convex, and the signed distance of a convex shape is convex along a line: where its slope is downhill at
-both ends the deepest point lies between them, and nowhere else does a particle's own contact leave anything to do.
+Colliders are convex, and the signed distance of a convex shape is convex along a line. Where its slope is downhill at
+both ends, the deepest point lies between them. Nowhere else does a particle's own contact leave anything to do.
 """
 
 import warp as wp

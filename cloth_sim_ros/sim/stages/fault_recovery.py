@@ -1,9 +1,9 @@
 """The watch over every body at the end of a frame: what is not finite or ran away is put back, and it alone.
 
-A body in which any particle is bad returns to where all of them were last good (rounded to float32), at rest, with its
-history and multipliers forgotten; velocities are not kept, or the same runaway would come again. Where it comes again
-from there, frame after frame, that state was not good: the body then returns to its rest shape. Other bodies never
-notice.
+A body in which any particle is bad returns to where all of them were last good (rounded to float32). It is at rest
+there, with its history and multipliers forgotten. Velocities are not kept, or the same runaway would come again. Where
+it comes again from there, frame after frame, that state was not good: the body then returns to its rest shape. Other
+bodies never notice.
 """
 
 import warp as wp

@@ -11,8 +11,8 @@ from cloth_sim_ros.sim.state import ColliderMotion, Drive, Frame, HandleMotion, 
 class Here:
     """A body in a substep. x, low, d, p: addresses of rows of four numbers for each of its particles.
 
-    x: positions [m] and inverse masses [1/kg]; low: what float32 lost of the positions [m]; d: displacements plus low
-    [m], and effective inverse masses; p: where predictions go, which is d but in sheets that bend as plates.
+    x: positions [m] and inverse masses [1/kg]. low: what float32 lost of the positions [m]. d: displacements plus low
+    [m], and effective inverse masses. p: where predictions go, which is d but in sheets that bend as plates.
     """
 
     model: Model

@@ -196,8 +196,8 @@ def store_velocity(i: int, here: Here):
     store_row(here.state.velocities, here.body.particles + i, load4(here.d, i))
 
 
-# BDF2 extrapolates the last displacement; where a substep departs from it by this share of the spacing (a stroke of a
-# collider, a stretched start), the next one is implicit Euler, which is stable whatever came before.
+# BDF2 extrapolates the last displacement. A substep may depart from it by this share of the spacing, as after a stroke
+# of a collider or a stretched start. The next one is implicit Euler then, which is stable whatever came before.
 SMOOTH = wp.constant(0.05)
 
 
@@ -210,8 +210,8 @@ def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
     )
 
 
-# A substep that puts a torn rope together may move its particles by many segments: of the velocity that would leave, a
-# particle gains at most this many segments a substep, or the next substep would tear it again.
+# A substep that puts a torn rope together may move its particles by many segments. Of the velocity that this would
+# leave, a particle gains at most this many segments a substep. Otherwise the next substep would tear it again.
 MOST_SPACINGS = wp.constant(0.25)
 
 

@@ -23,10 +23,10 @@ _SETTLED = 1e-5  # change of a Rayleigh quotient by one more power at which it i
 class Plate:
     """The bending operator of a sheet of rigidity 1 N m, from `plate.of_triangles`: what acts on the positions x.
 
-    The force on particle i is -B sum_j weights[i, j] (x[neighbours[i, j]] - x_i), B [N m] the rigidity; neighbours
-    (N, W), weights (N, W) [1/m^2], 0 for places that are not used. Of a sheet that is curved at rest, each triangle
-    adds the energy -B n . s, s = sum_j gradients[t, j] x[stencil[t, j]], n its unit normal; stencil (C, S), whose
-    first three are the triangle's own, gradients (C, S) [1/m]; None for a sheet that is flat at rest.
+    The force on particle i is -B sum_j weights[i, j] (x[neighbours[i, j]] - x_i), B [N m] the rigidity. neighbours (N,
+    W), weights (N, W) [1/m^2]: 0 for places that are not used. Of a sheet that is curved at rest, each triangle adds
+    the energy -B n . s. There s = sum_j gradients[t, j] x[stencil[t, j]] and n is its unit normal. stencil (C, S): the
+    first three are the triangle's own. gradients (C, S) [1/m]. Both are None for a sheet that is flat at rest.
     """
 
     neighbours: np.ndarray
@@ -39,14 +39,13 @@ class Plate:
 class Topology:
     """One object: rest positions (N, 3) [m] in the world, masses (N,) [kg], pinned (N,), elements, triangles, segments.
 
-    springs: kind of KINDS -> Elements of pairs, rest [m]; chain: the same of a rope's segments where they are solved in
-    one, which then has no springs; bends: (B, 3), whose rest is the turn [-], bend_weights (B, 2) the inverse lengths
-    [1/m] of its two segments. triangles: (T, 3).
-    panels: (P, 3) particles that the wind acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions
-    [m] in local axes, along which grids are cut into tiles. grid: particles along x and y, None for what is no grid.
-    reel: of a rope on a winch, the last particle at the drum and the rest length [m] of the segment that begins there.
-    plate: what a sheet resists bending with. twists: whether a rope resists twist. edge_contact: whether edges touch
-    colliders, not particles alone.
+    springs: kind of KINDS -> Elements of pairs, rest [m]. chain: the same of a rope's segments where they are solved in
+    one, which then has no springs. bends: (B, 3), whose rest is the turn [-]. bend_weights (B, 2): the inverse lengths
+    [1/m] of the two segments of a bend. triangles: (T, 3). panels: (P, 3) particles that the wind acts on, -1 as the
+    third of a rope's segment. layout: (N, 3) rest positions [m] in local axes, along which grids are cut into tiles.
+    grid: particles along x and y, None for what is no grid. reel: of a rope on a winch, the last particle at the drum
+    and the rest length [m] of the segment that begins there. plate: what a sheet resists bending with. twists: whether
+    a rope resists twist. edge_contact: whether edges touch colliders, not particles alone.
     """
 
     rest: np.ndarray

@@ -21,7 +21,7 @@ _ORDER = ("bending", "shear", "structural")  # the last that is solved is met be
 class Family:
     """Lines of one `kind` of springs that share no particle.
 
-    particles (L, n) int: those of each line in order, -1 behind its end; springs (L, n - 1) int: number of the spring
+    particles (L, n) int: those of each line in order, -1 behind its end. springs (L, n - 1) int: number of the spring
     between a particle and the next in Topology.springs[kind], -1 where there is none.
     """
 

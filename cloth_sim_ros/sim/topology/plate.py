@@ -1,13 +1,13 @@
 """The bending of a sheet: energy B/2 times the integral of |H|^2, H the Hessian of the positions over the flat sheet.
 
-On every triangle H is that of Morley's plate element (Morley 1968): H = sum over its edges of l psi n n^T / A, with n
-the normal of the edge in the plane of the triangle, l its length, A the area and psi how far the slope along n at the
-middle of the edge is from the slope of the triangle. Morley's element takes the slopes as unknowns. Here they follow
-from the vertices: the slope at the middle of an edge is the one of the quadratic through the vertices around it.
+On every triangle H is that of Morley's plate element (Morley 1968): H = sum over its edges of l psi n n^T / A. There n
+is the normal of the edge in the plane of the triangle, l its length and A the area. psi is how far the slope along n at
+the middle of the edge is from the slope of the triangle. Morley's element takes the slopes as unknowns. Here they
+follow from the vertices: the slope at the middle of an edge is the one of the quadratic through the vertices around it.
 Both triangles at an edge share that slope, so that the element passes the patch test on any mesh.
 
-A mesh that is curved at rest is unfolded about the edges of its triangles, and H is the Hessian of the surface in its
-own coordinates: at rest it is along the normal of the triangle.
+A mesh that is curved at rest is unfolded about the edges of its triangles. H is the Hessian of the surface in its own
+coordinates: at rest it is along the normal of the triangle.
 
 A *turn* is the difference of the slopes of two neighbouring triangles along n: a vector, linear in the positions.
 All arrays (T, 3) of edges hold at [t, c] the edge of triangle t opposite its corner c.
@@ -58,9 +58,9 @@ def of_triangles(points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray) 
 class _Mesh:
     """Triangles at rest, each in its own plane, and their neighbours.
 
-    triangles (T, 3); area (T,) [m^2], normal (T, 3); along, out (T, 3, 2): unit vectors of an edge and its outward
-    normal in axes of the triangle; length, height (T, 3) [m] of edge and corner; foot (T, 3): where the height meets
-    the edge, 0 at its start, 1 at its end. twin (T, 3): the same edge of the neighbour as 3 t + c, itself on a border;
+    triangles (T, 3). area (T,) [m^2], normal (T, 3). along, out (T, 3, 2): unit vectors of an edge and its outward
+    normal in axes of the triangle. length, height (T, 3) [m]: of edge and corner. foot (T, 3): where the height meets
+    the edge, 0 at its start, 1 at its end. twin (T, 3): the same edge of the neighbour as 3 t + c, itself on a border.
     turned (T, 3): whether the neighbour runs along that edge in the other direction, as in a mesh of one orientation.
     bends (T, 3): whether the triangle bends at an edge; clamped (T, 3): whether the neighbour there is a clamp.
     """
@@ -182,8 +182,8 @@ def _correction(mesh: _Mesh) -> np.ndarray:
 def _seen_from(
     mesh: _Mesh, turn: np.ndarray, half: np.ndarray, step: int, t_sign: np.ndarray, n_sign: np.ndarray
 ) -> np.ndarray:
-    """Moments (E, 3) of the turn at the edge `step` corners after edge `half` (E,), in axes of `half` times the signs;
-    zero where the triangle does not bend at that edge."""
+    """Moments (E, 3) of the turn at the edge `step` corners after edge `half` (E,), in axes of `half` times the signs.
+    They are zero where the triangle does not bend at that edge."""
     triangle, corner = half // 3, half % 3
     edge = 3 * triangle + (corner + step) % 3
     along, out = mesh.along.reshape(-1, 2), mesh.out.reshape(-1, 2)

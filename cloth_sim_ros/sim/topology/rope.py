@@ -71,7 +71,7 @@ def _paid_out(points: np.ndarray, length: np.ndarray, reel: tuple[int, float]) -
 def _bends(
     rope: Rope, points: np.ndarray, length: np.ndarray, pinned: np.ndarray
 ) -> tuple[Elements | None, np.ndarray]:
-    """Joints between segments. Half of each segment bends at a joint; a segment held at both ends does not bend, so a
+    """Joints between segments. Half of each segment bends at a joint. A segment held at both ends does not bend. So a
     clamp of two pinned particles is twice as stiff as a joint (Hencky 1920)."""
     if rope.bend_compliance is None or len(points) < 3:
         return None, np.zeros((0, 2))

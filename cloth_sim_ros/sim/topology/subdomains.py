@@ -17,11 +17,11 @@ BANKS = 8  # of 16 bytes: as many threads of a GPU read shared memory at once if
 class Tiling:
     """Tiles of one body, and the places of a particle's springs within its tile.
 
-    members (M,): particles of all tiles behind one another, in each tile its own first, then ring after ring;
-    ends (T, depth + 1): how many members of a tile lie within distance r of its own; inner (M,): whether a member lies
-    within distance depth - 1; spokes (inner members, W): which members of its tile the W neighbours of a member are.
-    places (M,): where a member lies in the memory of its tile; turns (M,): all members once more, in each tile in the
-    order in which threads take them.
+    members (M,): particles of all tiles behind one another, in each tile its own first, then ring after ring. ends (T,
+    depth + 1): how many members of a tile lie within distance r of its own. inner (M,): whether a member lies within
+    distance depth - 1. spokes (inner members, W): which members of its tile the W neighbours of a member are. places
+    (M,): where a member lies in the memory of its tile. turns (M,): all members once more, in each tile in the order in
+    which threads take them.
     """
 
     members: np.ndarray
@@ -84,8 +84,8 @@ def surround(tile: np.ndarray, neighbours: np.ndarray, depth: int) -> Tiling:
 
 
 def _places(members: np.ndarray, home: np.ndarray) -> np.ndarray:
-    """Places (M,) by the order of particles, so that a neighbour in a grid is equally far from all, and rows begin an
-    odd number of places from one another, so that particles of a column lie in different banks."""
+    """Places (M,) by the order of particles, so that a neighbour in a grid is equally far from all. Rows begin an odd
+    number of places from one another, so that particles of a column lie in different banks."""
     order = np.lexsort((members, home))
     begins = np.r_[True, (np.diff(members[order]) != 1) | (np.diff(home[order]) != 0)]
     row = np.cumsum(begins) - 1

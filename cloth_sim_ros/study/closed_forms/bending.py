@@ -1,6 +1,6 @@
 """Bending and twist: cantilevers, the heavy elastica, buckling, Michell's ring, Greenhill's rod.
 
-The discrete counterpart is a chain of n rigid segments of length a with a rotational spring EI / a at each joint and
+The discrete counterpart is a chain of n rigid segments of length a. It has a rotational spring EI / a at each joint and
 2 EI / a at a clamp, which holds half a segment (Hencky 1920).
 """
 

@@ -23,8 +23,8 @@ def capstan_ratio(friction, angle):
 def capstan_ratio_of_nodes(friction, angle, nodes):
     """T2 / T1 at the slip of a chain that turns by `angle` / `nodes` [rad] at each of its nodes on the drum.
 
-    A node that turns by delta is pressed by N = (T1 + T2) sin(delta / 2) and held by mu N = (T2 - T1) cos(delta / 2),
-    hence T2 / T1 = (1 + mu t) / (1 - mu t) with t = tan(delta / 2).
+    A node that turns by delta is pressed by N = (T1 + T2) sin(delta / 2) and held by mu N = (T2 - T1) cos(delta / 2).
+    Hence T2 / T1 = (1 + mu t) / (1 - mu t) with t = tan(delta / 2).
     """
     t = np.tan(0.5 * angle / nodes)
     return ((1.0 + friction * t) / (1.0 - friction * t)) ** nodes

@@ -67,8 +67,8 @@ def damped_oscillation(t, frequency, zeta):
 def implicit_rotation(rate, step, steps):
     """Share of its angular momentum that a rigid body turning at `rate` [rad/s] keeps over `steps` of implicit Euler.
 
-    The next position is 2 x_n - x_n-1 brought back to the circle, so the angle a step goes from phi to
-    atan(sin(phi) / (2 - cos(phi))), about phi - phi^3, from atan(W h) in the first; L ~ r^2 sin(phi) / h.
+    The next position is 2 x_n - x_n-1 brought back to the circle. So the angle a step goes from phi to atan(sin(phi) /
+    (2 - cos(phi))), about phi - phi^3. It is atan(W h) in the first. L ~ r^2 sin(phi) / h.
     """
     angle = np.arctan(rate * step)
     for _ in range(steps - 1):

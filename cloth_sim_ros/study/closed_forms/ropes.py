@@ -52,8 +52,8 @@ def catenary_points(span, length, count):
 def catenary_chain(span, rest_lengths, masses, constants, gravity):
     """(N, 2) points [m] of a chain of springs that hangs at rest from (0, 0) and (span, 0).
 
-    The horizontal tension H is the same in all links and the vertical one falls by the weight of each particle, so link
-    j points along tan theta_j = (V0 - g sum_{1 <= i <= j} m_i) / H and is l_j (1 + T_j / (k_j l_j)) long, with T the
+    The horizontal tension H is the same in all links and the vertical one falls by the weight of each particle. So link
+    j points along tan theta_j = (V0 - g sum_{1 <= i <= j} m_i) / H. It is l_j (1 + T_j / (k_j l_j)) long, with T the
     tension. `rest_lengths` l, `constants` k (N-1,) [m], [N/m] (inf: a rigid link), `masses` (N,) [kg]. H and V0 follow
     from both ends.
     """

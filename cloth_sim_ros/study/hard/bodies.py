@@ -25,7 +25,7 @@ def is_rope(kind: str) -> bool:
 def make_body(kind: str, compliance: float = 1e-4, ratio: float = 0.0, pins: str = "hung", **fields) -> Cloth | Rope:
     """A sheet of 0.9 m with springs of 0.1 m, or a rope of 1 m, of 0.2 kg, in the plane z = 0 around the origin.
 
-    compliance [m/N] of each of its springs; ratio: a load at the end of a rope over its own mass; pins: "hung" by two
+    compliance [m/N] of each of its springs. ratio: a load at the end of a rope over its own mass. pins: "hung" by two
     corners or one end, "both" sides or ends, or "none".
     """
     if is_rope(kind):
@@ -101,7 +101,7 @@ class Energy:
     def fold(self, x: np.ndarray) -> float:
         """The strain of the equilibrium of springs and weight that lies downhill from x, by L-BFGS in float64.
 
-        Nothing keeps a sheet from passing through itself: thrown together it may come to lie in a fold in which its
+        Nothing keeps a sheet from passing through itself. Thrown together it may come to lie in a fold in which its
         springs hold one another strained, as a sheet of real springs would. 0 if nothing but the rest shape holds it.
         """
         free = self.inverse_mass > 0.0
@@ -140,9 +140,9 @@ class Energy:
         """Kinetic and elastic energy together, and that of gravity with zero at the origin [J].
 
         residual [m]: what iterations left of C + compliance x force. A spring of constant k that is C too long then
-        pulls by no more than k C and by no less than k (|C| - residual), and it is force that sets energy free: a sweep
-        that leaves a residual is a softer spring, one of first order a step x' = 2 p x - p x_before, which keeps
-        (1 - p) x^2 + p (x - x_before)^2 with 1 - p below what the spring's own constant has.
+        pulls by no more than k C and by no less than k (|C| - residual). It is force that sets energy free, and a sweep
+        that leaves a residual is a softer spring. Of first order it is a step x' = 2 p x - p x_before, which keeps (1 -
+        p) x^2 + p (x - x_before)^2. There 1 - p is below what the spring's own constant has.
         """
         if self._sim.choices[BODY].method == "verlet":
             v = v + 0.5 * self._h * self._acceleration(x)  # leapfrog's velocities are half a substep old

@@ -50,7 +50,7 @@ class Combination:
 class Verdict:
     """outcome: "held", "refused" (as is guaranteed: it had no other way, said so, and changed nothing) or "failed".
 
-    why: of the latter two; residual [m] that the run reported at its end; substeps it ran with; fold: the strain of the
+    why: of the latter two. residual [m] that the run reported at its end. substeps it ran with. fold: the strain of the
     fold that it came to lie in (see Energy.fold).
     """
 
@@ -170,8 +170,8 @@ def _shape(sim: Simulation, trial: Trial, energy: Energy, x: np.ndarray) -> tupl
     """What is wrong with the shape at the end or "", then `fold` of the verdict.
 
     Springs are at rest within trial.rest RMS, beyond what the same settings have after the same time from the rest
-    shape, driven as at the trial's end, which is gravity's. Here alone an exception is made: nothing keeps a sheet from
-    passing through itself, and a fold in which its springs are in equilibrium is one of its shapes at rest; the strain
+    shape, driven as at the trial's end, which is gravity's. Here alone an exception is made. Nothing keeps a sheet from
+    passing through itself, and a fold in which its springs are in equilibrium is one of its shapes at rest. The strain
     of that is allowed as well.
     """
     sim.reset()

@@ -27,10 +27,10 @@ def fine(sim: Simulation) -> str:
 class Trial:
     """One run: `begin` once, then `drive` before every frame; and what it promises besides being finite.
 
-    conserves: nothing outside does work but gravity and a collider that moves with `velocity`(frame) [m/s], so that
-    energy never grows beyond that and the share `slack`; rest: strain at the end; fastest [m/s]: of any particle; jump
-    [m]: of pins between frames, which takes particles along within a substep; outside: no particle ends a frame deeper
-    than a tenth of a millimetre in a collider; finally_: "" or what went wrong.
+    conserves: nothing outside does work but gravity and a collider that moves with `velocity`(frame) [m/s]. So energy
+    never grows beyond that and the share `slack`. rest: strain at the end. fastest [m/s]: of any particle. jump [m]: of
+    pins between frames, which takes particles along within a substep. outside: no particle ends a frame deeper than a
+    tenth of a millimetre in a collider. finally_: "" or what went wrong.
     """
 
     scene: Scene

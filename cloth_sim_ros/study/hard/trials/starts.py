@@ -33,8 +33,8 @@ STARTS: dict[str, Callable[[np.ndarray, np.random.Generator], np.ndarray]] = {
 
 
 def bad_start(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """Damped as a rope or cloth is, with a load near critically as a pendulum, so that it can be at rest two seconds
-    later: a load that is flung about jerks its rope."""
+    """Damped as a rope or cloth is, so that it can be at rest two seconds later. With a load it is damped near
+    critically as a pendulum, since a load that is flung about jerks its rope."""
     ratio = options.get("ratio", 0.0)
     compliance = _by_load(ratio, 2e-3) if ratio else float(random.choice([0.0, 1e-6, 1e-5, 1e-4]))
     body = make_body(kind, compliance, ratio, damping=float(random.choice([2e-3, 1e-2])))
