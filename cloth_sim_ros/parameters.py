@@ -276,6 +276,16 @@ HANDLE = (
     *_PLACE,
 )
 
+SPARE_COLLIDERS = Parameter(
+    "spare_colliders",
+    "integer",
+    0,
+    "How many colliders may be added on ~/scene while the node runs; 0 is none, and costs nothing.",
+    low=0,
+    high=1000,
+    fixed=True,
+)
+
 GRAVITY = _vector("gravity", (0, 0, -9.81), "Acceleration of gravity.", "m/s^2", -1e4, 1e4, live=True)
 
 NODE = (
@@ -297,6 +307,7 @@ NODE = (
         "estimate_period", 1.0, "A frame in so many seconds also has its error estimated; 0 is never.", "s", 0, 3600
     ),
     Parameter("publish_clock", "bool", False, "Whether to send /clock and to stamp with simulated time.", fixed=True),
+    SPARE_COLLIDERS,
     GRAVITY,
 )
 

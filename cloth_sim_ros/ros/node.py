@@ -21,12 +21,14 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker, MarkerArray
 
 from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.ros import inputs
 from cloth_sim_ros.ros.clock_follower import ClockFollower
 from cloth_sim_ros.ros.diagnostics import busy, diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
+from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
 from cloth_sim_ros.ros.outputs import LATEST, HandleOutput, ObjectOutput
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
 from cloth_sim_ros.ros.parameter_services import ParameterServices, settled
@@ -79,6 +81,9 @@ class ClothSimNode(Node):
         for name in values["handles"]:
             attach = partial(self._on_attach, name)
             self.create_service(SetBool, f"~/handles/{name}/attach", attach, callback_group=waiting)
+        if values["spare_colliders"]:
+            self.create_subscription(MarkerArray, "~/scene", self._on_scene, 10)
+        self._collider_output = CollidersOutput(self, self._frame_id)
         self._handle_output = HandleOutput(self, values["handles"], self._frame_id)
         world.grasps.told = self._tell_attached
         for name in values["objects"]:
@@ -138,6 +143,25 @@ class ClothSimNode(Node):
             self._loop.submit(lambda: self._loop.world.set_pay_out(rope, rate))
         except inputs.Refused as reason:
             self._complaints.refuse(topic, reason)
+
+    def _on_scene(self, message: MarkerArray) -> None:
+        world = self._loop.world
+        for marker in message.markers:
+            try:
+                if marker.action == Marker.DELETEALL:
+                    self._loop.submit(lambda: [world.take_away(name) for name in list(world.added)])
+                elif marker.action == Marker.DELETE:
+                    self._loop.submit(partial(world.take_away, name_of(marker)))
+                else:
+                    collider = read_marker(marker, self._frame_id)
+                    self._loop.submit(partial(self._put, name_of(marker), collider))
+            except inputs.Refused as reason:
+                self._complaints.refuse("scene", reason)
+
+    def _put(self, name: str, collider: Any) -> None:
+        done, why = self._loop.world.put(name, collider)
+        if not done:
+            self._complaints.refuse("scene", inputs.Refused("room", why))
 
     async def _on_attach(self, handle: str, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         await self._answer(response, partial(self._loop.world.attach, handle, request.data))
@@ -229,6 +253,8 @@ class ClothSimNode(Node):
         for output in self._outputs.values():
             output.wait(stamp)
         self._handle_output.publish(stamp)
+        if world.sim is not None:
+            self._collider_output.publish(world.sim, world.poses(), stamp)
         world.finish()  # here, as the other thread may hold the interpreter from now on
         waited = time.monotonic() - begin
         if sum(output.size for output in self._outputs.values()) < WORTH_ANOTHER_THREAD:

@@ -67,7 +67,14 @@ def make_plan(values: Values) -> Plan:
     if values["wind.enabled"]:
         wind = Wind(**{name: value for name, value in group(values, "wind").items() if name != "enabled"})
     return Plan(
-        scene=Scene(objects, colliders, wind, gravity=values["gravity"], handles=handles),
+        scene=Scene(
+            objects,
+            colliders,
+            wind,
+            gravity=values["gravity"],
+            handles=handles,
+            spare_colliders=values["spare_colliders"],
+        ),
         settings=Settings(frame_dt=1.0 / values["rate"], **group(values, "solver")),
         device=values["device"],
         problems=problems,
@@ -185,8 +192,13 @@ def _made(values: Values, names: tuple[str, ...], make, problems: dict[str, str]
     return things
 
 
+def placed(pose: Any) -> dict[str, Any]:
+    """The position and orientation of whatever has them, as fields."""
+    return {"position": pose.position, "orientation": pose.orientation}
+
+
 def _placed(collider: Any, pose: Pose) -> dict[str, Any]:
-    place = {"position": pose.position, "orientation": pose.orientation}
+    place = placed(pose)
     if isinstance(collider, Plane):  # a plane's point and normal repeat its pose, and would win over it
         place |= {"point": None, "normal": None}
     return place

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import warp
@@ -12,8 +13,9 @@ from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.feasibility import broken_meshes, check_solver
 from cloth_sim_ros.ros.grasps import Grasps
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
-from cloth_sim_ros.ros.scene_plan import make_plan
+from cloth_sim_ros.ros.scene_plan import make_plan, placed
 from cloth_sim_ros.sim import Simulation
+from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.methods.limits import Unstable
 
 
@@ -31,6 +33,7 @@ class World:
         moved = (*values["colliders"], *values["handles"])
         self.tracks = {name: PoseTrack(_pose(values, name), values["pose_timeout"]) for name in moved}
         self.grasps = Grasps(log)
+        self.added: dict[str, Collider] = {}  # colliders by topic, where they are
         self.values: Mapping[str, Any] = values  # as they were when the simulation was built
         self.in_effect: Mapping[str, Any] = values  # with the live changes since then that the simulation took
         self.estimates: dict[str, float] = {}  # name -> error [m] of the last frame that was judged
@@ -69,6 +72,8 @@ class World:
             sim.set_wind(self._wind)
         for name, (rate, _) in self._pay_outs.items():
             self._drive(name, rate)
+        for name, collider in self.added.items():
+            sim.add_collider(name, collider)
         sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
         self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
         self.estimates, self._unjudged = {}, 0.0
@@ -200,10 +205,32 @@ class World:
         if self.sim is None:
             return
         self.sim.reset()
-        for name in self.sim.scene.colliders:
-            pose = self.tracks[name].pose
-            self.sim.set_collider_pose(name, pose.position, pose.orientation, sweep=False)
+        for name, pose in self.poses().items():
+            if name in self.sim.scene.colliders:
+                self.sim.set_collider_pose(name, pose.position, pose.orientation, sweep=False)
         self.grasps.reset(self.sim, self.tracks, self.in_effect)
+
+    def poses(self) -> dict[str, Pose | Collider]:
+        """Where colliders and handles are: what has a position and an orientation, by name."""
+        return {**{name: track.pose for name, track in self.tracks.items()}, **self.added}
+
+    def put(self, name: str, collider: Collider) -> tuple[bool, str]:
+        """Adds a collider, or moves one that was added; whether that can be, and why not."""
+        before = self.added.get(name)
+        try:
+            if self.sim is not None and before is not None and replace(before, **placed(collider)) == collider:
+                self.sim.set_collider_pose(name, collider.position, collider.orientation)
+            elif self.sim is not None:
+                self.sim.add_collider(name, collider)
+        except ValueError as error:
+            return False, str(error)
+        self.added[name] = collider
+        return True, ""
+
+    def take_away(self, name: str) -> None:
+        """Takes a collider away that was added, if there is one of this name."""
+        if self.added.pop(name, None) is not None and self.sim is not None:
+            self.sim.remove_collider(name)
 
     def attach(self, handle: str, on: bool) -> tuple[bool, str]:
         """Has a handle grasp or let go; whether it did, and one sentence about it."""
@@ -217,12 +244,10 @@ class World:
         """Simulates one frame and returns its length [s]. On a GPU the frame may still be under way."""
         frame_dt = self.sim.settings.frame_dt
         self._end_old_commands()
-        for things, move in (
-            (self.sim.scene.colliders, self.sim.set_collider_pose),
-            (self.sim.scene.handles, self.sim.set_handle_pose),
-        ):
-            for name in things:
-                pose = self.tracks[name].advance(frame_dt)
+        for name, track in self.tracks.items():
+            move = self.sim.set_handle_pose if name in self.sim.scene.handles else self.sim.set_collider_pose
+            if name in self.sim.scene.colliders or name in self.sim.scene.handles:
+                pose = track.advance(frame_dt)
                 if pose is not None:
                     move(name, pose.position, pose.orientation)
         if 0.0 < self.in_effect["estimate_period"] <= self._unjudged + 0.5 * frame_dt:

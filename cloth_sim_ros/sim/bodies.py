@@ -43,10 +43,13 @@ class Bodies:
         self.scene, self.settings, self.worlds, self.builds = scene, settings, worlds, 0
         self.warp_device = _find_device(device)
         self.frame = LiveArray(Frame, 1, worlds, self.warp_device)
-        self.colliders = Motions(ColliderMotion, len(scene.colliders), worlds, self.warp_device)
+        rows = len(scene.colliders) + scene.spare_colliders
+        self.shapes = shapes_of(scene.colliders.values(), scene.spare_colliders > 0)
+        self.colliders = Motions(ColliderMotion, rows, worlds, self.warp_device)
         self.handles = Motions(HandleMotion, len(scene.handles), worlds, self.warp_device)
         self.handle_counts = wp.zeros((worlds, len(scene.handles)), dtype=int, device=self.warp_device)
         self.handle_row = {name: row for row, name in enumerate(scene.handles)}
+        self.fixed = len(scene.colliders)  # rows of colliders before those that are added
         self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
         self.elastic = {name: build_topology(thing, name, False) for name, thing in scene.objects.items()}
         self.strained: set[str] = set()
@@ -54,7 +57,7 @@ class Bodies:
     def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]]) -> Choice:
         """How an object with these pairs of compliances and damping is to be computed."""
         kind = "cpu" if self.warp_device.is_cpu else "cuda"
-        around = Surroundings(kind, self.scene.wind is not None, len(self.scene.colliders), self.worlds)
+        around = Surroundings(kind, self.scene.wind is not None, self.colliders.array.shape[1], self.worlds)
         return choosing.choose(self.settings, self.elastic[name], list(materials), name in self.strained, around)
 
     def build(self, choices: dict[str, Choice]) -> None:
@@ -110,7 +113,6 @@ class Bodies:
 
     def _make_batches(self) -> list[Batch]:
         """A batch of each group of objects with the same features, in rows or not."""
-        shapes = shapes_of(self.scene.colliders.values())
         wind = self.scene.wind is not None
         forces = np.array([force.numbers() for force in self.scene.forces.values()]).reshape(-1, 4)
         shared = Shared(
@@ -119,7 +121,7 @@ class Bodies:
         alike: dict[tuple[Features, bool], dict[str, Topology]] = {}
         for name, topo in self.topologies.items():
             choice = self._choices[name]
-            features = Features.of(topo, wind, shapes, choice.order, choice.method, self.worlds > 1)
+            features = Features.of(topo, wind, self.shapes, choice.order, choice.method, self.worlds > 1)
             own = tuple(map(name_of, self.scene.forces.values()))
             features = replace(features, forces=own, handles=bool(self.scene.handles))
             rows = goes_in_rows(features, topo, self.warp_device)

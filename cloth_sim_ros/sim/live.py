@@ -10,7 +10,8 @@ import numpy as np
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.bodies import Bodies, distinct, names_of
-from cloth_sim_ros.sim.colliders import number_of, shape_of
+from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
+from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.objects import Cloth, Rope
@@ -19,6 +20,9 @@ from cloth_sim_ros.sim.rope_queries import Ropes
 
 # Where in Material.compliance each lies; of shear and twist, an object has at most one.
 _COMPLIANCES = {"stretch_compliance": 0, "shear_compliance": 1, "twist_compliance": 1, "bend_compliance": 2}
+
+
+_FAR_AWAY = 1e30  # [m]
 
 
 class Live:
@@ -46,6 +50,36 @@ class Live:
         row, orientation = self._bodies.collider_row[name], unit_quaternion(orientation, f"{name}.orientation")
         reach = self._bodies.colliders.move if sweep else self._bodies.colliders.place
         reach(row, self._bodies.some(world), position, orientation)
+
+    def add_collider(self, name: str, collider: Collider) -> None:
+        """Put a collider of one of SPARE_SHAPES where there is room for one, in all worlds, from the next frame on.
+
+        It takes the place of one of the same name that was added before.
+        """
+        bodies, named = self._bodies, self._bodies.scene
+        if not isinstance(collider, Collider) or shape_of(collider) not in SPARE_SHAPES:
+            raise ValueError(f"{name} is {collider!r}; allowed is a {', '.join(SPARE_SHAPES)}")
+        if name in {*named.objects, *named.handles} or bodies.collider_row.get(name, bodies.fixed) < bodies.fixed:
+            raise ValueError(f"{name} is added as a collider; allowed is a name that the scene has not given")
+        free = sorted(set(range(bodies.fixed, bodies.colliders.array.shape[1])) - set(bodies.collider_row.values()))
+        row = bodies.collider_row.get(name, free[0] if free else None)
+        if row is None:
+            raise ValueError(
+                f"{name} is one collider too many; allowed are {named.spare_colliders} added ones, spare_colliders"
+            )
+        bodies.scene = dataclasses.replace(named, colliders={**named.colliders, name: collider})
+        bodies.collider_row[name] = row
+        self._write_collider(row, collider)
+
+    def remove_collider(self, name: str) -> None:
+        """Take away a collider that was added."""
+        bodies = self._bodies
+        if bodies.collider_row.get(name, -1) < bodies.fixed:
+            added = [each for each, row in bodies.collider_row.items() if row >= bodies.fixed]
+            raise ValueError(f"{name!r} is no collider that was added; allowed is {names_of(added)}")
+        self._write_none(bodies.collider_row.pop(name))
+        others = {each: collider for each, collider in bodies.scene.colliders.items() if each != name}
+        bodies.scene = dataclasses.replace(bodies.scene, colliders=others)
 
     def set_wind(self, velocity: Any, world: int | None = None) -> None:
         """Set the wind velocity [m/s] from the next frame on."""
@@ -190,20 +224,28 @@ class Live:
         )
 
     def _place_colliders(self) -> None:
-        for name, collider in self._bodies.scene.colliders.items():
-            self._bodies.colliders.write(
-                self._bodies.collider_row[name],
-                None,
-                shape=number_of(shape_of(collider)),
-                size=collider.size(),
-                reach=collider.reach(),
-                static_friction=collider.static_friction,
-                kinetic_friction=collider.kinetic_friction,
-                start_position=collider.position,
-                start_orientation=collider.orientation,
-                end_position=collider.position,
-                end_orientation=collider.orientation,
-            )
+        colliders = self._bodies.scene.colliders
+        for row in range(len(colliders), self._bodies.colliders.array.shape[1]):
+            self._write_none(row)
+        for name, collider in colliders.items():
+            self._write_collider(self._bodies.collider_row[name], collider)
+
+    def _write_collider(self, row: int, collider: Collider) -> None:
+        self._bodies.colliders.write(
+            row,
+            None,
+            shape=number_of(shape_of(collider)),
+            size=collider.size(),
+            reach=collider.reach(),
+            static_friction=collider.static_friction,
+            kinetic_friction=collider.kinetic_friction,
+        )
+        self._bodies.colliders.place(row, None, collider.position, collider.orientation)
+
+    def _write_none(self, row: int) -> None:
+        """Nothing is there that anything could touch."""
+        self._bodies.colliders.write(row, None, shape=-1, reach=-_FAR_AWAY)
+        self._bodies.colliders.place(row, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def compliances_of(thing: Cloth | Rope) -> list[float]:

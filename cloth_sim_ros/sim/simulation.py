@@ -88,6 +88,7 @@ class Simulation:
     set = _of("_live", Live.set)
     set_wind = _of("_live", Live.set_wind)
     set_collider_pose = _of("_live", Live.set_collider_pose)
+    add_collider, remove_collider = _of("_live", Live.add_collider), _of("_live", Live.remove_collider)
     set_handle_pose = _of("_hands", Hands.set_handle_pose)
     attach, release = _of("_hands", Hands.attach), _of("_hands", Hands.release)
     held, broken = _of("_hands", Hands.held), _of("_hands", Hands.broken)

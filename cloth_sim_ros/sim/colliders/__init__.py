@@ -18,6 +18,9 @@ SHAPES = {
 }
 
 
+SPARE_SHAPES = ("box", "cylinder", "sphere")  # of colliders that are added while a simulation runs
+
+
 def shape_of(collider: Collider) -> str:
     """The name in SHAPES of a collider of the scene."""
     return next(name for name, (kind, _) in SHAPES.items() if type(collider) is kind)
@@ -28,9 +31,10 @@ def number_of(name: str) -> int:
     return list(SHAPES).index(name)
 
 
-def shapes_of(colliders: Iterable[Collider]) -> tuple[str, ...]:
-    """The names in SHAPES that occur among colliders, each once and sorted: what kernels are made for."""
-    return tuple(sorted({shape_of(collider) for collider in colliders}))
+def shapes_of(colliders: Iterable[Collider], spare: bool = False) -> tuple[str, ...]:
+    """The names in SHAPES that occur among colliders, and those of spare ones, each once and sorted: what kernels are
+    made for."""
+    return tuple(sorted({*map(shape_of, colliders), *(SPARE_SHAPES if spare else ())}))
 
 
 @wp.func

@@ -1,0 +1,121 @@
+"""Colliders and handles as markers: those that come on ~/scene, and those that ~/colliders shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from geometry_msgs.msg import Point, Quaternion, Vector3
+from rclpy.node import Node
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from cloth_sim_ros.ros.inputs import Refused, read_pose
+from cloth_sim_ros.ros.outputs import LATCHED
+from cloth_sim_ros.ros.pose_track import Pose
+from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Handle, Plane, Simulation, Sphere
+from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.quaternion import rotate
+
+ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
+WIDE = 20.0  # [m] of a plane, as it is drawn
+_STEEL = ColorRGBA(r=0.6, g=0.62, b=0.68, a=1.0)
+_FREE, _HOLDING = ColorRGBA(r=0.2, g=0.5, b=0.9, a=0.4), ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.4)
+
+
+def name_of(marker: Marker) -> str:
+    """The name under which a marker's collider is known."""
+    return f"{marker.ns}/{marker.id}"
+
+
+def read_marker(marker: Marker, frame_id: str) -> Collider:
+    """The collider that a marker describes. Raises Refused."""
+    pose = read_pose(marker, frame_id)
+    place = {"position": pose.position, "orientation": pose.orientation}
+    x, y, z = marker.scale.x, marker.scale.y, marker.scale.z
+    try:
+        if marker.type == Marker.CUBE:
+            return Box(half_extents=(x / 2, y / 2, z / 2), **place)
+        if marker.type == Marker.SPHERE and max(x, y, z) - min(x, y, z) <= ROUND * max(x, y, z):
+            return Sphere(radius=x / 2, **place)
+        if marker.type == Marker.CYLINDER and abs(x - y) <= ROUND * max(x, y):
+            return Cylinder(radius=x / 2, half_length=z / 2, **place)
+    except ValueError as error:
+        raise Refused("size", f"{name_of(marker)}: {error}") from None
+    raise Refused(
+        "shape",
+        f"{name_of(marker)} is of type {marker.type} and scale {x:g} {y:g} {z:g}; allowed are cubes, and spheres and "
+        "cylinders that are round",
+    )
+
+
+def markers_of(name: str, collider: Collider, pose: Pose) -> list[Marker]:
+    """What to draw of a collider at `pose`: one marker, of a capsule three."""
+    if isinstance(collider, Sphere):
+        return [_marker(name, Marker.SPHERE, pose, (2 * collider.radius,) * 3)]
+    if isinstance(collider, Box):
+        return [_marker(name, Marker.CUBE, pose, [2 * half for half in collider.half_extents])]
+    if isinstance(collider, Ellipsoid):
+        return [_marker(name, Marker.SPHERE, pose, [2 * radius for radius in collider.radii])]
+    if isinstance(collider, Cylinder):
+        return [_marker(name, Marker.CYLINDER, pose, _tube(collider))]
+    if isinstance(collider, Capsule):
+        tips = rotate(pose.orientation, [[0, 0, -collider.half_length], [0, 0, collider.half_length]])
+        balls = [Pose(tuple(p + q for p, q in zip(pose.position, tip, strict=True)), pose.orientation) for tip in tips]
+        ends = [_marker(name, Marker.SPHERE, ball, (2 * collider.radius,) * 3, 1 + k) for k, ball in enumerate(balls)]
+        return [_marker(name, Marker.CYLINDER, pose, _tube(collider)), *ends]
+    assert isinstance(collider, Plane)
+    down = rotate(pose.orientation, [[0, 0, -0.005]])[0]
+    below = Pose(tuple(p + q for p, q in zip(pose.position, down, strict=True)), pose.orientation)
+    return [_marker(name, Marker.CUBE, below, (WIDE, WIDE, 0.01))]
+
+
+def _tube(collider: Capsule | Cylinder) -> tuple[float, float, float]:
+    return (2 * collider.radius, 2 * collider.radius, 2 * collider.half_length)
+
+
+def _marker(name: str, kind: int, pose: Pose, scale, number: int = 0, color: ColorRGBA = _STEEL) -> Marker:
+    x, y, z = pose.position
+    marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD, color=color)
+    marker.pose.position = Point(x=float(x), y=float(y), z=float(z))
+    marker.pose.orientation = Quaternion(**dict(zip("xyzw", map(float, pose.orientation), strict=True)))
+    marker.scale = Vector3(**dict(zip("xyz", map(float, scale), strict=True)))
+    return marker
+
+
+class CollidersOutput:
+    """All colliders and handles, on ~/colliders, latched: sent when one of them moves, appears or goes."""
+
+    def __init__(self, node: Node, frame_id: str):
+        self._publisher = node.create_publisher(MarkerArray, "~/colliders", LATCHED)
+        self._header = Header(frame_id=frame_id)
+        self._sent: tuple = ()
+        self._listeners = -1
+
+    def publish(self, sim: Simulation, poses: Mapping[str, Pose], stamp: tuple[int, int]) -> None:
+        """Sends them stamped (seconds, nanoseconds), if there is anything new and somebody subscribes, or came."""
+        listeners = self._publisher.get_subscription_count()
+        if listeners == self._listeners == 0:
+            return
+        holds = {name: sim.held(name) > 0 for name in sim.scene.handles}
+        things = {**sim.scene.colliders, **sim.scene.handles}
+        now = (things, {name: poses.get(name, thing) for name, thing in things.items()}, holds)
+        if now == self._sent and listeners == self._listeners:
+            return
+        self._sent, self._listeners = now, listeners
+        self._header.stamp.sec, self._header.stamp.nanosec = stamp
+        array = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
+        for name, thing in things.items():
+            pose = Pose(tuple(now[1][name].position), tuple(now[1][name].orientation))
+            array.markers += _of_handle(name, thing, pose, holds) if name in holds else markers_of(name, thing, pose)
+        for marker in array.markers:
+            marker.header = self._header
+        self._publisher.publish(array)
+
+
+def _of_handle(name: str, handle: Handle, pose: Pose, holds: Mapping[str, bool]) -> list[Marker]:
+    """A handle's reach."""
+    ball = len(handle.reach) == 1
+    scale = (2 * handle.reach[0],) * 3 if ball else handle.reach
+    return [
+        _marker(name, Marker.SPHERE if ball else Marker.CUBE, pose, scale, color=_HOLDING if holds[name] else _FREE)
+    ]
