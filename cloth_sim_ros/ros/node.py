@@ -27,6 +27,7 @@ from cloth_sim_ros.ros import inputs
 from cloth_sim_ros.ros.clock_follower import ClockFollower
 from cloth_sim_ros.ros.diagnostics import busy, diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
+from cloth_sim_ros.ros.mesh_file import stop_reading
 from cloth_sim_ros.ros.outputs import LATEST, ObjectOutput
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
 from cloth_sim_ros.ros.parameter_services import ParameterServices, settled
@@ -88,8 +89,9 @@ class ClothSimNode(Node):
 
     def stop(self) -> bool:
         """Ends the simulation; False if a thread is still busy after 2 s."""
-        decided = self._parameter_services.stop()
+        stop_reading()
         ended = self._loop.stop()
+        decided = self._parameter_services.stop()
         self._sender.shutdown()
         return ended and decided
 
