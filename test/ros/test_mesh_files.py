@@ -129,7 +129,9 @@ def test_a_node_that_ends_leaves_no_reader_behind(start, client, large, tmp_path
     read = ask_for_mesh(client, path)
 
     def readers():
-        lines = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True).stdout.splitlines()
+        lines = subprocess.run(
+            ["ps", "-eww", "-o", "args"], capture_output=True, text=True, check=True
+        ).stdout.splitlines()
         return [line for line in lines if "mesh_file" in line and path in line]
 
     client.until(lambda: readers() or read.done())
