@@ -52,7 +52,7 @@ class ClothSimNode(Node):
         )
         log = self.get_logger()
         self._bridge = ParameterBridge(self, self._parameter_changed)
-        self._parameter_services = ParameterServices(self, self._bridge.decide)
+        self._parameter_services = ParameterServices(self, self._bridge)
         values = self._bridge.values
         self._frame_id = values["frame_id"]
         self._complaints = inputs.Complaints(log.warning)
