@@ -5,11 +5,11 @@ Readers of text formats hold the interpreter for seconds on a large file. So a p
 
 from __future__ import annotations
 
+import io
 import re
 import stat
 import subprocess
 import sys
-import tempfile
 from functools import lru_cache
 from pathlib import Path
 
@@ -24,6 +24,8 @@ APART_BYTES = 4 << 20  # beyond this another process reads it
 FARTHEST = row(CLOTH, "position").high  # [m] of a vertex from the origin, along an axis
 SHORTEST = 1e-6  # of an edge, relative to the mesh: float32 cannot tell its ends apart well below
 _DECIMAL_INDICES = re.compile(rb"property\s+list\s+\w+\s+(float|double)\w*\s+vertex_ind")  # a reader would cut them
+
+_readers: set[subprocess.Popen] = set()
 
 
 def load_mesh(path: str, parameter: str) -> Mesh:
@@ -53,14 +55,21 @@ def _load(path: str, size: int, modified_ns: int) -> Mesh | str:
         return f"has {size / 1e6:.0f} MB; allowed are at most {MOST_BYTES / 1e6:.0f} MB"
     if size <= APART_BYTES:
         return _read(path)
-    with tempfile.TemporaryDirectory(prefix="cloth_sim_") as folder:
-        copy = Path(folder) / "mesh.npz"
-        command = [sys.executable, "-m", "cloth_sim_ros.ros.mesh_file", path, str(copy)]
-        result = subprocess.run(command, capture_output=True, text=True, check=False)
-        if result.returncode:
-            return result.stdout.strip() or "cannot be read as a triangle mesh: its reader failed"
-        with np.load(copy) as arrays:
-            return arrays["vertices"], arrays["triangles"]
+    command = [sys.executable, "-m", "cloth_sim_ros.ros.mesh_file", path]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as reader:
+        _readers.add(reader)
+        output, _ = reader.communicate()
+        _readers.discard(reader)
+    if reader.returncode:
+        return output.decode().strip() or "cannot be read as a triangle mesh: its reader failed"
+    with np.load(io.BytesIO(output)) as arrays:
+        return arrays["vertices"], arrays["triangles"]
+
+
+def stop_reading() -> None:
+    """Ends the processes that read meshes."""
+    for reader in tuple(_readers):
+        reader.kill()
 
 
 def _read(path: str) -> Mesh | str:
@@ -112,4 +121,4 @@ if __name__ == "__main__":
     if isinstance(mesh_or_words, str):
         print(mesh_or_words)
         sys.exit(1)
-    np.savez(sys.argv[2], vertices=mesh_or_words[0], triangles=mesh_or_words[1])
+    np.savez(sys.stdout.buffer, vertices=mesh_or_words[0], triangles=mesh_or_words[1])

@@ -29,6 +29,7 @@ from cloth_sim_ros.ros.clock_follower import ClockFollower
 from cloth_sim_ros.ros.diagnostics import busy, diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
+from cloth_sim_ros.ros.mesh_file import stop_reading
 from cloth_sim_ros.ros.outputs import LATEST, HandleOutput, ObjectOutput
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
 from cloth_sim_ros.ros.parameter_services import ParameterServices, settled
@@ -53,7 +54,7 @@ class ClothSimNode(Node):
         )
         log = self.get_logger()
         self._bridge = ParameterBridge(self, self._parameter_changed)
-        self._parameter_services = ParameterServices(self, self._bridge.decide)
+        self._parameter_services = ParameterServices(self, self._bridge)
         values = self._bridge.values
         self._frame_id = values["frame_id"]
         self._complaints = inputs.Complaints(log.warning)
@@ -99,8 +100,9 @@ class ClothSimNode(Node):
 
     def stop(self) -> bool:
         """Ends the simulation; False if a thread is still busy after 2 s."""
-        decided = self._parameter_services.stop()
+        stop_reading()
         ended = self._loop.stop()
+        decided = self._parameter_services.stop()
         self._sender.shutdown()
         return ended and decided
 

@@ -125,6 +125,10 @@ class ParameterBridge:
         if owners & {"solver", "device", "rate", "wind", *self.values["objects"]}:
             check_solver(plan)
 
+    def remark(self, parameters: list[RosParameter]) -> str:
+        """Which of `parameters`, now set, have no effect, in words; "" where all have."""
+        return "; ".join(filter(None, (names.idle(parameter.name, self.values) for parameter in parameters)))
+
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
         result = self._coerced(parameters)
         following = [] if self._restoring else self._following(result)

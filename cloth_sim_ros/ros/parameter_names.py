@@ -54,6 +54,22 @@ def scene_rows(types: Mapping[str, str], colliders: Iterable[str], handles: Iter
     return rows
 
 
+def idle(name: str, values: Mapping[str, object]) -> str:
+    """Why the parameter `name` has no effect with these values, in one sentence; "" where it has."""
+    owner, _, field = name.rpartition(".")
+    switches = {
+        "bend_compliance": ("bending", "none"),
+        "shear_compliance": ("shear", False),
+        "twist_compliance": ("twist", False),
+        "end_turn": ("twist", False),
+    }
+    switch, off = switches.get(field, ("enabled", False))
+    switch = f"{owner}.{switch}"
+    if switch == name or switch not in values or values[switch] != off:
+        return ""
+    return f"{name} acts only where {switch} is not {str(off).lower()}"
+
+
 def usable(names: Iterable[str], taken: set[str], what: str) -> tuple[list[str], list[str]]:
     """The `names` that can prefix topics and parameters, and a sentence for each that cannot. Adds to `taken`."""
     good, complaints = [], []

@@ -29,19 +29,18 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_parameters
 
 from cloth_sim_ros.parameters import shown
-
-Decide = Callable[[list[Parameter]], None]
+from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
 
 
 class ParameterServices:
     """The six services of `node`, which was made without rclpy's.
 
-    decide(parameters) raises ValueError for what cannot be. It runs in a thread of its own, for one request after the
-    other, and the executor goes on meanwhile.
+    bridge.decide(parameters) raises ValueError for what cannot be. It runs in a thread of its own, for one request
+    after the other, and the executor goes on meanwhile.
     """
 
-    def __init__(self, node: Node, decide: Decide):
-        self._node, self._decide = node, decide
+    def __init__(self, node: Node, bridge: ParameterBridge):
+        self._node, self._bridge = node, bridge
         self._deciding = ThreadPoolExecutor(max_workers=1, thread_name_prefix="deciding")
         self._last: Future | None = None
         one_by_one, at_once = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
@@ -97,9 +96,12 @@ class ParameterServices:
     async def _result(self, messages: list[Any]) -> SetParametersResult:
         try:
             parameters = [_parameter(message) for message in messages]
-            self._last = self._deciding.submit(partial(self._decide, parameters))
+            self._last = self._deciding.submit(partial(self._bridge.decide, parameters))
             await settled(self._node, self._last)
-            return self._node.set_parameters_atomically(parameters)
+            result = self._node.set_parameters_atomically(parameters)
+            if result.successful:
+                result.reason = self._bridge.remark(parameters)
+            return result
         except Exception as error:
             return SetParametersResult(successful=False, reason=str(error))
 

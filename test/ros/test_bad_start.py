@@ -11,7 +11,7 @@ from sensor_msgs.msg import PointCloud2
 MISTAKES = """
 cloth_sim:
   ros__parameters:
-    objects: [cloth, torn, "two words", cloth]
+    objects: [cloth, torn, "two words", cloth, LONG, "new\\nline"]
     colliders: [ball, cloth]
     rate: 60                              # a whole number for a decimal
     gravity: [0, 0, -9.81]                # both in one list
@@ -30,7 +30,11 @@ cloth_sim:
     solver: {substeps: 20.0, iterations: many}
 """
 
+MISTAKES = MISTAKES.replace("LONG", 300 * "n")
+
 SENTENCES = [
+    f"objects holds '{76 * 'n'}..., left out: a name has at most 100 letters",
+    "objects holds 'new\\nline', left out",
     "objects holds 'two words', left out",
     "objects holds 'cloth', left out: the name is already taken",
     "colliders holds 'cloth', left out: the name is already taken",

@@ -1,9 +1,11 @@
 """Files that are no mesh get one sentence, the other objects go on, and no request waits for a reader."""
 
+import subprocess
+
 import numpy as np
 import pytest
 from client import fields, finite
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
 
@@ -70,25 +72,46 @@ def test_each_gets_its_sentence_and_the_others_fall(start, client, tmp_path):
     assert finite(clouds[-1])
 
 
-def test_no_request_waits_for_a_mesh_to_be_read(start, client, tmp_path):
-    things = "    objects: [sheet, rope]\n    rope: {type: rope, segments: 8}\n    sheet: {pins: none}\n"
-    start("/**:\n  ros__parameters:\n" + things).ready()
-    n = 330
-    grid = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (part.ravel() for part in (grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]))
-    x, y = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n))
-    points = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
-    triangles = np.concatenate([np.column_stack([a, b, c]), np.column_stack([b, d, c])])
-    file = tmp_path / "large.obj"
-    trimesh.Trimesh(points, triangles, process=False).export(file)
-    assert file.stat().st_size > 4 << 20
+@pytest.fixture
+def large(tmp_path):
+    """large(n) -> the path of a mesh of n x n vertices in a text format, which takes long to read."""
+
+    def write(n):
+        grid = np.arange(n * n).reshape(n, n)
+        a, b, c, d = (part.ravel() for part in (grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]))
+        x, y = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n))
+        points = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
+        triangles = np.concatenate([np.column_stack([a, b, c]), np.column_stack([b, d, c])])
+        file = tmp_path / "large.off"
+        trimesh.Trimesh(points, triangles, process=False).export(file)
+        assert file.stat().st_size > 4 << 20
+        return str(file)
+
+    return write
+
+
+MESH_AND_ROPE = """
+/**:
+  ros__parameters:
+    objects: [sheet, rope]
+    rope: {type: rope, segments: 8}
+    sheet: {pins: none}
+"""
+
+
+def ask_for_mesh(client, path):
+    """The answer to come of a request that sets the sheet's mesh."""
     service = client.service(SetParameters, "/cloth_sim/set_parameters")
-    client.service(GetParameters, "/cloth_sim/get_parameters")
-    client.get("rate")
-    request = SetParameters.Request(parameters=[Parameter("sheet.mesh", value=str(file)).to_parameter_msg()])
-    read = service.call_async(request)
+    return service.call_async(
+        SetParameters.Request(parameters=[Parameter("sheet.mesh", value=path).to_parameter_msg()])
+    )
+
+
+def test_no_request_waits_for_a_mesh_to_be_read(start, client, large):
+    start(MESH_AND_ROPE).ready()
     clouds = client.listen(PointCloud2, "/cloth_sim/rope/particles", 10)
-    answered = 0
+    assert client.get("rate") == 60.0
+    read, answered = ask_for_mesh(client, large(330)), 0
     for _ in range(3):
         assert client.get("rate") == 60.0
         answered += not read.done()
@@ -97,7 +120,24 @@ def test_no_request_waits_for_a_mesh_to_be_read(start, client, tmp_path):
     assert answered == 3, "questions were answered while the mesh was read"
     assert len(clouds) > 10, "the rope went on"
     sheet = client.listen(PointCloud2, "/cloth_sim/sheet/particles", 1)
-    client.until(lambda: sheet and sheet[-1].width == n * n, timeout=90.0)
+    client.until(lambda: sheet and sheet[-1].width == 330 * 330, timeout=90.0)
+
+
+def test_a_node_that_ends_leaves_no_reader_behind(start, client, large, tmp_path):
+    node = start(MESH_AND_ROPE).ready()
+    path = large(600)
+    read = ask_for_mesh(client, path)
+
+    def readers():
+        lines = subprocess.run(
+            ["ps", "-eww", "-o", "args"], capture_output=True, text=True, check=True
+        ).stdout.splitlines()
+        return [line for line in lines if "mesh_file" in line and path in line]
+
+    client.until(lambda: readers() or read.done())
+    assert readers()
+    assert node.end() == 0 and "Traceback" not in node.log
+    assert not readers()
 
 
 def test_places_far_away_are_refused_and_the_farthest_is_simulated(start, client):

@@ -78,6 +78,20 @@ def test_what_cannot_be_is_refused_with_the_reason_and_what_is_taken_acts(node, 
     assert "put back" not in node.log and "cannot build" not in node.log
 
 
+def test_what_is_set_without_effect_is_said_in_the_answer(node, client):
+    remarks = {
+        ("wind.velocity", (1.0, 0.0, 0.0)): "wind.velocity acts only where wind.enabled is not false",
+        ("cloth.bend_compliance", 2.0): "cloth.bend_compliance acts only where cloth.bending is not none",
+        ("rope.winch.pay_out", 0.5): "rope.winch.pay_out acts only where rope.winch.enabled is not false",
+        ("cloth.shear_compliance", 2e-3): "",
+        ("cloth.shear", False): "",
+        ("gravity", (0.0, 0.0, -5.0)): "",
+    }
+    for (name, value), remark in remarks.items():
+        result = client.set(name, list(value) if isinstance(value, tuple) else value)
+        assert (result.successful, result.reason) == (True, remark)
+
+
 def test_too_many_sweeps_are_refused(node, client):
     assert client.set("solver.substeps", 10000).successful
     refused = client.set("solver.iterations", 1000)
