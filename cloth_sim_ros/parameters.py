@@ -240,6 +240,14 @@ WINCH_TOPIC = (
     ),
 )
 
+FOLLOW_FRAME = Parameter(
+    "follow_frame",
+    "string",
+    "",
+    "A frame of tf that it goes with, without a topic; needs tf2_ros; empty is none.",
+    live=True,
+)
+
 COLLIDER = (
     _choice(
         "shape", "sphere", "Shape of the collider.", ("plane", "sphere", "capsule", "box", "cylinder", "ellipsoid")

@@ -7,9 +7,12 @@ import time
 from collections.abc import Callable
 
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from rclpy.time import Time
 from std_msgs.msg import Float64
+from visualization_msgs.msg import Marker
 
 from cloth_sim_ros import parameters
+from cloth_sim_ros.ros.frames import Frames, Refused
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
 
 FARTHEST = parameters.row(parameters.COLLIDER, "position").high  # [m]
@@ -17,24 +20,8 @@ STRONGEST_WIND = parameters.row(parameters.WIND, "velocity").high  # [m/s]
 UNIT_TOLERANCE = 1e-2  # how far from 1 a quaternion's norm may be: rounding and integration drift, not mistakes
 
 
-class Refused(ValueError):
-    """A message cannot be used; `kind` names the sort of trouble, the text is one sentence about the message."""
-
-    def __init__(self, kind: str, sentence: str):
-        super().__init__(sentence)
-        self.kind = kind
-
-
-def check_frame(message: PoseStamped | Vector3Stamped, frame_id: str) -> None:
-    """Raises Refused for a foreign frame, which nothing here could convert. An empty one, as typed by hand, is ours."""
-    if message.header.frame_id not in ("", frame_id):
-        foreign = parameters.shown(message.header.frame_id)
-        raise Refused("frame", f"its frame_id is {foreign}, but this node only knows '{frame_id}'")
-
-
-def read_pose(message: PoseStamped, frame_id: str) -> Pose:
-    """The message's pose. Raises Refused."""
-    check_frame(message, frame_id)
+def read_pose(message: PoseStamped | Marker, frames: Frames) -> Pose:
+    """The message's pose in our frame. Raises Refused."""
     p, q = message.pose.position, message.pose.orientation
     position = _bounded((p.x, p.y, p.z), FARTHEST, "position", "m")
     orientation = (q.x, q.y, q.z, q.w)
@@ -42,14 +29,17 @@ def read_pose(message: PoseStamped, frame_id: str) -> Pose:
     if not abs(norm - 1.0) <= UNIT_TOLERANCE:
         shown = _shown(orientation)
         raise Refused("orientation", f"its orientation {shown} has norm {norm:.4g}, but must be of unit norm")
-    return Pose(position, tuple(c / norm for c in orientation))
+    pose = Pose(position, tuple(c / norm for c in orientation))
+    pose = frames.pose(pose, message.header.frame_id, Time.from_msg(message.header.stamp))
+    _bounded(pose.position, FARTHEST, "position", "m")
+    return pose
 
 
-def read_wind(message: Vector3Stamped, frame_id: str) -> Vector:
-    """The message's wind velocity [m/s]. Raises Refused."""
-    check_frame(message, frame_id)
+def read_wind(message: Vector3Stamped, frames: Frames) -> Vector:
+    """The message's wind velocity [m/s] in our frame. Raises Refused."""
     v = message.vector
-    return _bounded((v.x, v.y, v.z), STRONGEST_WIND, "velocity", "m/s")
+    velocity = _bounded((v.x, v.y, v.z), STRONGEST_WIND, "velocity", "m/s")
+    return frames.vector(velocity, message.header.frame_id, Time.from_msg(message.header.stamp))
 
 
 def read_rate(message: Float64) -> float:
@@ -59,9 +49,9 @@ def read_rate(message: Float64) -> float:
     return message.data
 
 
-def follow(track: PoseTrack, message: PoseStamped, frame_id: str) -> None:
+def follow(track: PoseTrack, message: PoseStamped, frames: Frames) -> None:
     """Adds the message's pose to `track`. Raises Refused. A stamp of zero, as hand-typed messages have, means now."""
-    pose, arrival = read_pose(message, frame_id), time.monotonic()
+    pose, arrival = read_pose(message, frames), time.monotonic()
     stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
     try:
         track.push(stamp or None, pose, arrival)

@@ -9,7 +9,8 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cloth_sim_ros.ros.inputs import Refused, read_pose
+from cloth_sim_ros.ros.frames import Frames, Refused
+from cloth_sim_ros.ros.inputs import read_pose
 from cloth_sim_ros.ros.outputs import LATCHED
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Handle, Plane, Simulation, Sphere
@@ -27,9 +28,9 @@ def name_of(marker: Marker) -> str:
     return f"{marker.ns}/{marker.id}"
 
 
-def read_marker(marker: Marker, frame_id: str) -> Collider:
+def read_marker(marker: Marker, frames: Frames) -> Collider:
     """The collider that a marker describes. Raises Refused."""
-    pose = read_pose(marker, frame_id)
+    pose = read_pose(marker, frames)
     place = {"position": pose.position, "orientation": pose.orientation}
     x, y, z = marker.scale.x, marker.scale.y, marker.scale.z
     try:

@@ -28,6 +28,7 @@ from cloth_sim_ros.ros import inputs
 from cloth_sim_ros.ros.clock_follower import ClockFollower
 from cloth_sim_ros.ros.diagnostics import busy, diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
+from cloth_sim_ros.ros.frames import Frames, Refused
 from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
 from cloth_sim_ros.ros.mesh_file import stop_reading
 from cloth_sim_ros.ros.outputs import LATEST, HandleOutput, ObjectOutput
@@ -57,6 +58,7 @@ class ClothSimNode(Node):
         self._parameter_services = ParameterServices(self, self._bridge)
         values = self._bridge.values
         self._frame_id = values["frame_id"]
+        self._frames = Frames(self._frame_id, self)
         self._complaints = inputs.Complaints(log.warning)
         self._outputs = {
             name: ObjectOutput(self, name, values[f"{name}.type"], self._frame_id) for name in values["objects"]
@@ -69,7 +71,7 @@ class ClothSimNode(Node):
             self._clock_out = self.create_publisher(Clock, "/clock", LATEST)
         self._sender = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sending")
         self._sending: Future | None = None
-        world = World(values, log)
+        world = World(values, log, self._frames)
         self._follower = ClockFollower(self.get_clock(), world.forget_stamps, log)
         self._loop = SimulationLoop(
             world, lambda: self._bridge.values, self._built, self._send, self._tell, log, self._follower
@@ -119,17 +121,17 @@ class ClothSimNode(Node):
 
     def _on_pose(self, name: str, topic: str, message: PoseStamped) -> None:
         try:
-            inputs.follow(self._loop.world.tracks[name], message, self._frame_id)
-        except inputs.Refused as reason:
+            inputs.follow(self._loop.world.tracks[name], message, self._frames)
+        except Refused as reason:
             self._complaints.refuse(topic, reason)
 
     def _on_wind(self, message: Vector3Stamped) -> None:
         try:
-            velocity = inputs.read_wind(message, self._frame_id)
+            velocity = inputs.read_wind(message, self._frames)
             if not self._bridge.values["wind.enabled"]:
-                raise inputs.Refused("disabled", "the scene has no wind; set the parameter wind.enabled to true")
+                raise Refused("disabled", "the scene has no wind; set the parameter wind.enabled to true")
             self._loop.submit(lambda: self._loop.world.set_wind(velocity))
-        except inputs.Refused as reason:
+        except Refused as reason:
             self._complaints.refuse("wind", reason)
 
     def _on_winch(self, rope: str, message: Float64) -> None:
@@ -137,13 +139,13 @@ class ClothSimNode(Node):
         try:
             rate = inputs.read_rate(message)
             if not values[f"{rope}.winch.enabled"]:
-                raise inputs.Refused("disabled", f"{rope} has no winch; set the parameter {rope}.winch.enabled to true")
+                raise Refused("disabled", f"{rope} has no winch; set the parameter {rope}.winch.enabled to true")
             most = values[f"{rope}.winch.max_rate"]
             if abs(rate) > most:
                 self._complaints.cut(topic, f"its rate {rate:g} m/s is beyond {rope}.winch.max_rate, {most:g} m/s")
                 rate = math.copysign(most, rate)
             self._loop.submit(lambda: self._loop.world.set_pay_out(rope, rate))
-        except inputs.Refused as reason:
+        except Refused as reason:
             self._complaints.refuse(topic, reason)
 
     def _on_scene(self, message: MarkerArray) -> None:
@@ -155,15 +157,15 @@ class ClothSimNode(Node):
                 elif marker.action == Marker.DELETE:
                     self._loop.submit(partial(world.take_away, name_of(marker)))
                 else:
-                    collider = read_marker(marker, self._frame_id)
+                    collider = read_marker(marker, self._frames)
                     self._loop.submit(partial(self._put, name_of(marker), collider))
-            except inputs.Refused as reason:
+            except Refused as reason:
                 self._complaints.refuse("scene", reason)
 
     def _put(self, name: str, collider: Any) -> None:
         done, why = self._loop.world.put(name, collider)
         if not done:
-            self._complaints.refuse("scene", inputs.Refused("room", why))
+            self._complaints.refuse("scene", Refused("room", why))
 
     async def _on_attach(self, handle: str, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         await self._answer(response, partial(self._loop.world.attach, handle, request.data))

@@ -17,7 +17,7 @@ _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 # Topics move colliders and handles while the node runs, so their parameters may as well.
 COLLIDER, HANDLE = (
     tuple(replace(row, live=True, anew=False) if row.name in ("position", "orientation") else row for row in rows)
-    for rows in (table.COLLIDER, table.HANDLE)
+    for rows in ((*table.COLLIDER, table.FOLLOW_FRAME), (*table.HANDLE, table.FOLLOW_FRAME))
 )
 
 

@@ -146,6 +146,7 @@ def make_collider(values: Values, name: str) -> Plane | Sphere | Capsule | Box:
     """The collider called `name`. Raises ValueError with what is wrong."""
     own = group(values, name)
     shape, dimensions = own.pop("shape"), own.pop("dimensions")
+    del own["follow_frame"]
     kind, count, meaning = _SHAPES[shape]
     if shape != "plane" and len(dimensions) != count:
         raise ValueError(f"{name}.dimensions is {list(dimensions)}; a {shape} has {meaning}")
@@ -160,6 +161,7 @@ def make_handle(values: Values, name: str) -> Handle:
         raise ValueError(f"{name}.object is {own['object']!r}; allowed is '' for any object or one of {allowed}")
     if len(own["reach"]) not in (1, 3):
         raise ValueError(f"{name}.reach is {list(own['reach'])}; allowed is 1: radius [m], or 3: x y z [m]")
+    del own["follow_frame"]
     return Handle(**own)
 
 

@@ -11,6 +11,7 @@ import warp
 
 from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.feasibility import broken_meshes, check_solver
+from cloth_sim_ros.ros.frames import Followers, Frames
 from cloth_sim_ros.ros.grasps import Grasps
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
 from cloth_sim_ros.ros.scene_plan import make_plan, placed
@@ -25,7 +26,7 @@ class World:
     log: anything with info(), warning() and error(). sim is None while nothing could be built, and `trouble` says why.
     """
 
-    def __init__(self, values: Mapping[str, Any], log: Any):
+    def __init__(self, values: Mapping[str, Any], log: Any, frames: Frames | None = None):
         self.sim: Simulation | None = None
         self.trouble = "not built yet"
         self.resets = 0
@@ -33,6 +34,7 @@ class World:
         moved = (*values["colliders"], *values["handles"])
         self.tracks = {name: PoseTrack(_pose(values, name), values["pose_timeout"]) for name in moved}
         self.grasps = Grasps(log)
+        self._followers = Followers(frames or Frames(values["frame_id"]), log)
         self.added: dict[str, Collider] = {}  # colliders by topic, where they are
         self.values: Mapping[str, Any] = values  # as they were when the simulation was built
         self.in_effect: Mapping[str, Any] = values  # with the live changes since then that the simulation took
@@ -107,7 +109,7 @@ class World:
         False where explicit steps would fly apart with it: nothing has changed then.
         """
         owner, _, field = name.rpartition(".")
-        if name == "estimate_period" or field == "timeout":
+        if name == "estimate_period" or field in ("timeout", "follow_frame"):
             pass  # read every frame
         elif name == "pose_timeout":
             for track in self.tracks.values():
@@ -244,6 +246,7 @@ class World:
         """Simulates one frame and returns its length [s]. On a GPU the frame may still be under way."""
         frame_dt = self.sim.settings.frame_dt
         self._end_old_commands()
+        self._followers.advance(self.tracks, self.in_effect)
         for name, track in self.tracks.items():
             move = self.sim.set_handle_pose if name in self.sim.scene.handles else self.sim.set_collider_pose
             if name in self.sim.scene.colliders or name in self.sim.scene.handles:

@@ -5,10 +5,12 @@ import math
 import pytest
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 
-from cloth_sim_ros.ros.inputs import Complaints, Refused, follow, read_pose, read_wind
+from cloth_sim_ros.ros.frames import Frames, Refused
+from cloth_sim_ros.ros.inputs import Complaints, follow, read_pose, read_wind
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack
 
 NAN, INF = math.nan, math.inf
+WORLD = Frames("world")
 
 
 def pose(position=(1.0, 2.0, 3.0), orientation=(0.0, 0.0, 0.0, 1.0), frame_id="world", stamp=0.0):
@@ -34,9 +36,9 @@ def test_bad_numbers_are_refused(value, axis):
     vector = [0.0, 0.0, 0.0]
     vector[axis] = value
     with pytest.raises(Refused, match="position"):
-        read_pose(pose(vector), "world")
+        read_pose(pose(vector), WORLD)
     with pytest.raises(Refused, match="velocity"):
-        read_wind(wind(vector), "world")
+        read_wind(wind(vector), WORLD)
 
 
 @pytest.mark.parametrize(
@@ -44,25 +46,25 @@ def test_bad_numbers_are_refused(value, axis):
 )
 def test_no_rotation_is_refused(orientation):
     with pytest.raises(Refused, match="orientation"):
-        read_pose(pose(orientation=orientation), "world")
+        read_pose(pose(orientation=orientation), WORLD)
 
 
 def test_good_messages():
-    assert read_pose(pose(), "world") == Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
-    assert read_pose(pose(orientation=(0, 0, 0, -1.004), frame_id=""), "world").orientation == (0.0, 0.0, 0.0, -1.0)
-    assert read_wind(wind((1, 2, 3)), "world") == (1.0, 2.0, 3.0)
+    assert read_pose(pose(), WORLD) == Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+    assert read_pose(pose(orientation=(0, 0, 0, -1.004), frame_id=""), WORLD).orientation == (0.0, 0.0, 0.0, -1.0)
+    assert read_wind(wind((1, 2, 3)), WORLD) == (1.0, 2.0, 3.0)
 
 
 @pytest.mark.parametrize("message", [pose(frame_id="map"), pose(frame_id="/world")])
 def test_foreign_frames_are_refused(message):
     with pytest.raises(Refused, match="frame_id"):
-        read_pose(message, "world")
+        read_pose(message, WORLD)
 
 
 def test_a_stamp_of_zero_means_now():
     track = PoseTrack(Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), timeout=0.5)
-    follow(track, pose((1, 0, 0)), "world")
-    follow(track, pose((2, 0, 0)), "world")
+    follow(track, pose((1, 0, 0)), WORLD)
+    follow(track, pose((2, 0, 0)), WORLD)
     while track.advance(1.0) is not None:
         pass
     assert track.pose.position == (2.0, 0.0, 0.0)
@@ -70,11 +72,11 @@ def test_a_stamp_of_zero_means_now():
 
 def test_stamps_backwards_are_refused():
     track = PoseTrack(Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), timeout=60.0)
-    follow(track, pose(stamp=5.5), "world")
+    follow(track, pose(stamp=5.5), WORLD)
     with pytest.raises(Refused, match="its stamp is 0.500000 s behind"):
-        follow(track, pose(stamp=5.0), "world")
+        follow(track, pose(stamp=5.0), WORLD)
     with pytest.raises(Refused, match="its stamp repeats"):
-        follow(track, pose(stamp=5.5), "world")
+        follow(track, pose(stamp=5.5), WORLD)
 
 
 def test_complaints_are_throttled_by_topic_and_kind():
