@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Installs cloth_sim_ros with colcon (ament_python) or with pip."""
 
 from glob import glob

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ros2 launch cloth_sim_ros cloth_sim.launch.py [params:=FILE] [rviz:=true]."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs the node: `ros2 run cloth_sim_ros cloth_sim_node` or `python -m cloth_sim_ros.ros`.
 
 SIGINT and SIGTERM end it with status 0. ROS is imported only once they are handled and the middleware is set up.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames by /clock, where use_sim_time is set: one for each frame_dt of it, none while it stands."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a plan can be computed, found out by NumPy on the host: nothing here touches a device or takes its time."""
 
 from __future__ import annotations

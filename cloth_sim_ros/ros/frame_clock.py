@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When the next frame is due, and how well the simulation keeps up with real time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages -> plain commands: is it finite, in our frame, of a sensible size? Otherwise one sentence says why not."""
 
 from __future__ import annotations

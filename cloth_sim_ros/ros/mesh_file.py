@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Triangle meshes from files: read apart from the thread that answers requests, and checked before they are cloth.
 
 Readers of text formats hold the interpreter for seconds on a large file. So a process of its own reads a large one.

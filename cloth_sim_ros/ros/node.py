@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node `cloth_sim`: wires parameters, inputs, the simulation loop and outputs together."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Device arrays -> messages: per object a particle cloud, a mesh to draw and, once, its topology."""
 
 from __future__ import annotations

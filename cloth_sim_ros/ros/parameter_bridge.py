@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parameter table as ROS parameters: declared, coerced, checked, and handed on when they change.
 
 All rows are declared with dynamic typing, so that this bridge and not the middleware decides what a value may be. The

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which ROS parameters exist for a scene of given objects and colliders: full name -> row of the table."""
 
 from __future__ import annotations

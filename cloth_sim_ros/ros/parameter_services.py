@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The services of parameters. Every request gets an answer, and one that sets a parameter gets it when it is decided.
 
 Those of rclpy itself leave a client without an answer where a value has an unknown type, and would have the node stand

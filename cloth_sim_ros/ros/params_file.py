@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Command lines and YAML files that the middleware would refuse as a whole for one value, made readable.
 
 The middleware's parser stops the process at a list such as [0, 0, -9.81], whose numbers are not all of one type. It

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stream of stamped poses, played back on the simulation's own clock.
 
 Messages arrive with jitter and at any rate; a collider that jumped to each as it came would hit the cloth at the wrong

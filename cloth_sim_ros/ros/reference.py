@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prints docs/parameters.md from the table: `make docs`."""
 
 from __future__ import annotations

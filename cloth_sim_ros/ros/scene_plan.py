@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameter values -> the Scene, Settings and device of a Simulation. Plain Python: no rclpy, nothing on a device."""
 
 from __future__ import annotations

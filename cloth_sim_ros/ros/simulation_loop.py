@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The thread that simulates: takes commands as a frame starts, advances, sends, and sleeps until the next is due."""
 
 from __future__ import annotations

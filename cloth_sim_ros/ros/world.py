@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulation that runs: built from parameter values, rebuilt when they change, fed with poses and wind."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the tests do on the ROS side: listen, publish, call services."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Real nodes in processes of their own, and one client node here, on a ROS domain that no other session uses."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is wrong in a parameter file is said in one sentence each, and the node lives."""
 
 import subprocess

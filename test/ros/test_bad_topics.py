@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bad poses and winds: one clear warning each, the last good state kept, the node alive."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Patched bytes decode to the very messages that the ordinary way of building them gives."""
 
 import numpy as np

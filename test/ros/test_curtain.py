@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node on config/curtain.yaml, seen from another process: rate, values, ball, wind and compliance."""
 
 import numpy as np

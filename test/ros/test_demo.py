@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demonstration starts the node, feeds it, prints status lines and ends."""
 
 import re

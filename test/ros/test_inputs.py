@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a message must be to become a command."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages far beyond half a megabyte arrive whole, also at a best-effort subscriber with default settings."""
 
 import numpy as np

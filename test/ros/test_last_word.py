@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who speaks last acts: a parameter takes back what a topic set, also where its value is the one it already had."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A frame that takes very long is told of, the node answers meanwhile, and it can be ended."""
 
 import signal

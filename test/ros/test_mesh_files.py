@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files that are no mesh get one sentence, the other objects go on, and no request waits for a reader."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """package.xml names every ROS package that is used here."""
 
 import ast
@@ -28,3 +29,12 @@ def test_it_names_what_is_imported_and_launched():
     root = ElementTree.parse(ROOT / "package.xml").getroot()
     assert needed <= {depend.text for depend in root.findall("exec_depend")}
     assert root.find("license").text == "Apache-2.0"
+
+
+def test_every_source_file_here_names_the_licence():
+    licence = ElementTree.parse(ROOT / "package.xml").getroot().find("license").text
+    files = [ROOT / "setup.py"]
+    for folder in ("cloth_sim_ros/ros", "launch", "test/ros"):
+        files += (ROOT / folder).rglob("*.py")
+    bare = [file for file in files if not file.read_text().startswith(f"# SPDX-License-Identifier: {licence}\n")]
+    assert len(files) > 20 and not bare

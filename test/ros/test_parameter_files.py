@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameter files reach the node, or it says what was lost: namespaces, pipes, odd numbers, copies left behind."""
 
 import os

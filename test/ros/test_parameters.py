@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of a running node, set through its service: coerced, live, or rebuilding."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stamped poses become smooth motion at the speed of their stamps."""
 
 import math

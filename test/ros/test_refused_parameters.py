@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a running node refuses to take as a parameter: with the reason, and without harm."""
 
 import math

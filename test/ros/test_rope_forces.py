@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a rope pulls with, seen from another process: the tension along it and the load on its ends."""
 
 import numpy as np

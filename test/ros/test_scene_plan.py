@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameter values become the scene, the settings and the device that they describe."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who is who: two nodes in /diagnostics, two senders of poses on one topic."""
 
 from builtin_interfaces.msg import Time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pause, step, reset, diagnostics and the clock."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Signals end the node with status 0, soon and without a traceback, whatever it is doing."""
 
 import signal

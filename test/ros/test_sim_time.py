@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """use_sim_time: frames, motion and stamps follow /clock, whoever sends it and however fast."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The thread that simulates: it survives trouble, and its clock keeps deadlines without running after lost time."""
 
 import threading

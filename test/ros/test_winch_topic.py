@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A winch by topic and by parameter, seen from another process; bad rates get one sentence each."""
 
 import math

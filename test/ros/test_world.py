@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the thread that simulates does with values, poses and resets, without any message."""
 
 import logging
