@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """THE table of every parameter: name, type, default, unit, range, live or structural, one sentence.
 
 `sim` checks its dataclasses against it, `ros` declares ROS parameters from it, and the parameter reference in

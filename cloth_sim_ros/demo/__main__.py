@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A demonstration: starts the node, swings a ball through the curtain, lets the breeze come and go, and watches.
 
 Everything goes through the real topics; the status line is made of what arrives. Run it with `make demo`.

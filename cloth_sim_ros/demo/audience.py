@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demonstration's own node: the one that feeds the simulation and watches what comes back."""
 
 from __future__ import annotations

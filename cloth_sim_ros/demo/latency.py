@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How old particles and meshes are when they arrive in another process, and whether any is lost.
 
 Starts the node, subscribes to everything it sends, without decoding, and counts: `python -m cloth_sim_ros.demo.latency

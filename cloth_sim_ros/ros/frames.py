@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses in other frames than ours, by tf2 where it is installed; elsewhere they are refused."""
 
 from __future__ import annotations

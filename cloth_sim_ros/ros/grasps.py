@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the handles of the simulation that runs hold: by service and parameter, through resets and rebuilds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Colliders and handles as markers: those that come on ~/scene, and those that ~/colliders shows."""
 
 from __future__ import annotations

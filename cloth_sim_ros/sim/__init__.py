@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cloth and rope simulation in NVIDIA Warp, usable without ROS. From what is described to what is read back:
 
 - scene, objects, materials, colliders/, settings: what there is and how to compute it, checked against the one table;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The device side of all objects that share a kernel: their arrays, their state and the schedule that advances them."""
 
 from __future__ import annotations

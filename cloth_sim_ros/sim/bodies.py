@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The objects of a simulation: how each is computed, and what lies on the device for that."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How descriptions check themselves: against the rows of `cloth_sim_ros.parameters`, and arrays by their shape.
 
 A bad value raises ValueError with one sentence that names the thing, the value and what is allowed.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Forces on particles beside weight, springs, bending and air: what a scene adds, each from its place and velocity.
 
 A force is a frozen class with `numbers()`, and a Warp function of a particle; `FORCES` brings both together, also from

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A handle: a hand without a shape of its own, which holds what is within its reach and carries it along."""
 
 from __future__ import annotations

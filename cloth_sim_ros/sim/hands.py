@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What handles do between frames: grasp, let go, and tell what they feel. Within a frame see stages/grasp.py."""
 
 from __future__ import annotations

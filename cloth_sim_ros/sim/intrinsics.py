@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The little that Warp cannot say: wide loads, barriers, fast roots, and where a body lives during a substep.
 
 A resident body keeps both in the shared memory of its block on a GPU; elsewhere they are plain device arrays. The

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Live numbers: checked, and written where the next frame finds them."""
 
 from __future__ import annotations

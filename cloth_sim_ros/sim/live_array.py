@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Live numbers on the device: structs in arrays of one row a thing, each with a mirror on the host.
 
 A change is one small copy at the start of the next frame and never compiles or captures anything again.

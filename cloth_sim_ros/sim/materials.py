@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Materials by name: what sheets and ropes of cotton, steel cable, .. weigh, and how they stretch, bend and rub.
 
 Every preset names where its numbers come from. Cloth is anisotropic and stiffens as it stretches. A preset is the

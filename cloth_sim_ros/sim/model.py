@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is constant, as kernels see it: bodies that share a kernel and live behind one another in flat arrays, a batch.
 
 Particle indices inside elements count from the body's first particle, so that a body's block needs no offset.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Topologies -> the constant arrays of a batch, in NumPy body by body, brought to the device once.
 
 What they hold is said where kernels see them, in model.py.

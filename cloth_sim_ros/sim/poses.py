@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where colliders and handles are and will be: a pose wanted by the end of the next frame is a motion through it."""
 
 from __future__ import annotations

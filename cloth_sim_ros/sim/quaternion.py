@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Orientations as unit quaternions x y z w, in NumPy. Nothing here touches a device."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is read of objects: what they are made of, and where their particles are."""
 
 from __future__ import annotations

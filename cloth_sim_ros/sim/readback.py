@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """State -> outgoing data: kernels write what a message will hold, and one copy brings it to pinned host memory."""
 
 from __future__ import annotations

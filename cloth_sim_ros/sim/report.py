@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a body is like now: energy, strain, penetration and what the solver left, reduced on the device."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is about ropes alone: tension, loads on what holds their ends, twist and winches."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What exists: objects and colliders by name, wind and gravity. Nothing here touches a device.
 
 Every number is checked on construction; a bad one raises ValueError (see checks.py).

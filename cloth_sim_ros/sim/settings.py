@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How to compute: the settings of the solver, as a plain frozen description."""
 
 from __future__ import annotations

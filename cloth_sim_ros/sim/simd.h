@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Between rows of four numbers in memory and vectors of eight lanes, a number each, in the registers of a CPU core.
 typedef float Lanes __attribute__((ext_vector_type(8)));
 typedef float Kept __attribute__((ext_vector_type(8), aligned(4)));

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Eight lanes of a CPU's vector registers: their number, and the C++ that fills and empties them."""
 
 from pathlib import Path

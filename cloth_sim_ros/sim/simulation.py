@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The public face: a scene and settings on a device, advanced frame by frame and read back by name.
 
 A Simulation is composed of parts: Bodies (how objects are computed, and where), Queries (what is read of them), Ropes

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a start far from rest needs before it is simulated."""
 
 import numpy as np

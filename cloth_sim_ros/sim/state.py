@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What varies, as kernels see it: the structs of a batch's state and of the live numbers that are read every frame.
 
 State arrays are made in state_arrays.py. Live numbers lie in arrays of one row a thing (live_array.py).

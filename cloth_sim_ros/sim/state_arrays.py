@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The arrays of a batch's state: how large each has to be for what the batch holds, and what one world sees of them.
 
 What they hold is said where kernels see them, in state.py.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tension along ropes, from what their solver left on the device.
 
 A rigid segment has a tension without a strain, so a direct solve's multipliers say little about it. They are the small

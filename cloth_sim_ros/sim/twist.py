@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Twist of ropes seen from the host: the frame of their material, and what it holds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Winches seen from the host: their live numbers, and how far they have paid out."""
 
 from __future__ import annotations

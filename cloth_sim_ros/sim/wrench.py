@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The load of a rope on what holds its ends: tension, bending, weight and wind of the particles that are held there."""
 
 from __future__ import annotations

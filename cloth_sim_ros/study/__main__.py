@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`python -m cloth_sim_ros.study COMMAND`: each command is a module with add_arguments(parser) and run(arguments)."""
 
 from __future__ import annotations

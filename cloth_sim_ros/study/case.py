@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a case of the study is: a body, how long, how near, and its exact springs."""
 
 from __future__ import annotations

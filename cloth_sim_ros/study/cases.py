@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cases of the study as data: what to simulate, for how long, and what its exact springs are.
 
 To add a case, add its row in CASES, and a function that builds its body if none of those here does.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dry contact in float64, to judge the solver by: explicit steps, and what gets into a collider is put out of it.
 
 In the limit of small steps this is a plastic impact (no rebound) with Coulomb's friction, first order in the step.

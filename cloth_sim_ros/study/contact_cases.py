@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cases with contact: what lies on what, and the exact motion where it is known."""
 
 from __future__ import annotations

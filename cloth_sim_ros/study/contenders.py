@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who stands in the figure of error against time: the product's own methods, and the classic ones in NumPy.
 
 To add one, add its row to CONTENDERS: a label, a function from a run to its frames and times, and what it can do.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motion that a scene's settings converge to, with how well it is known and where chaos ends the comparison."""
 
 from __future__ import annotations

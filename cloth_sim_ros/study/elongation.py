@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much longer than in equilibrium a hung sheet gets by XPBD, over substeps, iterations and resolution."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`error`: how far each method is from the exact motion of a case at every setting, and what it costs."""
 
 from __future__ import annotations

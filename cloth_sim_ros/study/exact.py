@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The exact motion of a case, with the guard against chaos, kept on disk since it takes longer than what it judges."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What each feature of a scene costs: the same cloth with it and without it, taking turns in one run."""
 
 from __future__ import annotations

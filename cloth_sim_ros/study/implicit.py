@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Converged implicit Euler and static equilibrium of a SpringSystem, by sparse Newton with a line search.
 
 Implicit Euler's step is what first-order XPBD tends to with its iterations, so the difference of the two is what the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion of a SpringSystem by explicit steps: the exact solution in the limit of small steps, and the classic methods.
 
 Frames are the samples at equal intervals `frame_dt` [s] that every comparison uses: positions (F + 1, N, 3), the start

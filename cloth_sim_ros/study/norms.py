@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far a run is from its reference: the norms that every table and figure uses.
 
 Runs are frames of positions (F, N, 3) [m] sampled at the same times, the start first.

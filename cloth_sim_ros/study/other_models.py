@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Peers whose cloth is another model than springs: Newton's Style3D and MuJoCo's flex, where they are installed.
 
 No exact motion of ours is theirs, so each is judged by its own limit: what it converges to with ever smaller steps, as

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map of what holds: a loaded chain over stiffness, mass ratio, substeps and iterations, method by method.
 
 Every method gets the same springs (cases.loaded_chain) and is judged by its positions alone, as peers give no more. To

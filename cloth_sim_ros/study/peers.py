@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Peers on the same springs, where they are installed: NVIDIA Newton (XPBD, VBD) and PositionBasedDynamics (pyPBD).
 
 They come with `pip install cloth_sim_ros[peers]`. Each gets the masses, springs and fixed particles of the case's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`report`: one HTML page that holds every figure and table that the other commands have left in a folder."""
 
 from __future__ import annotations

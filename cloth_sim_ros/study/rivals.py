@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The classic methods of cloth in NumPy, each a `Step` of motion.py made for a system and a number of iterations.
 
 They are what a textbook says, in float64 and as fast as NumPy makes them. The product is not meant to be timed against

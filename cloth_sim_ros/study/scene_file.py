@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node's YAML file as a scene, and the same file with other solver settings.
 
 Of cloth_sim_ros.ros only modules that know no ROS are used, so that the node and the study build the same scene.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`scenes`: what a frame of real scenes costs by the defaults and by set numbers, and how right it is.
 
 The error is the RMS distance of all particles at all frames of half a second from XPBD of second order at many

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`speed`: one launch a frame or one a stage: the same cloth in the same run, by xpbd of second order.
 
 The schedules take turns, so that whatever else the machine does falls on all alike. --peers adds the same springs at

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A system of masses and springs in float64: the equations themselves, straight from Newton and Hooke.
 
 Particle i has the mass m_i. Spring s lies between a_s and b_s with rest length L_s, constant k_s and a dashpot c_s =

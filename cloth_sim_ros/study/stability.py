@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`stability`: every hard case on every body by every method, and what each run kept of what its case promises."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time per frame, measured the same way everywhere, and where it was measured."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`tune`: the cheapest settings with which the user's own scene keeps a wanted error.
 
 The scene runs from its start; colliders stay where the file puts them unless --move takes them along. What it is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses in foreign frames, and what follows a frame, through the interface of tf2_ros.Buffer.
 
 tf2_ros comes with ROS and not from the Python registry, so that the real buffer is not part of these tests.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Handles by topic and service, as a driver in another process moves them: the node is a process of its own."""
 
 import numpy as np

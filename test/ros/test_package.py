@@ -34,7 +34,7 @@ def test_it_names_what_is_imported_and_launched():
 def test_every_source_file_here_names_the_licence():
     licence = ElementTree.parse(ROOT / "package.xml").getroot().find("license").text
     files = [ROOT / "setup.py"]
-    for folder in ("cloth_sim_ros/ros", "launch", "test/ros"):
+    for folder in ("cloth_sim_ros", "launch", "test"):
         files += (ROOT / folder).rglob("*.py")
     bare = [file for file in files if not file.read_text().startswith(f"# SPDX-License-Identifier: {licence}\n")]
     assert len(files) > 20 and not bare

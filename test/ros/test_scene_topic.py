@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Colliders that come and go on ~/scene, and what ~/colliders shows."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all tests of the solver share: they run on every device that there is."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings of tests that are about a method, not about what is chosen."""
 
 from cloth_sim_ros.sim import Settings

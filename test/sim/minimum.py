@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The float64 minimum of the energy of a SpringSystem near a state, for tests of what is at rest."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Method auto: the right method and numbers for each object, said why; what is set is kept; live changes carry the
 state over; nothing flies apart."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Direct solves along a chain on a CPU, from both its ends: what they find is what a dense matrix in float64 finds."""
 
 import numpy as np

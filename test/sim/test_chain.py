@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The direct solve along chains: spans join to what the ladder finds, and wild starts recover under any load."""
 
 import itertools

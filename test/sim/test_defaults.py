@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a user gets who says nothing of the solver, against equilibria in float64 and closed forms."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contact along edges: a sharp box and a thin pole meet the sheet between its particles, not at them alone."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The live error estimate: changes nothing, and tells the size and the order of a frame's error."""
 
 import numpy as np

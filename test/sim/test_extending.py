@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A collider shape and a force from outside the package, as docs/extending.md writes them."""
 
 from dataclasses import dataclass

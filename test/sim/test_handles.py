@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Handles: what they grasp goes with them, they feel its load, and what they let go flies on."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kernels themselves: schedules agree to the bit, an absent feature leaves no trace, everything compiles for
 CUDA."""
 

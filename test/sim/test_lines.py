@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Springs solved line by line: each line is what a dense matrix in float64 finds. Lines hold every spring once, and a
 hung sheet comes near its equilibrium in few sweeps."""
 

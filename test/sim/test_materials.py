@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Presets: what they weigh, the moduli that their springs have, limits that no cloth or rope is beyond, and rest."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Air: a flat sheet and a rope fall in it as their closed forms say; drag never reverses the relative wind."""
 
 import numpy as np

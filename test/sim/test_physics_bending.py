@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bending of ropes: cantilevers, the heavy elastica and Euler's load, whatever the substeps and iterations."""
 
 import numpy as np

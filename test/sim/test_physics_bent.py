@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ropes with a bent rest shape. Let go, they gain no energy. Stiff ones swing as rigid bodies, and thrown ones keep
 their angular momentum. They hang as a chain that is bent at rest does."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contact: inclines by Coulomb's law, a sheet that rests on a sphere."""
 
 import numpy as np

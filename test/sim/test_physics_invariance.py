@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What must not matter, to the bit: running twice, the order of objects; and what masses and layout must be."""
 
 import numpy as np

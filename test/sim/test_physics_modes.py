@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frequencies of ropes and the elasticity of a grid, against their discrete closed forms."""
 
 import numpy as np

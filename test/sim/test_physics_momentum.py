@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Momentum: kept without outside forces, whatever springs, dashpots and ropes do within."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One mass on one spring: decay and period of each order, and the dashpot, against their closed forms."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion: clamped sheets and swinging ropes against the float64 references; orders, and no loss at small substeps."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Statics: what hangs at rest does so by its compliance alone, whatever the iterations, substeps and segments."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pins that change while a simulation runs: everything goes on from where it is."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bending of sheets against beams, the heavy elastica and Timoshenko, in float64: any mesh, any direction."""
 
 import numpy as np

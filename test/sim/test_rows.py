@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Grids eight particles at a time: what one particle after the other gives, whatever the shape of the grid and whatever
 lies beside it."""
 

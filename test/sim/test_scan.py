@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the threads of a scan do along a chain from both its ends: each part alone, on the CPU, and whole ropes."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Descriptions are checked where they are made: one sentence that names the thing, the value and what is allowed."""
 
 import dataclasses

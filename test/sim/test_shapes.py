@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Signed distances of collider shapes against points sampled densely on their surfaces."""
 
 import numpy as np

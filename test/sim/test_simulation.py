@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The public face: what is set is read back, what is live takes effect, what is bad changes nothing."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Starts far from rest: a symmetric one must not come to rest where nothing but its symmetry holds it."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tension along ropes and the load on what holds them: against the weight that hangs below."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tiled schedule: tiles and halos are what they should be, and no way of cutting a body changes a bit."""
 
 import dataclasses

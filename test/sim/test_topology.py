@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Particles, elements and colours of grids, meshes and ropes."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A frame of explicit steps is a trial: what comes out strained beyond all rest is done again by XPBD, and it alone."""
 
 import numpy as np

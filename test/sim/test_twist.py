@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ropes that resist twist between two clamps: even twist, Michell's ring, Greenhill's rod, balance and energy."""
 
 import numpy as np

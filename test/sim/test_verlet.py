@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Method verlet: explicit, of second order, refused where it would be unstable."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What goes bad is put back and counted, alone; its neighbours do not change by a bit."""
 
 from dataclasses import replace

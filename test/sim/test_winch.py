@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Winches: what is paid out hangs, swings and weighs as a rope of that length does, and nothing jumps."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Worlds side by side: each is what a simulation of it alone would be, to the bit, whatever happens in the others."""
 
 import numpy as np

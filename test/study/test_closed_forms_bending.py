@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bending: linear, heavy and discrete forms meet in their common limits."""
 
 import numpy as np

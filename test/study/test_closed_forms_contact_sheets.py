@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contact and sheets: closed forms against their differential equations, sums and energies."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Oscillator: each growth factor is that of the method itself, stepped; expansions hold in the limit."""
 
 import numpy as np

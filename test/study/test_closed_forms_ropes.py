@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ropes: continuum, discrete counterpart and numerical integration agree, at the expected order."""
 
 import numpy as np

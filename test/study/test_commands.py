@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The commands of the study run, print what they promise and write their files."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Documents lead somewhere, and their sentences stay short."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Peers run the same springs: at the same substeps and converged, first-order methods leave the same error."""
 
 import numpy as np

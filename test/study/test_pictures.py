@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pictures are drawn from what the product computes."""
 
 import numpy as np

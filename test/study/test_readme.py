@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parameter files in the README are what the node takes, and do what the text says."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The references judge the solver, so they are judged here: orders, invariants, each other and closed forms."""
 
 import numpy as np

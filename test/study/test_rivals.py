@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The classic methods do what their papers say: on a small hanging net, against converged implicit Euler."""
 
 import numpy as np

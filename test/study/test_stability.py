@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A few of the hard cases every time, all their kinds; `study stability` runs them all with ever new seeds."""
 
 import dataclasses

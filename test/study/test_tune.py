@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tuning a scene file: the scene is the node's, the choice is the cheapest that keeps the error, the file keeps its
 comments."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A box around the local origin; its size is its half extents."""
 
 import math

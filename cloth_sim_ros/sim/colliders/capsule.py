@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A capsule along local z; its size is (radius, half length, -)."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the colliders of a scene share. A shape's own description lies beside its distance, in the file of the shape."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A cylinder along local z with flat ends; its size is (radius, half length, -)."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An ellipsoid around the local origin; its size is its radii."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A plane through the local origin with the outward normal along local z; it has no size."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A sphere around the local origin; the first number of its size is its radius."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One launch a frame: a block (on the CPU, one thread) keeps a body of a world and runs all its substeps.
 
 On a GPU positions and displacements stay in the block's shared memory for the whole frame. A body may have at most

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One launch a stage, for bodies too large for a block; on a GPU a frame is captured in one CUDA graph.
 
 The same program as the resident schedule, on plain device arrays: both give the same state but for the rounding of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Particles exchanged between pieces of bodies that are all on a GPU at once, within one launch.
 
 A particle is three messages of 16 bytes, each with its own number. A message is written and read whole, as a 128-bit

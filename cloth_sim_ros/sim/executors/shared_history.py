@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a body that lives in shared memory keeps its velocities and what order 2 looks back at."""
 
 import warp as wp

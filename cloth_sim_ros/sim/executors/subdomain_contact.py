@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far a member of a tile may go before it can touch a collider, so that most need not ask in every substep."""
 
 import warp as wp

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The forces on a member of a tile, gathered from what lies around it in its shared memory (see subdomains.py)."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The kernels of subdomains: several substeps a launch, and the watch at the end of a frame (see subdomains.py)."""
 
 from functools import lru_cache

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tiles of a batch on the device, and how large and how deep they are best (see subdomains.py)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Method verlet on a whole GPU: a body is cut into tiles, and a block advances its tile by several substeps at a time.
 
 A block loads its tile into its shared memory, with a halo of as many rings as it will make substeps. It advances what

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A frame of explicit steps is a trial: what it leaves is checked, and a body that is not good does the frame again.
 
 Explicit steps that are stable at rest may blow up where springs are strained far beyond it. At the end of a frame a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Method verlet for grids on a CPU: one launch a frame like the resident schedule, with the springs of eight particles
 at a time (see vector_rows_simd.py). What air and colliders do is done particle by particle, as elsewhere.
 """

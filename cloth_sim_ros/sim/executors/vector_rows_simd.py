@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Method verlet on a grid, eight particles at a time in the vector registers of a CPU.
 
 Every number of a particle has a plane of its own, in which particles lie one behind the other, row by row. The other

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One Newton step of XPBD along up to eight lines of springs side by side, in the vector registers of a CPU core.
 // solve.py declares the arguments and states the equations.
 typedef int Flags __attribute__((ext_vector_type(8)));

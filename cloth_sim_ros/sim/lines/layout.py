@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How families of lines lie in memory, in rows that a vector register or a warp takes at a time (NumPy)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """XPBD along lines of springs: one Newton step for all multipliers of a line at once.
 
 For the springs j of a line, with unit vectors u_j, inverse masses w and violation C_j = |e_j| - rest_j,

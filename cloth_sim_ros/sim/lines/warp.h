@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One Newton step of XPBD along the lines of a row by the 32 threads of a warp, each of which holds `Slots` particles.
 // solve.py declares the arguments and states the equations. Each thread eliminates all but its first spring. The
 // 32 that are left are solved by parallel cyclic reduction (Hockney 1965) in shuffles.

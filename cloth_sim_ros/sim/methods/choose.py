@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What computes each object where the settings leave it open, and why: the cheapest way to the wanted error.
 
 The error of both methods and their prices were measured (docs/study.md, `study error`). What is chosen depends on these

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How large a step an explicit method may take, by NumPy on the rest shape; nothing of the device."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a substep costs [ms], by method, device and what a scene holds: measured once, on a CPU core and an H200.
 
 The constants only have to be right in proportion: they decide which of two methods is cheaper, and how many substeps a

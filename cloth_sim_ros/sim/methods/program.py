@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The program of a substep: which stages it has for the features of a scene, and in which order. Written once.
 
 The contract of an executor (block.py: a body in a block; graph.py: a launch a stage):

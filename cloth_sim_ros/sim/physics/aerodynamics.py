@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Drag and lift of a triangle or a rope's segment in relative wind."""
 
 import warp as wp

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bending of ropes: the turn between two segments."""
 
 import warp as wp

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The direct solve along a chain of segments, seen as a ladder of masses and edges, from one end to the other.
 
 One Newton step of implicit Euler (or BDF2) on a chain is block-tridiagonal with 3x3 blocks. Particles are eliminated

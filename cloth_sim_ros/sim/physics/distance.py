@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The distance constraint of XPBD: C = |e| - rest, a spring of constant 1/compliance; compliance 0 is rigid."""
 
 import warp as wp

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Coulomb friction on displacements, with a static and a kinetic coefficient."""
 
 import warp as wp

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time integration in displacement form: what a substep starts from and what it leaves behind.
 
 A substep solves for the displacement d = x_new - x, not for x_new, so that the velocity d/h keeps its precision when h

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bending of a sheet of rigidity B: energy B/2 times the integral of |H - n kappa|^2 over its triangles.
 
 H is the Hessian of the positions, constant on a triangle and linear in the positions, n the normal of the triangle,

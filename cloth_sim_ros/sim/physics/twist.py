@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Twist of a discrete elastic rod (Bergou, Wardetzky, Robinson, Audoly, Grinspun 2008).
 
 A frame carried along a rope without turning about it (Bishop's) arrives at the far end turned against the frame that is

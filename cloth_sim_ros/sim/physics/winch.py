@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The drive of a winch: how fast it pays out, from what is asked of it and what its limits allow."""
 
 import warp as wp

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The direct solve of a rope's bending, beside that of its stretch (see chain_solve.py), by one thread.
 
 Joint j lies between two segments of the inverse lengths w0 and w1. The turn vector kappa = w1 (x_j+1 - x_j) - w0 (x_j -

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The direct solve of a rope's bending by many threads: all tell what joints and rows are, and one eliminates.
 
 The equations are those of beam.py, where one thread does everything in one walk. What depends on the row before is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How the rest shape of a bent rope turns with it in a substep: all of it by one rotation, found with displacements.
 
 Let the rest turn vectors r point where the turn vectors did before the substep. Turned by any rotation R they leave the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bending of a rope by one thread of a CPU (see beam_ends.py): joints and rows four at a time, elimination in pairs."""
 
 from collections.abc import Callable

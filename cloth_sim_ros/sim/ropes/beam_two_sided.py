@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The direct solve of a rope's bending by one thread of a CPU: from both its ends at once, in double precision.
 
 The equations are those of beam.py. Joints and rows are computed four at a time. The elimination has to wait for one

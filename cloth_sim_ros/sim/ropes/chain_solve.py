@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Direct solves along chains: one Newton step over all segments of a rope (see physics/chain.py).
 
 Positions and multipliers start from where the last substep and iteration left them. The tension carries over, so that

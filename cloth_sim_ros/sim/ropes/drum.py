@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A winch at the start of a rope: rest length is fed to, or taken from, the segment between the drum and the rope.
 
 All particles of a rope exist from the beginning. Those still on the drum lie at its point, held, with no length between

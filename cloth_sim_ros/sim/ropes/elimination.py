@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A direct solve of a chain by one thread of a CPU walks it from both its ends at once, in double precision.
 
 A walk along a chain waits for one inverse after the other. Two of them, each in one half of a vector register, take the

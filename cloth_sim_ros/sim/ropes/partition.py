@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A thread's share of a chain: which segments it has, and what they are together, for the scans over all shares."""
 
 import warp as wp

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The threads of a block scan a chain from both its ends: from spans of their own segments to what lies before them.
 
 The first half of the threads walks from the start of the chain to its middle, the other from its end, as if it began

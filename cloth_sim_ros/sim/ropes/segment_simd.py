@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the segments of a chain are, and what its particles do, told of four at a time by one thread of a CPU.
 
 That is what no segment waits for; the rest is elimination.py.

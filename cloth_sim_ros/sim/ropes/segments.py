@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One segment of a chain in a direct solve: what its tangent needs, and the ways past it, there and back.
 
 See physics/chain.py for the quantities, and chain_solve.py for the walk.

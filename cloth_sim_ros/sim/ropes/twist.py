@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Twist along a rope between two clamps. At the start of a substep one thread finds the torsional moment. What it
 pushes sideways with goes into the prediction, beside the bending moments of the last substep (see beam.py).
 

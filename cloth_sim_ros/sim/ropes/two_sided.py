@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The direct solve of a chain on a CPU: Newton steps along it, each from both its ends at once (see elimination.py)."""
 
 import warp as wp

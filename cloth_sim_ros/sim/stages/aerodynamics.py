@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The air on bodies: its force on their panels, gathered by the particles around which these lie."""
 
 import warp as wp

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bending of sheets: every particle gathers what its neighbours in the operator of topology/plate.py pull.
 
 XPBD evaluates it at the predicted positions and moves particles by it before lines are solved. For a mode of rate omega

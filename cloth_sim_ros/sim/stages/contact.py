@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contact of particles with colliders: the stage that keeps a particle outside, with friction."""
 
 import warp as wp

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contact between particles: the stage that keeps an edge of two particles outside all colliders, colour by colour.
 
 Colliders are convex, and the signed distance of a convex shape is convex along a line. Where its slope is downhill at

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The watch over every body at the end of a frame: what is not finite or ran away is put back, and it alone.
 
 A body in which any particle is bad returns to where all of them were last good (rounded to float32). It is at rest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a handle does to the particles that it holds: a spring to where each of them lay when it was grasped.
 
 The spring is taken at the end of the substep, as implicit Euler does: a particle of the inverse mass w that would move

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stages of a substep besides the constraints, one function an element, made for the features of a batch.
 
 Every schedule runs: sweep and panels, then predict, then per iteration (constraints, chain, contact), then finish.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The air's force on eight triangles at a time in the vector registers of a CPU, as in physics/aerodynamics.py."""
 
 import warp as wp

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Object of a scene -> its particles and elements, in NumPy: one file a kind of object."""
 
 from cloth_sim_ros.sim.objects import Cloth, Rope

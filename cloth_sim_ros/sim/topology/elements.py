@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an object is made of in NumPy: its particles at rest and its elements.
 
 Rest shapes are float64. A material compliance times an element's `scale` is the element's own compliance, so that a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A cloth that is a rectangular grid: its particles row by row, its springs and their colours."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Springs joined into lines, and lines into families: what a solve along lines takes one after the other (NumPy).
 
 A line is a sequence of particles with a spring between each and the next. The lines of a family share no particle, so

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A cloth that is a triangle mesh, and what every cloth has of its triangles, and its place in the world."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bending of a sheet: energy B/2 times the integral of |H|^2, H the Hessian of the positions over the flat sheet.
 
 On every triangle H is that of Morley's plate element (Morley 1968): H = sum over its edges of l psi n n^T / A. There n

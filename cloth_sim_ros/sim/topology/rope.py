@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rope: a chain of segments with their lumped masses, joints, and what a winch holds back."""
 
 from __future__ import annotations

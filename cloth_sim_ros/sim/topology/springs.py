@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Springs and other elements of one kind, and colours that keep elements apart."""
 
 from __future__ import annotations

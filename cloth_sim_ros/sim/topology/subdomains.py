@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A body cut into tiles, each with a halo of the particles around it: NumPy on the topology, nothing of the device.
 
 The distance between particles is the number of springs on the shortest way. A tile that holds every particle within

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bending and twist: cantilevers, the heavy elastica, buckling, Michell's ring, Greenhill's rod.
 
 The discrete counterpart is a chain of n rigid segments of length a. It has a rotational spring EI / a at each joint and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dry friction and edges: inclines, the capstan, a chain that slides over an edge."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One linear spring under each method: growth per step and period, in theta = w h (angular frequency times step).
 
 Every method turns q'' = -w^2 q (with damping -2 zeta w q') into q_n ~ z^n; |z| is the growth per step, arg z the angle.

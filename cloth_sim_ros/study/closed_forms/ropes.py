@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hanging ropes, catenaries, hanging chains and taut strings."""
 
 from __future__ import annotations

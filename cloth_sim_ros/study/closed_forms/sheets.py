@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sheets: as a pendulum, falling in air, as an elastic continuum, draped over a table."""
 
 from __future__ import annotations

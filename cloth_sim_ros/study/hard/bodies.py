@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bodies of the hard cases, and the energy they hold, written from the equations and not from the solver."""
 
 from __future__ import annotations

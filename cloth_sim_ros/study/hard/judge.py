@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs one combination of case, body, method and parameters, and says what it did not keep."""
 
 from __future__ import annotations

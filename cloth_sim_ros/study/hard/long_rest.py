@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ten minutes of simulated time after a fall: what lies must come to lie still."""
 
 from __future__ import annotations

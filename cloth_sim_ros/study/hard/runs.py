@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs many combinations: those that share kernels behind one another, in one process or in several."""
 
 from __future__ import annotations

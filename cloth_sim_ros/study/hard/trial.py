@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a trial is: a scene, what is done to it while it runs, and what must hold."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shaded triangles in perspective: a camera, one lamp, a shadow on the floor, painted from far to near."""
 
 from __future__ import annotations

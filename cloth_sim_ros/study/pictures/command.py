@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`pictures`: draws every picture of the documentation anew. To add one, add its line in PICTURES."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The curtain of the tour: a gathered cloth on a rail, a ball pushed through it, and a breeze."""
 
 from __future__ import annotations

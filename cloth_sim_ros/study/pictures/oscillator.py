@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One mass on one spring under each method: what a step does to the amplitude, measured against its closed form."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A dragged rope of 12 particles: what the iterations do to its stretch under PBD and XPBD.
 
 Seen from the hand that drags it, which stays put: there gravity is g minus the hand's acceleration.

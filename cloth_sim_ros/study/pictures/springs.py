@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The lines into which the springs of a grid and of a mesh are joined, as the solver builds them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trials of a body and colliders: fast, placed anew, closing, sharp, or around a particle."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trials of a body that is pulled at: by its pins, by the wind."""
 
 from __future__ import annotations

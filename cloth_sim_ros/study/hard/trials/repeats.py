@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trials that compare runs to the bit: the same again, and beside a body that went bad."""
 
 from __future__ import annotations

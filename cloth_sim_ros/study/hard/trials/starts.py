@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trials of one body let go from a hard start, or of a hard material, load or step."""
 
 from __future__ import annotations
