@@ -46,6 +46,7 @@ class World:
         self._wind: Vector | None = None  # set by topic since the parameter was last set
         self._pay_outs: dict[str, tuple[float, float]] = {}  # rope -> the same of its winch [m/s], self.simulated then
         self._stopped: set[str] = set()
+        self._deep: set[str] = set()
         self._compiling: threading.Thread | None = None
         self._log = log
 
@@ -200,6 +201,18 @@ class World:
             self._log.warning(f"{name}'s winch stopped at {report[name]['paid_out']:.4g} m, a limit set by {limits}")
         self._stopped = stopped
 
+    def _tell_deep(self, report: Mapping[str, dict[str, float]]) -> None:
+        """Says in the log once which objects colliders enter between particles."""
+        for name, each in report.items():
+            deep = each["max_penetration"] - each["particle_penetration"]
+            if deep > self.in_effect[f"{name}.{'radius' if 'max_tension' in each else 'thickness'}"]:
+                if name not in self._deep and not self.in_effect[f"{name}.edge_contact"]:
+                    remedy = f"{name}.edge_contact keeps edges outside too, and a finer object helps"
+                    self._log.warning(f"{name} lies {deep:.2g} m deep in a collider between its particles; {remedy}")
+                self._deep.add(name)
+            else:
+                self._deep.discard(name)
+
     def reset(self) -> None:
         """Objects back to their start and winches to their parameters; colliders stay where the last pose put them, as
         their senders believe."""
@@ -268,6 +281,7 @@ class World:
         report = self.sim.report()
         self._tell_reasons()
         self._tell_stopped(report)
+        self._tell_deep(report)
         for name, each in report.items():
             more = each["recoveries"] - self._recoveries.get(name, 0)
             if more > 0:
