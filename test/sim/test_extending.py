@@ -73,7 +73,7 @@ def test_a_shape_from_outside_holds_a_rope(extended, device):
 
 
 @pytest.mark.parametrize("settings", [{"method": "verlet", "substeps": 100}, {"order": 1}, {"order": 2}])
-@pytest.mark.parametrize("schedule", ["resident", "coloured", None])
+@pytest.mark.parametrize("schedule", ["resident", pytest.param("coloured", marks=pytest.mark.long), None])
 def test_a_force_from_outside_swings_a_sheet_as_the_closed_form(extended, device, settings, schedule):
     """Mean height of a free sheet: z + g/k (cos(omega t) - 1) with damping, from rest; every executor alike."""
     scene = Scene({"sheet": Cloth(resolution=(9, 9), pins="none")}, forces={"up": Tether(0.0, 40.0, 1.0)})

@@ -141,7 +141,8 @@ def test_a_rope_that_folds_gains_no_energy(device, order):
     assert sim.report()["it"]["twist"] < 0.9 * critical and sim.report()["it"]["recoveries"] == 0
 
 
-@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
+@pytest.mark.long
+@pytest.mark.parametrize("order", [1, 2])
 def test_both_schedules_and_many_worlds_give_the_same_state(device, order):
     found = {}
     for schedule, worlds in (("resident", 1), ("coloured", 1), ("resident", 2)):

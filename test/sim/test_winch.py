@@ -210,7 +210,8 @@ def test_the_rope_itself_ends_what_can_be_paid_out_or_hauled_in(device, rate):
     assert report["recoveries"] == 0 and np.isfinite(sim.positions("it")).all()
 
 
-@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
+@pytest.mark.long
+@pytest.mark.parametrize("order", [1, 2])
 def test_both_schedules_and_many_worlds_give_the_same_state(device, order):
     axis = (0.6, 0.0, -0.8)
     found = {}

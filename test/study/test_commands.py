@@ -18,6 +18,7 @@ def command(monkeypatch, *arguments):
     return __main__.main()
 
 
+@pytest.mark.long
 def test_speed_measures_schedules_and_features(monkeypatch, tmp_path, capsys):
     file = tmp_path / "speed.json"
     options = ("--device", "cpu", "--resolution", 8, "--rounds", 2, "--seconds", 0.01, "--json", file)
