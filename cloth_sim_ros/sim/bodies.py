@@ -23,7 +23,7 @@ from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.poses import Motions
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
-from cloth_sim_ros.sim.state import ColliderMotion, Frame, HandleMotion
+from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, HandleMotion
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.topology import build as build_topology
 
@@ -72,6 +72,7 @@ class Bodies:
         }
         self.batches = self._make_batches()
         self.batch = {name: batch for batch in self.batches for name in batch.index}
+        self._arrays: list[wp.array] = []
         self._write_substeps()
         self.builds += 1
 
@@ -136,6 +137,12 @@ class Bodies:
         """Explicit steps are not for this object until the next reset of all worlds."""
         self.strained.add(name)
         self.choose_again()
+
+    def arrays(self) -> list[wp.array]:
+        """The arrays of all worlds (worlds,) of Arrays, batch by batch."""
+        if not self._arrays:
+            self._arrays = [wp.array(batch.worlds, dtype=Arrays, device=batch.device) for batch in self.batches]
+        return self._arrays
 
     def materials_of(self, name: str, world: int | None) -> np.ndarray:
         """The rows of Material of an object as they are now, of one world or of all."""

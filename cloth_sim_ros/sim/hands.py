@@ -14,10 +14,9 @@ from cloth_sim_ros.sim.bodies import Bodies, names_of
 from cloth_sim_ros.sim.handles import checked_reach, extents
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.live_array import worlds_of
+from cloth_sim_ros.sim.loads import Loads
 from cloth_sim_ros.sim.quaternion import unit_quaternion
 from cloth_sim_ros.sim.state import Arrays, HandleMotion
-
-_LANES = 64  # threads that add up what a handle feels
 
 
 @wp.kernel(enable_backward=False)
@@ -60,25 +59,6 @@ def let_go(given: wp.array(dtype=Arrays), b: int, leaves: wp.array2d(dtype=int),
 
 
 @wp.kernel(enable_backward=False)
-def add_loads(given: wp.array(dtype=Arrays), loads: wp.array2d(dtype=wp.spatial_vector), lanes: int):
-    """A block adds up what one handle feels in one world: force [N] and torque [N m] about its origin."""
-    q, t = wp.tid()
-    w, h = q / loads.shape[1], q % loads.shape[1]
-    arrays = given[w]
-    s = arrays.state
-    origin = arrays.handles[h].end_position
-    part = wp.spatial_vector()
-    if arrays.handle_counts[h] > 0:
-        for g in range(t, s.positions.shape[0], lanes):
-            if int(load_row(s.grips, g)[3]) == h + 1:
-                force = -xyz(load_row(s.grip_forces, g))
-                part += wp.spatial_vector(force, wp.cross(xyz(load_row(s.positions, g)) - origin, force))
-    total = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
-    if t == 0:
-        loads[w, h] += total
-
-
-@wp.kernel(enable_backward=False)
 def find_broken(
     handles: wp.array2d(dtype=HandleMotion),
     loads: wp.array2d(dtype=wp.spatial_vector),
@@ -98,11 +78,9 @@ class Hands:
     def __init__(self, bodies: Bodies) -> None:
         self._bodies = bodies
         shape, device = (bodies.worlds, len(bodies.scene.handles)), bodies.warp_device
-        self._loads = wp.zeros(shape, dtype=wp.spatial_vector, device=device)
+        self._loads = Loads(bodies, "handles", shape[1])
         self._leaves, self._breaks = (wp.zeros(shape, dtype=int, device=device) for _ in range(2))
         self._objects = {name: handle.object for name, handle in bodies.scene.handles.items()}
-        self._arrays: dict[int, wp.array] = {}
-        self._built = -1  # Bodies.builds that these are of
         self._breakable = False
 
     def write_scene(self) -> None:
@@ -205,16 +183,13 @@ class Hands:
 
     def handle_wrenches(self, world: int = 0) -> np.ndarray:
         """The same of all handles (H, 6) float32: force [N], then torque [N m]."""
-        w = self._bodies.one(world)
-        self._add_loads()
-        return self._loads.numpy()[w].copy()
+        return self._loads.read(world)
 
     def judge(self) -> None:
         """At the end of a frame: handles whose load is too large let go. On the device alone."""
         if self._breakable:
-            self._add_loads()
-            inputs = [self._bodies.handles.array, self._loads, self._leaves, self._breaks]
-            wp.launch(find_broken, dim=self._loads.shape, inputs=inputs, device=self._bodies.warp_device)
+            inputs = [self._bodies.handles.array, self._loads.measure(), self._leaves, self._breaks]
+            wp.launch(find_broken, dim=self._leaves.shape, inputs=inputs, device=self._bodies.warp_device)
             self._drop()
 
     def reset(self, world: int | None) -> None:
@@ -254,29 +229,12 @@ class Hands:
 
     def _each(self) -> dict[str, tuple[Batch, wp.array, int, int]]:
         """Object -> its batch, the arrays of all worlds, its number in the batch and its count of particles."""
-        if self._built != self._bodies.builds:
-            self._arrays = {
-                id(batch): wp.array(batch.worlds, dtype=Arrays, device=batch.device) for batch in self._bodies.batches
-            }
-            self._built = self._bodies.builds
         found = {}
+        arrays = dict(zip(map(id, self._bodies.batches), self._bodies.arrays(), strict=True))
         for name, batch in self._bodies.batch.items():
             b = batch.index[name]
-            found[name] = (batch, self._arrays[id(batch)], b, batch.counts[b])
+            found[name] = (batch, arrays[id(batch)], b, batch.counts[b])
         return found
-
-    def _add_loads(self) -> None:
-        self._loads.zero_()
-        self._each()
-        for batch in self._bodies.batches:
-            lanes = 1 if batch.device.is_cpu else _LANES
-            wp.launch_tiled(
-                add_loads,
-                dim=[self._loads.size],
-                inputs=[self._arrays[id(batch)], self._loads, lanes],
-                block_dim=lanes,
-                device=batch.device,
-            )
 
     def _drop(self) -> None:
         for batch, given, b, count in self._each().values():

@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.bodies import Bodies
+from cloth_sim_ros.sim.bodies import Bodies, names_of
+from cloth_sim_ros.sim.loads import Loads
 from cloth_sim_ros.sim.state import Arrays
 from cloth_sim_ros.sim.topology import KINDS
 
@@ -19,6 +20,7 @@ class Queries:
 
     def __init__(self, bodies: Bodies) -> None:
         self._bodies = bodies
+        self._loads = Loads(bodies, "colliders", bodies.colliders.array.shape[1])
 
     def masses(self, name: str) -> np.ndarray:
         """Masses (N,) float64 [kg], pinned particles included."""
@@ -56,6 +58,22 @@ class Queries:
         """Velocities (N, 3) float32 [m/s] in one world."""
         arrays, span, _ = self.device_arrays(name, world)
         return np.ascontiguousarray(arrays.state.velocities[span].numpy()[:, :3])
+
+    def wrench(self, collider: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Force (3,) [N] and torque (3,) [N m] about its origin on a collider by all objects, in world axes.
+
+        They are means over the last frame; the torque takes particles where the frame leaves them. The weight of a
+        cloth that lies on the collider points down.
+        """
+        rows = self._bodies.collider_row
+        if collider not in rows:
+            raise ValueError(f"there is no collider {collider!r}; allowed is {names_of(rows)}")
+        load = self.wrenches(world)[rows[collider]].astype(np.float64)
+        return load[:3], load[3:]
+
+    def wrenches(self, world: int = 0) -> np.ndarray:
+        """The same of all rows of colliders (K, 6) float32: force [N], then torque [N m]."""
+        return self._loads.read(world)
 
     def device_arrays(self, name: str, world: int = 0) -> tuple[Arrays, slice, wp.Device]:
         """The arrays of the batch that holds an object in one world, where its particles lie in them, their device.

@@ -206,6 +206,7 @@ class State:
     ahead_velocities: wp.array(dtype=wp.vec4)  # (N,)
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
+    contact_forces: wp.array(dtype=wp.vec4)  # (K N,) of each collider on each particle, mean over the frame [N]
     edge_contacts: wp.array(dtype=wp.vec4)  # (K D,) the same of edges
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
     grips: wp.array(dtype=wp.vec4)  # (N,) place in the axes of the handle that holds a particle [m], and 1 + its number

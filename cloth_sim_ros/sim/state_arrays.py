@@ -57,6 +57,7 @@ def make_states(
         "ahead_velocities": second if features.panels else 0,
         "panel_forces": arrays.size["panels"] if features.panels else 0,
         "contacts": particles * colliders,
+        "contact_forces": particles * colliders,
         "edge_contacts": edges * colliders,
         "sweeps": SWEPT * bodies * colliders,
         "grips": particles if features.handles else 0,

@@ -14,7 +14,7 @@ from cloth_sim_ros.sim.executors.subdomain_plan import IN_REGISTERS, OUTSIDE, SW
 from cloth_sim_ros.sim.intrinsics import load4, store4, store_row, sync, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step, next_outer, outer_weight, split_sum
-from cloth_sim_ros.sim.stages.contact import make_touch
+from cloth_sim_ros.sim.stages.contact import Met, make_touch, share_of
 from cloth_sim_ros.sim.stages.fault_recovery import count_fault, is_good, keep, put_back
 from cloth_sim_ros.sim.stages.motion import (
     first_share,
@@ -24,7 +24,7 @@ from cloth_sim_ros.sim.stages.motion import (
     spring_constants,
     sweep_collider,
 )
-from cloth_sim_ros.sim.state import given_type
+from cloth_sim_ros.sim.state import State, given_type
 
 _OPTIONS = {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
 
@@ -83,19 +83,23 @@ def _make_move(features: Features, capacity: int, force):
                 count = here.colliders.shape[0]
                 other = wp.static(3 * capacity) - half
                 store4(here.shared, other + i, total)
+                met = Met()
+                met.slot = here.block * wp.static(capacity) + i
+                met.first_sweep = (here.block * wp.static(SWEPT) + k % wp.static(SWEPT)) * count
+                met.share = share_of(step, here.frame.substeps)
+                met.sweeps = here.tiles.sweeps
+                met.contacts = here.tiles.contacts
+                met.forces = here.tiles.forces
+                met.velocities = here.tiles.velocities
+                met.last_displacements = here.last_displacements
                 for iteration in range(here.frame.iterations):
                     step.first = iteration == 0
                     step.repeats = here.frame.iterations > 1
                     contact(
                         i,
-                        (here.block * wp.static(SWEPT) + k % wp.static(SWEPT)) * count,
-                        here.block * wp.static(capacity) + i,
+                        met,
                         here.material,
                         here.colliders,
-                        here.tiles.sweeps,
-                        here.tiles.contacts,
-                        here.tiles.velocities,
-                        here.last_displacements,
                         step,
                         here.shared + wp.uint64(16 * half),
                         here.shared + wp.uint64(16 * (half + capacity)),
@@ -372,6 +376,16 @@ def _make_advance(features: Features, capacity: int, block: int, widths: Widths,
     return advance
 
 
+@wp.func
+def take_forces(slot: int, member: int, tiles: Tiles, s: State):
+    """What colliders did to a member of a tile in the frame goes to the state, if it is the tile's own."""
+    colliders = s.contact_forces.shape[0] / s.positions.shape[0]
+    for c in range(colliders):
+        if tiles.rings[member] == 0:
+            s.contact_forces[tiles.members[member] * colliders + c] = tiles.forces[slot * colliders + c]
+        tiles.forces[slot * colliders + c] = wp.vec4(0.0)
+
+
 def _make_settle(features: Features, capacity: int, block: int, waits: bool):
     """The kernel that ends a frame: bodies that are good are kept, others put back."""
     buffer_of, argument = make_buffer_of(Tiles), given_type(features)
@@ -393,6 +407,8 @@ def _make_settle(features: Features, capacity: int, block: int, waits: bool):
                 tiles.sent[0] += substeps
         last = buffer_of(s, tiles, side, w)
         for i in range(t, wp.static(capacity), wp.static(block)):
+            if wp.static(bool(features.shapes)):
+                take_forces(q * wp.static(capacity) + i, n * wp.static(capacity) + i, tiles, s)
             if tiles.rings[n * wp.static(capacity) + i] == 0:
                 g = tiles.members[n * wp.static(capacity) + i]
                 if s.faulty[tiles.body[n]] == 1:

@@ -50,6 +50,7 @@ class Tiles:
     sent: wp.array(dtype=int)  # (1,) substeps of all frames so far, by which messages are numbered
     sweeps: wp.array(dtype=Sweep)  # (worlds T SWEPT K,)
     contacts: wp.array(dtype=wp.vec4)  # (worlds T C K,)
+    forces: wp.array(dtype=wp.vec4)  # (worlds T C K,) of colliders in this frame so far [N]
 
 
 class Unfit(ValueError):
@@ -311,7 +312,8 @@ def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.De
     found.sent = wp.zeros(1, dtype=int, device=device)
     colliders = arrays.colliders.shape[0] if features.shapes else 0
     found.sweeps = wp.zeros(len(worlds) * len(body) * SWEPT * colliders, dtype=Sweep, device=device)
-    found.contacts = wp.zeros(len(worlds) * len(body) * capacity * colliders, dtype=wp.vec4, device=device)
+    met = len(worlds) * len(body) * capacity * colliders
+    found.contacts, found.forces = (wp.zeros(met, dtype=wp.vec4, device=device) for _ in range(2))
     return found
 
 

@@ -32,7 +32,7 @@ from cloth_sim_ros.sim.ropes.drum import make_turn
 from cloth_sim_ros.sim.ropes.twist import ask_for
 from cloth_sim_ros.sim.stages.aerodynamics import make_panels
 from cloth_sim_ros.sim.stages.bending import curve_triangle, make_bend
-from cloth_sim_ros.sim.stages.contact import make_contact
+from cloth_sim_ros.sim.stages.contact import clear_forces, make_contact
 from cloth_sim_ros.sim.stages.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.stages.fault_recovery import find_fault, make_count, make_settle
 from cloth_sim_ros.sim.stages.grasp import feel, hold
@@ -46,6 +46,8 @@ from cloth_sim_ros.sim.stages.motion import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.state import Arrays
+
+_A_FRAME = 1 << 30  # more substeps than a frame has
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     program = Program()
     before, explicit = program.before, features.method == "verlet"
     if features.shapes:
+        before.append(_over_particles("clear_forces", clear_forces, every=_A_FRAME))
         swept = lambda body, colliders: SWEPT * colliders  # noqa: E731
         before.append(Stage("sweep", _sweep, swept, every=SWEPT))
     if features.winch:
@@ -174,7 +177,7 @@ def make_enter(features: Features):
     return enter
 
 
-def _over_particles(name: str, stage, but_last: bool = False) -> Stage:
+def _over_particles(name: str, stage, but_last: bool = False, every: int = 1) -> Stage:
     """A stage of every particle."""
 
     def run(t: int, width: int, here: Here):
@@ -182,7 +185,9 @@ def _over_particles(name: str, stage, but_last: bool = False) -> Stage:
         for i in range(here.body.count - 1 - t, -1, -width):
             stage(i, here)
 
-    return Stage(name, wp.func(run, name=f"over_particles_{name}"), lambda body, _: body["count"], but_last=but_last)
+    return Stage(
+        name, wp.func(run, name=f"over_particles_{name}"), lambda body, _: body["count"], every=every, but_last=but_last
+    )
 
 
 def _both(first, second):

@@ -7,7 +7,7 @@ from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction
-from cloth_sim_ros.sim.physics.integrate import Step
+from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.stages.grasp import HELD
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
@@ -32,9 +32,45 @@ def forgotten(past: wp.vec3, now: wp.vec3, normal: wp.vec3, hit: bool) -> wp.vec
 
 
 @wp.func
+def lost_motion(displacement: wp.vec3, velocity: wp.vec3, step: Step) -> wp.vec3:
+    """The correction [m] that has the effect on the momentum of a past without this displacement and velocity.
+
+    Order 2 carries a third of both on, so that what a contact makes it forget is an impulse too.
+    """
+    return carried(displacement + step.effective * velocity)
+
+
+@wp.func
 def length_of(step: Step) -> float:
     """The length of a substep [s], which in order 2 is more than its effective step."""
     return step.effective / wp.where(step.second, 2.0 / 3.0, 1.0)
+
+
+@wp.struct
+class Met:
+    """Where it is kept what particle number `slot` meets: the colliders' motion from `first_sweep` on, what earlier
+    iterations did, and forces [N], which are corrections over the inverse mass times `share` [1/s^2]."""
+
+    slot: int
+    first_sweep: int
+    share: float
+    sweeps: wp.array(dtype=Sweep)
+    contacts: wp.array(dtype=wp.vec4)
+    forces: wp.array(dtype=wp.vec4)
+    velocities: wp.array(dtype=wp.vec4)
+    last_displacements: wp.array(dtype=wp.vec3)
+
+
+@wp.func
+def share_of(step: Step, substeps: int) -> float:
+    """What a correction over the inverse mass is multiplied by to be a force, mean over `substeps` [1/s^2]."""
+    return step.inverse_square / float(substeps)
+
+
+@wp.func
+def add_force(forces: wp.array(dtype=wp.vec4), k: int, force: wp.vec3):
+    """Add a force [N] to what a collider did in this frame so far."""
+    forces[k] = load_row(forces, k) + pack(force, 0.0)
 
 
 def make_meet(shapes: tuple[str, ...]):
@@ -88,24 +124,16 @@ def make_meet(shapes: tuple[str, ...]):
 
 
 def make_touch(features: Features):
-    """A Warp function that keeps particle i outside all colliders, with friction.
-
-    The colliders' motion lies in `sweeps` from `first_sweep` on, what earlier iterations did in `contacts` at `slot`.
-    """
+    """A Warp function that keeps particle i outside all colliders, with friction."""
     meet = make_meet(features.shapes)
     least = HELD if features.handles else 0.0
 
     @wp.func
     def contact(
         i: int,
-        first_sweep: int,
-        slot: int,
+        met: Met,
         material: Material,
         colliders: wp.array(dtype=ColliderMotion),
-        sweeps: wp.array(dtype=Sweep),
-        contacts: wp.array(dtype=wp.vec4),
-        velocities: wp.array(dtype=wp.vec4),
-        last_displacements: wp.array(dtype=wp.vec3),
         step: Step,
         x: wp.uint64,
         low_address: wp.uint64,
@@ -120,18 +148,19 @@ def make_touch(features: Features):
         displacement = xyz(packed)
         touched = bool(False)
         for c in range(colliders.shape[0]):
-            k = first_sweep + c
+            k = met.first_sweep + c
+            entry = met.slot * colliders.shape[0] + c
             before = wp.vec4(0.0)
             if not step.first:
-                before = load_row(contacts, slot * colliders.shape[0] + c)
+                before = load_row(met.contacts, entry)
             after = before
             # Most particles are farther from the collider than both can move in a substep: a few numbers tell.
-            offset = (position - sweeps[k].position) + displacement
-            path = wp.length(displacement - sweeps[k].motion)
-            path += sweeps[k].spin * (wp.length(offset) + path)
+            offset = (position - met.sweeps[k].position) + displacement
+            path = wp.length(displacement - met.sweeps[k].motion)
+            path += met.sweeps[k].spin * (wp.length(offset) + path)
             if wp.length(offset) - path < colliders[c].reach + material.thickness:
                 collider = colliders[c]
-                sweep = sweeps[k]
+                sweep = met.sweeps[k]
                 low = xyz(load4(low_address, i))
                 # Relative motion in the collider's axes, without the difference of two large positions.
                 slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
@@ -147,25 +176,39 @@ def make_touch(features: Features):
                     mu_s = wp.sqrt(material.static_friction * collider.static_friction)
                     mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
                     rubbed = friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
-                    displacement += wp.transpose(sweep.to_local) * (-gap * n + rubbed - rubbed_before)
+                    correction = wp.transpose(sweep.to_local) * (-gap * n + rubbed - rubbed_before)
+                    displacement += correction
+                    add_force(met.forces, entry, (met.share / w) * correction)
                     after = pack(rubbed, pressed)
                     touched = True
                     if wp.static(features.order == 2):
                         normal = wp.transpose(sweep.to_local) * n
                         moved = displacement - low
-                        past = last_displacements[slot]
+                        past = met.last_displacements[met.slot]
                         if wp.dot(moved - past, normal) > NOISE:
                             hit = -wp.dot(past - sweep.motion, normal) > 0.5 * pressed
-                            v = load_row(velocities, slot)
+                            v = load_row(met.velocities, met.slot)
                             speed = moved / length_of(step)
-                            last_displacements[slot] = forgotten(past, moved, normal, hit)
-                            store_row(velocities, slot, pack(forgotten(xyz(v), speed, normal, hit), 0.0))
+                            kept = forgotten(past, moved, normal, hit)
+                            kept_speed = forgotten(xyz(v), speed, normal, hit)
+                            met.last_displacements[met.slot] = kept
+                            store_row(met.velocities, met.slot, pack(kept_speed, 0.0))
+                            lost = lost_motion(past - kept, xyz(v) - kept_speed, step)
+                            add_force(met.forces, entry, (met.share / w) * lost)
             if step.repeats:
-                store_row(contacts, slot * colliders.shape[0] + c, after)
+                store_row(met.contacts, entry, after)
         if touched:
             store4(d, i, pack(displacement, w))
 
     return contact
+
+
+@wp.func
+def clear_forces(i: int, here: Here):
+    """The stage that begins a frame: no collider has pushed particle i yet."""
+    colliders = here.colliders.shape[0]
+    for c in range(colliders):
+        store_row(here.state.contact_forces, (here.body.particles + i) * colliders + c, wp.vec4(0.0))
 
 
 def make_contact(features: Features):
@@ -174,21 +217,15 @@ def make_contact(features: Features):
 
     @wp.func
     def contact(i: int, here: Here):
-        s = here.state
-        touch(
-            i,
-            here.sweep,
-            here.body.particles + i,
-            here.material,
-            here.colliders,
-            s.sweeps,
-            s.contacts,
-            s.velocities,
-            s.last_displacements,
-            here.step,
-            here.x,
-            here.low,
-            here.d,
-        )
+        met = Met()
+        met.slot = here.body.particles + i
+        met.first_sweep = here.sweep
+        met.share = share_of(here.step, here.frame.substeps)
+        met.sweeps = here.state.sweeps
+        met.contacts = here.state.contacts
+        met.forces = here.state.contact_forces
+        met.velocities = here.state.velocities
+        met.last_displacements = here.state.last_displacements
+        touch(i, met, here.material, here.colliders, here.step, here.x, here.low, here.d)
 
     return contact

@@ -11,7 +11,16 @@ from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.stages.contact import NOISE, SEPARATION, forgotten, length_of, make_meet
+from cloth_sim_ros.sim.stages.contact import (
+    NOISE,
+    SEPARATION,
+    add_force,
+    forgotten,
+    length_of,
+    lost_motion,
+    make_meet,
+    share_of,
+)
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
 from cloth_sim_ros.sim.state import State, Sweep
@@ -63,13 +72,21 @@ def make_deepest(shapes: tuple[str, ...]):
 
 
 @wp.func
-def forget(g: int, moved: wp.vec3, normal: wp.vec3, hit: bool, s: State, step: Step):
-    """Of the past of particle g, which an edge contact moved by `moved` [m], only what still holds (see stages.py)."""
+def forget(g: int, moved: wp.vec3, normal: wp.vec3, hit: bool, s: State, step: Step) -> wp.vec3:
+    """Of the past of particle g, which an edge contact moved by `moved` [m], only what still holds (see stages.py).
+
+    Returns the correction [m] that has the effect on the momentum of what is forgotten.
+    """
     past = s.last_displacements[g]
+    lost = wp.vec3(0.0)
     if wp.dot(moved - past, normal) > NOISE:
         v = xyz(load_row(s.velocities, g))
-        s.last_displacements[g] = forgotten(past, moved, normal, hit)
-        store_row(s.velocities, g, pack(forgotten(v, moved / length_of(step), normal, hit), 0.0))
+        kept = forgotten(past, moved, normal, hit)
+        kept_speed = forgotten(v, moved / length_of(step), normal, hit)
+        s.last_displacements[g] = kept
+        store_row(s.velocities, g, pack(kept_speed, 0.0))
+        lost = lost_motion(past - kept, v - kept_speed, step)
+    return lost
 
 
 def make_edge_contact(shapes: tuple[str, ...], order: int):
@@ -127,6 +144,10 @@ def make_edge_contact(shapes: tuple[str, ...], order: int):
                         w = wi * (1.0 - t) * (1.0 - t) + wj * t * t
                         w = wp.max(w, LEAST_SHARE * wp.max(wi, wj))
                         push = wp.transpose(sweep.to_local) * (-gap * n + rubbed - rubbed_before) / w
+                        share = share_of(here.step, here.frame.substeps)
+                        colliders, first = here.colliders.shape[0], here.body.particles
+                        add_force(here.state.contact_forces, (first + i) * colliders + c, share * (1.0 - t) * push)
+                        add_force(here.state.contact_forces, (first + j) * colliders + c, share * t * push)
                         di += wi * (1.0 - t) * push
                         dj += wj * t * push
                         after = pack(rubbed, pressed)
@@ -137,23 +158,13 @@ def make_edge_contact(shapes: tuple[str, ...], order: int):
                             past += t * here.state.last_displacements[here.body.particles + j]
                             hit = -wp.dot(past - sweep.motion, normal) > 0.5 * pressed
                             if wi > 0.0:
-                                forget(
-                                    here.body.particles + i,
-                                    di - xyz(load4(here.low, i)),
-                                    normal,
-                                    hit,
-                                    here.state,
-                                    here.step,
-                                )
+                                moved = di - xyz(load4(here.low, i))
+                                lost = forget(first + i, moved, normal, hit, here.state, here.step)
+                                add_force(here.state.contact_forces, (first + i) * colliders + c, share / wi * lost)
                             if wj > 0.0:
-                                forget(
-                                    here.body.particles + j,
-                                    dj - xyz(load4(here.low, j)),
-                                    normal,
-                                    hit,
-                                    here.state,
-                                    here.step,
-                                )
+                                moved = dj - xyz(load4(here.low, j))
+                                lost = forget(first + j, moved, normal, hit, here.state, here.step)
+                                add_force(here.state.contact_forces, (first + j) * colliders + c, share / wj * lost)
             if here.step.repeats:
                 store_row(here.state.edge_contacts, slot, after)
         if touched:
