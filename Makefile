@@ -1,4 +1,5 @@
-# make demo   the node on config/curtain.yaml, a ball, a breeze and a status line; ARGS="--seconds 10" ends it by itself
+# make demo   the node on config/curtain.yaml, its driver and a status line; SCENE=towel takes another one of config/,
+#             ARGS="--seconds 10" ends it by itself
 # make test   ruff and the tests, but for those marked `long`, which `make test-long` runs
 # All set up .venv first; the second time that takes no time. PYTHON=/path/to/python3 chooses an interpreter.
 SHELL := /bin/bash
@@ -12,7 +13,7 @@ SOURCES := setup.py setup.cfg pyproject.toml Makefile
 .PHONY: demo test test-long format docs clean
 
 demo: $(VENV)/ready-to-run
-	@exec $(RUN) -m cloth_sim_ros.demo $(ARGS)
+	@exec $(RUN) -m cloth_sim_ros.demo $(SCENE) $(ARGS)
 
 test: $(VENV)/ready-to-test
 	$(RUN) -m ruff check .

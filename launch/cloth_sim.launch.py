@@ -1,33 +1,59 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ros2 launch cloth_sim_ros cloth_sim.launch.py [params:=FILE] [rviz:=true]."""
+"""ros2 launch cloth_sim_ros cloth_sim.launch.py [scene:=towel] [params_file:=FILE] [rviz:=true] ..."""
 
 from pathlib import Path
 
-from ament_index_python.packages import get_package_share_directory
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, ExecuteProcess
-from launch.conditions import IfCondition
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+ARGUMENTS = {
+    "scene": ("curtain", "a scene of config/, such as curtain, towel, rope or winch"),
+    "params_file": ("", "parameter file of the node, in place of a scene's"),
+    "namespace": ("", "namespace of the node"),
+    "name": ("cloth_sim", "name of the node"),
+    "device": ("", "where to compute: auto, cpu, cuda:0, ...; empty is what the file says"),
+    "use_sim_time": ("false", "whether to follow /clock"),
+    "rviz": ("false", "whether to show the scene in RViz"),
+}
+
 
 def generate_launch_description() -> LaunchDescription:
-    """The node, and on request a view of it."""
+    """The node on a scene, and on request a view of it."""
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+
+
+def start(context: LaunchContext) -> list:
+    """The actions for the arguments in `context`. Raises FileNotFoundError where a file is missing."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     config = Path(get_package_share_directory("cloth_sim_ros")) / "config"
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                "params", default_value=str(config / "curtain.yaml"), description="parameter file of the node"
-            ),
-            DeclareLaunchArgument("rviz", default_value="false", description="whether to show it"),
-            Node(
-                package="cloth_sim_ros",
-                executable="cloth_sim_node",
-                parameters=[LaunchConfiguration("params")],
-                output="screen",
-            ),
-            ExecuteProcess(
-                cmd=["rviz2", "-d", str(config / "cloth_sim.rviz")], condition=IfCondition(LaunchConfiguration("rviz"))
-            ),
-        ]
+    file = Path(given["params_file"]) if given["params_file"] else config / f"{given['scene']}.yaml"
+    if not file.is_file():
+        there = ", ".join(sorted(each.stem for each in config.glob("*.yaml")))
+        raise FileNotFoundError(f"there is no {file}; the scenes are {there}")
+    set_here = {"use_sim_time": given["use_sim_time"] == "true"}
+    if given["device"]:
+        set_here["device"] = given["device"]
+    node = Node(
+        package="cloth_sim_ros",
+        executable="cloth_sim_node",
+        namespace=given["namespace"],
+        name=given["name"],
+        parameters=[str(file), set_here],
+        output="screen",
     )
+    return [node, *(_view(config / f"{file.stem}.rviz") if given["rviz"] == "true" else [])]
+
+
+def _view(file: Path) -> list:
+    try:
+        get_package_share_directory("rviz2")
+    except PackageNotFoundError:
+        return [LogInfo(msg="rviz2 is not installed, so nothing is shown: sudo apt install ros-jazzy-rviz2")]
+    return [Node(package="rviz2", executable="rviz2", arguments=["-d", str(file)] if file.is_file() else [])]

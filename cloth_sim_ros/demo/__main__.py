@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A demonstration: starts the node, swings a ball through the curtain, lets the breeze come and go, and watches.
+"""A demonstration: starts the node on a scene of config/ and the scene's driver, where it has one, and watches.
 
-Everything goes through the real topics; the status line is made of what arrives. Run it with `make demo`.
+Everything goes through the real topics; the status line is made of what arrives. Run it with `make demo SCENE=towel`.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import math
 import os
 import signal
@@ -16,11 +17,14 @@ import threading
 import time
 from pathlib import Path
 
+import yaml
+
+DRIVERS = {"curtain": "cloth_sim_ros.demo.curtain", "towel": "cloth_sim_ros.demo.towel"}
 LOOK_CLOSER = """
-The ball and the breeze are fed by topic, particles and meshes come back as standard messages. To look closer:
-  rviz2 -d config/cloth_sim.rviz                                    (with an installed ROS 2 Jazzy)
-  ros2 topic hz /cloth_sim/cloth/particles
-  ros2 param set /cloth_sim cloth.stretch_compliance 0.01           (softer, at once)
+The driver speaks by topic and service, particles and meshes come back as standard messages. To look closer:
+  rviz2 -d config/{scene}.rviz                                      (with an installed ROS 2 Jazzy)
+  ros2 topic hz /cloth_sim/{object}/particles
+  ros2 param set /cloth_sim {object}.stretch_compliance 0.01        (softer, at once)
   ros2 service call /cloth_sim/reset std_srvs/srv/Trigger
 Ctrl-C ends it.
 """
@@ -29,16 +33,17 @@ Ctrl-C ends it.
 def main(arguments: list[str] | None = None) -> int:
     """Runs the demonstration until Ctrl-C, SIGTERM or --seconds; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--config", type=Path, default=shared("config/curtain.yaml"), help="parameter file of the node")
+    parser.add_argument("scene", nargs="?", default="curtain", choices=scenes(), help="a scene of config/")
     parser.add_argument("--seconds", type=float, default=math.inf, help="how long to run once messages arrive")
     options = parser.parse_args(arguments)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    print(f"Starting the node on {options.config} ...", flush=True)
-    node = start_node(options.config)
+    config = shared(f"config/{options.scene}.yaml")
+    print(f"Starting the node on {config} ...", flush=True)
+    node = start_node(config)
     try:
-        watch(stop, node, options.seconds)
+        watch(stop, node, options.scene, options.seconds)
     finally:
         node.terminate()
         status = node.wait(timeout=10.0)
@@ -52,6 +57,17 @@ def start_node(config: Path, *arguments: str) -> subprocess.Popen:
     return subprocess.Popen(command, start_new_session=True, env={**os.environ, "PYTHONUNBUFFERED": "1"})
 
 
+def scenes() -> list[str]:
+    """The names of the scenes in config/."""
+    return sorted(file.stem for file in shared("config/curtain.yaml").parent.glob("*.yaml"))
+
+
+def objects_of(config: Path) -> list[str]:
+    """The names of the objects in a parameter file."""
+    (parameters,) = yaml.safe_load(config.read_text()).values()
+    return parameters["ros__parameters"]["objects"]
+
+
 def shared(path: str) -> Path:
     """A file that comes with the package: in a source tree, or installed by colcon or pip."""
     roots = [Path(__file__).parents[2]]
@@ -60,8 +76,8 @@ def shared(path: str) -> Path:
     return next((root / path for root in roots if (root / path).is_file()), roots[0] / path)
 
 
-def watch(stop: threading.Event, node: subprocess.Popen, seconds: float) -> None:
-    """Feeds and watches the node until `stop`, the node's own end, or `seconds` after the first message."""
+def watch(stop: threading.Event, node: subprocess.Popen, scene: str, seconds: float) -> None:
+    """Drives and watches the node until `stop`, the node's own end, or `seconds` after the first message."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions
@@ -69,17 +85,23 @@ def watch(stop: threading.Event, node: subprocess.Popen, seconds: float) -> None
     from cloth_sim_ros.demo.audience import Audience
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    audience = Audience()
+    objects = objects_of(shared(f"config/{scene}.yaml"))
+    audience = Audience(objects)
+    ours = [audience]
+    if scene in DRIVERS:
+        ours.append(importlib.import_module(DRIVERS[scene]).Driver())
     executor = SingleThreadedExecutor()
-    executor.add_node(audience)
+    for each in ours:
+        executor.add_node(each)
     end, greeted = math.inf, False
     while not stop.is_set() and node.poll() is None and time.monotonic() < end:
         executor.spin_once(timeout_sec=0.1)
         if audience.seen and not greeted:
-            print(LOOK_CLOSER, flush=True)
+            print(LOOK_CLOSER.format(scene=scene, object=objects[0]), flush=True)
             end, greeted = time.monotonic() + seconds, True
     executor.shutdown()
-    audience.destroy_node()
+    for each in ours:
+        each.destroy_node()
     rclpy.try_shutdown()
 
 

@@ -1,51 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demonstration's own node: the one that feeds the simulation and watches what comes back."""
+"""The demonstration's own node: the one that watches what comes back."""
 
 from __future__ import annotations
 
-import math
 import time
+from collections.abc import Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
-RATE = 60.0  # [Hz] of the ball's poses
-SWING_PERIOD = 6.0  # [s] of the ball, to and fro
-GUST_PERIOD = 8.0  # [s] of the breeze
-
-
-def ball_pose(t: float) -> tuple[float, float, float]:
-    """Where the ball is at time t [s]: it swings through the curtain's plane y = 0, and from side to side."""
-    phase = 2.0 * math.pi * t / SWING_PERIOD
-    return 0.25 * math.sin(0.3 * phase), -0.6 * math.cos(phase), 1.0
-
-
-def breeze(t: float) -> tuple[float, float, float]:
-    """The wind at time t [s], in m/s."""
-    return 0.0, 2.0 * math.sin(2.0 * math.pi * t / GUST_PERIOD) ** 2, 0.0
-
 
 class Audience(Node):
-    """Moves the ball, makes the wind, counts messages and prints a line for each message on /diagnostics."""
+    """Counts the messages of `objects` and prints a line for each message on /diagnostics."""
 
-    def __init__(self):
+    def __init__(self, objects: Sequence[str]):
         super().__init__("cloth_demo")
         self.seen = False
         self._counts = {"particles": 0, "mesh": 0}
-        self._begin: float | None = None  # when the node was there to be fed
         self._last = time.monotonic()
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._ball = self.create_publisher(PoseStamped, "/cloth_sim/colliders/ball/pose", newest)
-        self._wind = self.create_publisher(Vector3Stamped, "/cloth_sim/wind", newest)
         for kind, topic in ((PointCloud2, "particles"), (Marker, "mesh")):
             callback = self._counter(topic)
-            self.create_subscription(kind, f"/cloth_sim/cloth/{topic}", callback, newest, raw=True)
+            for name in objects:
+                self.create_subscription(kind, f"/cloth_sim/{name}/{topic}", callback, newest, raw=True)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._print_status, 10)
-        self.create_timer(1.0 / RATE, self._feed)
 
     def _counter(self, topic: str):
         def count(_):
@@ -53,20 +34,6 @@ class Audience(Node):
             self.seen = True
 
         return count
-
-    def _feed(self) -> None:
-        if self._begin is None:
-            if not self._ball.get_subscription_count():
-                return
-            self._begin = time.monotonic()
-        t = time.monotonic() - self._begin
-        pose, wind = PoseStamped(), Vector3Stamped()
-        pose.header.frame_id = wind.header.frame_id = "world"
-        pose.header.stamp = wind.header.stamp = self.get_clock().now().to_msg()
-        pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = ball_pose(t)
-        wind.vector.x, wind.vector.y, wind.vector.z = breeze(t)
-        self._ball.publish(pose)
-        self._wind.publish(wind)
 
     def _print_status(self, array: DiagnosticArray) -> None:
         now = time.monotonic()

@@ -32,7 +32,7 @@ from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.frames import Frames, Refused
 from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
 from cloth_sim_ros.ros.mesh_file import stop_reading
-from cloth_sim_ros.ros.outputs import LATEST, HandleOutput, ObjectOutput
+from cloth_sim_ros.ros.outputs import LATEST, ObjectOutput, Wrenches
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
 from cloth_sim_ros.ros.parameter_services import ParameterServices, settled
 from cloth_sim_ros.ros.scene_plan import group
@@ -88,7 +88,7 @@ class ClothSimNode(Node):
         if values["spare_colliders"]:
             self.create_subscription(MarkerArray, "~/scene", self._on_scene, 10)
         self._collider_output = CollidersOutput(self, self._frame_id)
-        self._handle_output = HandleOutput(self, values["handles"], self._frame_id)
+        self._wrenches = [Wrenches(self, kind, values[kind], self._frame_id) for kind in ("colliders", "handles")]
         world.grasps.told = self._tell_attached
         for name in values["objects"]:
             if values[f"{name}.type"] == "rope":
@@ -239,7 +239,8 @@ class ClothSimNode(Node):
 
     def _attach(self, world: World) -> None:
         self._end_sending()
-        self._handle_output.attach(world.sim)
+        for wrenches in self._wrenches:
+            wrenches.attach(world.sim)
         publish = group(self._bridge.values, "publish")
         for name, output in self._outputs.items():
             if world.sim is not None and name in world.sim.scene.objects:
@@ -257,7 +258,8 @@ class ClothSimNode(Node):
         begin = time.monotonic()
         for output in self._outputs.values():
             output.wait(stamp)
-        self._handle_output.publish(stamp)
+        for wrenches in self._wrenches:
+            wrenches.publish(stamp)
         if world.sim is not None:
             self._collider_output.publish(world.sim, world.poses(), stamp)
         world.finish()  # here, as the other thread may hold the interpreter from now on

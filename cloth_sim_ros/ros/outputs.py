@@ -63,13 +63,14 @@ class RopeEnds:
             publisher.publish(self._message)
 
 
-class HandleOutput:
-    """What handles feel, in world axes, about their origins; computed and sent where somebody subscribes."""
+class Wrenches:
+    """What colliders or handles (`kind`) feel, in world axes, about their origins; computed and sent where somebody
+    subscribes."""
 
-    def __init__(self, node: Node, names: Sequence[str], frame_id: str):
-        self._names = names
+    def __init__(self, node: Node, kind: str, names: Sequence[str], frame_id: str):
+        self._kind = kind
         self._publishers = {
-            name: node.create_publisher(WrenchStamped, f"~/handles/{name}/wrench", LATEST) for name in names
+            name: node.create_publisher(WrenchStamped, f"~/{kind}/{name}/wrench", LATEST) for name in names
         }
         self._message = WrenchStamped(header=Header(frame_id=frame_id))
         self._sim: Simulation | None = None
@@ -85,7 +86,11 @@ class HandleOutput:
             return
         self._message.header.stamp.sec, self._message.header.stamp.nanosec = stamp
         force, torque = self._message.wrench.force, self._message.wrench.torque
-        wrenches = dict(zip(self._sim.scene.handles, self._sim.handle_wrenches().tolist(), strict=True))
+        if self._kind == "handles":
+            rows, names = self._sim.handle_wrenches(), self._sim.scene.handles
+        else:
+            rows, names = self._sim.wrenches(), self._sim.scene.colliders
+        wrenches = dict(zip(names, rows.tolist(), strict=False))  # spare rows lie behind
         for name in wanted:
             if name in wrenches:  # else it is left out of the simulation
                 force.x, force.y, force.z, torque.x, torque.y, torque.z = wrenches[name]

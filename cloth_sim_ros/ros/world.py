@@ -16,6 +16,7 @@ from cloth_sim_ros.ros.frames import Followers, Frames
 from cloth_sim_ros.ros.grasps import Grasps
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
 from cloth_sim_ros.ros.scene_plan import make_plan, placed
+from cloth_sim_ros.ros.told import Told
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.methods.limits import Unstable
@@ -41,11 +42,9 @@ class World:
         self.in_effect: Mapping[str, Any] = values  # with the live changes since then that the simulation took
         self.estimates: dict[str, float] = {}  # name -> error [m] of the last frame that was judged
         self._unjudged = 0.0  # [s] since then
-        self._recoveries: dict[str, float] = {}
-        self._told: dict[str, str] = {}
+        self._told = Told(log)
         self._wind: Vector | None = None  # set by topic since the parameter was last set
         self._pay_outs: dict[str, tuple[float, float]] = {}  # rope -> the same of its winch [m/s], self.simulated then
-        self._stopped: set[str] = set()
         self._compiling: threading.Thread | None = None
         self._log = log
 
@@ -80,8 +79,8 @@ class World:
         sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
         self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
         self.estimates, self._unjudged = {}, 0.0
-        self._told.clear()
-        self._tell_reasons()
+        self._told.forget_reasons()
+        self._told.reasons(self.sim)
         self._compiling = threading.Thread(target=self._compile, args=(sim,), name="compiling", daemon=True)
         self._compiling.start()
         return True
@@ -130,7 +129,7 @@ class World:
                     (self._log.info if done else self._log.warning)(sentence)
                 else:
                     self.sim.set(name, value)
-                self._tell_reasons()
+                self._told.reasons(self.sim)
             except Unstable as error:
                 self._log.error(f"{name} is put back: {error}")
                 return False
@@ -138,16 +137,6 @@ class World:
                 self._log.info(f"{name} is noted for the next rebuild, it has no effect now: {error}")
         self.in_effect = {**self.in_effect, name: value}
         return True
-
-    def _tell_reasons(self) -> None:
-        """Says in the log how each object is computed where that is chosen, and what is missed, when that is new."""
-        for name, choice in self.sim.choices.items():
-            softer = choice.bending_share < 1.0
-            told = (choice.words, choice.substeps, softer)
-            if self._told.get(name) != told and (softer or self.sim.settings.method == "auto"):
-                say = self._log.warning if softer else self._log.info
-                say(f"{name} {choice.reason}")
-            self._told[name] = told
 
     def set_wind(self, velocity: Vector) -> None:
         """Sets the wind [m/s] from a message."""
@@ -191,14 +180,6 @@ class World:
         most = values[f"{rope}.winch.max_rate"]
         if abs(rate) > most:
             self._log.warning(f"{rope}.winch.pay_out is {rate:g} m/s and is cut to {rope}.winch.max_rate, {most:g} m/s")
-
-    def _tell_stopped(self, report: Mapping[str, dict[str, float]]) -> None:
-        """Says in the log once when a winch has reached a limit of its length and is asked to go on."""
-        stopped = {name for name, each in report.items() if each.get("winch_stopped")}
-        for name in stopped - self._stopped:
-            limits = "winch.shortest, winch.longest or the rope itself"
-            self._log.warning(f"{name}'s winch stopped at {report[name]['paid_out']:.4g} m, a limit set by {limits}")
-        self._stopped = stopped
 
     def reset(self) -> None:
         """Objects back to their start and winches to their parameters; colliders stay where the last pose put them, as
@@ -264,15 +245,10 @@ class World:
         return frame_dt
 
     def report(self) -> dict[str, dict[str, float]]:
-        """The simulation's report; says in the log which objects had to be put back since the last one."""
+        """The simulation's report; what is worth it goes to the log."""
         report = self.sim.report()
-        self._tell_reasons()
-        self._tell_stopped(report)
-        for name, each in report.items():
-            more = each["recoveries"] - self._recoveries.get(name, 0)
-            if more > 0:
-                self._log.warning(f"{name} was not finite or ran away and was put back, at rest, {more} times")
-        self._recoveries = {name: each["recoveries"] for name, each in report.items()}
+        self._told.reasons(self.sim)
+        self._told.report(report, self.in_effect)
         return report
 
     def forget_stamps(self) -> None:

@@ -183,6 +183,11 @@ class Batch:
         row = self._bodies[self.index[name]]
         return slice(row["particles"], row["particles"] + row["count"])
 
+    def panels(self, name: str) -> slice:
+        """Where the triangles of a sheet, or the segments of a rope, lie in Model.panels."""
+        row = self._bodies[self.index[name]]
+        return slice(row["panels"], row["panels_end"])
+
     def segments(self, name: str) -> slice:
         """Where the chain segments of a rope lie; of what has no chain, nowhere."""
         row = self._bodies[self.index[name]]

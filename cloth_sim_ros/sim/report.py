@@ -10,12 +10,13 @@ import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.colliders import make_signed_distance
-from cloth_sim_ros.sim.intrinsics import xyz
+from cloth_sim_ros.sim.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.state import Arrays
 
 # Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.
-STRAIN, RESIDUAL, PENETRATION = 0, 1, 2
+STRAIN, RESIDUAL, PARTICLES, SURFACE = 0, 1, 2, 3
+SPREAD = 6  # steps along each edge at whose ends penetration is looked for
 
 
 @wp.kernel(enable_backward=False)
@@ -87,19 +88,46 @@ def _measure(
 
 @lru_cache
 def make_measure_contacts(shapes: tuple[str, ...]):
-    """The kernel of the deepest penetration into colliders of `shapes` where they are at the end of the frame."""
+    """The kernel of the deepest penetration into colliders of `shapes` where they are at the end of the frame.
+
+    Of a particle, which contact keeps outside, and of the surface: points spread evenly over every triangle of a sheet
+    or segment of a rope that no particle of it is pinned.
+    """
     signed_distance = make_signed_distance(shapes)
+
+    @wp.func
+    def depth(point: wp.vec3, arrays: Arrays, b: int) -> float:
+        deepest = float(0.0)
+        for c in range(arrays.colliders.shape[0]):
+            collider = arrays.colliders[c]
+            p = wp.quat_rotate_inv(collider.end_orientation, point - collider.end_position)
+            gap = signed_distance(collider.shape, p, collider.size)[3] - arrays.materials[b].thickness
+            deepest = wp.max(deepest, -gap)
+        return deepest
 
     @wp.kernel(enable_backward=False, module="unique")
     def measure_contacts(arrays: Arrays, b: int, result: wp.array(dtype=float)):
-        g = arrays.model.bodies[b].particles + wp.tid()
-        if arrays.state.positions[g][3] == 0.0:
+        body = arrays.model.bodies[b]
+        corners = arrays.model.panels[body.panels + wp.tid()]
+        is_segment = corners[2] < 0
+        if is_segment:
+            corners[2] = corners[1]
+        pinned = bool(False)
+        for k in range(3):
+            row = load_row(arrays.state.positions, body.particles + corners[k])
+            pinned = pinned or row[3] == 0.0
+            if row[3] > 0.0:
+                wp.atomic_max(result, PARTICLES, depth(xyz(row), arrays, b))
+        if pinned:
             return
-        for c in range(arrays.colliders.shape[0]):
-            collider = arrays.colliders[c]
-            p = wp.quat_rotate_inv(collider.end_orientation, xyz(arrays.state.positions[g]) - collider.end_position)
-            gap = signed_distance(collider.shape, p, collider.size)[3] - arrays.materials[b].thickness
-            wp.atomic_max(result, PENETRATION, -gap)
+        first = xyz(load_row(arrays.state.positions, body.particles + corners[0]))
+        second = xyz(load_row(arrays.state.positions, body.particles + corners[1]))
+        third = xyz(load_row(arrays.state.positions, body.particles + corners[2]))
+        for u in range(wp.where(is_segment, 1, wp.static(SPREAD + 1))):
+            for v in range(wp.static(SPREAD + 1) - u):
+                s, t = float(v) / wp.static(float(SPREAD)), float(u) / wp.static(float(SPREAD))
+                point = (1.0 - s - t) * first + s * second + t * third
+                wp.atomic_max(result, SURFACE, depth(point, arrays, b))
 
     return measure_contacts
 
@@ -109,10 +137,10 @@ class Reporter:
 
     def __init__(self, device: wp.Device) -> None:
         self._device = device
-        self._result = wp.zeros(3, dtype=float, device=device)
+        self._result = wp.zeros(4, dtype=float, device=device)
 
     def measure(self, batch: Batch, name: str, world: int) -> dict[str, float]:
-        """kinetic_energy [J], max_strain [-], max_penetration [m], residual [m] and recoveries of one body."""
+        """What Simulation.report says of every object, for one of them."""
         b, span, arrays = batch.index[name], batch.span(name), batch.worlds[world]
         self._result.zero_()
         second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
@@ -123,8 +151,8 @@ class Reporter:
             segments = span.stop - span.start - 1
             wp.launch(measure_chain, dim=segments, inputs=[arrays, b, self._result], device=self._device)
         if batch.features.shapes:
-            kernel = make_measure_contacts(batch.features.shapes)
-            wp.launch(kernel, dim=span.stop - span.start, inputs=[arrays, b, self._result], device=self._device)
+            kernel, panels = make_measure_contacts(batch.features.shapes), batch.panels(name)
+            wp.launch(kernel, dim=panels.stop - panels.start, inputs=[arrays, b, self._result], device=self._device)
         velocities = arrays.state.velocities[span].numpy()[:, :3].astype(np.float64)
         inverse = arrays.state.positions[span].numpy()[:, 3].astype(np.float64)
         moving = inverse > 0.0
@@ -135,7 +163,8 @@ class Reporter:
         return {
             "kinetic_energy": energy,
             "max_strain": float(result[STRAIN]),
-            "max_penetration": float(result[PENETRATION]),
+            "max_penetration": float(max(result[PARTICLES], result[SURFACE])),
+            "particle_penetration": float(result[PARTICLES]),
             "residual": float(result[RESIDUAL]),
             "recoveries": recoveries,
             "redone": redone,

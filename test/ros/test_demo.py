@@ -5,6 +5,8 @@ import re
 import subprocess
 import sys
 
+import pytest
+import yaml
 from node_process import ROOT
 
 LINE = re.compile(
@@ -13,8 +15,9 @@ LINE = re.compile(
 )
 
 
-def test_demo_runs_and_ends_by_itself():
-    command = [sys.executable, "-m", "cloth_sim_ros.demo", "--seconds", "4"]
+@pytest.mark.parametrize("scene", ["curtain", "towel", "rope"])
+def test_demo_runs_and_ends_by_itself(scene):
+    command = [sys.executable, "-m", "cloth_sim_ros.demo", scene, "--seconds", "4"]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     assert result.returncode == 0, result.stderr
     lines = LINE.findall(result.stdout)
@@ -22,3 +25,20 @@ def test_demo_runs_and_ends_by_itself():
     assert all(int(rate) > 0 for rate in lines[-1])
     assert "To look closer" in result.stdout
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("scene", [file.stem for file in ROOT.glob("config/*.yaml")])
+def test_the_view_of_a_scene_names_its_topics_and_no_others(scene):
+    (parameters,) = yaml.safe_load((ROOT / f"config/{scene}.yaml").read_text()).values()
+    topics = {"/cloth_sim/colliders"}
+    for name in parameters["ros__parameters"]["objects"]:
+        topics |= {f"/cloth_sim/{name}/mesh", f"/cloth_sim/{name}/particles"}
+    view = yaml.safe_load((ROOT / f"config/{scene}.rviz").read_text())
+    displays = view["Visualization Manager"]["Displays"]
+    assert {display["Topic"]["Value"] for display in displays if "Topic" in display} == topics
+
+
+def test_an_unknown_scene_is_told_what_there_is():
+    command = [sys.executable, "-m", "cloth_sim_ros.demo", "sock"]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 2 and "invalid choice: 'sock'" in result.stderr and "towel" in result.stderr

@@ -116,7 +116,7 @@ def test_a_moving_collider_pushes_the_cloth_and_none_stays_inside(device, collid
         sim.set_collider_pose("it", (0.0, start[1] + 0.01 * frame, start[2]), collider.orientation)
         sim.step()
     assert sim.positions("cloth")[:72, 1].max() > 0.1
-    assert sim.report()["cloth"]["max_penetration"] < 1e-4
+    assert sim.report()["cloth"]["particle_penetration"] < 1e-4
 
 
 def test_a_placed_collider_was_never_in_between(device):
@@ -180,4 +180,16 @@ def test_report_measures_strain_energy_and_penetration(device):
     report = sim.report()["cloth"]
     assert report["max_strain"] == pytest.approx(0.1, rel=1e-4)
     assert report["kinetic_energy"] == pytest.approx(0.5 * 0.2 * 9, rel=1e-5)
-    assert report["max_penetration"] == pytest.approx(0.205, rel=1e-4)
+    assert report["max_penetration"] == report["particle_penetration"] == pytest.approx(0.205, rel=1e-4)
+
+
+def test_penetration_is_of_the_surface(device):
+    sheet = Cloth(resolution=(3, 3), pins=None, thickness=0.001)
+    rope = Rope(segments=2, start=(-0.5, 0.25, 0), end=(0.5, 0.25, 0), pins=None, radius=0.001)
+    colliders = {"in a triangle": Sphere(radius=0.03, position=(-0.25 / 3 * 2, -0.25 / 3 * 4, 0.01))}
+    sim = Simulation(Scene({"sheet": sheet, "rope": rope}, colliders), device=device)
+    report = sim.report()
+    assert report["sheet"]["particle_penetration"] == report["rope"]["max_penetration"] == 0.0
+    assert report["sheet"]["max_penetration"] == pytest.approx(0.021, abs=0.004)
+    sim = Simulation(Scene({"rope": rope}, {"ball": Sphere(radius=0.05, position=(0.25, 0.25, 0.02))}), device=device)
+    assert sim.report()["rope"]["max_penetration"] == pytest.approx(0.031, abs=1e-4)

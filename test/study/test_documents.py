@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-SHORT = [ROOT / "README.md", ROOT / "docs" / "method.md"]
+SHORT = [ROOT / "README.md", *(ROOT / "docs" / page for page in ("method.md", "ros.md"))]
 MOST_WORDS = 30
 ABBREVIATIONS = r"\b(?:e\.g|i\.e|et al|cf|vs|no)\."
 

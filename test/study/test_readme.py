@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameter files in the README are what the node takes, and do what the text says."""
+"""The parameter files in README and docs/ros.md are what the node takes, and do what the text says."""
 
 import re
 from pathlib import Path
@@ -10,14 +10,15 @@ import pytest
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.study.scene_file import read_plan
 
-README = Path(__file__).parents[2] / "README.md"
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
 def simulations(tmp_path):
-    """Object name -> a simulation of each file in the README."""
+    """Object name -> a simulation of each file in the pages."""
     found = {}
-    for text in re.findall(r"```yaml\n(.*?)```", README.read_text(), flags=re.DOTALL):
+    pages = "".join((ROOT / page).read_text() for page in ("README.md", "docs/ros.md"))
+    for text in re.findall(r"```yaml\n(.*?)```", pages, flags=re.DOTALL):
         file = tmp_path / "example.yaml"
         file.write_text(text)
         plan = read_plan(file)
@@ -41,6 +42,25 @@ def test_the_winch_holds_five_kilograms_and_the_hose_half_a_turn(simulations):
 
 
 def test_the_example_of_the_winch_is_its_file(simulations):
-    file = read_plan(README.parent / "config" / "winch.yaml").scene.objects["cable"]
+    file = read_plan(ROOT / "config" / "winch.yaml").scene.objects["cable"]
     assert simulations["cable"].scene.objects["cable"].winch == file.winch
     assert simulations["cable"].scene.objects["cable"].end_mass == file.end_mass
+
+
+def test_the_first_scene_has_a_hand_that_holds_a_corner(simulations):
+    sim = simulations["towel"]
+    assert sim.held("hand") == 1 and set(sim.scene.objects) == {"towel", "cable"}
+    for frame in range(60):
+        sim.set_handle_pose("hand", (-0.25, -0.25, 0.01 + 0.005 * frame))
+        sim.step()
+    assert sim.positions("towel")[:, 2].max() == pytest.approx(0.305, abs=2e-3)
+
+
+def test_the_python_example_runs(capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+    exec(code.replace('"auto"', '"cpu"'), {})
+    assert "is computed by" in capsys.readouterr().out
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 150

@@ -217,7 +217,7 @@ def watch(sim: Simulation, trial: Trial) -> Verdict:
             found = sum(energy.of(x, v, sim.report()[BODY]["residual"]))
             if found > limit:
                 return Verdict("failed", f"energy {found:.4g} J {when}, allowed {limit:.4g}")
-        if trial.outside and (depth := sim.report()[BODY]["max_penetration"]) > DEEPEST:
+        if trial.outside and (depth := sim.report()[BODY]["particle_penetration"]) > DEEPEST:
             return Verdict("failed", f"{depth:.3g} m deep in a collider {when}")
     report = sim.report()[BODY]
     if report["recoveries"]:

@@ -78,7 +78,7 @@ def teleport(kind: str, options: Options, random: np.random.Generator) -> Trial:
 
 def out(sim: Simulation) -> str:
     """No particle is left in or behind a collider."""
-    depth = sim.report()[BODY]["max_penetration"]
+    depth = sim.report()[BODY]["particle_penetration"]
     return f"still {depth:.3g} m deep" if depth > 1e-4 else ""
 
 

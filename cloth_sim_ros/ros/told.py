@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the log says of objects while they run: each thing once, and again when it is new."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from cloth_sim_ros.sim import Simulation
+
+Report = Mapping[str, dict[str, float]]
+
+
+class Told:
+    """Remembers what `log` has said. One for all the simulations of a node."""
+
+    def __init__(self, log: Any):
+        self._log = log
+        self._reasons: dict[str, tuple] = {}
+        self._stopped: set[str] = set()
+        self._deep: set[str] = set()
+        self._recoveries: dict[str, float] = {}
+
+    def forget_reasons(self) -> None:
+        """A new simulation says of every object how it is computed."""
+        self._reasons.clear()
+
+    def reasons(self, sim: Simulation) -> None:
+        """How each object is computed where that is chosen, and what is missed."""
+        for name, choice in sim.choices.items():
+            softer = choice.bending_share < 1.0
+            told = (choice.words, choice.substeps, softer)
+            if self._reasons.get(name) != told and (softer or sim.settings.method == "auto"):
+                say = self._log.warning if softer else self._log.info
+                say(f"{name} {choice.reason}")
+            self._reasons[name] = told
+
+    def report(self, report: Report, values: Mapping[str, Any]) -> None:
+        """What of a simulation's report a user should know."""
+        self._tell_stopped(report)
+        self._tell_deep(report, values)
+        for name, each in report.items():
+            more = each["recoveries"] - self._recoveries.get(name, 0)
+            if more > 0:
+                self._log.warning(f"{name} was not finite or ran away and was put back, at rest, {more} times")
+        self._recoveries = {name: each["recoveries"] for name, each in report.items()}
+
+    def _tell_stopped(self, report: Report) -> None:
+        """That a winch has reached a limit of its length and is asked to go on."""
+        stopped = {name for name, each in report.items() if each.get("winch_stopped")}
+        for name in stopped - self._stopped:
+            limits = "winch.shortest, winch.longest or the rope itself"
+            self._log.warning(f"{name}'s winch stopped at {report[name]['paid_out']:.4g} m, a limit set by {limits}")
+        self._stopped = stopped
+
+    def _tell_deep(self, report: Report, values: Mapping[str, Any]) -> None:
+        """Which objects colliders enter between particles."""
+        for name, each in report.items():
+            deep = each["max_penetration"] - each["particle_penetration"]
+            if deep <= values[f"{name}.{'radius' if 'max_tension' in each else 'thickness'}"]:
+                self._deep.discard(name)
+            elif name not in self._deep and not values[f"{name}.edge_contact"]:
+                self._deep.add(name)
+                remedy = f"{name}.edge_contact keeps edges outside too, and a finer object helps"
+                self._log.warning(f"{name} lies {deep:.2g} m deep in a collider between its particles; {remedy}")
