@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The device side of all objects that share a kernel: their arrays, their state and the schedule that advances them."""
+"""The device side of all objects that share a kernel: their arrays, their state and the executor that advances them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.executors.block import Resident, capacity, threads_for
-from cloth_sim_ros.sim.executors.graph import Coloured
+from cloth_sim_ros.sim.executors.block import Block, capacity, threads_for
+from cloth_sim_ros.sim.executors.graph import Graph
 from cloth_sim_ros.sim.executors.subdomain_plan import Unfit
-from cloth_sim_ros.sim.executors.subdomains import Tiled
+from cloth_sim_ros.sim.executors.subdomains import Subdomains
 from cloth_sim_ros.sim.executors.trial import Trial
-from cloth_sim_ros.sim.executors.vector_rows import Rows, fits_rows
+from cloth_sim_ros.sim.executors.vector_rows import VectorRows, fits_rows
 from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
 from cloth_sim_ros.sim.methods.limits import outer_steps
 from cloth_sim_ros.sim.model import Features, Model
@@ -24,7 +24,7 @@ from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Frame, Material, Ree
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 
-Schedule = Resident | Coloured | Tiled | Rows
+Executor = Block | Graph | Subdomains | VectorRows
 _forced: str | None = None
 _BLOCK_OF_LINES, _GRAPH_OF_LINES = 1600, 160_000  # particles of a body and of all, on an H200
 _KEPT = ("positions", "low", "good_positions", "velocities", "grips", "grip_pulls", "grip_forces")
@@ -32,11 +32,11 @@ _PAST = ("last_displacements", "last_velocities")
 
 
 @contextmanager
-def forced_schedule(name: str | None) -> Iterator[None]:
-    """For tests and studies: batches that are built within have the schedule "resident", "coloured" or "tiled".
+def forced_executor(name: str | None) -> Iterator[None]:
+    """For tests and studies: batches that are built within have the executor "block", "graph" or "subdomains".
 
     With None it is chosen, as without. Building a batch raises ValueError where a body does not fit a block of the
-    device, or tiles cannot serve it.
+    device, or subdomains cannot serve it.
     """
     global _forced
     before, _forced = _forced, name
@@ -47,7 +47,7 @@ def forced_schedule(name: str | None) -> Iterator[None]:
 
 
 def goes_in_rows(features: Features, topology: Topology, device: wp.Device) -> bool:
-    """Whether a body is computed in rows."""
+    """Whether a body is computed in vector rows."""
     return _forced is None and fits_rows(features, topology, device)
 
 
@@ -78,8 +78,8 @@ class Shared:
 class Batch:
     """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
-    rows: whether they are computed in rows. The model is there once; `states` has a row a world, and `worlds[w]` is
-    what kernels know of world w.
+    rows: whether they are computed in vector rows. The model is there once; `states` has a row a world, and `worlds[w]`
+    is what kernels know of world w.
     """
 
     def __init__(
@@ -120,10 +120,10 @@ class Batch:
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self._saved: dict[str, wp.array] | None = None
-        self.schedule = self._make_schedule(rows, list(topologies.values()))
+        self.executor = self._make_executor(rows, list(topologies.values()))
         self._trial = None
         if features.method == "verlet":
-            self._trial = Trial(self.schedule, self._make_safe, self.worlds, self.counts, self.lines)
+            self._trial = Trial(self.executor, self._make_safe, self.worlds, self.counts, self.lines)
         for name in topologies:
             self.reset(name, None)
 
@@ -137,31 +137,31 @@ class Batch:
         arrays.ends = row_of(self.ends.array, w)
         return arrays
 
-    def _make_schedule(self, rows: bool, topologies: list[Topology]) -> Schedule:
+    def _make_executor(self, rows: bool, topologies: list[Topology]) -> Executor:
         if rows:
-            return Rows(self.features, self.worlds, topologies, self.device)
+            return VectorRows(self.features, self.worlds, topologies, self.device)
         largest, limit = max(self.counts), capacity(self.device, self.features)
         # A rope is short; in a block it also leaves the forces of the air behind, which its end wrenches need.
         sheets = all(len(topology.triangles) for topology in topologies)
-        if _forced == "tiled" or (_forced is None and self.device.is_cuda and sheets):
+        if _forced == "subdomains" or (_forced is None and self.device.is_cuda and sheets):
             try:
-                return Tiled(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
+                return Subdomains(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
             except Unfit:
-                if _forced == "tiled":
+                if _forced == "subdomains":
                     raise
-        if _forced == "resident" and largest > limit:
+        if _forced == "block" and largest > limit:
             raise ValueError(
-                f"the schedule 'resident' is forced on a body of {largest} particles; allowed are up to {limit} on "
+                f"the executor 'block' is forced on a body of {largest} particles; allowed are up to {limit} on "
                 f"{self.device.alias}"
             )
         # A line solve takes a warp: a launch of all lines on all multiprocessors beats one block, until there are many.
         alone = self.device.is_cuda and "line" in self.features.constraints and largest > _BLOCK_OF_LINES
         spread = alone and sum(self.counts) * len(self.worlds) < _GRAPH_OF_LINES
-        if _forced == "coloured" or largest > limit or (spread and _forced is None):
-            return Coloured(self.features, self.worlds, self.device)
-        return Resident(self.features, self.worlds, self.device, largest, self._threads)
+        if _forced == "graph" or largest > limit or (spread and _forced is None):
+            return Graph(self.features, self.worlds, self.device)
+        return Block(self.features, self.worlds, self.device, largest, self._threads)
 
-    def _make_safe(self) -> Resident | Coloured:
+    def _make_safe(self) -> Block | Graph:
         """XPBD of first order for bodies whose explicit frame is rejected, in substeps of its own."""
         constraints = ("line", *(name for name in self.features.constraints if name == "edge"))
         features = replace(self.features, method="xpbd", order=1, constraints=constraints, redoes=True)
@@ -174,9 +174,9 @@ class Batch:
             worlds.append(arrays)
         largest = max(self.counts)
         if largest > capacity(self.device, features):
-            return Coloured(features, worlds, self.device)
+            return Graph(features, worlds, self.device)
         threads = threads_for(features, largest, len(self.counts) * len(worlds), self.device)
-        return Resident(features, worlds, self.device, largest, threads)
+        return Block(features, worlds, self.device, largest, threads)
 
     def span(self, name: str) -> slice:
         """Where the particles of a body lie."""
@@ -328,7 +328,7 @@ class Batch:
     def advance(self, finer: int = 1) -> None:
         """Simulate one frame, as `write_frame` was told last."""
         if self._trial is None:
-            self.schedule.advance(finer * self.substeps, self.iterations, self._outer)
+            self.executor.advance(finer * self.substeps, self.iterations, self._outer)
         else:
             self._trial.advance(finer * self.substeps, self._outer, finer * self.safe_substeps)
 

@@ -114,7 +114,7 @@ class Bodies:
         self._write_substeps()
 
     def _make_batches(self) -> list[Batch]:
-        """A batch of each group of objects with the same features, in rows or not."""
+        """A batch of each group of objects with the same features, in vector rows or not."""
         wind = self.scene.wind is not None
         forces = np.array([force.numbers() for force in self.scene.forces.values()]).reshape(-1, 4)
         shared = Shared(
@@ -156,9 +156,9 @@ class Bodies:
 
     @property
     def method(self) -> str:
-        """Methods, orders and schedules in words, for diagnostics."""
+        """Methods, orders and executors in words, for diagnostics."""
         kinds = {
-            f"{self._choices[name].words}, {type(batch.schedule).__name__.lower()}"
+            f"{self._choices[name].words}, {type(batch.executor).__module__.rpartition('.')[2].replace('_', ' ')}"
             for batch in self.batches
             for name in batch.index
         }
@@ -172,7 +172,7 @@ class Bodies:
 
     @property
     def fits_a_block(self) -> bool:
-        """Whether the resident schedule can hold every object, each in one block of the device."""
+        """Whether the block executor can hold every object, each in one block of the device."""
         return all(max(batch.counts) <= capacity(self.warp_device, batch.features) for batch in self.batches)
 
     def one(self, world: int) -> int:

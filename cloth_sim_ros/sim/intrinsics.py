@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The little that Warp cannot say: wide loads, barriers, fast roots, and where a body lives during a substep.
 
-A resident body keeps both in the shared memory of its block on a GPU; elsewhere they are plain device arrays. The
+A body in a block keeps both in shared memory on a GPU; elsewhere they are plain device arrays. The
 stages see an address and an index and cannot tell: the compiler infers the address space, and the loads are 16 bytes
 wide.
 """

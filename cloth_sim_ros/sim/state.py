@@ -227,14 +227,14 @@ class State:
     faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
     recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
     relapses: wp.array(dtype=int)  # (B,) how many frames in a row ended so
-    torn: wp.array(dtype=int)  # (B,) whether a chain is torn in this substep, coloured schedule
+    torn: wp.array(dtype=int)  # (B,) whether a chain is torn in this substep, as a graph
     history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet
-    events: wp.array(dtype=int)  # (2 B,) 1 + the last even and odd substep that was not smooth, coloured schedule
+    events: wp.array(dtype=int)  # (2 B,) 1 + the last even and odd substep that was not smooth, as a graph
 
 
 @wp.struct
 class Arrays:
-    """Everything a kernel reads or writes in one world: the one argument that every schedule passes.
+    """Everything a kernel reads or writes in one world: the one argument that every executor passes.
 
     Many worlds are an array of these: they share the model, and each has its own part of everything that varies.
     """

@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.study.timing import frame_time, quartiles
 
 # Where a collider is: out of reach, or in the middle of the cloth.
@@ -56,14 +56,14 @@ def measure(cloth: Cloth, device: str, substeps: int, rounds: int, frames: int) 
     chosen = variants(cloth)
     plain = {"method": "xpbd", "order": 1, "substeps": substeps, "iterations": 1}
     fits = Simulation(chosen["all springs"][0], Settings(**plain), device=device).fits_a_block
-    schedule = "resident" if fits else "coloured"
+    executor = "block" if fits else "graph"
     sims = {"": None}
     for name, (scene, settings, _) in chosen.items():
-        with forced_schedule(schedule):
+        with forced_executor(executor):
             sims[name] = Simulation(scene, Settings(**{**plain, **settings}), device=device)
         sims[name].step(3)  # compiles, captures
     scene = chosen["all springs"][0]
-    with forced_schedule(schedule):
+    with forced_executor(executor):
         sims[""] = Simulation(scene, Settings(**plain), device=device)
     sims[""].step(3)
     times = {name: [] for name in sims}

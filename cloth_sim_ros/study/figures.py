@@ -66,14 +66,14 @@ def draw_error(
 
 
 def draw_speed(rows: list[dict], peers: list[dict], title: str, path: Path) -> None:
-    """Milliseconds a frame against particles, a line a schedule and a peer, from lower to upper quartile."""
+    """Milliseconds a frame against particles, a line an executor and a peer, from lower to upper quartile."""
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
     lines: dict[str, list[tuple[int, dict]]] = {}
     for row in rows:
-        for schedule in ("resident", "coloured"):
-            if schedule in row:
-                lines.setdefault(f"ours, {schedule}", []).append((row["resolution"] ** 2, row[schedule]))
+        for executor in ("block", "graph"):
+            if executor in row:
+                lines.setdefault(f"ours, {executor}", []).append((row["resolution"] ** 2, row[executor]))
     for row in peers:
         lines.setdefault(row["peer"], []).append((row["resolution"] ** 2, row))
     for k, (label, points) in enumerate(lines.items()):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`speed`: one launch a frame or one a stage: the same cloth in the same run, by xpbd of second order.
 
-The schedules take turns, so that whatever else the machine does falls on all alike. --peers adds the same springs at
+The executors take turns, so that whatever else the machine does falls on all alike. --peers adds the same springs at
 the same substeps in Newton and pyPBD, and MuJoCo's flex of the same size, in the same run. --features adds what each
 feature of a scene costs.
 """
@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.study import feature_costs
 from cloth_sim_ros.study.cases import Case
 from cloth_sim_ros.study.contenders import Run
@@ -26,7 +26,7 @@ from cloth_sim_ros.study.figures import draw_speed
 from cloth_sim_ros.study.peers import PEERS, flex_times
 from cloth_sim_ros.study.timing import frame_time, machine, quartiles
 
-SCHEDULES = {"resident": "a frame", "coloured": "a stage"}  # and what each needs a launch for
+EXECUTORS = {"block": "a frame", "graph": "a stage"}  # and what each needs a launch for
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resolution", type=int, nargs="+", default=[16, 32, 64], help="particles along each side")
     parser.add_argument("--substeps", type=int, default=20)
     parser.add_argument("--iterations", type=int, default=1)
-    parser.add_argument("--rounds", type=int, default=9, help="turns that each schedule takes")
+    parser.add_argument("--rounds", type=int, default=9, help="turns that each executor takes")
     parser.add_argument("--seconds", type=float, default=0.25, help="length of a turn [s]")
     parser.add_argument("--peers", action="store_true", help="also Newton, pyPBD and MuJoCo, if installed")
     parser.add_argument("--worlds", type=int, default=1, help="copies of the cloth in the same launches")
@@ -114,7 +114,7 @@ def compare(rows: list[dict], arguments: argparse.Namespace) -> list[dict]:
 
 
 def peer_table(rows: list[dict]) -> str:
-    """The peers as text: median and quartiles in ms per frame, and the ratio to the product's fastest schedule."""
+    """The peers as text: median and quartiles in ms per frame, and the ratio to the product's fastest executor."""
     lines = [f"{'cloth':>9}  {'peer':<28}  {'ms per frame':>26}  {'times ours':>10}"]
     for row in rows:
         size = f"{row['resolution']} x {row['resolution']}"
@@ -124,12 +124,12 @@ def peer_table(rows: list[dict]) -> str:
 
 
 def best(row: dict) -> str:
-    """The schedule that was fastest."""
-    return min((name for name in SCHEDULES if name in row), key=lambda name: row[name]["median"])
+    """The executor that was fastest."""
+    return min((name for name in EXECUTORS if name in row), key=lambda name: row[name]["median"])
 
 
 def measure(resolution: int, arguments: argparse.Namespace) -> dict:
-    """Medians over the rounds of all schedules [ms per frame], their quartiles, and the ratio of stages to frames.
+    """Medians over the rounds of all executors [ms per frame], their quartiles, and the ratio of stages to frames.
 
     A cloth too large for one block of the device has no launch a frame.
     """
@@ -137,23 +137,23 @@ def measure(resolution: int, arguments: argparse.Namespace) -> dict:
     settings = {"method": "xpbd", "order": 2, **numbers}
     scene, sims, frames = Scene(objects={"cloth": hanging_cloth(resolution)}), {}, {}
     automatic = Simulation(scene, Settings(**settings), device=arguments.device, worlds=arguments.worlds)
-    for schedule in SCHEDULES:
-        if schedule == "resident" and not automatic.fits_a_block:
+    for executor in EXECUTORS:
+        if executor == "block" and not automatic.fits_a_block:
             continue
-        with forced_schedule(schedule):
+        with forced_executor(executor):
             sim = Simulation(scene, Settings(**settings), arguments.device, arguments.worlds)
         sim.step(3)  # compiles, captures
-        sims[schedule] = sim
-        frames[schedule] = max(3, int(1e3 * arguments.seconds / frame_time(sim, 5)))
-    found = {schedule: [] for schedule in sims}
+        sims[executor] = sim
+        frames[executor] = max(3, int(1e3 * arguments.seconds / frame_time(sim, 5)))
+    found = {executor: [] for executor in sims}
     for _ in range(arguments.rounds):
-        for schedule, sim in sims.items():
-            found[schedule].append(frame_time(sim, frames[schedule]))
+        for executor, sim in sims.items():
+            found[executor].append(frame_time(sim, frames[executor]))
     row = {"resolution": resolution, **numbers, "device": automatic.device}
-    for schedule in sims:
-        row[schedule] = quartiles(found[schedule])
-    if "resident" in found:
-        row["ratio"] = quartiles(np.array(found["coloured"]) / np.array(found["resident"]))
+    for executor in sims:
+        row[executor] = quartiles(found[executor])
+    if "block" in found:
+        row["ratio"] = quartiles(np.array(found["graph"]) / np.array(found["block"]))
     row["chosen"], row["wall"] = automatic.method, _wall(automatic, max(frames.values()))
     return row
 
@@ -174,11 +174,11 @@ def table(rows: list[dict]) -> str:
             return "-"
         return f"{numbers['median']:.3f} ({numbers['low']:.3f}-{numbers['high']:.3f}) ms"
 
-    heads = "  ".join(f"{'one launch ' + what:>24}" for what in SCHEDULES.values())
+    heads = "  ".join(f"{'one launch ' + what:>24}" for what in EXECUTORS.values())
     lines = [f"{'cloth':>9}  {heads}  {'wall':>9}  chosen"]
     for row in rows:
         size = f"{row['resolution']} x {row['resolution']}"
-        times = "  ".join(f"{spread(row.get(schedule)):>24}" for schedule in SCHEDULES)
+        times = "  ".join(f"{spread(row.get(executor)):>24}" for executor in EXECUTORS)
         lines.append(f"{size:>9}  {times}  {row['wall']:.3f} ms  {row['chosen']}")
         if "ratio" in row:
             ratio = row["ratio"]

@@ -61,13 +61,13 @@ def test_what_cannot_be_is_refused_with_the_reason_and_what_is_taken_acts(node, 
         ("rope.winch.enabled", True): "solver.method is 'verlet' with a winch on rope; allowed is 'auto' or 'xpbd'",
     }
     assert client.set("solver.method", "verlet").successful
-    client.until(lambda: method(client).startswith("verlet"))
+    client.until(lambda: method(client).startswith("verlet"), timeout=60.0)
     for (name, value), reason in refusals.items():
         before, result = client.get(name), client.set(name, value)
         assert result.successful == (not reason) and reason in result.reason and "inf" not in result.reason, result
         assert client.get(name) == (before if reason else value)
     assert client.set("cloth.bending", "none").successful
-    client.until(lambda: method(client).startswith("verlet"))
+    client.until(lambda: method(client).startswith("verlet"), timeout=60.0)
     built = node.log.count("building the simulation")
     assert built == 4, "the start and three changes that were taken"
     assert client.set("solver.method", "auto").successful and client.set("rope.stretch_compliance", 0.0).successful

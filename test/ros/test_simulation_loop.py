@@ -27,9 +27,9 @@ def wait_for(condition):
 
 @pytest.fixture
 def loop():
-    """A running loop over the default scene, and as loop.sent the simulated time at each sending."""
+    """A running loop over the default scene without colliders, and as loop.sent the simulated time at each sending."""
     log, sent = Log(), []
-    given = values(device="cpu")
+    given = values(device="cpu", colliders=())
     loop = SimulationLoop(
         World(given, log),
         lambda: given,
@@ -42,6 +42,7 @@ def loop():
     loop.start()
     wait_for(lambda: sent)
     yield loop
+    wait_for(lambda: not loop.world.is_compiling)
     assert loop.stop()
 
 

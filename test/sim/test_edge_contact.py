@@ -6,7 +6,7 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Rope, Scene, Settings, Simulation
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 
 HALF, THICKNESS, SPACING = np.array([0.3, 0.5, 0.2]), 0.02, 0.1  # a box whose corner is five times finer than the mesh
 
@@ -22,7 +22,7 @@ def deepest(sim, middle):
     return worst
 
 
-def dragged_over_the_edge(device, edge_contact, rope=False, schedule=None, **settings):
+def dragged_over_the_edge(device, edge_contact, rope=False, executor=None, **settings):
     """The deepest that the box ever is in what lies over its edge while it is pulled to and fro below."""
     friction = {"static_friction": 0.3, "kinetic_friction": 0.2}
     if rope:
@@ -38,7 +38,7 @@ def dragged_over_the_edge(device, edge_contact, rope=False, schedule=None, **set
             edge_contact=edge_contact,
             **friction,
         )
-    with forced_schedule(schedule):
+    with forced_executor(executor):
         sim = Simulation(Scene({"it": it}, {"box": Box(half_extents=HALF, **friction)}), fixed(**settings), device)
     worst = 0.0
     for frame in range(45):
@@ -57,7 +57,7 @@ def dragged_over_the_edge(device, edge_contact, rope=False, schedule=None, **set
         {},
         {"order": 2},
         {"iterations": 3},
-        pytest.param({"schedule": "coloured"}, marks=pytest.mark.long),
+        pytest.param({"executor": "graph"}, marks=pytest.mark.long),
         {"method": "verlet", "substeps": 60},
     ],
 )
@@ -66,9 +66,7 @@ def test_a_sharp_edge_does_not_poke_between_the_particles(device, settings):
     assert dragged_over_the_edge(device, True, **settings) < 0.01 * SPACING
 
 
-@pytest.mark.parametrize(
-    "settings", [{}, pytest.param({"schedule": "coloured", "iterations": 2}, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("settings", [{}, pytest.param({"executor": "graph", "iterations": 2}, marks=pytest.mark.long)])
 def test_a_rope_lies_over_the_edge_with_its_segments(device, settings):
     assert dragged_over_the_edge(device, False, rope=True, **settings) > 0.08 * SPACING
     assert dragged_over_the_edge(device, True, rope=True, **settings) < 0.01 * SPACING

@@ -6,23 +6,23 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Scene, Simulation, Sphere
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 
 SHEET = Cloth(resolution=(9, 9), pins="top", stretch_compliance=1e-3, shear_compliance=1e-3)
 METHODS = {
     "order 1": {"order": 1, "iterations": 4},
     "order 2": {"order": 2, "iterations": 4},
     "verlet": {"method": "verlet"},
-    "coloured": {"order": 2, "schedule": "coloured"},
-    "tiled": {"method": "verlet", "schedule": "tiled"},
+    "graph": {"order": 2, "executor": "graph"},
+    "subdomains": {"method": "verlet", "executor": "subdomains"},
 }
 
 
 BALL = {"ball": Sphere(radius=0.2, position=(0, 0.2, -0.22))}
 
 
-def simulation(device, substeps=40, colliders=None, schedule=None, **settings):
-    with forced_schedule(schedule):
+def simulation(device, substeps=40, colliders=None, executor=None, **settings):
+    with forced_executor(executor):
         return Simulation(Scene({"it": SHEET}, colliders or {}), fixed(substeps=substeps, **settings), device=device)
 
 

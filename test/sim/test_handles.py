@@ -7,7 +7,7 @@ from fixed_settings import fixed
 from scipy.optimize import brentq
 
 from cloth_sim_ros.sim import Cloth, Handle, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.sim.quaternion import rotate
 
 WEIGHT = 0.2 * 9.81
@@ -16,8 +16,8 @@ WAYS = [
     (None, {"method": "xpbd", "substeps": 5}),
     (None, {"method": "xpbd", "substeps": 20, "order": 1, "iterations": 2}),
     (None, {"method": "verlet", "substeps": 100}),
-    ("resident", {"method": "verlet", "substeps": 100}),
-    ("coloured", {"method": "xpbd", "substeps": 20}),
+    ("block", {"method": "verlet", "substeps": 100}),
+    ("graph", {"method": "xpbd", "substeps": 20}),
 ]
 
 
@@ -37,9 +37,9 @@ def momentum(sim, name="towel"):
     return sim.masses(name) @ sim.velocities(name).astype(float)
 
 
-@pytest.mark.parametrize(("schedule", "settings"), WAYS)
-def test_two_hands_lift_a_towel_and_feel_its_weight(device, schedule, settings):
-    with forced_schedule(schedule):
+@pytest.mark.parametrize(("executor", "settings"), WAYS)
+def test_two_hands_lift_a_towel_and_feel_its_weight(device, executor, settings):
+    with forced_executor(executor):
         sim = Simulation(towel(**corners()), Settings(global_damping=2.0, **settings), device)
     assert (sim.held("left"), sim.held("right")) == (1, 1)
     held = [np.linalg.norm(sim.positions("towel") - hand.position, axis=1).argmin() for hand in corners().values()]
@@ -62,9 +62,9 @@ def test_two_hands_lift_a_towel_and_feel_its_weight(device, schedule, settings):
     assert forces[0][2] == pytest.approx(forces[1][2], rel=0.02) and forces[0][0] > 0.1 > -0.1 > forces[1][0]
 
 
-@pytest.mark.parametrize(("schedule", "settings"), WAYS)
-def test_what_is_let_go_keeps_its_momentum(device, schedule, settings):
-    with forced_schedule(schedule):
+@pytest.mark.parametrize(("executor", "settings"), WAYS)
+def test_what_is_let_go_keeps_its_momentum(device, executor, settings):
+    with forced_executor(executor):
         sim = Simulation(towel(**corners()), Settings(**settings), device)
     for frame in range(1, 31):
         for name, side in (("left", -0.5), ("right", 0.5)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kernels themselves: schedules agree to the bit, an absent feature leaves no trace, everything compiles for
+"""The kernels themselves: executors agree to the bit, an absent feature leaves no trace, everything compiles for
 CUDA."""
 
 import re
@@ -28,9 +28,8 @@ from cloth_sim_ros.sim import (
     topology,
     wrench,
 )
-from cloth_sim_ros.sim.batch import forced_schedule
-from cloth_sim_ros.sim.executors import block as resident
-from cloth_sim_ros.sim.executors import graph as coloured
+from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors import block, graph
 from cloth_sim_ros.sim.model import Features
 
 PLATE = {"bending": "dihedral", "bend_compliance": 1e2}
@@ -56,8 +55,8 @@ def busy_scene(order=1, plate=False):
     )
 
 
-def states(device, frames=8, schedule=None, order=1, plate=False, **settings):
-    with forced_schedule(schedule):
+def states(device, frames=8, executor=None, order=2, plate=False, **settings):
+    with forced_executor(executor):
         sim = Simulation(busy_scene(order, plate), fixed(order=order, **settings), device=device)
     for frame in range(frames):
         sim.set_collider_pose("ball", (0, 0.02 * frame, -0.2), (0, 0, 0.05 * frame, 1))
@@ -65,19 +64,19 @@ def states(device, frames=8, schedule=None, order=1, plate=False, **settings):
     return {name: (sim.positions(name), sim.velocities(name)) for name in sim.scene.objects}
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
 @pytest.mark.parametrize("iterations", [1, 3])
-def test_both_schedules_give_the_same_state(device, order, iterations):
-    kinds = {"resident": None, "coloured": None}
-    for schedule in kinds:
-        kinds[schedule] = states(device, order=order, iterations=iterations, substeps=7, schedule=schedule)
-    for name, (x, v) in kinds["resident"].items():
-        assert np.abs(x - kinds["coloured"][name][0]).max() < 2e-6
-        assert np.abs(v - kinds["coloured"][name][1]).max() < 2e-3
+def test_both_executors_give_the_same_state(device, order, iterations):
+    kinds = {"block": None, "graph": None}
+    for executor in kinds:
+        kinds[executor] = states(device, order=order, iterations=iterations, substeps=7, executor=executor)
+    for name, (x, v) in kinds["block"].items():
+        assert np.abs(x - kinds["graph"][name][0]).max() < 2e-6
+        assert np.abs(v - kinds["graph"][name][1]).max() < 2e-3
 
 
-def test_bending_of_plates_agrees_between_schedules(device):
-    found = [states(device, plate=True, schedule=schedule)["cloth"][0] for schedule in ("resident", "coloured")]
+def test_bending_of_plates_agrees_between_executors(device):
+    found = [states(device, plate=True, executor=executor)["cloth"][0] for executor in ("block", "graph")]
     assert np.abs(found[0] - found[1]).max() < 2e-6
 
 
@@ -111,8 +110,8 @@ def test_drawn_scenes_move_the_same_by_every_executor(device, method, seed):
     order = 1 + seed % 2
     chosen = {"method": "verlet"} if method == "verlet" else {"method": "xpbd", "order": order, "substeps": 8}
     found = []
-    for schedule in (None, "resident", "coloured"):
-        with forced_schedule(schedule):
+    for executor in (None, "block", "graph"):
+        with forced_executor(executor):
             sim = Simulation(scene, Settings(**chosen), device=device)
         sim.step(10)
         found.append({name: sim.positions(name) for name in scene.objects})
@@ -122,21 +121,21 @@ def test_drawn_scenes_move_the_same_by_every_executor(device, method, seed):
 
 
 def test_the_same_inputs_give_the_same_bits(device):
-    first, second = states(device, order=2), states(device, order=2)
+    first, second = states(device), states(device)
     for name in first:
         assert np.array_equal(first[name][0], second[name][0])
         assert np.array_equal(first[name][1], second[name][1])
 
 
 def test_every_device_agrees_with_the_cpu(device):
-    here, there = states(device, frames=12), states("cpu", frames=12, schedule="coloured")
+    here, there = states(device, frames=12), states("cpu", frames=12, executor="graph")
     for name in here:
         assert np.abs(here[name][0] - there[name][0]).max() < 3e-5  # roundings of 240 substeps
 
 
 def functions_in_kernel(features):
     """Names of all functions in the CUDA source generated for `features`, without compiling it."""
-    module = resident.make_frame.__wrapped__(features, 256, 128).module
+    module = block.make_frame.__wrapped__(features, 256, 128).module
     source = ModuleBuilder(module, {**module.options, "output_arch": 90}).codegen("cuda")
     return set(re.findall(r"(\w+?)_\d+\(", source.split("cuda_kernel_forward")[0]))
 
@@ -194,14 +193,14 @@ def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present)
 @pytest.mark.long
 @pytest.mark.parametrize("features", [SHEET_AND_BALL, HOSE], ids=["sheet", "hose"])
 def test_a_frame_of_a_block_compiles_for_cuda(features, tmp_path):
-    kernel = resident.make_frame.__wrapped__(features, 256, 128)
+    kernel = block.make_frame.__wrapped__(features, 256, 128)
     wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path, use_ptx=True)
 
 
 @pytest.mark.long
 def test_one_launch_a_stage_of_a_winch_compiles_for_cuda(tmp_path):
     features = Features((), True, "segments", (), 2, "xpbd", True, winch=True)
-    module = coloured.make_kernels(features, on_cpu=False)[1]["chain"].module
+    module = graph.make_kernels(features, on_cpu=False)[1]["chain"].module
     wp.compile_aot_module(module, arch=90, module_dir=tmp_path, use_ptx=True)
     source = next(tmp_path.glob("*.cu")).read_text()
     assert "next_rate" in source and "half_binormal" not in source
@@ -216,14 +215,14 @@ def test_two_scenes_without_a_feature_share_one_kernel():
     small, large = (topology.build(Cloth(resolution=(n, n)), "cloth", True) for n in (4, 9))
     without = Features.of(small, False, ())
     assert without != Features.of(small, True, ())
-    make_frame = resident.make_frame
+    make_frame = block.make_frame
     assert make_frame(without, 0, 1) is make_frame(Features.of(large, False, ()), 0, 1)
 
 
 def test_changing_live_numbers_compiles_nothing(device):
-    sim = Simulation(busy_scene(), Settings(method="xpbd", order=1, substeps=20), device=device)
+    sim = Simulation(busy_scene(), Settings(method="xpbd", order=2, substeps=20), device=device)
     sim.step()
-    before = resident.make_frame.cache_info().misses
+    before = block.make_frame.cache_info().misses
     for name, value in {
         "cloth.stretch_compliance": 1e-4,
         "cloth.damping": 0.0,
@@ -236,7 +235,7 @@ def test_changing_live_numbers_compiles_nothing(device):
     }.items():
         sim.set(name, value)
     sim.step()
-    assert resident.make_frame.cache_info().misses == before
+    assert block.make_frame.cache_info().misses == before
 
 
 def test_the_solver_needs_no_ros():

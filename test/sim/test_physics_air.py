@@ -7,7 +7,7 @@ import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Wind
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.study.closed_forms import sheets
 
@@ -180,13 +180,13 @@ def test_sheet_hung_along_the_wind_stays(device):
         assert np.abs(sim.positions("it")[:, 1]).max() < 1e-3
 
 
-@pytest.mark.parametrize("schedule", ["resident", "coloured"])
-def test_forces_on_crumpled_triangles_are_those_of_the_formula(device, schedule):
+@pytest.mark.parametrize("executor", ["block", "graph"])
+def test_forces_on_crumpled_triangles_are_those_of_the_formula(device, executor):
     """In float64; 60 triangles, which eight at a time do not divide, one of no area."""
     rng = np.random.default_rng(7)
     wind, lift = np.array((3.0, -1.0, 2.0)), 0.7
     scene = Scene({"it": Cloth(resolution=(7, 6))}, wind=Wind(tuple(wind), RHO, CD, lift))
-    with forced_schedule(schedule):
+    with forced_executor(executor):
         sim = Simulation(
             scene, Settings(method="xpbd", order=1, substeps=1, iterations=1, frame_dt=1e-4), device=device
         )

@@ -7,7 +7,7 @@ import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 
 SHEET = {"resolution": (12, 12), "position": (0.0, 0.0, 1.0), "pins": None, "damping": 1e-3}
 
@@ -24,8 +24,8 @@ def scene(names):
     return Scene(objects={name: objects[name] for name in names}, colliders=colliders, wind=Wind(velocity=(2, 0, 0)))
 
 
-def run(names, device, schedule=None, **settings):
-    with forced_schedule(schedule):
+def run(names, device, executor=None, **settings):
+    with forced_executor(executor):
         sim = Simulation(scene(names), fixed(**settings), device=device)
     for frame in range(40):
         sim.set_collider_pose("ball", (0.02 * frame, 0.0, 0.5))
@@ -41,11 +41,11 @@ def same(first, second):
 
 
 @pytest.mark.parametrize(
-    ("schedule", "order"),
-    [("resident", 1), ("resident", 2), ("coloured", 1), pytest.param("coloured", 2, marks=pytest.mark.long)],
+    ("executor", "order"),
+    [("block", 1), ("block", 2), ("graph", 1), pytest.param("graph", 2, marks=pytest.mark.long)],
 )
-def test_same_inputs_give_the_same_bits(device, schedule, order):
-    assert same(*(run(NAMES, device, schedule=schedule, order=order, substeps=5) for _ in range(2)))
+def test_same_inputs_give_the_same_bits(device, executor, order):
+    assert same(*(run(NAMES, device, executor=executor, order=order, substeps=5) for _ in range(2)))
 
 
 def test_order_of_objects_does_not_matter_to_the_bit(device):
@@ -68,8 +68,8 @@ def test_reset_returns_to_the_first_bit(device, settings):
     assert same(*found)
 
 
-def test_both_schedules_give_the_same_motion(device):
-    one, other = (run(NAMES, device, schedule=schedule) for schedule in ("resident", "coloured"))
+def test_both_executors_give_the_same_motion(device):
+    one, other = (run(NAMES, device, executor=executor) for executor in ("block", "graph"))
     assert max(np.abs(one[name][0] - other[name][0]).max() for name in NAMES) < 1e-5
 
 
@@ -137,14 +137,14 @@ def test_mesh_masses_are_lumped_by_area():
 
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="needs a CUDA device to compare with the CPU")
-@pytest.mark.parametrize("schedule", ["resident", "coloured"])
-def test_both_devices_agree_on_the_curtain(schedule):
+@pytest.mark.parametrize("executor", ["block", "graph"])
+def test_both_devices_agree_on_the_curtain(executor):
     curtain = Cloth(pins="top", orientation=(np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)), position=(0.0, 0.0, 1.0))
     ball = Sphere(radius=0.2, position=(0.0, -0.5, 0.9))
     scene = Scene(objects={"it": curtain}, colliders={"ball": ball}, wind=Wind(velocity=(0.5, 1.0, 0.0)))
     found = []
     for device in ("cpu", "cuda:0"):
-        with forced_schedule(schedule):
+        with forced_executor(executor):
             sim = Simulation(scene, device=device)
         for frame in range(12):
             sim.set_collider_pose("ball", (0.0, -0.5 + 0.03 * frame, 0.9))

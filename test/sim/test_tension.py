@@ -6,7 +6,7 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, EndReadback, Readback, Rope, Scene, Settings, Simulation, Wind
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.study.closed_forms.ropes import catenary_chain, catenary_points
 
 G = 9.81
@@ -56,9 +56,9 @@ def test_tension_is_the_weight_below(device, compliance, order):
     assert np.array_equal(sim.tensions("it"), np.zeros(segments))
 
 
-@pytest.mark.parametrize("schedule", ["resident", "coloured"])
+@pytest.mark.parametrize("executor", ["block", "graph"])
 @pytest.mark.parametrize("compliance", [0.0, 1e-3])
-def test_between_two_held_ends_the_catenary_has_its_tension(device, compliance, schedule):
+def test_between_two_held_ends_the_catenary_has_its_tension(device, compliance, executor):
     segments, span = 24, 0.8
     masses = np.full(segments + 1, MASS / segments)
     points = catenary_points(span, LENGTH, segments + 1)
@@ -75,7 +75,7 @@ def test_between_two_held_ends_the_catenary_has_its_tension(device, compliance, 
     # Between neighbours the vertical part changes by a weight, the horizontal one not at all.
     slope = np.diff(chain[:, 1]) / np.diff(chain[:, 0])
     horizontal = MASS / segments * G / np.diff(slope).mean()
-    with forced_schedule(schedule):
+    with forced_executor(executor):
         sim = settled(rope, device, substeps=8)
     found, places = [], []
     for _ in range(60):  # lengths are told to a rounding, whose jerks a rigid rope answers with its tension

@@ -5,17 +5,17 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Sphere
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 
 SPEED, RADIUS, FRAMES = 20.0, 0.15, 60
 SHEET = Cloth(resolution=(20, 20), pins="edges", shear_compliance=1e-3)
 CALM = Cloth(resolution=(20, 20), pins="edges", shear_compliance=1e-3, position=(5, 0, 0))
 
 
-def shoot(device, things, schedule=None, ball=True, frames=FRAMES, **settings):
+def shoot(device, things, executor=None, ball=True, frames=FRAMES, **settings):
     """A ball of 20 m/s through a sheet held at its edges: the simulation, and (kinetic, of the springs) [J] a frame."""
     scene = Scene(things, {"ball": Sphere(radius=RADIUS, position=(0, 0, -1.0))})
-    with forced_schedule(schedule):
+    with forced_executor(executor):
         sim = Simulation(scene, Settings(**settings), device)
     energies = []
     for frame in range(frames):
@@ -42,10 +42,10 @@ def most_of_a_ball(sim):
     return stretched + 0.5 * float(sim.masses("sheet").sum()) * (2.0 * SPEED) ** 2
 
 
-@pytest.mark.parametrize("schedule", [None, "tiled"])
-def test_a_fast_ball_puts_in_no_more_than_a_ball_can(device, schedule):
+@pytest.mark.parametrize("executor", [None, "subdomains"])
+def test_a_fast_ball_puts_in_no_more_than_a_ball_can(device, executor):
     """Explicit steps alone bring the sheet to 1e6 J."""
-    sim, energies = shoot(device, {"sheet": SHEET}, schedule)
+    sim, energies = shoot(device, {"sheet": SHEET}, executor)
     report = sim.report()["sheet"]
     assert sim.choices["sheet"].method == "verlet" and report["redone"] > 0 and report["recoveries"] == 0
     assert np.isfinite(energies).all()

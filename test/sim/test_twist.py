@@ -6,7 +6,7 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Rope, Scene, Simulation, Winch
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.study.closed_forms.bending import greenhill_moment, michell_twist
 
 
@@ -141,19 +141,20 @@ def test_a_rope_that_folds_gains_no_energy(device, order):
     assert sim.report()["it"]["twist"] < 0.9 * critical and sim.report()["it"]["recoveries"] == 0
 
 
-@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
-def test_both_schedules_and_many_worlds_give_the_same_state(device, order):
+@pytest.mark.long
+@pytest.mark.parametrize("order", [1, 2])
+def test_both_executors_and_many_worlds_give_the_same_state(device, order):
     found = {}
-    for schedule, worlds in (("resident", 1), ("coloured", 1), ("resident", 2)):
-        with forced_schedule(schedule):
+    for executor, worlds in (("block", 1), ("graph", 1), ("block", 2)):
+        with forced_executor(executor):
             sim, _ = ring(device, 0.8, order=order, worlds=worlds)
         if worlds > 1:
             sim.set("it.end_turn", 0.0, 1)
         sim.step(20)
-        found[schedule, worlds] = sim.positions("it")
+        found[executor, worlds] = sim.positions("it")
         assert worlds == 1 or sim.report(1)["it"]["torsion"] == pytest.approx(0.0, abs=1e-5)
-    for key in (("coloured", 1), ("resident", 2)):
-        assert np.abs(found["resident", 1] - found[key]).max() < 2e-5
+    for key in (("graph", 1), ("block", 2)):
+        assert np.abs(found["block", 1] - found[key]).max() < 2e-5
 
 
 def test_reset_goes_back_to_the_first_bit(device):

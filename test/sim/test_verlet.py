@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.sim.executors.trial import Trial
 from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.methods.limits import explicit_substeps
@@ -48,15 +48,15 @@ def test_it_agrees_with_the_implicit_method_in_the_limit(device):
     assert np.abs(sim.positions("it") - final(device, 320)).max() < 3e-5
 
 
-def test_schedules_agree_with_wind_and_colliders(device):
+def test_executors_agree_with_wind_and_colliders(device):
     scene = Scene(
         {"it": Cloth(resolution=(9, 9), pins="top", damping=1e-4)},
         {"ball": Sphere(radius=0.2, position=(0, 0, -0.3)), "floor": Plane(position=(0, 0, -0.6))},
         Wind((1, 0, 0)),
     )
     found = []
-    for schedule in ("resident", "coloured"):
-        with forced_schedule(schedule):
+    for executor in ("block", "graph"):
+        with forced_executor(executor):
             sim = Simulation(scene, Settings(method="verlet", substeps=60), device=device)
         sim.step(15)  # the sheet has met the ball; what compilers round differently has not yet grown
         found.append(sim.positions("it"))

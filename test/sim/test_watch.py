@@ -8,7 +8,7 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Wind
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 
 SHORT = Rope(segments=8, stretch_compliance=1e-2)
 
@@ -27,11 +27,11 @@ def poison(sim, name, value):
     arrays.state.velocities[span].assign(rows)
 
 
-@pytest.mark.parametrize("schedule", ["resident", "coloured"])
+@pytest.mark.parametrize("executor", ["block", "graph"])
 @pytest.mark.parametrize("settings", [{}, {"order": 2}, {"method": "verlet", "substeps": 120}])
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
-def test_a_bad_object_is_put_back_alone(device, schedule, settings, value):
-    with forced_schedule(schedule):
+def test_a_bad_object_is_put_back_alone(device, executor, settings, value):
+    with forced_executor(executor):
         sims = [Simulation(scene(), fixed(**settings), device=device) for _ in range(2)]
     for sim in sims:
         sim.step(5)
@@ -55,11 +55,11 @@ def test_a_bad_object_is_put_back_alone(device, schedule, settings, value):
             assert np.abs(sims[0].velocities(name)).max() > 0.1, "it goes on from there"
 
 
-@pytest.mark.parametrize("schedule", ["resident", "coloured"])
+@pytest.mark.parametrize("executor", ["block", "graph"])
 @pytest.mark.parametrize("settings", [{}, {"order": 2}])
-def test_a_state_that_is_never_good_gives_way_to_the_rest_shape(device, schedule, settings):
+def test_a_state_that_is_never_good_gives_way_to_the_rest_shape(device, executor, settings):
     both = Scene({"wild": SHORT, "calm": replace(SHORT, position=(0, 3, 0))}, gravity=(0, 0, 0))
-    with forced_schedule(schedule):
+    with forced_executor(executor):
         sims = [Simulation(both, fixed(**settings), device=device) for _ in "ab"]
     start = sims[0].rest_positions("wild") * 1.3
     sims[0].set_positions("wild", start)
@@ -75,14 +75,14 @@ def test_a_state_that_is_never_good_gives_way_to_the_rest_shape(device, schedule
     assert np.array_equal(sims[0].positions("calm"), sims[1].positions("calm"))
 
 
-@pytest.mark.parametrize("schedule", ["resident", "coloured", "tiled"])
-def test_a_runaway_of_explicit_steps_is_done_again_before_the_watch_sees_it(device, schedule, monkeypatch):
+@pytest.mark.parametrize("executor", ["block", "graph", "subdomains"])
+def test_a_runaway_of_explicit_steps_is_done_again_before_the_watch_sees_it(device, executor, monkeypatch):
     """Explicit steps too long by far: from a strained state the runaway comes within every frame."""
     monkeypatch.setattr("cloth_sim_ros.sim.methods.limits.explicit_substeps", lambda *_, **__: 1)
     wild = Rope(segments=8, stretch_compliance=1e-7)
     calm = Rope(segments=8, stretch_compliance=1e-2, position=(0, 3, 0))
     settings, both = Settings(method="verlet", substeps=60), Scene({"wild": wild, "calm": calm}, gravity=(0, 0, 0))
-    with forced_schedule(schedule):
+    with forced_executor(executor):
         sims = [Simulation(both, settings, device=device) for _ in "ab"]
     sims[0].set_positions("wild", sims[0].rest_positions("wild") * 1.3)
     stored = spring_energy(sims[0], "wild")

@@ -9,8 +9,8 @@ from fixed_settings import fixed
 from scipy.integrate import solve_ivp
 
 from cloth_sim_ros.sim import Readback, Rope, Scene, Simulation, Winch
-from cloth_sim_ros.sim.batch import forced_schedule
-from cloth_sim_ros.sim.executors import block as resident
+from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors import block
 
 G = 9.81
 SEGMENTS, LENGTH, MASS = 64, 4.0, 0.4
@@ -55,14 +55,14 @@ LOADS = [(5.0, 0.0, 0.0, 0.5), (5.0, 1e-5, 2e-3, 0.15), (0.5, 1e-4, 5e-3, 0.15),
 
 
 @pytest.mark.parametrize(
-    ("load", "compliance", "damping", "ramp", "order", "schedule"),
+    ("load", "compliance", "damping", "ramp", "order", "executor"),
     [
-        *[(*load, order, "resident") for load in LOADS for order in (1, 2)],
-        pytest.param(*LOADS[1], 2, "coloured", marks=pytest.mark.long),
+        *[(*load, order, "block") for load in LOADS for order in (1, 2)],
+        pytest.param(*LOADS[1], 2, "graph", marks=pytest.mark.long),
     ],
 )
 def test_two_metres_out_and_in_with_the_tension_of_the_closed_form(
-    device, load, compliance, damping, ramp, order, schedule
+    device, load, compliance, damping, ramp, order, executor
 ):
     """T(s) = (w (L - s) + W) (1 - a / g), whatever is out, born or swallowed; the load goes at the rate of the winch.
 
@@ -70,7 +70,7 @@ def test_two_metres_out_and_in_with_the_tension_of_the_closed_form(
     """
     winch = Winch(length=1.0, acceleration=ramp)
     rope = on_a_winch(load, winch=winch, stretch_compliance=compliance, damping=damping)
-    with forced_schedule(schedule):
+    with forced_executor(executor):
         sim = simulation(rope, device, substeps=8, order=order)
     settle(sim)
     rate, pull, born = 0.0, None, None
@@ -210,22 +210,23 @@ def test_the_rope_itself_ends_what_can_be_paid_out_or_hauled_in(device, rate):
     assert report["recoveries"] == 0 and np.isfinite(sim.positions("it")).all()
 
 
-@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
-def test_both_schedules_and_many_worlds_give_the_same_state(device, order):
+@pytest.mark.long
+@pytest.mark.parametrize("order", [1, 2])
+def test_both_executors_and_many_worlds_give_the_same_state(device, order):
     axis = (0.6, 0.0, -0.8)
     found = {}
-    for schedule, worlds in (("resident", 1), ("coloured", 1), ("resident", 2)):
+    for executor, worlds in (("block", 1), ("graph", 1), ("block", 2)):
         rope = on_a_winch(0.5, axis=axis, winch=Winch(length=1.0))
-        with forced_schedule(schedule):
+        with forced_executor(executor):
             sim = simulation(rope, device, order=order, worlds=worlds)
         sim.set("it.winch.pay_out", -0.7, 0 if worlds > 1 else None)
         sim.step(40)
-        found[schedule, worlds] = sim.positions("it"), sim.velocities("it")
+        found[executor, worlds] = sim.positions("it"), sim.velocities("it")
         if worlds > 1:
             assert sim.report(0)["it"]["paid_out"] < 0.9 and sim.report(1)["it"]["paid_out"] == pytest.approx(1.0)
-    for key in (("coloured", 1), ("resident", 2)):
-        assert np.abs(found["resident", 1][0] - found[key][0]).max() < 2e-6
-        assert np.abs(found["resident", 1][1] - found[key][1]).max() < 2e-3
+    for key in (("graph", 1), ("block", 2)):
+        assert np.abs(found["block", 1][0] - found[key][0]).max() < 2e-6
+        assert np.abs(found["block", 1][1] - found[key][1]).max() < 2e-3
 
 
 def test_reset_goes_back_to_the_first_bit(device):
@@ -283,11 +284,11 @@ def test_a_simulation_takes_over_from_another(device):
 def test_live_numbers_compile_nothing(device):
     sim = simulation(on_a_winch(0.5), device)
     sim.step()
-    before = resident.make_frame.cache_info().misses
+    before = block.make_frame.cache_info().misses
     for field, value in {"pay_out": 0.1, "max_rate": 2, "acceleration": 3, "shortest": 0.1, "longest": 2}.items():
         sim.set(f"it.winch.{field}", value)
     sim.step()
-    assert resident.make_frame.cache_info().misses == before
+    assert block.make_frame.cache_info().misses == before
 
 
 @pytest.mark.parametrize(

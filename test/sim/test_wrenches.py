@@ -5,16 +5,16 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 
 WEIGHT = 0.2 * 9.81
 WAYS = [
     (None, {}),
     (None, {"method": "xpbd", "substeps": 20, "order": 2}),
     (None, {"substeps": 5, "order": 1, "iterations": 3}),
-    ("resident", {"method": "verlet", "substeps": 80}),
-    ("tiled", {"method": "verlet", "substeps": 80}),
-    ("coloured", {"method": "xpbd", "substeps": 20, "order": 2}),
+    ("block", {"method": "verlet", "substeps": 80}),
+    ("subdomains", {"method": "verlet", "substeps": 80}),
+    ("graph", {"method": "xpbd", "substeps": 20, "order": 2}),
 ]
 
 
@@ -22,10 +22,10 @@ def sheet(**more):
     return Cloth(resolution=(10, 10), pins="none", **{"position": (0, 0, 0.006), **more})
 
 
-@pytest.mark.parametrize(("schedule", "settings"), WAYS)
-def test_the_weight_of_a_cloth_is_read_from_what_it_lies_on(device, schedule, settings):
+@pytest.mark.parametrize(("executor", "settings"), WAYS)
+def test_the_weight_of_a_cloth_is_read_from_what_it_lies_on(device, executor, settings):
     scene = Scene({"cloth": sheet()}, {"floor": Plane(), "ball": Sphere(radius=0.05, position=(0, 0, 5))})
-    with forced_schedule(schedule):
+    with forced_executor(executor):
         sim = Simulation(scene, Settings(global_damping=2.0, **settings), device)
     sim.step(60)
     force, torque = sim.wrench("floor")
@@ -41,15 +41,15 @@ def test_the_torque_is_about_the_origin_of_the_collider(device):
     np.testing.assert_allclose(sim.wrench("floor")[1], (0, 0.3 * WEIGHT, 0), atol=0.005 * WEIGHT)
 
 
-@pytest.mark.parametrize(("schedule", "settings"), WAYS)
+@pytest.mark.parametrize(("executor", "settings"), WAYS)
 @pytest.mark.parametrize("edges", [False, True])
-def test_what_a_moving_collider_gives_is_the_momentum_that_the_cloth_gains(device, schedule, settings, edges):
-    if schedule == "tiled" and edges:
-        pytest.skip("tiles have contact of particles alone")
+def test_what_a_moving_collider_gives_is_the_momentum_that_the_cloth_gains(device, executor, settings, edges):
+    if executor == "subdomains" and edges:
+        pytest.skip("subdomains have contact of particles alone")
     scene = Scene(
         {"cloth": sheet(edge_contact=edges)}, {"ball": Sphere(radius=0.2, position=(0.1, 0, -0.3))}, gravity=(0, 0, 0)
     )
-    with forced_schedule(schedule):
+    with forced_executor(executor):
         sim = Simulation(scene, Settings(**settings), device)
     given = np.zeros(3)
     for frame in range(60):

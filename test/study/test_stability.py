@@ -160,6 +160,7 @@ def test_ten_minutes_can_begin(scene, settings):
     assert sim.report()[BODY]["recoveries"] == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scene", long_rest.SCENES)
 def test_what_lies_lies_still(scene):
     """Two minutes here; ten by `stability --long`."""

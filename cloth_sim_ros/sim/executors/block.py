@@ -35,7 +35,7 @@ def shared_memory(device: wp.Device) -> int:
     return 0 if device.is_cpu else device.max_shared_memory_per_block - RESERVED
 
 
-class Resident:
+class Block:
     """The launch of one batch. `advance()` simulates one frame of every body in every world of it."""
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int, block: int):

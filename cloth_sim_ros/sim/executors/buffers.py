@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What schedules that cut bodies into pieces share: the two buffers between which a launch takes its particles, the
+"""What executors that cut bodies into pieces share: the two buffers between which a launch takes its particles, the
 memory that a piece has, and the graphs of frames."""
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One launch a stage, for bodies too large for a block; on a GPU a frame is captured in one CUDA graph.
 
-The same program as the resident schedule, on plain device arrays: both give the same state but for the rounding of the
+The same program as the block executor, on plain device arrays: both give the same state but for the rounding of the
 compiler's choices.
 """
 
@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 GRAPHS = 4  # frames kept at a time, for as many triples of substeps, iterations and outer steps
 
 
-class Coloured:
+class Graph:
     """The launches of one batch. `advance()` simulates one frame of every body in every world of it."""
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device):
@@ -114,7 +114,7 @@ class Coloured:
 def make_kernels(features: Features, on_cpu: bool) -> tuple[Program, dict[str, wp.Kernel]]:
     """The program for `features` and the kernel of each of its stages, in one module of their own."""
     program = make_program(features, on_cpu)
-    module = wp.get_module(f"cloth_sim_ros.coloured.{features.key()}.{'cpu' if on_cpu else 'cuda'}")
+    module = wp.get_module(f"cloth_sim_ros.graph.{features.key()}.{'cpu' if on_cpu else 'cuda'}")
     wp.set_module_options(CPU_FLAGS, module)
     begin, enter = make_begin(features), make_enter(features)
     stages = (*program.outer, *program.before, *program.iterated, *program.after, *program.ending)

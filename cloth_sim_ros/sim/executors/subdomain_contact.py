@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a member of a tile may go before it can touch a collider, so that most need not ask in every substep."""
+"""How far a member of a subdomain may go before it can touch a collider, so that most need not ask in every substep."""
 
 import warp as wp
 
 from cloth_sim_ros.sim.colliders import make_signed_distance
-from cloth_sim_ros.sim.executors.subdomain_forces import InTile
+from cloth_sim_ros.sim.executors.subdomain_forces import InSubdomain
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.state import ColliderMotion
 
@@ -38,7 +38,7 @@ def make_clearance(features: Features):
     signed_distance = make_signed_distance(features.shapes)
 
     @wp.func
-    def clearance(x: wp.vec3, before: float, after: float, here: InTile) -> float:
+    def clearance(x: wp.vec3, before: float, after: float, here: InSubdomain) -> float:
         least = float(1.0e30)
         for c in range(here.colliders.shape[0]):
             collider = here.colliders[c]

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The forces on a member of a tile, gathered from what lies around it in its shared memory (see subdomains.py)."""
+"""The forces on a member of a subdomain, gathered from what lies around it in its shared memory (see subdomains.py)."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
 
-from cloth_sim_ros.sim.executors.subdomain_plan import PLACES, Tiles
+from cloth_sim_ros.sim.executors.subdomain_plan import PLACES, SubdomainArrays
 from cloth_sim_ros.sim.intrinsics import array_address, load4, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import kicked
@@ -48,12 +48,12 @@ class Carried:
 
 
 @wp.struct
-class InTile:
-    """What all members of a tile know: the tile and its block in the launch, the launch's first substep, its body's
-    numbers, and the address of its memory."""
+class InSubdomain:
+    """What all members of a subdomain know: the subdomain and its block in the launch, the launch's first substep, its
+    body's numbers, and the address of its memory."""
 
-    tiles: Tiles
-    tile: int
+    subdomains: SubdomainArrays
+    subdomain: int
     block: int
     first: int
     shared: wp.uint64
@@ -66,7 +66,7 @@ class InTile:
 
 
 def make_springs(width: int, capacity: int) -> SpringForce:
-    """What fetches the `width` springs of a member of a tile and computes their force [N].
+    """What fetches the `width` springs of a member of a subdomain and computes their force [N].
 
     The springs of one member do not wait for one another: no branch lies between them.
     """
@@ -81,10 +81,10 @@ def make_springs(width: int, capacity: int) -> SpringForce:
         lost: numbers
 
     @wp.func
-    def gather(i: int, here: InTile) -> Springs:
+    def gather(i: int, here: InSubdomain) -> Springs:
         springs = Springs()
         for q in range(width):
-            packed = here.tiles.spokes[(here.tile * width + q) * capacity + i]
+            packed = here.subdomains.spokes[(here.subdomain * width + q) * capacity + i]
             kind = load4(array_address(here.spoke_types, 0), packed / wp.static(PLACES))
             springs.others[q] = packed & wp.static(PLACES - 1)
             springs.rests[q] = kind[0]
@@ -129,7 +129,7 @@ def make_impulse(features: Features, widths: Widths, capacity: int):
     bending = make_bending(widths.plate, capacity) if features.plate else None
 
     @wp.func
-    def impulse(i: int, half: int, now: Carried, span: float, here: InTile) -> wp.vec3:
+    def impulse(i: int, half: int, now: Carried, span: float, here: InSubdomain) -> wp.vec3:
         total = wp.vec4(0.0)
         if wp.static(drag is not None):
             total = drag(i, half, now, here)
@@ -145,11 +145,11 @@ def make_bending(width: int, capacity: int):
     """A Warp function: the force [N] of the sheet's bending on a member, see plate.make_bending_force."""
 
     @wp.func
-    def bending(i: int, half: int, now: Carried, here: InTile) -> wp.vec3:
+    def bending(i: int, half: int, now: Carried, here: InSubdomain) -> wp.vec3:
         total = wp.vec3(0.0)
         slips = wp.vec3(0.0)
         for q in range(width):
-            found = here.tiles.plate[(here.tile * width + q) * capacity + i]
+            found = here.subdomains.plate[(here.subdomain * width + q) * capacity + i]
             j = half + int(found[0])
             weight = found[1]
             total += weight * xyz(
@@ -163,15 +163,16 @@ def make_bending(width: int, capacity: int):
 
 
 def make_drag(features: Features, panels: int, capacity: int):
-    """A Warp function: the force of the air [N] on a member of a tile by the `panels` around it, and its drag rate."""
+    """A Warp function: the force of the air [N] on a member of a subdomain by the `panels` around it, and its drag
+    rate."""
     air = make_air(features)
 
     @wp.func
-    def drag(i: int, half: int, now: Carried, here: InTile) -> wp.vec4:
+    def drag(i: int, half: int, now: Carried, here: InSubdomain) -> wp.vec4:
         shared = here.shared
         total = wp.vec4(0.0)
         for q in range(panels):
-            packed = here.tiles.panels[(here.tile * panels + q) * capacity + i]
+            packed = here.subdomains.panels[(here.subdomain * panels + q) * capacity + i]
             corner = packed / wp.static(PLACES * PLACES)
             if corner < 3:
                 j = half + (packed & wp.static(PLACES - 1))

@@ -9,8 +9,8 @@ from cloth_sim_ros.sim import intrinsics as native
 from cloth_sim_ros.sim.executors.buffers import make_buffer_of
 from cloth_sim_ros.sim.executors.halo_exchange import Exchange, exchange_of, receive, send
 from cloth_sim_ros.sim.executors.subdomain_contact import make_clearance, travelled
-from cloth_sim_ros.sim.executors.subdomain_forces import Carried, InTile, Widths, make_impulse, make_springs
-from cloth_sim_ros.sim.executors.subdomain_plan import IN_REGISTERS, OUTSIDE, SWEPT, Tiles
+from cloth_sim_ros.sim.executors.subdomain_forces import Carried, InSubdomain, Widths, make_impulse, make_springs
+from cloth_sim_ros.sim.executors.subdomain_plan import IN_REGISTERS, OUTSIDE, SWEPT, SubdomainArrays
 from cloth_sim_ros.sim.intrinsics import load4, store4, store_row, sync, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import Step, make_step, next_outer, outer_weight, split_sum
@@ -31,11 +31,12 @@ _OPTIONS = {"enable_backward": False, "module": "unique", "module_options": nati
 
 @lru_cache
 def make_kernels(features: Features, capacity: int, block: int, widths: Widths, waits: bool) -> dict[str, wp.Kernel]:
-    """The kernels for tiles of `capacity` places and `block` threads, with what lies around a particle in `widths`.
+    """The kernels for subdomains of `capacity` places and `block` threads, with what lies around a particle in
+    `widths`.
 
     With a thread for every member (block > 1), it and its springs are read once a launch and stay in registers. On a
-    CPU one thread has them all (block = 1) and reads them every substep. Where a tile `waits` for its neighbours, a
-    launch is a whole frame.
+    CPU one thread has them all (block = 1) and reads them every substep. Where a subdomain `waits` for its neighbours,
+    a launch is a whole frame.
     """
     return {
         "advance": _make_advance(features, capacity, block, widths, waits),
@@ -71,7 +72,7 @@ def _make_move(features: Features, capacity: int, force):
     contact = make_touch(features) if features.shapes else None
 
     @wp.func
-    def move(i: int, k: int, now: Carried, half: int, springs: force.Springs, here: InTile, step: Step) -> Carried:
+    def move(i: int, k: int, now: Carried, half: int, springs: force.Springs, here: InSubdomain, step: Step) -> Carried:
         w = now.x[3]
         a = here.frame.gravity - here.frame.global_damping * now.v
         a += w * force.of(half, now, springs, here.material.damping, here.shared)
@@ -87,10 +88,10 @@ def _make_move(features: Features, capacity: int, force):
                 met.slot = here.block * wp.static(capacity) + i
                 met.first_sweep = (here.block * wp.static(SWEPT) + k % wp.static(SWEPT)) * count
                 met.share = share_of(step, here.frame.substeps)
-                met.sweeps = here.tiles.sweeps
-                met.contacts = here.tiles.contacts
-                met.forces = here.tiles.forces
-                met.velocities = here.tiles.velocities
+                met.sweeps = here.subdomains.sweeps
+                met.contacts = here.subdomains.contacts
+                met.forces = here.subdomains.forces
+                met.velocities = here.subdomains.velocities
                 met.last_displacements = here.last_displacements
                 for iteration in range(here.frame.iterations):
                     step.first = iteration == 0
@@ -131,7 +132,7 @@ def _make_substep(features: Features, capacity: int, keeps: bool, force):
         now: Carried,
         half: int,
         springs: force.Springs,
-        here: InTile,
+        here: InSubdomain,
         step: Step,
     ) -> Carried:
         other = wp.static(3 * capacity) - half
@@ -148,7 +149,7 @@ def _make_substep(features: Features, capacity: int, keeps: bool, force):
                 now.clearance = then.clearance
         else:
             for i in range(wp.static(capacity)):
-                if turn < turns - here.tiles.rings[here.tile * wp.static(capacity) + i]:
+                if turn < turns - here.subdomains.rings[here.subdomain * wp.static(capacity) + i]:
                     now = load(here.shared, half + i)
                     if now.x[3] > 0.0:
                         store(move(i, k, now, half, force.gather(i, here), here, step), here.shared, other + i)
@@ -159,27 +160,28 @@ def _make_substep(features: Features, capacity: int, keeps: bool, force):
 
 
 def _make_kick_all(features: Features, capacity: int, keeps: bool, widths: Widths):
-    """A Warp function: slow forces act over `span` [s] on all members within `ring` of the tile's own, at `half`."""
+    """A Warp function: slow forces act over `span` [s] on all members within `ring` of the subdomain's own, at
+    `half`."""
     load, _ = _make_memory(capacity)
     impulse = make_impulse(features, widths, capacity)
 
     @wp.func
-    def kick_all(mine: int, now: Carried, ring: int, half: int, span: float, here: InTile) -> Carried:
+    def kick_all(mine: int, now: Carried, ring: int, half: int, span: float, here: InSubdomain) -> Carried:
         other = wp.static(3 * capacity) - half
         if wp.static(keeps):
             v = now.v
-            if here.tiles.rings[here.tile * wp.static(capacity) + mine] <= ring:
+            if here.subdomains.rings[here.subdomain * wp.static(capacity) + mine] <= ring:
                 v = impulse(mine, half, now, span, here)
             sync()
             store4(here.shared, half + wp.static(2 * capacity) + mine, pack(v, 0.0))
             now.v = v
         else:
             for i in range(wp.static(capacity)):
-                if here.tiles.rings[here.tile * wp.static(capacity) + i] <= ring:
+                if here.subdomains.rings[here.subdomain * wp.static(capacity) + i] <= ring:
                     v = impulse(i, half, load(here.shared, half + i), span, here)
                     store4(here.shared, other + wp.static(2 * capacity) + i, pack(v, 0.0))
             for i in range(wp.static(capacity)):
-                if here.tiles.rings[here.tile * wp.static(capacity) + i] <= ring:
+                if here.subdomains.rings[here.subdomain * wp.static(capacity) + i] <= ring:
                     at = wp.static(2 * capacity) + i
                     store4(here.shared, half + at, load4(here.shared, other + at))
         sync()
@@ -194,13 +196,13 @@ def _make_look_out(features: Features, capacity: int, keeps: bool):
     load, store = _make_memory(capacity)
 
     @wp.func
-    def look_out(t: int, mine: int, k: int, count: int, now: Carried, half: int, here: InTile) -> Carried:
+    def look_out(t: int, mine: int, k: int, count: int, now: Carried, half: int, here: InSubdomain) -> Carried:
         colliders, first = here.colliders.shape[0], here.first + k
         ends = wp.min(wp.static(SWEPT), count - k)
         total = float(here.frame.substeps)
         for c in range(t, ends * colliders, wp.block_dim()):
             begin = float(first + c / colliders)
-            here.tiles.sweeps[here.block * wp.static(SWEPT) * colliders + c] = sweep_collider(
+            here.subdomains.sweeps[here.block * wp.static(SWEPT) * colliders + c] = sweep_collider(
                 here.colliders[c % colliders], begin / total, (begin + 1.0) / total
             )
         before, after = float(first) / total, float(first + ends) / total
@@ -218,7 +220,8 @@ def _make_look_out(features: Features, capacity: int, keeps: bool):
 
 
 def _make_swap(features: Features):
-    """A Warp function: the tile's own particles go to its neighbours before substep k, and the halo is received."""
+    """A Warp function: the subdomain's own particles go to its neighbours before substep k, and the halo is
+    received."""
 
     @wp.func
     def swap(ring: int, depth: int, k: int, now: Carried, exchange: Exchange):
@@ -243,8 +246,8 @@ def _make_advance(features: Features, capacity: int, block: int, widths: Widths,
     """The kernel that makes `count` substeps from `first` on, out of one buffer (`side`) into the other.
 
     A launch begins with halos of `depth` rings. A substep uses up one of them, the slow forces as many as they reach
-    (`widths.reach`). Runs of substeps lie between what a tile does for all of its members at once: the exchange with
-    its neighbours, the slow forces, and a look at the colliders.
+    (`widths.reach`). Runs of substeps lie between what a subdomain does for all of its members at once: the exchange
+    with its neighbours, the slow forces, and a look at the colliders.
     """
     keeps, reach = block > 1, widths.reach
     force = make_springs(widths.springs, capacity)
@@ -253,21 +256,21 @@ def _make_advance(features: Features, capacity: int, block: int, widths: Widths,
     kick_all = _make_kick_all(features, capacity, keeps, widths) if features.has_outer else None
     look_out = _make_look_out(features, capacity, keeps) if features.shapes else None
     swap = _make_swap(features) if waits else None
-    buffer_of, argument = make_buffer_of(Tiles), given_type(features)
+    buffer_of, argument = make_buffer_of(SubdomainArrays), given_type(features)
     tile_address = native.make_tile_address(6 * capacity)
     gather = force.gather
 
     # One block a multiprocessor is enough: with its registers the springs of a member do not wait for one another.
     @wp.kernel(launch_bounds=(block, 1), **_OPTIONS)
-    def advance(given: argument, tiles: Tiles, side: int, first: int, count: int, depth: int):
+    def advance(given: argument, subdomains: SubdomainArrays, side: int, first: int, count: int, depth: int):
         q = wp.tid() / wp.static(block)
         t = wp.tid() - q * wp.static(block)
-        w = q / tiles.body.shape[0]
-        n = q - w * tiles.body.shape[0]
-        body = tiles.body[n]
-        here = InTile()
-        here.tiles = tiles
-        here.tile = n
+        w = q / subdomains.body.shape[0]
+        n = q - w * subdomains.body.shape[0]
+        body = subdomains.body[n]
+        here = InSubdomain()
+        here.subdomains = subdomains
+        here.subdomain = n
         here.block = q
         here.first = first
         # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
@@ -287,28 +290,28 @@ def _make_advance(features: Features, capacity: int, block: int, widths: Widths,
         here.constants = spring_constants(here.material)
         here.shared = tile_address(wp.tile_empty(shape=(wp.static(6 * capacity),), dtype=wp.vec4, storage="shared"))
         step = make_step(here.frame.dt, first > 0 or s.history[body] > 0, 1, here.frame.global_damping)
-        before = buffer_of(s, tiles, side, w)
+        before = buffer_of(s, subdomains, side, w)
         now = Carried()
         mine = t
         if wp.static(keeps):
-            mine = tiles.places[n * wp.static(block) + t]
+            mine = subdomains.places[n * wp.static(block) + t]
         for i in range(mine, wp.static(capacity), wp.static(capacity if keeps else 1)):
-            g = tiles.members[n * wp.static(capacity) + i]
+            g = subdomains.members[n * wp.static(capacity) + i]
             now.x = load4(before.positions, g)
             now.low = xyz(load4(before.low, g))
             now.v = xyz(load4(before.velocities, g))
             store(now, here.shared, i)
             store(now, here.shared, wp.static(3 * capacity) + i)  # where what is pinned stays
         springs = gather(mine, here)
-        ring = tiles.rings[n * wp.static(capacity) + mine]
+        ring = subdomains.rings[n * wp.static(capacity) + mine]
         lag = int(0)
         if wp.static(keeps):
             # What is pinned needs no turn: it lies in both halves of the memory.
             lag = wp.where(now.x[3] > 0.0, ring, wp.static(OUTSIDE))
         exchange = Exchange()
         if wp.static(waits):
-            particle = w * s.positions.shape[0] + tiles.members[n * wp.static(capacity) + mine]
-            exchange = exchange_of(particle, tiles.positions.shape[0], tiles.messages, tiles.sent[0])
+            particle = w * s.positions.shape[0] + subdomains.members[n * wp.static(capacity) + mine]
+            exchange = exchange_of(particle, subdomains.positions.shape[0], subdomains.messages, subdomains.sent[0])
         sync()
         left = depth
         k = int(0)
@@ -360,10 +363,10 @@ def _make_advance(features: Features, capacity: int, block: int, widths: Widths,
             k += run
             left -= run
             goes_on = not ends
-        after = buffer_of(s, tiles, 1 - side, w)
+        after = buffer_of(s, subdomains, 1 - side, w)
         for i in range(mine, wp.static(capacity), wp.static(capacity if keeps else 1)):
-            if tiles.rings[n * wp.static(capacity) + i] == 0:
-                g = tiles.members[n * wp.static(capacity) + i]
+            if subdomains.rings[n * wp.static(capacity) + i] == 0:
+                g = subdomains.members[n * wp.static(capacity) + i]
                 if wp.static(not keeps):
                     now = load(here.shared, half + i)
                 v = pack(now.v, 0.0)
@@ -377,25 +380,25 @@ def _make_advance(features: Features, capacity: int, block: int, widths: Widths,
 
 
 @wp.func
-def take_forces(slot: int, member: int, tiles: Tiles, s: State):
-    """What colliders did to a member of a tile in the frame goes to the state, if it is the tile's own."""
+def take_forces(slot: int, member: int, subdomains: SubdomainArrays, s: State):
+    """What colliders did to a member of a subdomain in the frame goes to the state, if it is the subdomain's own."""
     colliders = s.contact_forces.shape[0] / s.positions.shape[0]
     for c in range(colliders):
-        if tiles.rings[member] == 0:
-            s.contact_forces[tiles.members[member] * colliders + c] = tiles.forces[slot * colliders + c]
-        tiles.forces[slot * colliders + c] = wp.vec4(0.0)
+        if subdomains.rings[member] == 0:
+            s.contact_forces[subdomains.members[member] * colliders + c] = subdomains.forces[slot * colliders + c]
+        subdomains.forces[slot * colliders + c] = wp.vec4(0.0)
 
 
 def _make_settle(features: Features, capacity: int, block: int, waits: bool):
     """The kernel that ends a frame: bodies that are good are kept, others put back."""
-    buffer_of, argument = make_buffer_of(Tiles), given_type(features)
+    buffer_of, argument = make_buffer_of(SubdomainArrays), given_type(features)
 
     @wp.kernel(**_OPTIONS)
-    def settle(given: argument, tiles: Tiles, side: int, substeps: int):
+    def settle(given: argument, subdomains: SubdomainArrays, side: int, substeps: int):
         q = wp.tid() / wp.static(block)
         t = wp.tid() - q * wp.static(block)
-        w = q / tiles.body.shape[0]
-        n = q - w * tiles.body.shape[0]
+        w = q / subdomains.body.shape[0]
+        n = q - w * subdomains.body.shape[0]
         if wp.static(features.worlds):
             m = given[w].model
             s = given[w].state
@@ -404,15 +407,15 @@ def _make_settle(features: Features, capacity: int, block: int, waits: bool):
             s = given.state
         if wp.static(waits):
             if q == 0 and t == 0:
-                tiles.sent[0] += substeps
-        last = buffer_of(s, tiles, side, w)
+                subdomains.sent[0] += substeps
+        last = buffer_of(s, subdomains, side, w)
         for i in range(t, wp.static(capacity), wp.static(block)):
             if wp.static(bool(features.shapes)):
-                take_forces(q * wp.static(capacity) + i, n * wp.static(capacity) + i, tiles, s)
-            if tiles.rings[n * wp.static(capacity) + i] == 0:
-                g = tiles.members[n * wp.static(capacity) + i]
-                if s.faulty[tiles.body[n]] == 1:
-                    put_back(g, s.relapses[tiles.body[n]], m, s)
+                take_forces(q * wp.static(capacity) + i, n * wp.static(capacity) + i, subdomains, s)
+            if subdomains.rings[n * wp.static(capacity) + i] == 0:
+                g = subdomains.members[n * wp.static(capacity) + i]
+                if s.faulty[subdomains.body[n]] == 1:
+                    put_back(g, s.relapses[subdomains.body[n]], m, s)
                 else:
                     keep(g, load4(last.positions, g), load4(last.low, g), s)
                     store_row(s.velocities, g, load4(last.velocities, g))

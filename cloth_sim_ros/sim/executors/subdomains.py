@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Method verlet on a whole GPU: a body is cut into tiles, and a block advances its tile by several substeps at a time.
+"""Method verlet on a whole GPU: a body is cut into subdomains, and a block advances its subdomain by several substeps
+at a time.
 
-A block loads its tile into its shared memory, with a halo of as many rings as it will make substeps. It advances what
-is still valid, one ring fewer every substep, and hands its own particles to its neighbours. What they need in between
-is computed twice instead of waited for (temporal blocking). Every particle's arithmetic is the same, in the same order,
-however a body is cut. Where all tiles are on the GPU at once, a frame is one launch. In it tiles wait for what their
-neighbours send (halo_exchange.py). Elsewhere it is a launch every few substeps, between two buffers. A body of one tile
-has no halo and makes all substeps of a frame in one launch. Slow forces at outer steps look farther than springs and
-use up as many rings more. The launches of a frame are captured in one CUDA graph.
+A block loads its subdomain into its shared memory, with a halo of as many rings as it will make substeps. It advances
+what is still valid, one ring fewer every substep, and hands its own particles to its neighbours. What they need in
+between is computed twice instead of waited for (temporal blocking). Every particle's arithmetic is the same, in the
+same order, however a body is cut. Where all subdomains are on the GPU at once, a frame is one launch. In it subdomains
+wait for what their neighbours send (halo_exchange.py). Elsewhere it is a launch every few substeps, between two
+buffers. A body of one subdomain has no halo and makes all substeps of a frame in one launch. Slow forces at outer steps
+look farther than springs and use up as many rings more. The launches of a frame are captured in one CUDA graph.
 """
 
 import numpy as np
@@ -21,12 +22,12 @@ from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.state import Arrays, gathered
 
 
-class Tiled:
+class Subdomains:
     """The launches of one batch. `advance()` simulates one frame of every body in every world of it.
 
-    layouts: rest positions (N, 3) of every body in local axes. size: particles of a tile. depth: substeps for which a
-    halo lasts. waits: whether tiles wait for one another within a launch. What is None is chosen. Raises tiles.Unfit
-    where tiles cannot serve the batch.
+    layouts: rest positions (N, 3) of every body in local axes. size: particles of a subdomain. depth: substeps for
+    which a halo lasts. waits: whether subdomains wait for one another within a launch. What is None is chosen. Raises
+    subdomains.Unfit where subdomains cannot serve the batch.
     """
 
     def __init__(
@@ -44,8 +45,8 @@ class Tiled:
         self._bodies = len(worlds) * model.bodies.shape[0]
         chosen = plan(features, model, layouts, len(worlds), device, size, depth, waits)
         self.depth, self.waits = chosen.depth, chosen.waits
-        self._tiles = upload(chosen, worlds, features, device)
-        self._count = len(worlds) * self._tiles.body.shape[0]
+        self._subdomains = upload(chosen, worlds, features, device)
+        self._count = len(worlds) * self._subdomains.body.shape[0]
         self._block = 1 if device.is_cpu else chosen.threads
         first = chosen.around[0]
         self._reach = max(each.reach for each in chosen.around)
@@ -68,7 +69,7 @@ class Tiled:
         wp.launch(
             self._kernels[name],
             dim=self._count * self._block,
-            inputs=[self._given, self._tiles, *numbers],
+            inputs=[self._given, self._subdomains, *numbers],
             device=self._device,
             block_dim=self._block,
         )

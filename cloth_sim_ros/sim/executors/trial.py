@@ -79,9 +79,9 @@ def restore_start(given: wp.array(dtype=Arrays), b: int, particles: int):
 
 
 class Trial:
-    """A schedule of explicit steps, and one of XPBD that does again what it leaves.
+    """An executor of explicit steps, and one of XPBD that does again what it leaves.
 
-    lines: (kind, first, end) of the slots of every body; make_safe() builds the schedule of XPBD, which touches
+    lines: (kind, first, end) of the slots of every body; make_safe() builds the executor of XPBD, which touches
     rejected bodies alone.
     """
 
@@ -114,7 +114,7 @@ class Trial:
         return wp.launch(kernel, dim=self._worlds * size, inputs=inputs, device=self._device, record_cmd=True)
 
     def make_ready(self) -> None:
-        """Build and compile the schedule of XPBD, in any thread, if that is not done yet."""
+        """Build and compile the executor of XPBD, in any thread, if that is not done yet."""
         with self._lock:
             self._safe = self._safe or self._make_safe()
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Method verlet for grids on a CPU: one launch a frame like the resident schedule, with the springs of eight particles
+"""Method verlet for grids on a CPU: one launch a frame like the block executor, with the springs of eight particles
 at a time (see vector_rows_simd.py). What air and colliders do is done particle by particle, as elsewhere.
 """
 
@@ -48,7 +48,7 @@ class Planes:
     weights: wp.array(dtype=float)  # a plane of each spoke: 1/scale, 0 where a particle has none
 
 
-class Rows:
+class VectorRows:
     """The launch of one batch of bodies that fit. `advance()` simulates one frame of every body in every world."""
 
     def __init__(self, features: Features, worlds: list[Arrays], topologies: list[Topology], device: wp.Device):
@@ -67,7 +67,7 @@ class Rows:
 
 
 def fits_rows(features: Features, topology: Topology, device: wp.Device) -> bool:
-    """Whether a body can be computed in rows."""
+    """Whether a body can be computed in vector rows."""
     return device.is_cpu and features.method == "verlet" and topology.grid is not None
 
 

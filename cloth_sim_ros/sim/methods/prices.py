@@ -18,7 +18,7 @@ _NS = 1e-6  # [ms]
 _GRID, _MESH, _MOTION, _AIR, _COLLIDER, _PLATE = (n * _NS for n in (6.0, 60.0, 5.0, 18.0, 9.0, 10.0))
 _SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
 _SEGMENT = 45.0 * _NS  # of a rope
-# Of an H200: a substep of tiles, and for each particle of all worlds. A launch of one stage, likewise. A rope in a
+# Of an H200: a substep of subdomains, and for each particle of all worlds. A launch of one stage, likewise. A rope in a
 # block. Lines in a block, for each particle of all worlds.
 _TILES, _TILES_PARTICLE, _LAUNCH, _LAUNCH_PARTICLE, _ROPE = 6.0e-4, 5.5e-8, 4.0e-3, 2.5e-8, 5.0e-3
 _BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stages of a substep besides the constraints, one function an element, made for the features of a batch.
 
-Every schedule runs: sweep and panels, then predict, then per iteration (constraints, chain, contact), then finish.
+Every executor runs: sweep and panels, then predict, then per iteration (constraints, chain, contact), then finish.
 Particle indices count within the body; x, low and d are addresses of its positions, of what float32 lost of them, and
 of its displacements (intrinsics.py).
 """

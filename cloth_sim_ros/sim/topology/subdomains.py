@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A body cut into tiles, each with a halo of the particles around it: NumPy on the topology, nothing of the device.
+"""A body cut into subdomains, each with a halo of the particles around it: NumPy on the topology, nothing of the
+device.
 
-The distance between particles is the number of springs on the shortest way. A tile that holds every particle within
-distance r of its own can advance its own by r substeps without a word from its neighbours (Demmel et al. 2008).
+The distance between particles is the number of springs on the shortest way. A subdomain that holds every particle
+within distance r of its own can advance its own by r substeps without a word from its neighbours (Demmel et al. 2008).
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ BANKS = 8  # of 16 bytes: as many threads of a GPU read shared memory at once if
 
 
 @dataclass(frozen=True)
-class Tiling:
-    """Tiles of one body, and the places of a particle's springs within its tile.
+class Partition:
+    """Subdomains of one body, and the places of a particle's springs within its subdomain.
 
-    members (M,): particles of all tiles behind one another, in each tile its own first, then ring after ring. ends (T,
-    depth + 1): how many members of a tile lie within distance r of its own. inner (M,): whether a member lies within
-    distance depth - 1. spokes (inner members, W): which members of its tile the W neighbours of a member are. places
-    (M,): where a member lies in the memory of its tile. turns (M,): all members once more, in each tile in the order in
-    which threads take them.
+    members (M,): particles of all subdomains behind one another, in each subdomain its own first, then ring after ring.
+    ends (T, depth + 1): how many members of a subdomain lie within distance r of its own. inner (M,): whether a member
+    lies within distance depth - 1. spokes (inner members, W): which members of its subdomain the W neighbours of a
+    member are. places (M,): where a member lies in the memory of its subdomain. turns (M,): all members once more, in
+    each subdomain in the order in which threads take them.
     """
 
     members: np.ndarray
@@ -34,18 +35,18 @@ class Tiling:
 
 
 def cut(layout: np.ndarray, size: int) -> np.ndarray:
-    """The tile (N,) of every particle: at most `size` in each, halved along the longest side again and again.
+    """The subdomain (N,) of every particle: at most `size` in each, halved along the longest side again and again.
 
     layout: (N, 3) [m]. Recursive coordinate bisection (Berger and Bokhari 1987); ties go by the other coordinates, so
     that a grid falls into rectangles.
     """
-    tile = np.zeros(len(layout), dtype=np.int64)
+    subdomain = np.zeros(len(layout), dtype=np.int64)
     pending = [(np.arange(len(layout)), -(-len(layout) // size))]
     done = 0
     while pending:
         particles, parts = pending.pop()
         if parts == 1:
-            tile[particles] = done
+            subdomain[particles] = done
             done += 1
             continue
         points = layout[particles]
@@ -54,14 +55,14 @@ def cut(layout: np.ndarray, size: int) -> np.ndarray:
         half = parts // 2
         middle = len(particles) * half // parts
         pending += [(particles[order[middle:]], parts - half), (particles[order[:middle]], half)]
-    return tile
+    return subdomain
 
 
-def surround(tile: np.ndarray, neighbours: np.ndarray, depth: int) -> Tiling:
-    """Every tile (N,) of `cut` with its halo of `depth` rings; neighbours (N, W) by springs, itself where it has
+def surround(subdomain: np.ndarray, neighbours: np.ndarray, depth: int) -> Partition:
+    """Every subdomain (N,) of `cut` with its halo of `depth` rings; neighbours (N, W) by springs, itself where it has
     fewer."""
-    count, tiles = len(tile), int(tile.max()) + 1
-    rings = [np.sort(tile * count + np.arange(count))]
+    count, subdomains = len(subdomain), int(subdomain.max()) + 1
+    rings = [np.sort(subdomain * count + np.arange(count))]
     seen = rings[0]
     for _ in range(depth):
         home, particle = np.divmod(rings[-1], count)
@@ -73,7 +74,7 @@ def surround(tile: np.ndarray, neighbours: np.ndarray, depth: int) -> Tiling:
     order = np.lexsort((key, ring, key // count))
     key, ring = key[order], ring[order]
     home, members = np.divmod(key, count)
-    sizes = np.stack([np.bincount(home[ring == r], minlength=tiles) for r in range(depth + 1)], axis=1)
+    sizes = np.stack([np.bincount(home[ring == r], minlength=subdomains) for r in range(depth + 1)], axis=1)
     ends = np.cumsum(sizes, axis=1)
     place = np.arange(len(key)) - (np.cumsum(ends[:, -1]) - ends[:, -1])[home]
     inner = ring < depth
@@ -81,7 +82,7 @@ def surround(tile: np.ndarray, neighbours: np.ndarray, depth: int) -> Tiling:
     wanted = home[inner, None] * count + neighbours[members[inner]]
     spokes = place[by_key[np.searchsorted(key[by_key], wanted)]]
     places = _places(members, home)
-    return Tiling(members, ends, inner, spokes, places, _turns(places, ring, home))
+    return Partition(members, ends, inner, spokes, places, _turns(places, ring, home))
 
 
 def _places(members: np.ndarray, home: np.ndarray) -> np.ndarray:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tiled schedule: tiles and halos are what they should be, and no way of cutting a body changes a bit."""
+"""The subdomains executor: subdomains and halos are what they should be, and no way of cutting a body changes a bit."""
 
 import dataclasses
 import re
@@ -11,10 +11,9 @@ import warp as wp
 from scipy.spatial import Delaunay
 
 from cloth_sim_ros.sim import Box, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_schedule
-from cloth_sim_ros.sim.executors import subdomain_kernels
-from cloth_sim_ros.sim.executors import subdomains as tiled
-from cloth_sim_ros.sim.executors.subdomain_forces import InTile, Widths
+from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors import subdomain_kernels, subdomains
+from cloth_sim_ros.sim.executors.subdomain_forces import InSubdomain, Widths
 from cloth_sim_ros.sim.executors.subdomain_kernels import make_kernels
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import next_outer, outer_weight
@@ -33,19 +32,19 @@ def busy_scene():
     )
 
 
-def forced(schedule, scene, settings, device, worlds=1):
-    with forced_schedule(schedule):
+def forced(executor, scene, settings, device, worlds=1):
+    with forced_executor(executor):
         return Simulation(scene, settings, device, worlds)
 
 
 def simulation(device, size=None, depth=None, scene=None, substeps=45, waits=None, **settings):
-    """A simulation whose tiles hold `size` particles and `depth` rings and wait for one another, or what the product
-    chooses."""
+    """A simulation whose subdomains hold `size` particles and `depth` rings and wait for one another, or what the
+    product chooses."""
     chosen = Settings(method="verlet", substeps=substeps, **settings)
-    sim = forced("tiled", scene or busy_scene(), chosen, device)
+    sim = forced("subdomains", scene or busy_scene(), chosen, device)
     for batch in sim._bodies.batches:
         layouts = [sim._bodies.topologies[name].layout for name in batch.index]
-        batch.schedule = tiled.Tiled(batch.features, batch.worlds, layouts, batch.device, size, depth, waits)
+        batch.executor = subdomains.Subdomains(batch.features, batch.worlds, layouts, batch.device, size, depth, waits)
         batch._trial = None
     return sim
 
@@ -60,14 +59,14 @@ def states(sim, frames=10):
 
 def test_a_grid_falls_into_squares():
     grid = np.stack(np.meshgrid(np.arange(64.0), np.arange(64.0), [0.0], indexing="ij"), -1).reshape(-1, 3)
-    tile = cut(grid, 64)
+    subdomain = cut(grid, 64)
     for one in range(64):
-        points = grid[tile == one]
+        points = grid[subdomain == one]
         assert len(points) == 64 and (np.ptp(points, axis=0)[:2] == 7).all()
 
 
 @pytest.mark.parametrize("size", [7, 50, 1000])
-def test_tiles_share_the_particles_evenly(size):
+def test_subdomains_share_the_particles_evenly(size):
     points = np.random.default_rng(1).random((333, 3))
     counts = np.bincount(cut(points, size))
     assert counts.sum() == 333 and counts.max() <= size and np.ptp(counts) <= 1
@@ -80,19 +79,19 @@ def test_a_halo_holds_what_is_within_so_many_springs_and_knows_its_neighbours():
         [np.roll(np.pad(index, 1, "edge"), s, (0, 1))[1:-1, 1:-1] for s in ((1, 0), (-1, 0), (0, 1), (0, -1))]
     )
     neighbours = around.reshape(4, -1).T  # a particle on the border is its own neighbour beyond it
-    tile = cut(np.stack([*np.divmod(np.arange(n * n), n), np.zeros(n * n)], 1).astype(float), 25)
-    tiling = surround(tile, neighbours, depth)
-    starts = np.concatenate([[0], np.cumsum(tiling.ends[:, -1])])
-    spokes = np.full((len(tiling.members), 4), -1)
-    spokes[tiling.inner] = tiling.spokes
+    subdomain = cut(np.stack([*np.divmod(np.arange(n * n), n), np.zeros(n * n)], 1).astype(float), 25)
+    partition = surround(subdomain, neighbours, depth)
+    starts = np.concatenate([[0], np.cumsum(partition.ends[:, -1])])
+    spokes = np.full((len(partition.members), 4), -1)
+    spokes[partition.inner] = partition.spokes
     row, column = np.divmod(np.arange(n * n), n)
-    for one in range(tile.max() + 1):
-        members = tiling.members[starts[one] : starts[one + 1]]
-        own = tile == one
+    for one in range(subdomain.max() + 1):
+        members = partition.members[starts[one] : starts[one + 1]]
+        own = subdomain == one
         distance = (np.abs(row[:, None] - row[own]) + np.abs(column[:, None] - column[own])).min(1)
         for ring in range(depth + 1):
-            assert set(members[: tiling.ends[one, ring]]) == set(np.flatnonzero(distance <= ring))
-        inner = members[: tiling.ends[one, depth - 1]]
+            assert set(members[: partition.ends[one, ring]]) == set(np.flatnonzero(distance <= ring))
+        inner = members[: partition.ends[one, depth - 1]]
         found = spokes[starts[one] : starts[one] + len(inner)]
         assert np.array_equal(members[found], neighbours[inner])
 
@@ -103,22 +102,22 @@ def test_eight_threads_read_neighbours_from_eight_banks(size, depth):
     row, column = np.divmod(np.arange(n * n), n)
     moves = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]
     beside = [np.clip(row + a, 0, n - 1) * n + np.clip(column + b, 0, n - 1) for a, b in moves]
-    tile = cut(np.stack([column, row, 0 * row], 1).astype(float), size)
-    tiling = surround(tile, np.stack(beside, 1), depth)
-    starts = np.concatenate([[0], np.cumsum(tiling.ends[:, -1])])
-    spokes = np.full((len(tiling.members), 8), -1)
-    spokes[tiling.inner] = tiling.spokes
+    subdomain = cut(np.stack([column, row, 0 * row], 1).astype(float), size)
+    partition = surround(subdomain, np.stack(beside, 1), depth)
+    starts = np.concatenate([[0], np.cumsum(partition.ends[:, -1])])
+    spokes = np.full((len(partition.members), 8), -1)
+    spokes[partition.inner] = partition.spokes
     waits, least = 0, 0
     for one, (first, end) in enumerate(zip(starts[:-1], starts[1:], strict=True)):
-        places = tiling.places[first:end]
+        places = partition.places[first:end]
         assert len(np.unique(places)) == end - first and places.max() < 1.25 * (end - first)
-        turns = tiling.turns[first:end]
+        turns = partition.turns[first:end]
         assert np.array_equal(np.sort(turns), np.arange(first, end))
         for ring in range(depth):
-            mine = turns[: tiling.ends[one, ring]]
+            mine = turns[: partition.ends[one, ring]]
             assert set(mine) == set(range(first, first + len(mine)))
             for group in np.split(mine, range(8, len(mine), 8)):
-                banks = tiling.places[first + spokes[group]] % BANKS
+                banks = partition.places[first + spokes[group]] % BANKS
                 waits += sum(np.bincount(each).max() for each in banks.T)
                 least += 8
     assert waits < 1.25 * least
@@ -131,42 +130,42 @@ def test_no_way_of_cutting_changes_a_bit(device, iterations):
         assert np.array_equal(whole, states(simulation(device, size, depth, iterations=iterations)))
 
 
-@pytest.mark.skipif(not wp.is_cuda_available(), reason="tiles wait for one another on a GPU")
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="subdomains wait for one another on a GPU")
 @pytest.mark.parametrize("iterations", [1, 2])
-def test_tiles_that_wait_for_one_another_get_what_launches_give(iterations):
+def test_subdomains_that_wait_for_one_another_get_what_launches_give(iterations):
     for size, depth in ((16, 2), (16, 4), (50, 4), (60, 6)):
         found = [simulation("cuda:0", size, depth, waits=waits, iterations=iterations) for waits in (False, None)]
-        assert [sim._bodies.batches[0].schedule.waits for sim in found] == [False, True]
+        assert [sim._bodies.batches[0].executor.waits for sim in found] == [False, True]
         apart, together = (states(sim) for sim in found)
         assert np.array_equal(apart, together)
 
 
-@pytest.mark.skipif(not wp.is_cuda_available(), reason="tiles wait for one another on a GPU")
-def test_a_tile_that_is_never_heard_of_is_a_fault_and_not_a_hang():
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="subdomains wait for one another on a GPU")
+def test_a_subdomain_that_is_never_heard_of_is_a_fault_and_not_a_hang():
     sim = simulation("cuda:0", 16, 4, Scene({"it": Cloth(resolution=(12, 12), pins="top", **SPRINGS)}))
     sim.step(3)
-    good, schedule = sim.positions("it"), sim._bodies.batches[0].schedule
-    schedule._count -= 1
-    sim.set("solver.substeps", 47)  # a new graph, of all tiles but the last
+    good, executor = sim.positions("it"), sim._bodies.batches[0].executor
+    executor._count -= 1
+    sim.set("solver.substeps", 47)  # a new graph, of all subdomains but the last
     sim.step()
     assert sim.report()["it"]["recoveries"] == 1
     assert np.array_equal(sim.positions("it"), good)
-    schedule._count += 1
+    executor._count += 1
     sim.set("solver.substeps", 49)
     sim.step(3)
     assert sim.report()["it"]["recoveries"] == 1 and np.abs(sim.positions("it") - good).max() > 1e-4
 
 
-def test_it_agrees_with_the_resident_schedule(device):
-    resident = forced("resident", busy_scene(), Settings(method="verlet", substeps=45), device)
-    found, wanted = states(simulation(device, 40, 4), 5), states(resident, 5)
+def test_it_agrees_with_the_block_executor(device):
+    block = forced("block", busy_scene(), Settings(method="verlet", substeps=45), device)
+    found, wanted = states(simulation(device, 40, 4), 5), states(block, 5)
     assert np.abs(found - wanted)[:, :3].max() < 2e-6  # what compilers round differently has not yet grown
     assert np.abs(wanted[:, 2]).max() > 0.02
 
 
-def test_worlds_have_their_own_tiles(device):
+def test_worlds_have_their_own_subdomains(device):
     single = {gravity: simulation(device, 40, 4) for gravity in (-9.81, -3.0)}
-    many = forced("tiled", busy_scene(), Settings(method="verlet", substeps=45), device, worlds=3)
+    many = forced("subdomains", busy_scene(), Settings(method="verlet", substeps=45), device, worlds=3)
     many.set("gravity", (0, 0, -3.0), world=1)
     single[-3.0].set("gravity", (0, 0, -3.0))
     for sim in (*single.values(), many):
@@ -206,9 +205,9 @@ def test_a_body_gone_bad_is_put_back_alone(device):
     assert sim.report()["small"]["recoveries"] == 1 and np.abs(sim.positions("small") - x).max() > 1e-3
 
 
-def test_implicit_steps_in_tiles_are_refused():
-    with pytest.raises(ValueError, match="'tiled' is forced with method 'xpbd'; allowed is method 'verlet'"):
-        forced("tiled", Scene({"it": Rope(segments=4)}), Settings(method="xpbd", order=1, substeps=20), "cpu")
+def test_implicit_steps_in_subdomains_are_refused():
+    with pytest.raises(ValueError, match="'subdomains' is forced with method 'xpbd'; allowed is method 'verlet'"):
+        forced("subdomains", Scene({"it": Rope(segments=4)}), Settings(method="xpbd", order=1, substeps=20), "cpu")
 
 
 def test_too_many_springs_at_a_particle_are_refused():
@@ -220,22 +219,22 @@ def test_too_many_springs_at_a_particle_are_refused():
 
 
 @pytest.mark.parametrize("kind", ["sheet", pytest.param("rope", marks=pytest.mark.long)])
-def test_wind_blows_through_tiles(device, kind):
+def test_wind_blows_through_subdomains(device, kind):
     sheet = Cloth(resolution=(12, 11), pins="top", stretch_compliance=1e-3, shear_compliance=3e-3)
     rope = Rope(segments=60, stretch_compliance=1e-2, pins="both")
     scene = Scene({"it": sheet if kind == "sheet" else rope}, wind=Wind((3, 5, 1)))
     whole = states(simulation(device, 200, 2, scene), 20)
     for size, depth in ((16, 3), (7, 2), (None, None)):
         assert np.array_equal(whole, states(simulation(device, size, depth, scene), 20))
-    resident = forced("resident", scene, Settings(method="verlet", substeps=45), device)
+    block = forced("block", scene, Settings(method="verlet", substeps=45), device)
     early = states(simulation(device, 16, 3, scene), 4)
     # In the fifth frame the sheet buckles, and what compilers round differently grows a hundredfold.
-    assert np.abs(states(resident, 4) - early)[:, :3].max() < 1e-6
+    assert np.abs(states(block, 4) - early)[:, :3].max() < 1e-6
     still = Simulation(Scene(scene.objects), Settings(method="verlet", substeps=45), device=device)
     assert np.abs(states(still, 4) - early)[:, :3].max() > 5e-4
 
 
-def test_a_rope_is_a_row_of_tiles(device):
+def test_a_rope_is_a_row_of_subdomains(device):
     rope = Rope(segments=100, stretch_compliance=1e-2, pins="both")
     whole = states(simulation(device, scene=Scene({"it": rope}), substeps=100), 20)
     assert np.array_equal(whole, states(simulation(device, 20, 4, Scene({"it": rope}), 100), 20))
@@ -295,26 +294,26 @@ def pushed(sim):
 
 
 @pytest.mark.parametrize("kind", [*QUICK, *[pytest.param(k, marks=pytest.mark.long) for k in REAL if k not in QUICK]])
-def test_real_scenes_move_in_tiles_as_in_one_block(device, kind):
+def test_real_scenes_move_in_subdomains_as_in_one_block(device, kind):
     substeps = 150 if kind == "mesh" else 60
-    resident = forced("resident", REAL[kind], Settings(method="verlet", substeps=substeps), device)
-    wanted = pushed(resident)
+    block = forced("block", REAL[kind], Settings(method="verlet", substeps=substeps), device)
+    wanted = pushed(block)
     whole = pushed(simulation(device, scene=REAL[kind], substeps=substeps))
     assert np.abs(whole - wanted)[:, :3].max() < 2e-5  # what compilers round differently
     for size, depth in ((40, 4), (25, 6)):
         assert np.array_equal(whole, pushed(simulation(device, size, depth, REAL[kind], substeps)))
-    assert np.abs(wanted[:, :3] - resident.rest_positions("it")).max() > 0.01
+    assert np.abs(wanted[:, :3] - block.rest_positions("it")).max() > 0.01
 
 
 def test_worlds_of_a_real_scene_have_their_own_wind(device):
     settings = Settings(method="verlet", substeps=60)
-    many = forced("tiled", REAL["curtain"], settings, device, worlds=2)
+    many = forced("subdomains", REAL["curtain"], settings, device, worlds=2)
     many.set_wind((0, -3, 0), world=1)
     many.set("it.bend_compliance", 2e4, world=1)
-    alone = forced("tiled", REAL["curtain"], settings, device)
+    alone = forced("subdomains", REAL["curtain"], settings, device)
     alone.set_wind((0, -3, 0))
     alone.set("it.bend_compliance", 2e4)
-    first = forced("tiled", REAL["curtain"], settings, device)
+    first = forced("subdomains", REAL["curtain"], settings, device)
     for sim in (many, alone, first):
         sim.step(5)
     assert np.array_equal(many.positions("it", 1), alone.positions("it"))
@@ -343,7 +342,7 @@ def test_skipping_colliders_decides_nothing(device, monkeypatch, shape):
 
     def always(features):
         @wp.func
-        def clearance(x: wp.vec3, before: float, after: float, here: InTile) -> float:
+        def clearance(x: wp.vec3, before: float, after: float, here: InSubdomain) -> float:
             return -1.0
 
         return clearance
@@ -430,7 +429,7 @@ def test_impulses_of_slow_forces_add_up_to_the_frame(substeps, outer):
     assert np.array_equal(2 * weights.numpy()[at], np.r_[steps, 0] + np.r_[0, steps])
     assert [following.numpy()[k] for k in range(substeps)] == [at[at > k][0] for k in range(substeps)]
     for depth, reach in ((4, 1), (5, 2), (1 << 30, 2)):
-        made = tiled.launches(substeps, outer, depth, reach)
+        made = subdomains.launches(substeps, outer, depth, reach)
         assert sum(count for _, count in made) == substeps
         for first, count in made:
             kicks = [k for k in at if first <= k < first + count]

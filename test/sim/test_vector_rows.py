@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Box, Cloth, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_schedule
+from cloth_sim_ros.sim.batch import forced_executor
 
 SPRINGS = {"stretch_compliance": 1e-3, "shear_compliance": 1e-3}
 MESH = Cloth.from_mesh(
@@ -15,17 +15,17 @@ MESH = Cloth.from_mesh(
 
 
 def both(things, substeps=60, worlds=1, iterations=1, frame_dt=1 / 60, **scene):
-    """The same scene in rows, as a CPU takes it, and particle by particle."""
+    """The same scene in vector rows, as a CPU takes it, and particle by particle."""
     things = things if isinstance(things, dict) else {"it": things}
     numbers = {"substeps": substeps, "iterations": iterations, "frame_dt": frame_dt, "global_damping": 0.3}
     return [
-        simulation(Scene(things, **scene), Settings("verlet", **numbers), worlds, schedule)
-        for schedule in (None, "resident")
+        simulation(Scene(things, **scene), Settings("verlet", **numbers), worlds, executor)
+        for executor in (None, "block")
     ]
 
 
-def simulation(scene, settings, worlds, schedule):
-    with forced_schedule(schedule):
+def simulation(scene, settings, worlds, executor):
+    with forced_executor(executor):
         return Simulation(scene, settings, "cpu", worlds)
 
 
@@ -47,12 +47,12 @@ def test_each_spring_pulls_as_it_does_alone(resolution, more, damping):
         sim.set_velocities("it", draw.normal(0.0, 1.0, x.shape))
         sim.step()
     found, wanted = states(sims)
-    assert "rows" in sims[0].method and "resident" in sims[1].method
+    assert "vector rows" in sims[0].method and "block" in sims[1].method
     assert np.abs(found - wanted).max() < 2e-6 * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("iterations", [1, 2])
-def test_rows_are_one_schedule_of_many_in_a_busy_scene(iterations):
+def test_vector_rows_are_one_executor_of_many_in_a_busy_scene(iterations):
     things = {
         "sheet": Cloth(resolution=(12, 11), pins="top", damping=1e-4, bending="springs", **SPRINGS),
         "rope": Rope(segments=20, start=(0, 2, 0), end=(1, 2, 0), pins="both", stretch_compliance=1e-2),
@@ -84,7 +84,7 @@ def test_rows_are_one_schedule_of_many_in_a_busy_scene(iterations):
     assert np.array_equal(*states([alone, sims[0]], "sheet"))
 
 
-def test_worlds_have_their_own_rows():
+def test_worlds_have_their_own_vector_rows():
     scene = {"it": Cloth(resolution=(9, 9), pins="top", **SPRINGS), "other": Cloth(resolution=(6, 3), **SPRINGS)}
     many, single = both(scene, worlds=3)[0], both(scene, gravity=(0, 0, -3.0))[0]
     many.set("gravity", (0, 0, -3.0), world=1)
