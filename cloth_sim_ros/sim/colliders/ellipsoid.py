@@ -29,28 +29,32 @@ class Ellipsoid(Collider):
 def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
     """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m].
 
-    The nearest point q has q_i = s_i^2 p_i / (t + s_i^2) for radii s. Newton's method finds t from below, where the
-    function is convex and falls, so that it never overshoots (Eberly 2013, Distance from a point to an ellipsoid).
+    The nearest point q has q_i = s_i^2 p_i / (t + s_i^2) for radii s (Eberly 2013, Distance from a point to an
+    ellipsoid). With u_i = q_i / s_i, Newton's method solves 1 / |u| = 1 for t, which is nearly linear and concave: it
+    never overshoots from below (More and Sorensen 1983).
     """
     scale = wp.max(size[0], wp.max(size[1], size[2]))
     s = size / scale
     y = wp.vec3(wp.abs(p[0]), wp.abs(p[1]), wp.abs(p[2])) / scale
     y = wp.vec3(wp.max(y[0], 1.0e-6 * s[0]), wp.max(y[1], 1.0e-6 * s[1]), wp.max(y[2], 1.0e-6 * s[2]))
-    t = wp.max(s[0] * (y[0] - s[0]), wp.max(s[1] * (y[1] - s[1]), s[2] * (y[2] - s[2])))
-    for _ in range(12):
-        value = float(-1.0)
+    # What counts is t above its pole -least: the difference of two large numbers otherwise.
+    least = wp.min(s[0] * s[0], wp.min(s[1] * s[1], s[2] * s[2]))
+    above = wp.vec3(s[0] * s[0] - least, s[1] * s[1] - least, s[2] * s[2] - least)
+    t = wp.max(s[0] * y[0] - above[0], wp.max(s[1] * y[1] - above[1], s[2] * y[2] - above[2]))
+    for _ in range(8):
+        square = float(0.0)
         slope = float(0.0)
         for k in range(3):
-            inverse = 1.0 / wp.max(t + s[k] * s[k], 1.0e-12)
-            square = (s[k] * y[k] * inverse) * (s[k] * y[k] * inverse)
-            value += square
-            slope += 2.0 * square * inverse
-        t += value / wp.max(slope, 1.0e-12)
+            inverse = 1.0 / wp.max(t + above[k], 1.0e-12)
+            part = (s[k] * y[k] * inverse) * (s[k] * y[k] * inverse)
+            square += part
+            slope += part * inverse
+        t += square * (wp.sqrt(square) - 1.0) / wp.max(slope, 1.0e-12)
     q = wp.vec3(0.0)
     n = wp.vec3(0.0)
     for k in range(3):
-        q[k] = s[k] * s[k] * y[k] / wp.max(t + s[k] * s[k], 1.0e-12)
+        q[k] = s[k] * s[k] * y[k] / wp.max(t + above[k], 1.0e-12)
         n[k] = wp.where(p[k] < 0.0, -1.0, 1.0) * q[k] / (s[k] * s[k])
     n = wp.normalize(n)
-    distance = wp.where(t < 0.0, -1.0, 1.0) * wp.length(y - q) * scale
+    distance = wp.where(t < least, -1.0, 1.0) * wp.length(y - q) * scale
     return wp.vec4(n[0], n[1], n[2], distance)
