@@ -18,7 +18,8 @@ OF_FRAME = {"velocity": "wind", "drag_coefficient": "drag", "lift_coefficient": 
 
 
 def live_value(bodies: Bodies, hands: Hands, name: str, world: int) -> Any:
-    """The value of a live parameter in one world. Raises ValueError where the scene has none of that name.
+    """The value of a live parameter in one world, or of the `position` or `orientation` of a collider or handle at the
+    end of the last frame. Raises ValueError where the scene has none of that name.
 
     A number is the shortest decimal that float32 holds as the same, so 0.1 set is 0.1 found.
     """
@@ -34,6 +35,11 @@ def live_value(bodies: Bodies, hands: Hands, name: str, world: int) -> Any:
     elif owner.endswith(".winch") and getattr(rope, "winch", None) is not None and _is_live(table.WINCH, field):
         batch = bodies.batch[owner.removesuffix(".winch")]
         found = _decimal(batch.drives.read(batch.index[owner.removesuffix(".winch")], world)[field][0])
+    elif field in ("position", "orientation") and owner in {*scene.colliders, *scene.handles}:
+        rows, row = (
+            (bodies.colliders, bodies.collider_row) if owner in scene.colliders else (bodies.handles, bodies.handle_row)
+        )
+        found = _decimal(rows.read(row[owner], world)[f"end_{field}"][0])
     elif owner in scene.handles and _is_live(table.HANDLE, field):
         found = _of_handle(bodies, hands, owner, field, world)
     elif owner in scene.colliders and _is_live(table.COLLIDER, field):

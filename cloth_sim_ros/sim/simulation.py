@@ -184,8 +184,8 @@ class Simulation:
             self._bodies.choose_again()
 
     def get(self, name: str, world: int = 0) -> Any:
-        """What `set` has set last, or the scene before, of a live parameter in one world. Raises ValueError where the
-        scene has none of that name."""
+        """What `set` has set last, or the scene before, of a live parameter in one world; the position or orientation
+        of a collider or handle too. Raises ValueError where the scene has none of that name."""
         return live_value(self._bodies, self._hands, name, world)
 
     def save(self, path: str | os.PathLike, notes: Any = None) -> None:
