@@ -224,6 +224,8 @@ class ParameterBridge:
 
     def _hold(self, values: Mapping[str, Any]) -> None:
         """Sets parameters without telling the simulation, which has these values already."""
+        if not values:
+            return
         self._restoring = True
         try:
             result = self._node.set_parameters_atomically(  # as some hold only together

@@ -50,8 +50,8 @@ def write_file(path: Path, header: dict[str, Any], arrays: dict[str, np.ndarray]
         finally:
             beside.unlink(missing_ok=True)
         _sync_folder(path.parent)
-    except OSError as error:
-        why = error.strerror or error
+    except (OSError, ValueError) as error:  # the latter for a name that no file can have
+        why = getattr(error, "strerror", None) or error
         raise ValueError(f"{path} cannot be written: {why}; allowed is a file in a folder that takes it") from None
 
 
@@ -66,6 +66,7 @@ def _sync_folder(folder: Path) -> None:
 
 def read_file(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file. Raises ValueError for what is missing, damaged, foreign or of another version."""
+    begins_well = False
     try:
         with open(path, "rb") as file:
             begins_well = file.read(2) == b"PK"
