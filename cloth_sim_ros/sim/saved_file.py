@@ -29,6 +29,12 @@ def package_version() -> str:
         return "unknown"
 
 
+def reason(error: Exception) -> str:
+    """Why something failed, on one line of bounded length."""
+    text = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= 120 else text[:117] + "..."
+
+
 def write_file(path: Path, header: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
     """Write arrays by name, and a header of what JSON can hold.
 
@@ -50,9 +56,10 @@ def write_file(path: Path, header: dict[str, Any], arrays: dict[str, np.ndarray]
         finally:
             beside.unlink(missing_ok=True)
         _sync_folder(path.parent)
-    except (OSError, ValueError) as error:  # the latter for a name that no file can have
-        why = getattr(error, "strerror", None) or error
-        raise ValueError(f"{path} cannot be written: {why}; allowed is a file in a folder that takes it") from None
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f"{path} cannot be written: {reason(error)}; allowed is a file in a folder that takes it"
+        ) from None
 
 
 def _sync_folder(folder: Path) -> None:
@@ -66,21 +73,21 @@ def _sync_folder(folder: Path) -> None:
 
 def read_file(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file. Raises ValueError for what is missing, damaged, foreign or of another version."""
-    begins_well = False
     try:
         with open(path, "rb") as file:
             begins_well = file.read(2) == b"PK"
+    except (OSError, ValueError) as error:  # the latter for a name that no file can have
+        raise ValueError(f"{path} cannot be read: {reason(error)}; {ALLOWED}") from None
+    header = None
+    try:
         with zipfile.ZipFile(path) as box:
             names = [name.removesuffix(".npy") for name in box.namelist()]
             header = _header_of(box) if _HEADER in names else None
             if header is not None and header["format"] == FORMAT:
                 return header, {name: _read(box, name) for name in names if name != _HEADER}
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read: {error.strerror or error}; {ALLOWED}") from None
     except Exception as error:  # zipfile and NumPy raise whatever a damaged byte leads them to
         if begins_well:
-            raise ValueError(f"{path} is damaged or cut short: {error}; {ALLOWED}") from None
-        header = None
+            raise ValueError(f"{path} is damaged or cut short: {reason(error)}; {ALLOWED}") from None
     if header is None:
         raise ValueError(f"{path} is no saved state of cloth_sim_ros; {ALLOWED}")
     raise ValueError(

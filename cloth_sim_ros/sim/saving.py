@@ -24,7 +24,7 @@ from cloth_sim_ros.sim.forces import name_of
 from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.methods.choose import Choice
-from cloth_sim_ros.sim.saved_file import ALLOWED, read_file, write_file
+from cloth_sim_ros.sim.saved_file import ALLOWED, read_file, reason, write_file
 
 _LIVE_OF_OBJECTS = {row.name for row in (*table.CLOTH, *table.ROPE, *table.TWIST, *table.WINCH) if row.live}
 _LIVE_OF_COLLIDERS = {"position", "orientation", *(row.name for row in table.COLLIDER if row.live)}
@@ -70,7 +70,7 @@ class Saving:
         except _AnotherScene:
             raise
         except (LookupError, TypeError, ValueError, AttributeError) as error:
-            raise ValueError(f"{path} cannot be used: {error}; {ALLOWED}") from None
+            raise ValueError(f"{path} cannot be used: {reason(error)}; {ALLOWED}") from None
         self._bodies.become(twin)
         for name, rows in targets.items():
             if isinstance(rows, wp.array):
