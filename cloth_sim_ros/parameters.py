@@ -315,6 +315,13 @@ NODE = (
     _double(
         "estimate_period", 1.0, "A frame in so many seconds also has its error estimated; 0 is never.", "s", 0, 3600
     ),
+    Parameter(
+        "state_file",
+        "string",
+        "cloth_sim_state.npz",
+        "File that ~/save writes and ~/load reads; a relative path starts in ROS_HOME, or else in ~/.ros.",
+        live=True,
+    ),
     Parameter("publish_clock", "bool", False, "Whether to send /clock and to stamp with simulated time.", fixed=True),
     SPARE_COLLIDERS,
     GRAVITY,

@@ -51,6 +51,10 @@ class Grasps:
             if values[f"{name}.attached"]:
                 sim.attach(name)
 
+    def look(self, sim: Simulation) -> None:
+        """Takes note of a state that was loaded: what let go in it is no news."""
+        self._broken = {name: sim.broken(name) for name in sim.scene.handles}
+
     def watch(self, sim: Simulation, values: Mapping[str, Any]) -> None:
         """Says in the log which handles let go in the last frame because their load was too large."""
         for name in sim.scene.handles:

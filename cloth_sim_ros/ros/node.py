@@ -37,6 +37,7 @@ from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
 from cloth_sim_ros.ros.parameter_services import ParameterServices, settled
 from cloth_sim_ros.ros.scene_plan import group
 from cloth_sim_ros.ros.simulation_loop import SimulationLoop
+from cloth_sim_ros.ros.state_services import StateServices
 from cloth_sim_ros.ros.world import World
 
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -97,6 +98,7 @@ class ClothSimNode(Node):
         self.create_service(Trigger, "~/reset", self._on_reset, callback_group=waiting)
         self.create_service(Trigger, "~/step", self._on_step, callback_group=waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        StateServices(self, self._loop, self._bridge, self._answer, waiting)
         self._watched = 0.0  # [s] of what the loop is at that the log has told of
         self.create_timer(1.0, self._watch, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
         self._loop.start()
@@ -170,7 +172,7 @@ class ClothSimNode(Node):
 
     async def _on_attach(self, handle: str, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         await self._answer(response, partial(self._loop.world.attach, handle, request.data))
-        self._bridge.follow(f"{handle}.attached", request.data and response.success)
+        self._bridge.follow({f"{handle}.attached": request.data and response.success})
         return response
 
     async def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -235,7 +237,7 @@ class ClothSimNode(Node):
 
     def _tell_attached(self, handle: str, attached: bool) -> None:
         if self.executor is not None:
-            self.executor.create_task(lambda: self._bridge.follow(f"{handle}.attached", attached))
+            self.executor.create_task(lambda: self._bridge.follow({f"{handle}.attached": attached}))
 
     def _attach(self, world: World) -> None:
         self._end_sending()

@@ -218,20 +218,23 @@ class ParameterBridge:
         if self.values[name] == refused:
             self._hold({name: held})
 
-    def follow(self, name: str, value: Any) -> None:
-        """Takes over the value that the simulation has taken from elsewhere, such as a service."""
-        if self.values[name] != value:
-            self._hold({name: value})
+    def follow(self, values: Mapping[str, Any]) -> None:
+        """Takes over values that the simulation has taken from elsewhere, such as a service."""
+        self._hold({name: value for name, value in values.items() if self.values[name] != value})
 
     def _hold(self, values: Mapping[str, Any]) -> None:
         """Sets parameters without telling the simulation, which has these values already."""
+        if not values:
+            return
         self._restoring = True
         try:
-            self._node.set_parameters(
+            result = self._node.set_parameters_atomically(  # as some hold only together
                 [RosParameter(name, value=ros_value(self.rows[name], value)) for name, value in values.items()]
             )
         finally:
             self._restoring = False
+        if not result.successful:
+            self._log.error(f"parameters cannot follow the simulation: {result.reason}")
 
 
 def coerced(row: Parameter, value: Any, name: str) -> Any:

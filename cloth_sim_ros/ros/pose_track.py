@@ -73,6 +73,13 @@ class PoseTrack:
             self._ahead.clear()
             self._now = self._newest = None
 
+    def rest(self, pose: Pose) -> None:
+        """Is at `pose` already; the next pose may have any stamp."""
+        with self._lock:
+            self._ahead.clear()
+            self._now = self._newest = None
+            self.pose = pose
+
     def place(self, pose: Pose) -> None:
         """Puts the collider at `pose` within the next frame; later messages move it on from there."""
         with self._lock:

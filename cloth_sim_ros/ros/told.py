@@ -43,6 +43,10 @@ class Told:
             more = each["recoveries"] - self._recoveries.get(name, 0)
             if more > 0:
                 self._log.warning(f"{name} was not finite or ran away and was put back, at rest, {more} times")
+        self.know(report)
+
+    def know(self, report: Report) -> None:
+        """What has happened to objects so far is no news."""
         self._recoveries = {name: each["recoveries"] for name, each in report.items()}
 
     def _tell_stopped(self, report: Report) -> None:

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import warp
@@ -16,7 +17,9 @@ from cloth_sim_ros.ros.frames import Followers, Frames
 from cloth_sim_ros.ros.grasps import Grasps
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
 from cloth_sim_ros.ros.scene_plan import make_plan, placed
+from cloth_sim_ros.ros.state_notes import added_colliders, live_values, notes_of, read_notes
 from cloth_sim_ros.ros.told import Told
+from cloth_sim_ros.ros.winches import Winches
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.methods.limits import Unstable
@@ -44,7 +47,7 @@ class World:
         self._unjudged = 0.0  # [s] since then
         self._told = Told(log)
         self._wind: Vector | None = None  # set by topic since the parameter was last set
-        self._pay_outs: dict[str, tuple[float, float]] = {}  # rope -> the same of its winch [m/s], self.simulated then
+        self._winches = Winches(log)
         self._compiling: threading.Thread | None = None
         self._log = log
 
@@ -72,8 +75,7 @@ class World:
         self.sim, self.values, self.in_effect, self.trouble = sim, values, values, ""
         if self._wind is not None and sim.scene.wind is not None:
             sim.set_wind(self._wind)
-        for name, (rate, _) in self._pay_outs.items():
-            self._drive(name, rate)
+        self._winches.drive(sim)
         for name, collider in self.added.items():
             sim.add_collider(name, collider)
         sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
@@ -81,9 +83,12 @@ class World:
         self.estimates, self._unjudged = {}, 0.0
         self._told.forget_reasons()
         self._told.reasons(self.sim)
+        self._compile_rest(sim)
+        return True
+
+    def _compile_rest(self, sim: Simulation) -> None:
         self._compiling = threading.Thread(target=self._compile, args=(sim,), name="compiling", daemon=True)
         self._compiling.start()
-        return True
 
     def _compile(self, sim: Simulation) -> None:
         """What rare frames need, so that none of them waits for it; in a thread of its own."""
@@ -109,8 +114,8 @@ class World:
         False where explicit steps would fly apart with it: nothing has changed then.
         """
         owner, _, field = name.rpartition(".")
-        if name == "estimate_period" or field in ("timeout", "follow_frame"):
-            pass  # read every frame
+        if name in ("estimate_period", "state_file") or field in ("timeout", "follow_frame"):
+            pass  # read when it is needed
         elif name == "pose_timeout":
             for track in self.tracks.values():
                 track.timeout = value
@@ -120,7 +125,7 @@ class World:
             if name == "wind.velocity":
                 self._wind = None
             if field == "pay_out":
-                self._set_pay_out_parameter(owner.removesuffix(".winch"), value, values)
+                self._winches.set_parameter(owner.removesuffix(".winch"), value, values)
             if self.sim is None:
                 return True
             try:
@@ -146,46 +151,13 @@ class World:
 
     def set_pay_out(self, rope: str, rate: float) -> None:
         """Sets the rate of a winch [m/s] from a message."""
-        self._pay_outs[rope] = rate, self.simulated
-        self._drive(rope, rate)
-
-    def _drive(self, rope: str, rate: float) -> None:
-        thing = self.sim.scene.objects.get(rope) if self.sim is not None else None
-        if thing is not None and thing.winch is not None:
-            self.sim.set(f"{rope}.winch.pay_out", rate)
-
-    def _release_winches(self, ropes: Iterable[str]) -> None:
-        """Winches go back to what their parameters say."""
-        for rope in ropes:
-            del self._pay_outs[rope]
-            self._drive(rope, self.in_effect[f"{rope}.winch.pay_out"])
-
-    def _end_old_commands(self) -> None:
-        """Stops winches whose sender has fallen silent, and says so once."""
-        values = self.in_effect
-        old = [
-            rope
-            for rope, (_, since) in self._pay_outs.items()
-            if self.simulated - since > values[f"{rope}.winch.timeout"]
-        ]
-        for rope in old:
-            rate, held = self._pay_outs[rope][0], values[f"{rope}.winch.pay_out"]
-            if rate != held:
-                silence = f"no rate came for {values[f'{rope}.winch.timeout']:g} s"
-                self._log.warning(f"{rope}/winch: {silence}; back to {rope}.winch.pay_out, {held:g} m/s")
-        self._release_winches(old)
-
-    def _set_pay_out_parameter(self, rope: str, rate: float, values: Mapping[str, Any]) -> None:
-        self._pay_outs.pop(rope, None)
-        most = values[f"{rope}.winch.max_rate"]
-        if abs(rate) > most:
-            self._log.warning(f"{rope}.winch.pay_out is {rate:g} m/s and is cut to {rope}.winch.max_rate, {most:g} m/s")
+        self._winches.command(self.sim, rope, rate, self.simulated)
 
     def reset(self) -> None:
         """Objects back to their start and winches to their parameters; colliders stay where the last pose put them, as
         their senders believe."""
         self.resets += 1
-        self._release_winches(list(self._pay_outs))
+        self._winches.release(self.sim, list(self._winches.rates), self.in_effect)
         if self.sim is None:
             return
         self.sim.reset()
@@ -227,7 +199,7 @@ class World:
     def advance(self) -> float:
         """Simulates one frame and returns its length [s]. On a GPU the frame may still be under way."""
         frame_dt = self.sim.settings.frame_dt
-        self._end_old_commands()
+        self._winches.end_old_commands(self.sim, self.in_effect, self.simulated)
         self._followers.advance(self.tracks, self.in_effect)
         for name, track in self.tracks.items():
             move = self.sim.set_handle_pose if name in self.sim.scene.handles else self.sim.set_collider_pose
@@ -243,6 +215,41 @@ class World:
         self._unjudged += frame_dt
         self.simulated += frame_dt
         return frame_dt
+
+    def save(self, path: Path) -> tuple[bool, str]:
+        """Writes the state into a file, with what topics have asked for; whether that could be, and one sentence."""
+        if self.sim is None:
+            return False, f"no simulation: {self.trouble}"
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self.sim.save(path, notes_of(self._wind, self._winches.rates, self.simulated, self.in_effect))
+        except (ValueError, OSError) as error:
+            return False, str(error)
+        return True, f"the state at {self.sim.time:.6g} s is saved in {path}"
+
+    def load(self, path: Path) -> tuple[bool, str, dict[str, Any]]:
+        """Goes on from a file; whether that can be, one sentence, and the live parameters with the values they have
+        now. The simulation is as it was where it cannot be."""
+        if self.sim is None:
+            return False, f"no simulation: {self.trouble}", {}
+        builds = self.sim.builds
+        try:
+            notes = self.sim.load(path)
+        except ValueError as error:
+            return False, str(error), {}
+        self._wind, self._winches.rates, waiting = read_notes(notes, self.simulated)
+        values = {**live_values(self.sim, self.in_effect), **waiting}
+        self.in_effect = {**self.in_effect, **values}
+        for name in {*self.sim.scene.colliders, *self.sim.scene.handles} & set(self.tracks):
+            self.tracks[name].rest(_pose(self.in_effect, name))
+        self.added = added_colliders(self.sim, self.tracks)
+        self._told.know(self.sim.report())
+        self.grasps.look(self.sim)
+        self.estimates = {}
+        self._told.reasons(self.sim)
+        if self.sim.builds != builds:
+            self._compile_rest(self.sim)
+        return True, f"the simulation goes on at {self.sim.time:.6g} s from {path}", values
 
     def report(self) -> dict[str, dict[str, float]]:
         """The simulation's report; what is worth it goes to the log."""

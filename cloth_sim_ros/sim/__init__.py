@@ -9,7 +9,8 @@
 - methods/: the program of a substep, written once; what method, substeps and iterations an object is given, and why;
 - executors/: how a program runs: a body in a block, a launch a stage, vector rows, subdomains; a frame as a trial;
 - batch: all of that for objects that share kernels; report, tension, twist, winch, wrench, readback: what is read;
-- simulation, composed of bodies, queries, rope_queries and live: the public face.
+- saving, saved_file: the whole state in a file, and back; live_values: live numbers as they are now;
+- simulation, composed of bodies, queries, rope_queries, hands, live and saving: the public face.
 """
 
 from cloth_sim_ros.sim.colliders.box import Box

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -111,6 +112,27 @@ class Bodies:
         self.build(choices)
         for name, state in kept.items():
             self.batch[name].give(name, state)
+        self._write_substeps()
+
+    def twin(
+        self, scene: Scene, settings: Settings, choices: dict[str, Choice], strained: set[str], rows: dict[str, int]
+    ) -> Bodies:
+        """Bodies of the same structure as other pins, settings, choices and added colliders in `rows` describe them.
+
+        They share with these all arrays that can stay. Nothing here changes, until `become`.
+        """
+        other = copy.copy(self)
+        other.scene, other.settings, other.strained, other.collider_row = scene, settings, strained, rows
+        changed = {name: thing for name, thing in scene.objects.items() if thing is not self.scene.objects[name]}
+        other.elastic = {**self.elastic, **{name: build_topology(changed[name], name, False) for name in changed}}
+        if changed or any(choices[name].words != self._choices[name].words for name in choices):
+            other.build(choices)
+        other._choices = choices
+        return other
+
+    def become(self, other: Bodies) -> None:
+        """Go on as a twin of these; the state is left to whoever asks."""
+        vars(self).update(vars(other))
         self._write_substeps()
 
     def _make_batches(self) -> list[Batch]:

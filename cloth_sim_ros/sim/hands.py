@@ -73,14 +73,17 @@ def find_broken(
 
 
 class Hands:
-    """The handles of a simulation. Raises ValueError for a name, a world or a value that cannot be."""
+    """The handles of a simulation. Raises ValueError for a name, a world or a value that cannot be.
+
+    objects: handle -> the one object that it grasps, "" is any. breaks: how often each let go, (worlds, H).
+    """
 
     def __init__(self, bodies: Bodies) -> None:
         self._bodies = bodies
         shape, device = (bodies.worlds, len(bodies.scene.handles)), bodies.warp_device
         self._loads = Loads(bodies, "handles", shape[1])
-        self._leaves, self._breaks = (wp.zeros(shape, dtype=int, device=device) for _ in range(2))
-        self._objects = {name: handle.object for name, handle in bodies.scene.handles.items()}
+        self._leaves, self.breaks = (wp.zeros(shape, dtype=int, device=device) for _ in range(2))
+        self.objects = {name: handle.object for name, handle in bodies.scene.handles.items()}
         self._breakable = False
 
     def write_scene(self) -> None:
@@ -92,7 +95,11 @@ class Hands:
 
     def _write(self, name: str, world: int | None, **numbers: Any) -> None:
         self._bodies.handles.write(self._row(name), world, **numbers)
-        self._breakable = bool((self._bodies.handles.edit()["break_force"] > 0.0).any())
+        self.find_breakable()
+
+    def find_breakable(self) -> None:
+        """Note whether any handle lets go where its load is too large."""
+        self._breakable = bool((self._bodies.handles.mirrors()["rows"]["break_force"] > 0.0).any())
 
     def place(self, name: str, world: int | None) -> None:
         """Where the scene puts it."""
@@ -136,7 +143,7 @@ class Hands:
                 raise ValueError(
                     f"{where} is {value!r}; allowed is '' or one of {names_of(self._bodies.scene.objects)}"
                 )
-            self._objects[name] = value
+            self.objects[name] = value
         elif field in ("compliance", "break_force"):
             self._write(name, world, **{field: value})
         else:
@@ -147,7 +154,7 @@ class Hands:
         h, some = self._row(name), self._bodies.some(world)
         self._bodies.handles.upload()
         for body, (batch, given, b, count) in self._each().items():
-            if self._objects[name] in ("", body):
+            if self.objects[name] in ("", body):
                 inputs = [given, b, h, -1 if some is None else some, count]
                 wp.launch(grasp, dim=self._bodies.worlds * count, inputs=inputs, device=batch.device)
         return self.held(name, world)
@@ -167,7 +174,7 @@ class Hands:
 
     def broken(self, name: str, world: int = 0) -> int:
         """How often it has let go because the load was larger than its break_force."""
-        return int(self._breaks.numpy()[self._bodies.one(world), self._row(name)])
+        return int(self.breaks.numpy()[self._bodies.one(world), self._row(name)])
 
     def handle_position(self, name: str, world: int = 0) -> np.ndarray:
         """Where a handle is at the end of the last frame (3,) [m]."""
@@ -188,7 +195,7 @@ class Hands:
     def judge(self) -> None:
         """At the end of a frame: handles whose load is too large let go. On the device alone."""
         if self._breakable:
-            inputs = [self._bodies.handles.array, self._loads.measure(), self._leaves, self._breaks]
+            inputs = [self._bodies.handles.array, self._loads.measure(), self._leaves, self.breaks]
             wp.launch(find_broken, dim=self._leaves.shape, inputs=inputs, device=self._bodies.warp_device)
             self._drop()
 

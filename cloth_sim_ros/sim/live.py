@@ -14,14 +14,11 @@ from cloth_sim_ros.sim.bodies import Bodies, distinct, names_of
 from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.hands import Hands
+from cloth_sim_ros.sim.live_values import COMPLIANCES, OF_FRAME
 from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.quaternion import unit_quaternion
 from cloth_sim_ros.sim.rope_queries import Ropes
-
-# Where in Material.compliance each lies; of shear and twist, an object has at most one.
-_COMPLIANCES = {"stretch_compliance": 0, "shear_compliance": 1, "twist_compliance": 1, "bend_compliance": 2}
-
 
 _FAR_AWAY = 1e30  # [m]
 
@@ -120,8 +117,7 @@ class Live:
             raise ValueError(f"there is no parameter {name!r}; allowed are 'gravity' and those of {names_of(known)}")
 
     def _set_frame(self, row: table.Parameter, name: str, value: Any, world: int | None) -> None:
-        fields = {"velocity": "wind", "drag_coefficient": "drag", "lift_coefficient": "lift"}
-        self._bodies.frame.write(0, world, **{fields.get(row.name, row.name): table.check(row, value, name)})
+        self._bodies.frame.write(0, world, **{OF_FRAME.get(row.name, row.name): table.check(row, value, name)})
 
     def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
         value = table.check(row, value, name)
@@ -146,8 +142,8 @@ class Live:
             self._bodies.batch[owner].ends.write(self._bodies.batch[owner].index[owner], world, turn=value)
             return
         materials = self._bodies.materials_of(owner, world)
-        if field in _COMPLIANCES:
-            materials["compliance"][:, _COMPLIANCES[field]] = value
+        if field in COMPLIANCES:
+            materials["compliance"][:, COMPLIANCES[field]] = value
             field = "compliance"
         else:
             field = "thickness" if field == "radius" else field
@@ -252,7 +248,7 @@ class Live:
 def compliances_of(thing: Cloth | Rope) -> list[float]:
     """Structural, shear (of a rope: twist) and bending compliance, 0 for a kind that does not exist."""
     found = [0.0, 0.0, 0.0]
-    for field, place in _COMPLIANCES.items():
+    for field, place in COMPLIANCES.items():
         found[place] += getattr(thing, field, None) or 0.0
     return found
 

@@ -39,6 +39,14 @@ class LiveArray:
         self._changed = True
         return self._mirror
 
+    def mirrors(self) -> dict[str, np.ndarray]:
+        """Name -> each array (worlds, rows, ...) on the host that says what the rows are; see `touch`."""
+        return {"rows": self._mirror}
+
+    def touch(self) -> None:
+        """To be called when what `mirrors` gave has been written to: it reaches the device with the next upload."""
+        self._changed = True
+
     def upload(self) -> None:
         """Copy to the device if anything changed; ordered before the launches that follow on the device's stream."""
         if self._changed:

@@ -34,6 +34,16 @@ class Motions(LiveArray):
         pose = {"position": position, "orientation": orientation}
         self.write(row, world, **{f"{end}_{part}": value for end in ("start", "end") for part, value in pose.items()})
 
+    def mirrors(self) -> dict[str, np.ndarray]:
+        """Beside the rows what moves in this frame, and the poses that are wanted by the end of the next."""
+        wanted = {"moving": self._moving, "wanted": self._wanted}
+        return {**super().mirrors(), **wanted, "positions": self._position, "orientations": self._orientation}
+
+    def touch(self) -> None:
+        """See LiveArray; some may move now."""
+        super().touch()
+        self._at_rest = False
+
     def advance(self) -> None:
         """Begin a frame: what was wanted since the last one begins to move, what has arrived rests."""
         if self._at_rest:

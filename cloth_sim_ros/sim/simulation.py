@@ -2,12 +2,14 @@
 """The public face: a scene and settings on a device, advanced frame by frame and read back by name.
 
 A Simulation is composed of parts: Bodies (how objects are computed, and where), Queries (what is read of them), Ropes
-(the same of ropes alone), Hands (what handles hold) and Live (what may change while it runs). Here are time and state.
+(the same of ropes alone), Hands (what handles hold), Live (what may change while it runs) and Saving (its state in a
+file). Here are time and state.
 """
 
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -17,11 +19,13 @@ from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.checks import finite_array
 from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live import Live, compliances_of
+from cloth_sim_ros.sim.live_values import live_value
 from cloth_sim_ros.sim.methods.choose import is_strained
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.queries import Queries
 from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.rope_queries import Ropes
+from cloth_sim_ros.sim.saving import Saving
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.starts import off_symmetry
@@ -60,6 +64,7 @@ class Simulation:
         self._ropes = Ropes(self._bodies, self._queries)
         self._hands = Hands(self._bodies)
         self._live = Live(self._bodies, self._ropes, self._hands)
+        self._saving = Saving(self._bodies, self._hands)
         for name, thing in scene.objects.items():
             self._ropes.check_rope(name, thing)
         materials = {name: (compliances_of(thing), thing.damping) for name, thing in scene.objects.items()}
@@ -178,6 +183,27 @@ class Simulation:
             self._frames = 0
             self._bodies.strained.clear()
             self._bodies.choose_again()
+
+    def get(self, name: str, world: int = 0) -> Any:
+        """What `set` has set last, or the scene before, of a live parameter in one world; the position or orientation
+        of a collider or handle too. Raises ValueError where the scene has none of that name."""
+        return live_value(self._bodies, self._hands, name, world)
+
+    def save(self, path: str | os.PathLike, notes: Any = None) -> None:
+        """Write the whole state of all worlds into one .npz file, and `notes` of what JSON can hold.
+
+        What was there before is replaced by the whole file at once, or stays. Raises ValueError where it cannot be.
+        """
+        self._saving.save(path, self._frames, notes)
+
+    def load(self, path: str | os.PathLike) -> Any:
+        """Go on from what `save` wrote of a scene of the same structure, to the same bits, and return its notes.
+
+        Live numbers, pins, added colliders and grasps become those of the file; `builds` may change. Raises ValueError
+        for a file that is damaged, or not of such a scene on such a device. Nothing changes then.
+        """
+        self._frames, notes = self._saving.load(path)
+        return notes
 
     def _advance(self, finer: int = 1) -> None:
         """One frame in `finer` times the substeps that are set, with the live numbers as they are now."""

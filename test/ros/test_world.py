@@ -78,3 +78,30 @@ def test_a_method_that_needs_more_substeps_than_asked_is_refused_and_the_simulat
     assert world.sim is before and "solver.substeps is 5 with method 'verlet'" in caplog.text
     assert "the simulation before goes on" in caplog.text
     world.advance()
+
+
+def test_a_loaded_state_brings_its_poses_and_parameters_and_no_old_news(caplog, tmp_path):
+    first, second = (World(values(device="cpu"), logging.getLogger("test")) for _ in range(2))
+    assert first.build(first.values) and second.build(second.values)
+    there = Pose((0.0, 0.0, 0.25), (0.0, 0.0, 0.0, 1.0))
+    first.tracks["ball"].push(1.0, there, arrival=0.0)
+    assert first.set_live("sheet.stretch_compliance", 1.0 / 300.0, first.values)
+    arrays, span, _ = first.sim.device_arrays("line")
+    arrays.state.velocities[span].fill_(np.nan)
+    for _ in range(5):
+        first.advance()
+    first.report()
+    file, caught = tmp_path / "state.npz", len(caplog.records)
+    first.sim.save(file, {"by": "a program"})  # without the notes of a node
+    done, sentence, told = second.load(file)
+    assert done and sentence == f"the simulation goes on at 0.0833333 s from {file}"
+    assert second.tracks["ball"].pose == there and second.poses()["ball"] == there
+    assert told == {"sheet.stretch_compliance": 0.0033333334, "ball.position": (0.0, 0.0, 0.25)}
+    assert {name: second.in_effect[name] for name in told} == told
+    assert first.load(file) == (True, sentence, {"ball.position": (0.0, 0.0, 0.25)}), "the rest is as it was"
+    assert second.report()["line"]["recoveries"] > 0
+    assert not [each for each in caplog.records[caught:] if "put back" in each.message]
+    for world in (first, second):
+        world.advance()
+    assert first.sim.positions("sheet").tobytes() == second.sim.positions("sheet").tobytes()
+    assert second.load(tmp_path / "none.npz")[0] is False

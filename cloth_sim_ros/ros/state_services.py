@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The services ~/save and ~/load: the state of the simulation into a file, and back."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
+from cloth_sim_ros.ros.simulation_loop import SimulationLoop
+
+
+class StateServices:
+    """The loop's thread saves and loads between two frames, while the executor of `node` goes on.
+
+    answer(response, command) has `command` run there and answers with what it gives.
+    """
+
+    def __init__(
+        self, node: Node, loop: SimulationLoop, bridge: ParameterBridge, answer: Callable, group: CallbackGroup
+    ):
+        self._node, self._loop, self._bridge, self._answer = node, loop, bridge, answer
+        self._loaded: list[Mapping[str, Any]] = []  # values that parameters have yet to follow
+        node.create_service(Trigger, "~/save", self._on_save, callback_group=group)
+        node.create_service(Trigger, "~/load", self._on_load, callback_group=group)
+
+    async def _on_save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return await self._answer(response, partial(self._loop.world.save, self._path()))
+
+    async def _on_load(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        await self._answer(response, partial(self._load, self._path()))
+        self._follow()  # so that whoever has the answer finds the parameters as they are
+        return response
+
+    def _path(self) -> Path:
+        return state_path(self._bridge.values["state_file"])
+
+    def _load(self, path: Path) -> tuple[bool, str]:
+        """In the loop's thread."""
+        done, sentence, values = self._loop.world.load(path)
+        self._loaded.append(values)
+        if self._node.executor is not None:  # where it took so long that the answer is given already
+            self._node.executor.create_task(self._follow)
+        return done, sentence
+
+    def _follow(self) -> None:
+        """In the executor's thread."""
+        while self._loaded:
+            self._bridge.follow(self._loaded.pop(0))
+
+
+def state_path(file: str) -> Path:
+    """Where a file of the parameter state_file is: a relative one in ROS_HOME, or in ~/.ros."""
+    return Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / Path(file).expanduser()

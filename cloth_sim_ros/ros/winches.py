@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What topics ask of the winches of the simulation that runs: for a while, then their parameters act again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from cloth_sim_ros.sim import Simulation
+
+
+class Winches:
+    """Owned by the thread that simulates.
+
+    rates: rope -> (rate by topic [m/s], simulated time when it came [s]), until it is released.
+    """
+
+    def __init__(self, log: Any):
+        self.rates: dict[str, tuple[float, float]] = {}
+        self._log = log
+
+    def command(self, sim: Simulation | None, rope: str, rate: float, now: float) -> None:
+        """Sets the rate of a winch [m/s] from a message that came at `now` [s]."""
+        self.rates[rope] = rate, now
+        _drive(sim, rope, rate)
+
+    def drive(self, sim: Simulation) -> None:
+        """Has a new simulation do what messages have asked for."""
+        for rope, (rate, _) in self.rates.items():
+            _drive(sim, rope, rate)
+
+    def release(self, sim: Simulation | None, ropes: Iterable[str], values: Mapping[str, Any]) -> None:
+        """Winches go back to what their parameters say."""
+        for rope in ropes:
+            del self.rates[rope]
+            _drive(sim, rope, values[f"{rope}.winch.pay_out"])
+
+    def end_old_commands(self, sim: Simulation, values: Mapping[str, Any], now: float) -> None:
+        """Stops winches whose sender has fallen silent, and says so once."""
+        old = [rope for rope, (_, since) in self.rates.items() if now - since > values[f"{rope}.winch.timeout"]]
+        for rope in old:
+            rate, held = self.rates[rope][0], values[f"{rope}.winch.pay_out"]
+            if rate != held:
+                silence = f"no rate came for {values[f'{rope}.winch.timeout']:g} s"
+                self._log.warning(f"{rope}/winch: {silence}; back to {rope}.winch.pay_out, {held:g} m/s")
+        self.release(sim, old, values)
+
+    def set_parameter(self, rope: str, rate: float, values: Mapping[str, Any]) -> None:
+        """The parameter acts from now on; says where it asks for more than the winch can."""
+        self.rates.pop(rope, None)
+        most = values[f"{rope}.winch.max_rate"]
+        if abs(rate) > most:
+            self._log.warning(f"{rope}.winch.pay_out is {rate:g} m/s and is cut to {rope}.winch.max_rate, {most:g} m/s")
+
+
+def _drive(sim: Simulation | None, rope: str, rate: float) -> None:
+    thing = sim.scene.objects.get(rope) if sim is not None else None
+    if thing is not None and thing.winch is not None:
+        sim.set(f"{rope}.winch.pay_out", rate)

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A state is saved, the node is killed, and another goes on from it to the bits of one that was never stopped."""
+
+import signal
+
+import pytest
+from client import LATCHED, Client
+from geometry_msgs.msg import Vector3Stamped
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+SCENE = """
+/**:
+  ros__parameters:
+    objects: [cloth, cable]
+    colliders: [ball]
+    handles: [hand]
+    spare_colliders: 1
+    publish_clock: true
+    wind: {enabled: true}
+    cloth: {type: cloth, resolution: [7, 6], size: [0.6, 0.5], pins: corners, position: [0, 0, 1], damping: 0.001}
+    cable: {type: rope, segments: 8, start: [1, 0, 2], end: [1, 0, 1], end_mass: 0.1,
+            winch: {enabled: true, length: 0.5, acceleration: 4.0, timeout: 0.2}}
+    ball: {shape: sphere, dimensions: [0.15], position: [0, 0, 0.83]}
+    hand: {position: [-0.3, -0.25, 1.0], reach: [0.06]}
+"""
+CHANGED = {
+    "cloth.stretch_compliance": 2e-3,
+    "cloth.pins": [35, 39],
+    "gravity": [0.1, 0.0, -9.7],
+    "solver.global_damping": 0.3,
+    "ball.position": [0.02, 0.0, 0.86],
+    "ball.static_friction": 0.9,
+    "cable.winch.longest": 0.9,
+}
+OBJECTS = ("cloth", "cable")
+
+
+class Paused:
+    """A node on SCENE that simulates frames when it is told to, and a client that has never met another."""
+
+    def __init__(self, start):
+        self.node, self.client = start(SCENE).ready(), Client()
+        self._clouds = {name: self.client.listen(PointCloud2, f"/cloth_sim/{name}/particles", 1) for name in OBJECTS}
+        self._shown = self.client.listen(MarkerArray, "/cloth_sim/colliders", LATCHED)
+        self._scene = self.client.node.create_publisher(MarkerArray, "/cloth_sim/scene", 10)
+        self.client.until(lambda: self._scene.get_subscription_count() > 0)
+        assert self.client.call(SetBool, "/cloth_sim/pause", SetBool.Request(data=True)).success
+
+    def kill(self):
+        self.node.end(signal.SIGKILL)
+        self.client.destroy()
+
+    def ask(self, service):
+        answer = self.client.call(Trigger, f"/cloth_sim/{service}")
+        assert "\n" not in answer.message
+        return answer
+
+    def done(self, service):
+        answer = self.ask(service)
+        assert answer.success, answer.message
+        return answer.message
+
+    def step(self, frames):
+        for _ in range(frames):
+            self.done("step")
+
+    def clouds(self):
+        """The bytes of every object, sent after all that was asked for is done."""
+        for each in self._clouds.values():
+            each.clear()
+        self.client.until(lambda: all(len(each) > 2 for each in self._clouds.values()))
+        return {name: bytes(each[-1].data) for name, each in self._clouds.items()}
+
+    def box(self, action):
+        """Adds a collider by topic, or takes it away, and waits until that is done."""
+        box = Marker(type=Marker.CUBE, action=action, ns="box", id=3)
+        box.pose.position.x, box.pose.position.y, box.pose.position.z = 0.15, -0.15, 0.88
+        box.pose.orientation.w = 1.0
+        box.scale.x = box.scale.y = box.scale.z = 0.2
+        self._scene.publish(MarkerArray(markers=[box]))
+        self.client.until(lambda: ("box/3" in {each.ns for each in self._shown[-1].markers}) == (action == Marker.ADD))
+
+
+def say(client, topic, message):
+    client.publish(f"/cloth_sim/{topic}", message)
+    client.spin(0.3)
+
+
+def tell(paused):
+    """All inputs there are, some frames apart."""
+    client = paused.client
+    paused.done("reset")
+    paused.step(5)
+    for name, value in CHANGED.items():
+        assert client.set(name, value).successful
+    assert client.call(SetBool, "/cloth_sim/handles/hand/attach", SetBool.Request(data=True)).success
+    paused.box(Marker.ADD)
+    wind = Vector3Stamped()
+    wind.header.frame_id, wind.vector.y = "world", 3.0
+    say(client, "wind", wind)
+    paused.step(4)
+    say(client, "cable/winch", Float64(data=0.8))
+    paused.step(6)
+
+
+def go_on(paused):
+    """What comes after the state was saved."""
+    assert paused.client.set("ball.position", [0.0, 0.03, 0.9]).successful
+    paused.step(5)
+    paused.box(Marker.DELETE)
+    paused.step(10)  # the winch has no command any longer
+    return paused.clouds()
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """The folder in which the node keeps its file."""
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "home"))
+    return tmp_path / "home"
+
+
+def test_a_killed_node_goes_on_where_it_was_saved(start, ros, home):
+    first = Paused(start)
+    tell(first)
+    file = home / "cloth_sim_state.npz"
+    assert first.done("save") == f"the state at 0.25 s is saved in {file}"
+    at_save = first.clouds()
+    never_stopped = go_on(first)
+    assert at_save["cloth"] != never_stopped["cloth"] and at_save["cable"] != never_stopped["cable"]
+    first.kill()
+
+    second = Paused(start)
+    client = second.client
+    second.step(3)
+    assert second.done("load") == f"the simulation goes on at 0.25 s from {file}"
+    assert second.clouds() == at_save
+    for name, value in CHANGED.items():
+        assert client.get(name) == pytest.approx(value) if name != "cloth.pins" else list(client.get(name)) == value
+    assert client.get("hand.attached") is True
+    assert list(client.get("wind.velocity")) == [0, 0, 0] and client.get("cable.winch.pay_out") == 0.0
+    assert go_on(second) == never_stopped
+    refuse_what_is_no_state(second, file)
+    second.done("load")
+    assert second.clouds() == at_save, "the same node goes back too"
+    assert go_on(second) == never_stopped
+    for word in ("put back", "accepted but not applied", "cannot follow", "a command failed", "Traceback"):
+        assert word not in second.node.log, word
+    client.destroy()
+
+
+def refuse_what_is_no_state(paused, file):
+    """A refused file changes nothing, and the answer says what is wrong with it."""
+    client = paused.client
+    before, content = paused.clouds(), file.read_bytes()
+    bad = file.with_name("bad.npz")
+    assert client.set("state_file", "bad.npz").successful
+    assert f"{bad} cannot be read: No such file or directory; allowed is" in refused(paused)
+    bad.write_bytes(content[: len(content) // 2])
+    assert f"{bad} is damaged or cut short: " in refused(paused)
+    bad.write_text("objects: [cloth]\n")
+    assert f"{bad} is no saved state of cloth_sim_ros; allowed is" in refused(paused)
+    assert paused.clouds() == before
+    assert client.set("state_file", str(file)).successful
+    set_mass(paused, 0.3)
+    assert "object cloth is a Cloth of 42 particles" in refused(paused)
+    set_mass(paused, 0.2)
+    assert client.set("state_file", "/proc/x.npz").successful
+    answer = paused.ask("save")
+    assert not answer.success and "/proc/x.npz cannot be written" in answer.message
+    assert client.set("state_file", str(file)).successful
+
+
+def set_mass(paused, mass):
+    built = paused.node.log.count("simulating ")
+    assert paused.client.set("cloth.mass", mass).successful
+    paused.client.until(lambda: paused.node.log.count("simulating ") > built)
+
+
+def refused(paused):
+    answer = paused.ask("load")
+    assert not answer.success and "; allowed" in answer.message
+    return answer.message
