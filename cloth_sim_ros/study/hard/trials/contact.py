@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cloth_sim_ros.sim import Box, Capsule, Plane, Scene, Simulation, Sphere
+from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Plane, Scene, Simulation, Sphere
 from cloth_sim_ros.study.hard.bodies import BODY, SEGMENTS, is_rope, make_body
 from cloth_sim_ros.study.hard.trial import WHIP, Options, Trial, fine
 
@@ -20,8 +20,11 @@ SHAPES: dict[str, Callable[..., Any]] = {
     "sphere": lambda **place: Sphere(radius=0.15, **place),
     "capsule": lambda **place: Capsule(radius=0.05, half_length=0.3, orientation=(LYING, 0, 0, LYING), **place),
     "box": lambda **place: Box(half_extents=(0.3, 0.3, 0.002), **place),
+    "cylinder": lambda **place: Cylinder(radius=0.05, half_length=0.3, orientation=(LYING, 0, 0, LYING), **place),
+    "ellipsoid": lambda **place: Ellipsoid(radii=(0.3, 0.15, 0.05), **place),
 }
-TOP = {"plane": 0.0, "sphere": 0.15, "capsule": 0.05, "box": 0.002}  # [m] above the middle
+# [m] above the middle
+TOP = {"plane": 0.0, "sphere": 0.15, "capsule": 0.05, "box": 0.002, "cylinder": 0.05, "ellipsoid": 0.05}
 
 
 def fast_collider(kind: str, options: Options, random: np.random.Generator) -> Trial:
@@ -137,6 +140,8 @@ def centre(kind: str, options: Options, random: np.random.Generator) -> Trial:
         "sphere": Sphere(radius=0.04, position=middle),
         "capsule": Capsule(radius=0.03, half_length=0.05, position=middle),
         "box": Box(half_extents=(0.03, 0.03, 0.03), position=middle),
+        "cylinder": Cylinder(radius=0.03, half_length=0.05, position=middle),
+        "ellipsoid": Ellipsoid(radii=(0.04, 0.03, 0.02), position=middle),
     }[options["shape"]]
     scene = Scene({BODY: make_body(kind, pins="both", damping=2e-3, compliance=1e-3)}, {"it": shape})
 
