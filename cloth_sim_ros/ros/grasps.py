@@ -43,6 +43,12 @@ class Grasps:
         nearest = min(apart, key=apart.get)
         return f"the nearest particle is of {nearest}, {apart[nearest]:.3g} m away, or it is pinned or held already"
 
+    def tell_empty(self, sim: Simulation, values: Mapping[str, Any]) -> None:
+        """Says in the log which handles should hold something and do not, as nothing is within their reach."""
+        for name in sim.scene.handles:
+            if values[f"{name}.attached"] and not sim.held(name):
+                self._log.warning(f"{name} holds nothing: {self._why(sim, name)}")
+
     def reset(self, sim: Simulation, tracks: Mapping[str, PoseTrack], values: Mapping[str, Any]) -> None:
         """Handles stay where the last pose put them; those that are attached grasp what is there now."""
         for name in sim.scene.handles:

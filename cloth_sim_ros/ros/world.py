@@ -81,6 +81,7 @@ class World:
         sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
         self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
         self.estimates, self._unjudged = {}, 0.0
+        self.grasps.tell_empty(sim, values)
         self._told.forget_reasons()
         self._told.reasons(self.sim)
         self._compile_rest(sim)

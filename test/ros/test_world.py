@@ -7,6 +7,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from test_scene_plan import values
 
+from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.diagnostics import diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.pose_track import Pose
@@ -105,3 +106,12 @@ def test_a_loaded_state_brings_its_poses_and_parameters_and_no_old_news(caplog, 
         world.advance()
     assert first.sim.positions("sheet").tobytes() == second.sim.positions("sheet").tobytes()
     assert second.load(tmp_path / "none.npz")[0] is False
+
+
+def test_a_hand_that_should_hold_something_and_does_not_is_told(caplog):
+    far = values(device="cpu", handles=("hand",))
+    rows = names.prefixed("hand", names.HANDLE)
+    far |= {name: row.default for name, row in rows.items()} | {"hand.attached": True, "hand.position": (0, 0, 7.0)}
+    world = World(far, logging.getLogger("test"))
+    assert world.build(world.values)
+    assert "hand holds nothing: the nearest particle is of line, 6 m away" in caplog.text
