@@ -179,10 +179,9 @@ class Live:
         needed = limits.explicit_substeps(
             topo, compliance, damping, self._bodies.settings.frame_dt, self._bodies.scene.wind is not None
         )
-        if substeps == 0 and math.isinf(needed):
+        if math.isinf(needed):
             raise limits.Unstable(
-                f"solver.method is 'verlet' with a spring of {name} too stiff for explicit steps; allowed is 'auto' or "
-                f"'xpbd'"
+                f"solver.method is 'verlet' with a spring of {name} too stiff for explicit steps; allowed is 'auto' or 'xpbd'"
             )
         if 0 < substeps < needed:
             raise limits.Unstable(
