@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 import warp
 
 from cloth_sim_ros.ros.scene_plan import Plan
 from cloth_sim_ros.sim.live import compliances_of
-from cloth_sim_ros.sim.methods.limits import explicit_substeps
+from cloth_sim_ros.sim.methods.limits import check_explicit
 from cloth_sim_ros.sim.topology import build as build_topology
 
 MOST_SWEEPS = 100_000  # a frame: beyond it a frame of a small cloth takes seconds
@@ -61,14 +60,5 @@ def _check_explicit(plan: Plan, name: str) -> None:
     if missing:
         raise ValueError(f"solver.method is 'verlet' with {missing[0]} {name}; allowed is 'auto' or 'xpbd'")
     windy = plan.scene.wind is not None
-    needed = explicit_substeps(topology, compliances_of(thing), thing.damping, settings.frame_dt, windy)
-    if math.isinf(needed):
-        raise ValueError(
-            f"solver.method is 'verlet' with a spring of {name} too stiff for explicit steps; allowed is 'auto' or "
-            f"'xpbd'"
-        )
-    if 0 < settings.substeps < needed:
-        raise ValueError(
-            f"solver.substeps is {settings.substeps} with method 'verlet'; allowed is at least {needed:g} for the "
-            f"stiffness and damping of {name}, or method 'xpbd'"
-        )
+    material = (compliances_of(thing), thing.damping)
+    check_explicit(name, topology, material, settings.substeps, settings.frame_dt, windy)

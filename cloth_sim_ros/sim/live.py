@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any
 
 import numpy as np
@@ -176,18 +175,8 @@ class Live:
         topo = self._bodies.elastic[name]
         if topo.bends_by_angles:
             raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
-        needed = limits.explicit_substeps(
-            topo, compliance, damping, self._bodies.settings.frame_dt, self._bodies.scene.wind is not None
-        )
-        if math.isinf(needed):
-            raise limits.Unstable(
-                f"solver.method is 'verlet' with a spring of {name} too stiff for explicit steps; allowed is 'auto' or 'xpbd'"
-            )
-        if 0 < substeps < needed:
-            raise limits.Unstable(
-                f"solver.substeps is {substeps} with method 'verlet'; allowed is at least {needed:g} for the stiffness "
-                f"and damping of {name}, or method 'xpbd'"
-            )
+        windy = self._bodies.scene.wind is not None
+        limits.check_explicit(name, topo, (compliance, damping), substeps, self._bodies.settings.frame_dt, windy)
 
     # -- host mirrors of the device's structs --------------------------------------------------------------------
 

@@ -56,6 +56,31 @@ def bending_share(rate: float, step: float) -> float:
     return min(1.0, MOST_BENDING / max(rate * step * step, 1e-30))
 
 
+def check_explicit(
+    name: str,
+    topology: Topology,
+    material: tuple[Sequence[float], float],
+    substeps: int,
+    frame_dt: float,
+    wind: bool,
+) -> None:
+    """Raise Unstable where explicit steps cannot hold an object of a `material`, saying what it would need.
+
+    material: compliances [m/N] and damping [s]. substeps: of a frame of `frame_dt` [s]; 0 is as many as it needs.
+    """
+    needed = explicit_substeps(topology, *material, frame_dt, wind)
+    if math.isinf(needed):
+        raise Unstable(
+            f"solver.method is 'verlet' with a spring of {name} too stiff for explicit steps; allowed is 'auto' or "
+            f"'xpbd'"
+        )
+    if 0 < substeps < needed:
+        raise Unstable(
+            f"solver.substeps is {substeps} with method 'verlet'; allowed is at least {needed:g} for the stiffness "
+            f"and damping of {name}, or method 'xpbd'"
+        )
+
+
 def explicit_substeps(
     topology: Topology, compliance: Sequence[float], damping: float, frame_dt: float, crumples: bool
 ) -> float:
