@@ -14,8 +14,9 @@ from cloth_sim_ros.ros.frames import Frames, Refused
 from cloth_sim_ros.ros.inputs import read_pose
 from cloth_sim_ros.ros.outputs import LATCHED
 from cloth_sim_ros.ros.pose_track import Pose
+from cloth_sim_ros.ros.scene_plan import placed
 from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Handle, Plane, Simulation, Sphere
-from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.colliders.collider import Collider, Tube
 from cloth_sim_ros.sim.quaternion import rotate
 
 ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
@@ -31,8 +32,7 @@ def name_of(marker: Marker) -> str:
 
 def read_marker(marker: Marker, frames: Frames) -> Collider:
     """The collider that a marker describes. Raises Refused."""
-    pose = read_pose(marker, frames)
-    place = {"position": pose.position, "orientation": pose.orientation}
+    place = placed(read_pose(marker, frames))
     x, y, z = marker.scale.x, marker.scale.y, marker.scale.z
     try:
         if marker.type == Marker.CUBE:
@@ -71,7 +71,7 @@ def markers_of(name: str, collider: Collider, pose: Pose) -> list[Marker]:
     return [_marker(name, Marker.CUBE, below, (WIDE, WIDE, 0.01))]
 
 
-def _tube(collider: Capsule | Cylinder) -> tuple[float, float, float]:
+def _tube(collider: Tube) -> tuple[float, float, float]:
     return (2 * collider.radius, 2 * collider.radius, 2 * collider.half_length)
 
 

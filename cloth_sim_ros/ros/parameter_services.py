@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The services of parameters. Every request gets an answer, and one that sets a parameter gets it when it is decided.
 
-Those of rclpy itself leave a client without an answer where a value has an unknown type, and would have the node stand
+Those of rclpy itself leave a client without an answer where a value has an unknown type. The node would also stand
 still while it is found out whether a value can be.
 """
 

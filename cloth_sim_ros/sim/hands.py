@@ -15,7 +15,6 @@ from cloth_sim_ros.sim.handles import checked_reach, extents
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.live_array import worlds_of
 from cloth_sim_ros.sim.loads import Loads
-from cloth_sim_ros.sim.quaternion import unit_quaternion
 from cloth_sim_ros.sim.state import Arrays, HandleMotion
 
 
@@ -118,11 +117,8 @@ class Hands:
 
         Without `sweep` it is there at once: for placing an empty one, as what it holds would be torn along.
         """
-        row = self._row(name)
-        position = table.check(table.row(table.HANDLE, "position"), position, f"{name}.position")
-        orientation = unit_quaternion(orientation, f"{name}.orientation")
-        reach = self._bodies.handles.move if sweep else self._bodies.handles.place
-        reach(row, self._bodies.some(world), position, orientation)
+        some = self._bodies.some(world)
+        self._bodies.handles.reach(self._row(name), some, name, (position, orientation), sweep)
 
     def set(self, name: str, field: str, value: Any, world: int | None) -> None:
         """Set a live parameter of a handle; `attached` grasps or lets go."""
@@ -201,8 +197,12 @@ class Hands:
 
     def reset(self, world: int | None) -> None:
         """Back to where the scene put them, holding what it says."""
+        if not self._bodies.scene.handles:
+            return
+        self._leaves.zero_()
+        self._leaves[worlds_of(world)].fill_(1)
+        self._drop()
         for name, handle in self._bodies.scene.handles.items():
-            self.release(name, world)
             self.place(name, world)
             if handle.attached:
                 self.attach(name, world)

@@ -16,7 +16,6 @@ from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live_values import COMPLIANCES, OF_FRAME
 from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.objects import Cloth, Rope
-from cloth_sim_ros.sim.quaternion import unit_quaternion
 from cloth_sim_ros.sim.rope_queries import Ropes
 
 _FAR_AWAY = 1e30  # [m]
@@ -42,11 +41,8 @@ class Live:
         """
         if name not in self._bodies.collider_row:
             raise ValueError(f"there is no collider {name!r}; allowed is {names_of(self._bodies.collider_row)}")
-        place = {parameter.name: parameter for parameter in table.COLLIDER}["position"]
-        position = table.check(place, position, f"{name}.position")
-        row, orientation = self._bodies.collider_row[name], unit_quaternion(orientation, f"{name}.orientation")
-        reach = self._bodies.colliders.move if sweep else self._bodies.colliders.place
-        reach(row, self._bodies.some(world), position, orientation)
+        row, some = self._bodies.collider_row[name], self._bodies.some(world)
+        self._bodies.colliders.reach(row, some, name, (position, orientation), sweep)
 
     def add_collider(self, name: str, collider: Collider) -> None:
         """Put a collider of one of SPARE_SHAPES where there is room for one, in all worlds, from the next frame on.

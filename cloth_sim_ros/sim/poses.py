@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
+from cloth_sim_ros.sim.quaternion import unit_quaternion
 
 
 class Motions(LiveArray):
@@ -19,6 +22,12 @@ class Motions(LiveArray):
         self._moving, self._wanted = (np.zeros((worlds, rows), dtype=bool) for _ in range(2))
         self._position, self._orientation = np.zeros((worlds, rows, 3)), np.zeros((worlds, rows, 4))
         self._at_rest = True  # all of them: asked every frame, for less than NumPy takes to look
+
+    def reach(self, row: int, world: int | None, name: str, pose: tuple[Any, Any], sweep: bool) -> None:
+        """What is called `name` goes to a pose: by `move` with `sweep`, else by `place`. Raises ValueError."""
+        place = table.check(table.row(table.HANDLE, "position"), pose[0], f"{name}.position")
+        orientation = unit_quaternion(pose[1], f"{name}.orientation")
+        (self.move if sweep else self.place)(row, world, place, orientation)
 
     def move(self, row: int, world: int | None, position: Sequence[float], orientation: Sequence[float]) -> None:
         """A thing reaches a pose [m], x y z w, at the end of the next frame, in one world or, for None, in all."""

@@ -5,20 +5,12 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders.collider import Collider, length
+from cloth_sim_ros.sim.colliders.collider import Tube
 
 
 @dataclass(frozen=True)
-class Capsule(Collider):
+class Capsule(Tube):
     """All points within `radius` [m] of the segment of half length `half_length` [m] along local z."""
-
-    radius: float = 0.1
-    half_length: float = 0.2
-    dimensions = (length("radius"), length("half_length"))
-
-    def size(self) -> tuple[float, float, float]:
-        """(radius, half_length, 0) [m]."""
-        return (self.radius, self.half_length, 0.0)
 
     def reach(self) -> float:
         """From the middle to an end [m]."""

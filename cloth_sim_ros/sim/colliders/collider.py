@@ -38,6 +38,19 @@ def length(name: str) -> table.Parameter:
     return dataclasses.replace(_DIMENSIONS, name=name, kind="double")
 
 
+@dataclass(frozen=True)
+class Tube(Collider):
+    """What has a `radius` [m] around local z and reaches `half_length` [m] along it both ways, ends apart."""
+
+    radius: float = 0.1
+    half_length: float = 0.2
+    dimensions = (length("radius"), length("half_length"))
+
+    def size(self) -> tuple[float, float, float]:
+        """(radius, half_length, 0) [m]."""
+        return (self.radius, self.half_length, 0.0)
+
+
 def lengths(name: str) -> table.Parameter:
     """The row of three lengths [m] of a shape, along its local axes."""
     return dataclasses.replace(_DIMENSIONS, name=name, length=3)

@@ -13,7 +13,6 @@ import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.stages.here import Here
-from cloth_sim_ros.sim.state import HandleMotion
 
 # What a rigid hold leaves of the inverse mass, and the most that it gives way by [m/N].
 RIGID = wp.constant(1.0e-3)
@@ -23,13 +22,13 @@ HELD = 2.0e-3  # of the inverse mass: what has less of it left is held, and no c
 
 
 @wp.func
-def way_to(x: wp.vec3, place: wp.vec3, handle: HandleMotion, after: float) -> wp.vec3:
-    """From a particle at x to its `place` in the axes of a handle, at a fraction of the frame [m]."""
-    q = handle.start_orientation
-    if wp.length_sq(handle.start_orientation - handle.end_orientation) > 0.0:
-        q = wp.quat_slerp(handle.start_orientation, handle.end_orientation, after)
-    travel = after * (handle.end_position - handle.start_position)
-    return (handle.start_position - x) + travel + wp.quat_rotate(q, place)
+def grip_of(i: int, here: Here) -> wp.vec4:
+    """The grip on particle i, as in State.grips; its last number is 0 where nothing holds it, or a pin does."""
+    grip = wp.vec4(0.0)
+    if here.state.held[here.body.index] > 0:
+        if load4(here.x, i)[3] > 0.0:
+            grip = load_row(here.state.grips, here.body.particles + i)
+    return grip
 
 
 @wp.func
@@ -43,7 +42,12 @@ def give_of(number: int, w: float, here: Here) -> float:
 def way_of(x: wp.vec4, grip: wp.vec4, here: Here) -> wp.vec3:
     """How far a held particle at x is from where its handle wants it at the end of the substep [m]."""
     after = float(here.substep + 1) / float(here.frame.substeps)
-    return way_to(xyz(x), xyz(grip), here.handles[int(grip[3]) - 1], after)
+    handle = here.handles[int(grip[3]) - 1]
+    q = handle.start_orientation
+    if wp.length_sq(handle.start_orientation - handle.end_orientation) > 0.0:
+        q = wp.quat_slerp(handle.start_orientation, handle.end_orientation, after)
+    travel = after * (handle.end_position - handle.start_position)
+    return (handle.start_position - xyz(x)) + travel + wp.quat_rotate(q, xyz(grip))
 
 
 @wp.func
@@ -57,13 +61,11 @@ def pull_before(g: int, number: int, here: Here) -> wp.vec3:
 @wp.func
 def hold(i: int, here: Here):
     """The stage that follows prediction: particle i moves as its handle has it."""
-    if here.state.held[here.body.index] == 0:
+    grip = grip_of(i, here)
+    if grip[3] == 0.0:
         return
     g = here.body.particles + i
-    grip = load_row(here.state.grips, g)
     x = load4(here.x, i)
-    if grip[3] == 0.0 or x[3] == 0.0:
-        return
     number = int(grip[3]) - 1
     predicted = load4(here.p, i)
     give = give_of(number, x[3], here)
@@ -77,15 +79,11 @@ def hold(i: int, here: Here):
 @wp.func
 def feel(i: int, here: Here):
     """The stage before particle i arrives: what its handle pulls at it with in this substep."""
-    if here.state.held[here.body.index] == 0:
-        return
-    g = here.body.particles + i
-    grip = load_row(here.state.grips, g)
+    grip = grip_of(i, here)
     if grip[3] == 0.0:
         return
+    g = here.body.particles + i
     x = load4(here.x, i)
-    if x[3] == 0.0:
-        return
     number = int(grip[3]) - 1
     missing = way_of(x, grip, here) - xyz(load4(here.d, i))
     pull = pull_before(g, number, here) + missing / give_of(number, x[3], here)
