@@ -86,7 +86,7 @@ def where_stable(simulate: Simulate) -> Simulate:
         try:
             return simulate(run)
         except ValueError as problem:
-            if "method 'verlet'" not in str(problem):
+            if "'verlet'" not in str(problem):
                 raise
         return np.full((run.case.frames + 1, 1, 3), np.nan), np.full(run.case.frames, np.nan)
 

@@ -117,14 +117,14 @@ def _unfounded(refusal: str, trial: Trial, settings: dict) -> str:
         return f"not one sentence that says what is allowed: {refusal}"
     if "bends by angles" in refusal and bends_by_angles(body):
         return ""
-    needed = re.search(r"at least (\S+) ", refusal)
-    if settings["method"] != "verlet" or needed is None:
+    needed, hopeless = re.search(r"at least (\S+) ", refusal), "too stiff for explicit steps" in refusal
+    if settings["method"] != "verlet" or not (needed or hopeless):
         return f"refused without need: {refusal}"
     energy = Energy(Simulation(trial.scene, Settings(order=1, substeps=20, method="xpbd"), "cpu"))
     rigid = min(body.stretch_compliance, getattr(body, "shear_compliance", None) or math.inf) == 0.0
-    if rigid or needed[1] == "inf":
+    if rigid or hopeless:
         lost = rigid or energy.rounding_heat() > 5e-3
-        return "" if lost and needed[1] == "inf" else f"refused as rigid: {refusal}"
+        return "" if lost and hopeless else f"refused as rigid: {refusal}"
     turning = 0.5 if isinstance(body, Rope) else 0.7  # of small motions, see sim/methods/limits.py
     least = trial.frame_dt / (turning * energy.longest_step(body.damping))
     return "" if 0.9 * least <= float(needed[1]) <= 1.2 * least + 1.0 else f"needs {least:.0f} substeps, but: {refusal}"
