@@ -71,12 +71,6 @@ _SURFACE = (
 )
 
 _BODY = (
-    Parameter(
-        "edge_contact",
-        "bool",
-        False,
-        "Whether the edges between particles touch colliders too, for sharp or thin ones; else particles alone do.",
-    ),
     _double("mass", 0.2, "Total mass, pinned particles included.", "kg", 1e-9, 1e6, live=False),
     _double("damping", 0.0, "Axial damping: time constant of every spring's dashpot, c = damping x k.", "s", 0, 1e3),
 )

@@ -63,7 +63,7 @@ class Told:
             deep = each["max_penetration"] - each["particle_penetration"]
             if deep <= values[f"{name}.{'radius' if 'max_tension' in each else 'thickness'}"]:
                 self._deep.discard(name)
-            elif name not in self._deep and not values[f"{name}.edge_contact"]:
+            elif name not in self._deep:
                 self._deep.add(name)
-                remedy = f"{name}.edge_contact keeps edges outside too, and a finer object helps"
+                remedy = "more substeps or a finer object help"
                 self._log.warning(f"{name} lies {deep:.2g} m deep in a collider between its particles; {remedy}")

@@ -155,7 +155,7 @@ class Batch:
                 f"{self.device.alias}"
             )
         # A line solve takes a warp: a launch of all lines on all multiprocessors beats one block, until there are many.
-        alone = self.device.is_cuda and "line" in self.features.constraints and largest > _BLOCK_OF_LINES
+        alone = self.device.is_cuda and self.features.lines and largest > _BLOCK_OF_LINES
         spread = alone and sum(self.counts) * len(self.worlds) < _GRAPH_OF_LINES
         if _forced == "graph" or largest > limit or (spread and _forced is None):
             return Graph(self.features, self.worlds, self.device)
@@ -163,8 +163,7 @@ class Batch:
 
     def _make_safe(self) -> Block | Graph:
         """XPBD of first order for bodies whose explicit frame is rejected, in substeps of its own."""
-        constraints = ("line", *(name for name in self.features.constraints if name == "edge"))
-        features = replace(self.features, method="xpbd", order=1, constraints=constraints, redoes=True)
+        features = replace(self.features, method="xpbd", order=1, lines=True, redoes=True)
         worlds = []
         for w, world in enumerate(self.worlds):
             arrays = Arrays()

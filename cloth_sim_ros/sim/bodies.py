@@ -56,11 +56,23 @@ class Bodies:
         self.elastic = {name: build_topology(thing, name, False) for name, thing in scene.objects.items()}
         self.strained: set[str] = set()
 
-    def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]]) -> Choice:
-        """How an object with these pairs of compliances and damping is to be computed."""
+    def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]], thickness: float) -> Choice:
+        """How an object with these pairs of compliances and damping, and this least thickness, is to be computed."""
         kind = "cpu" if self.warp_device.is_cpu else "cuda"
-        around = Surroundings(kind, self.scene.wind is not None, self.colliders.array.shape[1], self.worlds)
-        return choosing.choose(self.settings, self.elastic[name], list(materials), name in self.strained, around)
+        gap = self.elastic[name].widest_gap
+        enters = any(collider.enters(gap, thickness) for collider in self.scene.colliders.values())
+        surface = enters or self.scene.spare_colliders > 0
+        wind, rows = self.scene.wind is not None, self.colliders.array.shape[1]
+        around = Surroundings(kind, wind, rows, self.worlds, surface)
+        choice = choosing.choose(self.settings, self.elastic[name], list(materials), name in self.strained, around)
+        if surface:
+            choice = replace(choice, reason=f"{choice.reason}; colliders touch it between its particles too")
+        return choice
+
+    def _choose_now(self, name: str) -> Choice:
+        """The same for an object as its materials are now."""
+        rows = self.materials_of(name, None)
+        return self.choose(name, distinct(rows), float(rows["thickness"].min()))
 
     def build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""
@@ -90,8 +102,8 @@ class Bodies:
 
     def choose_again(self) -> None:
         """Where method auto now takes another for an object, the device's side is built anew around the state."""
-        chosen = {name: self.choose(name, distinct(self.materials_of(name, None))) for name in self.batch}
-        changed = [name for name, choice in chosen.items() if choice.words != self._choices[name].words]
+        chosen = {name: self._choose_now(name) for name in self.batch}
+        changed = [name for name, choice in chosen.items() if choice.kernels != self._choices[name].kernels]
         if not changed:
             self._choices = chosen
             self._write_substeps()
@@ -104,7 +116,7 @@ class Bodies:
         """An object of as many particles takes the place of `name`, and goes on from where it is."""
         self.elastic[name] = build_topology(thing, name, False)
         self.scene = replace(self.scene, objects={**self.scene.objects, name: thing})
-        self._build_around({each: self.choose(each, distinct(self.materials_of(each, None))) for each in self.batch})
+        self._build_around({each: self._choose_now(each) for each in self.batch})
 
     def _build_around(self, choices: dict[str, Choice]) -> None:
         """Everything on the device anew, with the state that there is."""
@@ -125,7 +137,7 @@ class Bodies:
         other.scene, other.settings, other.strained, other.collider_row = scene, settings, strained, rows
         changed = {name: thing for name, thing in scene.objects.items() if thing is not self.scene.objects[name]}
         other.elastic = {**self.elastic, **{name: build_topology(changed[name], name, False) for name in changed}}
-        if changed or any(choices[name].words != self._choices[name].words for name in choices):
+        if changed or any(choices[name].kernels != self._choices[name].kernels for name in choices):
             other.build(choices)
         other._choices = choices
         return other
@@ -147,7 +159,7 @@ class Bodies:
             choice = self._choices[name]
             features = Features.of(topo, wind, self.shapes, choice.order, choice.method, self.worlds > 1)
             own = tuple(map(name_of, self.scene.forces.values()))
-            features = replace(features, forces=own, handles=bool(self.scene.handles))
+            features = replace(features, forces=own, handles=bool(self.scene.handles), surface=choice.surface)
             rows = goes_in_rows(features, topo, self.warp_device)
             alike.setdefault((features, rows), {})[name] = topo
         return [

@@ -147,7 +147,7 @@ class Live:
             self._check_materials(owner, materials, self._bodies.settings.substeps)
         batch = self._bodies.batch[owner]
         batch.materials.write(batch.index[owner], world, **{field: materials[field]})
-        if field in ("compliance", "damping"):
+        if field in ("compliance", "damping", "thickness"):
             self._bodies.choose_again()
 
     def _set_pins(self, owner: str, value: Any, world: int | None) -> None:

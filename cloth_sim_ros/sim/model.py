@@ -15,14 +15,12 @@ import warp as wp
 from cloth_sim_ros.sim.lines.layout import slots_a_thread
 from cloth_sim_ros.sim.topology import Topology
 
-CONSTRAINTS = ("line", "edge")
-
 
 @dataclass(frozen=True)
 class Features:
     """What the kernels of a batch hold; anything absent here is not compiled."""
 
-    constraints: tuple[str, ...]  # of CONSTRAINTS, projected colour by colour; edges are contacts, after all others
+    lines: bool  # springs that are solved line by line
     chain: bool  # a direct solve along a rope
     panels: str  # "" without wind, else "triangles" or "segments"
     shapes: tuple[str, ...]  # collider shapes
@@ -35,6 +33,7 @@ class Features:
     bent: bool = False  # a beam that is bent at rest
     plate: bool = False  # a sheet that resists bending by its curvature
     curved: bool = False  # and is curved at rest
+    surface: bool = False  # whether colliders can reach between particles (see colliders/collider.py)
     handles: bool = False  # whether there are any
     redoes: bool = False  # whether only bodies are computed whose frame is done again
     forces: tuple[str, ...] = ()  # of forces.FORCES, in the order of Arrays.forces
@@ -64,13 +63,10 @@ class Features:
         worlds: bool = False,
     ) -> Features:
         """The features of a body with `topology` in a scene with or without wind and with colliders of `shapes`."""
-        constraints = ["line"] if topology.springs and method == "xpbd" else []
-        if topology.edges() and set(shapes) - {"plane"}:  # before a plane, an end of every edge comes first
-            constraints.append("edge")
         panels = "triangles" if len(topology.triangles) else "segments"
         beam = topology.chain is not None and topology.bends is not None
         return Features(
-            constraints=tuple(constraints),
+            lines=bool(topology.springs) and method == "xpbd",
             chain=topology.chain is not None,
             panels=panels if wind else "",
             shapes=shapes,
@@ -89,7 +85,7 @@ class Features:
 
 @wp.struct
 class Body:
-    """Where a body's parts begin: particles, colour groups of springs, tuples and edges, chain segments, panels."""
+    """Where a body's parts begin: particles, families of lines, chain segments, panels."""
 
     index: int
     spacing: float  # mean rest length of its springs [m]
@@ -97,7 +93,6 @@ class Body:
     count: int
     groups: int  # families of lines
     groups_end: int
-    edge_groups_end: int
     segments: int
     segments_end: int
     panels: int
@@ -110,24 +105,23 @@ class Body:
     curves: int  # triangles that are curved at rest
     curves_end: int
     yielding: float  # the inverse of its mass [1/kg]
+    width: float  # how far facets reach from their corners at most, stretched threefold [m]
 
 
 @wp.struct
 class Model:
-    """Constant arrays. groups: (constraint, material kind, first, end) of the rows of a family of lines, or of the
-    elements of a colour.
+    """Constant arrays. groups: (material kind, first, end) of the rows of a family of lines.
 
     scale: element compliance / material compliance. What lies in slots of lines is told in lines/layout.py.
     """
 
     bodies: wp.array(dtype=Body)
-    groups: wp.array(dtype=wp.vec4i)
+    groups: wp.array(dtype=wp.vec3i)
     line_rows: wp.array(dtype=wp.vec3i)  # (R,) first slot, slots and lines of a row
     line_nodes: wp.array(dtype=int)  # (S,) particle in each lane of each slot, -1 for none
     line_others: wp.array(dtype=int)  # (S,) the particle behind it in its line, -1 for none
     line_rests: wp.array(dtype=float)  # (S,) rest length of the spring between them [m], -1 where there is none
     line_scales: wp.array(dtype=float)  # (S,) and its scale
-    edges: wp.array(dtype=wp.vec2i)  # (D,) particles of edges that touch colliders
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
     particle_masses: wp.array(dtype=float)  # (N,) [kg] when they are out whole, of bodies that a winch feeds
     rest: wp.array(dtype=wp.vec3)  # (N,) positions at rest [m]

@@ -12,18 +12,11 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.lines.layout import in_lanes, in_warps, slots_a_thread
-from cloth_sim_ros.sim.model import CONSTRAINTS, Body, Model
-from cloth_sim_ros.sim.topology import KINDS, Elements, Topology
+from cloth_sim_ros.sim.model import Body, Model
+from cloth_sim_ros.sim.topology import KINDS, Topology
 from cloth_sim_ros.sim.topology.elements import Plate
 
 _NOT_ROWS = ("bodies", "groups", "plate_strides", "curve_width")
-
-
-def colour_sorted(elements: Elements) -> tuple[np.ndarray, list[tuple[int, int]]]:
-    """Order that puts colours behind one another, by particle within a colour; and (first, end) of each colour."""
-    order = np.lexsort((elements.particles[:, 0], elements.colour))
-    edges = np.concatenate([[0], np.cumsum(np.bincount(elements.colour))])
-    return order, [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
 
 
 class ModelArrays:
@@ -37,7 +30,7 @@ class ModelArrays:
     def __init__(self, spokes: bool, lanes: bool) -> None:
         self._with_spokes, self._lanes = spokes, lanes
         self.bodies: list[dict[str, Any]] = []
-        self.groups: list[tuple[int, int, int, int]] = []
+        self.groups: list[tuple[int, int, int]] = []
         self._rows: dict[str, list[np.ndarray]] = {name: [] for name in Model.vars if name not in _NOT_ROWS}
         self.particles, self.size = 0, dict.fromkeys(self._rows, 0)
         self.lines: list[list[tuple[int, int, int]]] = []
@@ -50,9 +43,6 @@ class ModelArrays:
         self.size[name] += len(rows)
         return start
 
-    def _append_groups(self, constraint: str, kind: int, first: int, spans: list[tuple[int, int]]) -> None:
-        self.groups += [(CONSTRAINTS.index(constraint), kind, first + a, first + b) for a, b in spans]
-
     def add(self, topology: Topology) -> None:
         """Append one body."""
         first = self.particles
@@ -61,7 +51,6 @@ class ModelArrays:
         groups = len(self.groups)
         self._add_lines(topology)
         groups_end = len(self.groups)
-        self._add_edges(topology)
         segments = self._add_chain(topology)
         panels = self._add_panels(topology)
         spokes, spoke_width = self._add_spokes(topology) if self._with_spokes else (0, 0)
@@ -74,7 +63,6 @@ class ModelArrays:
             "count": len(topology.masses),
             "groups": groups,
             "groups_end": groups_end,
-            "edge_groups_end": len(self.groups),
             "segments": segments,
             "segments_end": self.size["segment_length"],
             "panels": panels,
@@ -87,6 +75,7 @@ class ModelArrays:
             "curves": curves,
             "curves_end": self.size["curve_corners"],
             "yielding": 1.0 / float(topology.masses.sum()),
+            "width": 3.0 * topology.widest_gap,
         }
         self.bodies.append(body)
 
@@ -103,7 +92,7 @@ class ModelArrays:
             start = self._append("line_rows", rows.table + [first // lanes, 0, 0])
             self.longest_row = max(self.longest_row, int(rows.table[:, 1].max()))
             self.lines[-1].append((kind, first, self.size["line_nodes"]))
-            self._append_groups("line", kind, start, [(0, len(rows.table))])
+            self.groups.append((kind, start, start + len(rows.table)))
 
     def _add_plate(self, topology: Topology, first: int) -> tuple[int, int]:
         """Where the plate operator of a body begins, whose first particle is `first`, and its neighbours a particle."""
@@ -136,12 +125,6 @@ class ModelArrays:
         counts = np.bincount(plate.stencil.ravel(), minlength=count)
         self._append("curve_start", np.zeros(first - self.size["curve_start"], int) + offset)
         self._append("curve_start", offset + np.cumsum(counts) - counts)
-
-    def _add_edges(self, topology: Topology) -> None:
-        for elements in topology.edges():
-            order, spans = colour_sorted(elements)
-            start = self._append("edges", elements.particles[order])
-            self._append_groups("edge", 0, start, spans)
 
     def _add_chain(self, topology: Topology) -> int:
         """The segments of a rope that is solved directly, its joints and its masses, and where the segments begin."""
@@ -203,7 +186,7 @@ class ModelArrays:
         model.curve_width = self.curve_width
         bodies = [tuple(body[name] for name in Body.vars) for body in self.bodies]
         model.bodies = wp.array(np.array(bodies, dtype=Body.numpy_dtype()), dtype=Body, device=device)
-        model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 4), dtype=wp.vec4i, device=device)
+        model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 3), dtype=wp.vec3i, device=device)
         return model
 
 

@@ -32,8 +32,7 @@ class Cloth:
     (Bergou et al. 2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of three pinned
     particles is a clamp: two pinned rows hold the sheet at the second one. shear_compliance None means no shear
     springs. Compliance 0 is rigid. mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem).
-    damping [s]: c = damping x constant. thickness [m] is the distance at which the cloth touches a collider. It touches
-    with its particles alone, or with `edge_contact` along structural and shear edges too.
+    damping [s]: c = damping x constant. thickness [m] is the distance at which the cloth touches a collider.
     """
 
     resolution: tuple[int, int] = (32, 32)
@@ -48,7 +47,6 @@ class Cloth:
     bending: str = "springs"
     damping: float = 0.0
     thickness: float = 0.005
-    edge_contact: bool = False
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
     particle_masses: Any = field(default=None, repr=False, compare=False)
@@ -142,7 +140,7 @@ class Rope:
     stretch_compliance [1/N] = 1/EA. bend_compliance [1/(N m^2)] = 1/EI or None for no bending. 0 is rigid. mass [kg] is
     the total, lumped by length; particle_masses (N,) [kg] overrides it. end_mass [kg] is a load at the last particle,
     on top of either. radius [m]. pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of
-    each segment. edge_contact: whether segments touch colliders, not particles alone. winch: a drum at the start, which
+    each segment. winch: a drum at the start, which
     must be pinned; the end may be. What it has not paid out lies on it. The rest, measured from the end, lies along the
     path from the start. twist_compliance [1/(N m^2)] = 1/GJ or None for no twist. With it both ends are clamped: the
     first two and the last two particles are pinned. end_turn [rad] is by how much the end is turned about its axis
@@ -160,7 +158,6 @@ class Rope:
     stretch_compliance: float = 1e-4
     bend_compliance: float | None = None
     damping: float = 0.0
-    edge_contact: bool = False
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
     position: Vector = (0.0, 0.0, 0.0)

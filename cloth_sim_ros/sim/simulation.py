@@ -72,7 +72,8 @@ class Simulation:
             for name, material in materials.items():
                 self._live.check_explicit(name, *material, self._bodies.settings.substeps)
         self._live.write_settings()
-        self._bodies.build({name: self._bodies.choose(name, [material]) for name, material in materials.items()})
+        thick = {name: getattr(thing, "radius", None) or thing.thickness for name, thing in scene.objects.items()}
+        self._bodies.build({name: self._bodies.choose(name, [materials[name]], thick[name]) for name in materials})
         self._reporter = Reporter(self._bodies.warp_device)
         self._finer = 1
         self._frames = 0

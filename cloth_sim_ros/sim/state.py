@@ -92,6 +92,23 @@ class Sweep:
 
 
 @wp.struct
+class Press:
+    """What one collider asks of one facet, a triangle or segment, in this iteration.
+
+    push [kg m], at the point of these weights of the corners; all 0 where it asks for nothing. normal: out of the
+    collider. so_far: friction and normal correction in this substep [m]. While the facet sticks, the point of weights
+    `stuck` is held at `anchor` [m], in the collider's axes; all 0 where it slides.
+    """
+
+    weights: wp.vec3
+    push: wp.vec3
+    normal: wp.vec3
+    so_far: wp.vec4
+    stuck: wp.vec3
+    anchor: wp.vec3
+
+
+@wp.struct
 class Segment:
     """Scratch of a direct solve at one segment of a chain (see physics/chain.py)."""
 
@@ -176,8 +193,7 @@ class BeamRow:
 
 @wp.struct
 class State:
-    """Arrays of one batch; N particles, S slots of lines, E tuples, D edges, C segments, P panels, K colliders, B
-    bodies."""
+    """Arrays of one batch; N particles, S slots of lines, C segments, P panels, K colliders, B bodies."""
 
     positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m] and inverse mass [1/kg], 0 is pinned
     low: wp.array(dtype=wp.vec4)  # (N,) what float32 lost of the positions [m]
@@ -207,7 +223,9 @@ class State:
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) of each collider on each particle, mean over the frame [N]
-    edge_contacts: wp.array(dtype=wp.vec4)  # (K D,) the same of edges
+    presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next two
+    near: wp.array(dtype=int)  # (N,) bits: facets around a particle may touch a collider in this substep, in the last
+    pressed: wp.array(dtype=int)  # (N,) and whether one of them asks it to move
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
     grips: wp.array(dtype=wp.vec4)  # (N,) place in the axes of the handle that holds a particle [m], and 1 + its number
     grip_pulls: wp.array(dtype=wp.vec4)  # (N,) of the handle on the particle in the last substep [N]

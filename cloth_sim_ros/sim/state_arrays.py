@@ -28,7 +28,6 @@ def make_states(
     particles, bodies = arrays.particles, len(arrays.bodies)
     second = particles if features.order == 2 else 0
     explicit = particles if features.method == "verlet" else 0
-    edges = arrays.size["edges"] if "edge" in features.constraints else 0
     sizes = {
         "positions": particles,
         "low": particles,
@@ -58,7 +57,9 @@ def make_states(
         "panel_forces": arrays.size["panels"] if features.panels else 0,
         "contacts": particles * colliders,
         "contact_forces": particles * colliders,
-        "edge_contacts": edges * colliders,
+        "presses": arrays.size["panels"] * colliders if features.surface else 0,
+        "near": particles if features.surface else 0,
+        "pressed": particles if features.surface else 0,
         "sweeps": SWEPT * bodies * colliders,
         "grips": particles if features.handles else 0,
         "grip_pulls": particles if features.handles else 0,

@@ -42,8 +42,6 @@ def variants(cloth: Cloth) -> dict[str, tuple[Scene, dict, str]]:
     for name, make in _SHAPES.items():
         found[f"{name}, away"] = (Scene({"cloth": cloth}, {"it": make(AWAY)}), {}, "all springs")
         found[f"{name}, touching"] = (Scene({"cloth": cloth}, {"it": make(AMID)}), {}, "all springs")
-    edged = dataclasses.replace(cloth, edge_contact=True)
-    found["edge contact with the box"] = (Scene({"cloth": edged}, {"it": _SHAPES["box"](AMID)}), {}, "box, touching")
     return found
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cloth_sim_ros.sim.topology import colour
+from cloth_sim_ros.study.colouring import colour
 from cloth_sim_ros.study.motion import Step
 from cloth_sim_ros.study.springs import SpringSystem
 

@@ -8,7 +8,7 @@ from fixed_settings import fixed
 from cloth_sim_ros.sim import Cloth, Scene, Simulation, Sphere
 from cloth_sim_ros.sim.batch import forced_executor
 
-SHEET = Cloth(resolution=(9, 9), pins="top", stretch_compliance=1e-3, shear_compliance=1e-3)
+SHEET = Cloth(resolution=(9, 9), pins="top", thickness=0.045, stretch_compliance=1e-3, shear_compliance=1e-3)
 METHODS = {
     "order 1": {"order": 1, "iterations": 4},
     "order 2": {"order": 2, "iterations": 4},

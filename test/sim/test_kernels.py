@@ -155,32 +155,32 @@ FUNCTIONS = {
     "beam": "stiffness_at",
     "bent": "rest_turn rotation_of",
     "chain": "series_admittance",
-    "edges": "deepest edge_contact",
+    "surface": "deepest press give_way",
     "winch": "next_rate rest_of first_out",
     "handles": "hold feel way_of",
     "twist": "carried_across half_binormal push_by_couples",
 }
-SHEET_AND_BALL = Features(("line", "edge"), False, "triangles", ("sphere",), 2, "xpbd", plate=True, curved=True)
-ROPE_AND_ROOM = Features(("edge",), True, "segments", ("plane", "box"), 1, "xpbd")
-HOSE = Features((), True, "", (), 2, "xpbd", beam=True, twist=True)
+SHEET_AND_BALL = Features(True, False, "triangles", ("sphere",), 2, "xpbd", plate=True, curved=True, surface=True)
+ROPE_AND_ROOM = Features(False, True, "segments", ("plane", "box"), 1, "xpbd", surface=True)
+HOSE = Features(False, True, "", (), 2, "xpbd", beam=True, twist=True)
 
 
 @pytest.mark.parametrize(
     ("features", "present"),
     [
-        (Features(("line",), False, "", (), 1, "xpbd"), {"lines"}),
-        (Features(("line",), False, "", (), 1, "xpbd", worlds=True, redoes=True), {"lines"}),
-        (Features(("line",), False, "", (), 2, "xpbd", plate=True), {"lines", "plate"}),
-        (Features(("line",), False, "triangles", (), 1, "xpbd"), {"lines", "wind on cloth"}),
-        (Features((), False, "", (), 1, "verlet"), {"springs"}),
-        (Features((), False, "triangles", ("capsule",), 1, "verlet", plate=True),
+        (Features(True, False, "", (), 1, "xpbd"), {"lines"}),
+        (Features(True, False, "", (), 1, "xpbd", worlds=True, redoes=True), {"lines"}),
+        (Features(True, False, "", (), 2, "xpbd", plate=True), {"lines", "plate"}),
+        (Features(True, False, "triangles", (), 1, "xpbd"), {"lines", "wind on cloth"}),
+        (Features(False, False, "", (), 1, "verlet"), {"springs"}),
+        (Features(False, False, "triangles", ("capsule",), 1, "verlet", plate=True),
          {"springs", "plate", "wind on cloth", "colliders", "capsule"}),
-        (Features((), True, "", (), 2, "xpbd", winch=True), {"chain", "winch"}),
+        (Features(False, True, "", (), 2, "xpbd", winch=True), {"chain", "winch"}),
         (HOSE, {"chain", "beam", "twist"}),
-        (Features((), True, "", (), 2, "xpbd", beam=True, bent=True), {"chain", "beam", "bent"}),
-        (SHEET_AND_BALL, {"lines", "plate", "curved", "wind on cloth", "colliders", "sphere", "edges"}),
-        (Features((), True, "", ("box",), 2, "xpbd", handles=True), {"chain", "colliders", "box", "handles"}),
-        (ROPE_AND_ROOM, {"chain", "wind on ropes", "colliders", "plane", "box", "edges"}),
+        (Features(False, True, "", (), 2, "xpbd", beam=True, bent=True), {"chain", "beam", "bent"}),
+        (SHEET_AND_BALL, {"lines", "plate", "curved", "wind on cloth", "colliders", "sphere", "surface"}),
+        (Features(False, True, "", ("box",), 2, "xpbd", handles=True), {"chain", "colliders", "box", "handles"}),
+        (ROPE_AND_ROOM, {"chain", "wind on ropes", "colliders", "plane", "box", "surface"}),
     ],
 )  # fmt: skip
 def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present):
@@ -199,7 +199,7 @@ def test_a_frame_of_a_block_compiles_for_cuda(features, tmp_path):
 
 @pytest.mark.long
 def test_one_launch_a_stage_of_a_winch_compiles_for_cuda(tmp_path):
-    features = Features((), True, "segments", (), 2, "xpbd", True, winch=True)
+    features = Features(False, True, "segments", (), 2, "xpbd", True, winch=True)
     module = graph.make_kernels(features, on_cpu=False)[1]["chain"].module
     wp.compile_aot_module(module, arch=90, module_dir=tmp_path, use_ptx=True)
     source = next(tmp_path.glob("*.cu")).read_text()

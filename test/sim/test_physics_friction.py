@@ -100,7 +100,7 @@ def test_sheet_on_a_sphere_does_not_creep_off(draped):
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_an_edge_that_falls_on_a_bar_stays_there(device, order):
-    rod = Rope(start=(-0.1, 0, 0.1), end=(0.1, 0, 0.1), segments=1, pins=None, mass=0.1, edge_contact=True)
+    rod = Rope(start=(-0.1, 0, 0.1), end=(0.1, 0, 0.1), segments=1, pins=None, mass=0.1)
     scene = Scene({"it": rod}, {"bar": Box(half_extents=(0.01, 0.2, 0.05), position=(0, 0, -0.05))})
     sim = Simulation(scene, Settings(method="xpbd", order=order, substeps=100), device=device)
     sim.step(9)

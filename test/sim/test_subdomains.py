@@ -25,8 +25,10 @@ SPRINGS = {"stretch_compliance": 1e-3, "shear_compliance": 1e-3}
 def busy_scene():
     return Scene(
         {
-            "sheet": Cloth(resolution=(15, 12), pins="top", damping=1e-4, bending="springs", **SPRINGS),
-            "small": Cloth(resolution=(6, 7), pins="corners", position=(0, 1.5, 0), **SPRINGS),
+            "sheet": Cloth(resolution=(15, 12), pins="top", damping=1e-4, bending="springs", thickness=0.02, **SPRINGS),
+            "small": Cloth(
+                resolution=(6, 7), size=(0.4, 0.4), pins="corners", position=(0, 1.5, 0), thickness=0.02, **SPRINGS
+            ),
         },
         {"ball": Sphere(radius=0.2, position=(0, 0, -0.22)), "floor": Plane(position=(0, 0, -0.3))},
     )
@@ -255,8 +257,9 @@ def test_it_compiles_for_cuda_with_its_springs_in_registers(shapes, waits, tmp_p
         assert "sweep_collider" not in source and "contact" not in source.split("cuda_kernel_forward")[1]
 
 
-SHEET = Cloth(resolution=(14, 13), pins="top", orientation=(0.7071068, 0, 0, 0.7071068), **SPRINGS)
+SHEET = Cloth(resolution=(14, 13), pins="top", orientation=(0.7071068, 0, 0, 0.7071068), thickness=0.02, **SPRINGS)
 BENDS = {"bending": "dihedral", "bend_compliance": 1e4}
+LARGE = {"near": Sphere(radius=2.0, position=(0.03, -0.28, -2.02))}
 BALL = {"near": Sphere(radius=0.2, position=(0.03, -0.28, -0.22)), "floor": Plane(position=(0, 0, -0.45))}
 
 
@@ -279,7 +282,7 @@ REAL = {
     "bends": Scene({"it": dataclasses.replace(SHEET, orientation=(0, 0, 0, 1), **BENDS)}),
     "bends and is damped in wind": Scene({"it": dataclasses.replace(SHEET, damping=1e-4, **BENDS)}, wind=WIND),
     "curtain": Scene({"it": dataclasses.replace(SHEET, damping=1e-4, **BENDS)}, BALL, WIND),
-    "mesh": Scene({"it": irregular()}, BALL, WIND),
+    "mesh": Scene({"it": dataclasses.replace(irregular(), thickness=0.02)}, LARGE, WIND),
     "no diagonals": Scene({"it": dataclasses.replace(SHEET, shear_compliance=None, **BENDS)}, wind=WIND),
 }
 
@@ -288,7 +291,8 @@ def pushed(sim):
     """Five frames in which a ball, if there is one, comes against the sheet and pushes it."""
     for frame in range(1, 6):
         if sim.scene.colliders:
-            sim.set_collider_pose("near", (0.03, 0.04 * frame - 0.28, -0.22))
+            height = sim.scene.colliders["near"].position[2]
+            sim.set_collider_pose("near", (0.03, 0.04 * frame - 0.28, height))
         sim.step()
     return np.hstack([sim.positions("it"), sim.velocities("it")])
 
@@ -323,7 +327,7 @@ def test_worlds_of_a_real_scene_have_their_own_wind(device):
 @pytest.mark.parametrize("shape", ["ball", pytest.param("box", marks=pytest.mark.long)])
 def test_skipping_colliders_decides_nothing(device, monkeypatch, shape):
     """A ball at 20 m/s, and a long box that turns by 45 degrees a frame: the same bits as testing every substep."""
-    collider = Sphere(radius=0.1, position=(0, 0, -0.5)) if shape == "ball" else Box(half_extents=(0.6, 0.02, 0.1))
+    collider = Sphere(radius=0.2, position=(0, 0, -0.5)) if shape == "ball" else Box(half_extents=(0.6, 0.02, 0.1))
     collider = dataclasses.replace(collider, position=(0, -0.5, 0.2))
     scene = Scene({"it": SHEET}, {"it's": collider})
 

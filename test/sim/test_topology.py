@@ -1,28 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Particles, elements and colours of grids, meshes and ropes."""
+"""Particles and elements of grids, meshes and ropes."""
 
 import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Rope
-from cloth_sim_ros.sim.topology import build, colour
+from cloth_sim_ros.sim.topology import build
 
 
 def grid(**fields):
     return build(Cloth(**{"resolution": (7, 5), "size": (3.0, 2.0), "bend_compliance": 0.1, **fields}), "cloth", True)
 
 
-def independent(particles, colours):
-    """Whether no two elements of a colour share a particle."""
-    return all(
-        len(np.unique(particles[colours == c])) == particles[colours == c].size for c in range(colours.max() + 1)
-    )
-
-
-def test_grid_counts_and_colours():
+def test_grid_counts():
     springs = grid().springs
     assert {kind: len(e.particles) for kind, e in springs.items()} == {"structural": 58, "shear": 48, "bending": 46}
-    assert all(e.colour.max() == 3 and independent(e.particles, e.colour) for e in springs.values())
 
 
 def test_grid_borders_carry_half_the_constant_and_half_the_mass():
@@ -58,12 +50,13 @@ def test_a_grid_given_as_a_mesh_has_the_constants_of_the_grid():
     assert mesh.masses.sum() == pytest.approx(0.2)
 
 
-def test_random_elements_are_coloured_independently_and_always_alike():
-    rng = np.random.default_rng(0)
-    particles = np.stack([rng.choice(60, 4, replace=False) for _ in range(200)])
-    colours = colour(particles, 60)
-    assert colours.min() == 0 and independent(particles, colours)
-    assert np.array_equal(colours, colour(particles, 60))
+def test_the_widest_gap_is_where_a_point_is_farthest_from_all_corners():
+    """Half the diagonal of a cell; half a segment; the circumcircle of an equilateral triangle."""
+    assert grid().widest_gap == pytest.approx(0.5 * np.hypot(0.5, 0.5))
+    assert build(Rope(points=[[0, 0, 0], [1, 0, 0], [3, 0, 0]]), "rope", True).widest_gap == pytest.approx(1.0)
+    corners = [[0, 0, 0], [1, 0, 0], [0.5, np.sqrt(0.75), 0]]
+    mesh = build(Cloth.from_mesh(corners, [[0, 1, 2]]), "mesh", True)
+    assert mesh.widest_gap == pytest.approx(1.0 / np.sqrt(3.0))
 
 
 def test_rope_masses_lump_by_length_and_bends_span_uneven_segments():

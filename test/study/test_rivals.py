@@ -6,6 +6,7 @@ import pytest
 
 from cloth_sim_ros.sim import Cloth, Scene, Simulation
 from cloth_sim_ros.study import rivals
+from cloth_sim_ros.study.colouring import colour
 from cloth_sim_ros.study.implicit import implicit_step
 from cloth_sim_ros.study.springs import SpringSystem
 
@@ -65,3 +66,12 @@ def test_damping_is_refused(net):
     for make in (rivals.position_based, rivals.jacobi_xpbd, rivals.implicit_conjugate_gradients):
         with pytest.raises(ValueError, match="damped"):
             make(damped, 1)
+
+
+def test_random_elements_are_coloured_independently_and_always_alike():
+    rng = np.random.default_rng(0)
+    particles = np.stack([rng.choice(60, 4, replace=False) for _ in range(200)])
+    colours = colour(particles, 60)
+    assert colours.min() == 0 and np.array_equal(colours, colour(particles, 60))
+    for c in range(colours.max() + 1):
+        assert len(np.unique(particles[colours == c])) == particles[colours == c].size

@@ -16,6 +16,10 @@ class Capsule(Tube):
         """From the middle to an end [m]."""
         return self.radius + self.half_length
 
+    def roundness(self) -> float:
+        """Its radius [m]."""
+        return self.radius
+
 
 @wp.func
 def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:

@@ -11,6 +11,7 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.checks import check_fields
 from cloth_sim_ros.sim.quaternion import Quaternion, Vector
 
+STRETCHED = 1.5  # how much wider gaps between particles may become than they are at rest
 _DIMENSIONS = table.row(table.COLLIDER, "dimensions")
 
 
@@ -31,6 +32,18 @@ class Collider:
 
     def __post_init__(self) -> None:
         check_fields(self, (*table.COLLIDER, *self.dimensions))
+
+    def roundness(self) -> float:
+        """The smallest radius of curvature of its surface [m]; 0 of what has edges."""
+        return 0.0
+
+    def enters(self, gap: float, thickness: float) -> bool:
+        """Whether it can come through between particles that it touches at `thickness` [m] at the nearest.
+
+        gap: the farthest that a point between them lies from the nearest of them [m]. In a sheet that lies on a sphere
+        of radius R, such a point is sqrt((R + thickness)^2 - gap^2) from its middle.
+        """
+        return (STRETCHED * gap) ** 2 > thickness**2 + 2.0 * thickness * self.roundness()
 
 
 def length(name: str) -> table.Parameter:

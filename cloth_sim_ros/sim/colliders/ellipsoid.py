@@ -24,6 +24,10 @@ class Ellipsoid(Collider):
         """The largest radius [m]."""
         return max(self.radii)
 
+    def roundness(self) -> float:
+        """At the tips of the longest axis [m]."""
+        return min(self.radii) ** 2 / max(self.radii)
+
 
 @wp.func
 def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:

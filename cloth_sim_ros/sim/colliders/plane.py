@@ -36,6 +36,10 @@ class Plane(Collider):
         """A plane is everywhere."""
         return math.inf
 
+    def enters(self, gap: float, thickness: float) -> bool:
+        """Never: of every triangle, a particle is deepest."""
+        return False
+
 
 @wp.func
 def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:

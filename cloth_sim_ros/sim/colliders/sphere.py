@@ -23,6 +23,10 @@ class Sphere(Collider):
         """The radius [m]."""
         return self.radius
 
+    def roundness(self) -> float:
+        """Its radius [m]."""
+        return self.radius
+
 
 @wp.func
 def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:

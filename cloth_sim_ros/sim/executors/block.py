@@ -151,7 +151,7 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
     """Two Warp functions: what brings a body into a block's shared memory, as far as there is room, and back."""
     # What every particle reads and writes once a substep lies in shared memory too where there is room.
     slots = scan_size(block) if shared and features.chain else 0
-    keeps_low = "line" in features.constraints or features.chain
+    keeps_low = features.lines or features.chain
     all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
     tile_size = (3 if all_shared else 2) * shared
     tile_address = native.make_tile_address(tile_size) if shared else None

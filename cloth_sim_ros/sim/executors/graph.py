@@ -96,10 +96,9 @@ class Graph:
 
     def _launch(self, stage: Stage, b: int, body: dict, substep: int, iteration: int = 0, store: int = 0) -> None:
         """Append the launches of a stage to the frame; those that are alike are one."""
-        rounds = {"lines": ("groups", "groups_end"), "edges": ("groups_end", "edge_groups_end")}.get(stage.rounds)
-        groups = range(body[rounds[0]], body[rounds[1]]) if rounds else (0,)
+        groups = range(body["groups"], body["groups_end"]) if stage.rounds else (0,)
         for g in groups:
-            size = self._groups[g][3] - self._groups[g][2] if rounds else body
+            size = self._groups[g][2] - self._groups[g][1] if stage.rounds else body
             numbers = (stage.threads(size, self._colliders), b, substep, iteration, store, g)
             key = (stage.name, *numbers)
             if key not in self._recorded:

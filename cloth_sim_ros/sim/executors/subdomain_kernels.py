@@ -105,6 +105,7 @@ def _make_move(features: Features, capacity: int, force):
                         here.shared + wp.uint64(16 * half),
                         here.shared + wp.uint64(16 * (half + capacity)),
                         here.shared + wp.uint64(16 * other),
+                        0.0,
                     )
                 total = load4(here.shared, other + i)
         d = xyz(total)

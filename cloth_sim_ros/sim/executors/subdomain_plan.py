@@ -120,8 +120,8 @@ def plan(
         raise Unfit("forces of the scene's own", "weight, springs, bending and air")
     if features.handles:
         raise Unfit("handles", "a scene without them")
-    if "edge" in features.constraints:
-        raise Unfit("edge_contact", "contact of particles alone")
+    if features.surface:
+        raise Unfit("colliders that reach between particles", "rounder ones, or a finer sheet")
     if features.curved:
         raise Unfit("a sheet that resists bending and is curved at rest", "one that is flat at rest")
     around = _around(model, features)

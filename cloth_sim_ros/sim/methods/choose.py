@@ -41,7 +41,7 @@ class Choice:
     """How one object is computed; `reason` says why, in words that follow its name.
 
     error: what is expected of it, in the units of solver.error. safe_substeps: of a frame that XPBD does again.
-    bending_share: of a sheet's rigidity, that acts.
+    bending_share: of a sheet's rigidity, that acts. surface: whether colliders are kept out between particles too.
     """
 
     method: str
@@ -52,11 +52,17 @@ class Choice:
     reason: str
     safe_substeps: int = 1
     bending_share: float = 1.0
+    surface: bool = False
 
     @property
     def words(self) -> str:
         """The method and its order."""
         return self.method if self.method == "verlet" else f"{self.method} order {self.order}"
+
+    @property
+    def kernels(self) -> tuple[str, bool]:
+        """What kernels are made for: where it changes, everything on the device is made anew."""
+        return self.words, self.surface
 
 
 def choose(
@@ -76,7 +82,7 @@ def choose(
     xpbd = _xpbd(settings, topology, materials, max(limit(compliance, 0.0) for compliance, _ in materials), around)
     if settings.method == "xpbd":
         return xpbd
-    verlet = replace(_verlet(settings, needed), safe_substeps=max(xpbd.substeps, _SAFE))
+    verlet = replace(_verlet(settings, needed, around.surface), safe_substeps=max(xpbd.substeps, _SAFE))
     if settings.method == "verlet":
         return verlet
     because = _not_explicit(settings, topology, needed, strained)
@@ -124,14 +130,14 @@ def _not_explicit(settings: Settings, topology: Topology, needed: float, straine
     return ""
 
 
-def _verlet(settings: Settings, needed: float) -> Choice:
+def _verlet(settings: Settings, needed: float, surface: bool) -> Choice:
     """Explicit steps: as many as stability asks for, and more where they would miss by more than is wanted."""
     least = max(FEWEST, needed)
     substeps = settings.substeps or least * max(1.0, math.sqrt(_LEAPFROG / settings.error))
     substeps = math.ceil(substeps) if math.isfinite(substeps) else 1
     error = _LEAPFROG * (least / substeps) ** 2 if math.isfinite(needed) else math.inf
     reason = f"is computed by verlet in {substeps} substeps, of which it needs {needed:g} to be stable"
-    return Choice("verlet", 1, substeps, settings.iterations or 1, error, reason)
+    return Choice("verlet", 1, substeps, settings.iterations or 1, error, reason, surface=surface)
 
 
 def _xpbd(
@@ -162,7 +168,7 @@ def _xpbd(
     share = limits.bending_share(_bending_rate(topology, materials), effective / substeps)
     if share < 1.0:
         reason += f", and {share:.2g} of its bending rigidity acts"
-    return Choice("xpbd", order, substeps, iterations, error, reason, bending_share=share)
+    return Choice("xpbd", order, substeps, iterations, error, reason, bending_share=share, surface=around.surface)
 
 
 def _error_law(topology: Topology, limit: float, order: int) -> tuple[float, int]:

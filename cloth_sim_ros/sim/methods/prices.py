@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.topology import Topology
 _NS = 1e-6  # [ms]
 # Of a CPU, for each particle: explicit springs of a grid in vector lanes, of a mesh one by one, motion, air, collider,
 # the plate operator. For each spring of a line: without and with dashpots.
-_GRID, _MESH, _MOTION, _AIR, _COLLIDER, _PLATE = (n * _NS for n in (6.0, 60.0, 5.0, 18.0, 9.0, 10.0))
+_GRID, _MESH, _MOTION, _AIR, _PLATE, _COLLIDER, _FACETS = (n * _NS for n in (6.0, 60.0, 5.0, 18.0, 10.0, 9.0, 20.0))
 _SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
 _SEGMENT = 45.0 * _NS  # of a rope
 # Of an H200: a substep of subdomains, and for each particle of all worlds. A launch of one stage, likewise. A rope in a
@@ -26,17 +26,23 @@ _BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind, colliders and worlds."""
+    """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind, colliders and worlds.
+
+    surface: whether colliders are kept out between particles too.
+    """
 
     device: str
     wind: bool
     colliders: int
     worlds: int = 1
+    surface: bool = False
 
 
 def verlet(topology: Topology, around: Surroundings) -> float:
     """Of explicit steps."""
     count = len(topology.masses)
+    if around.device == "cuda" and around.surface:
+        return _launched(topology, 4 + around.wind + (topology.plate is not None), around)
     if around.device == "cuda":
         slow = 1.0 + 0.5 * around.wind + 0.1 * around.colliders + 0.5 * (topology.plate is not None)
         return slow * (_TILES + _TILES_PARTICLE * count * around.worlds)
@@ -44,7 +50,7 @@ def verlet(topology: Topology, around: Surroundings) -> float:
     return (
         around.worlds
         * count
-        * (springs + _AIR * around.wind + _COLLIDER * around.colliders + _PLATE * (topology.plate is not None))
+        * (springs + _AIR * around.wind + _touching(around) + _PLATE * (topology.plate is not None))
     )
 
 
@@ -54,11 +60,20 @@ def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]
     if not len(topology.triangles):
         return _ROPE if around.device == "cuda" else around.worlds * count * _SEGMENT
     if around.device == "cuda":
-        stages = 2 + len(topology.families) + around.wind + plate
-        particles = count * around.worlds
-        in_blocks = stages / 6 * (_BLOCK + 8.0e-6 * count + _BLOCK_PARTICLE * particles)
-        return min(in_blocks, stages * (_LAUNCH + _LAUNCH_PARTICLE * particles))
+        return _launched(topology, 2 + len(topology.families) + around.wind + plate + 2 * around.surface, around)
     springs = sum(len(elements.rest) for elements in topology.springs.values())
     damped = any(damping > 0.0 for _, damping in materials)
-    each = _MOTION + _AIR * around.wind + _COLLIDER * around.colliders + _PLATE * plate
+    each = _MOTION + _AIR * around.wind + _touching(around) + _PLATE * plate
     return around.worlds * (springs * (_SPRING + _DASHPOT * damped) + count * each)
+
+
+def _touching(around: Surroundings) -> float:
+    """Of a CPU, what colliders cost a particle, with the facets around it."""
+    return around.colliders * (_COLLIDER + _FACETS * around.surface)
+
+
+def _launched(topology: Topology, stages: int, around: Surroundings) -> float:
+    """Of a GPU, in a block or by a launch a stage, whichever is cheaper."""
+    count, particles = len(topology.masses), len(topology.masses) * around.worlds
+    in_blocks = stages / 6 * (_BLOCK + 8.0e-6 * count + _BLOCK_PARTICLE * particles)
+    return min(in_blocks, stages * (_LAUNCH + _LAUNCH_PARTICLE * particles))

@@ -8,8 +8,8 @@ The contract of an executor (block.py: a body in a block; graph.py: a launch a s
    runs `before`, `iterated` in each iteration, and `after`. `ending` runs at the end of the frame.
 3. A stage is run(t, width, here), called by `width` threads of numbers t. What they store is seen by all threads of the
    body before the next stage begins.
-4. A stage with `rounds` is run once for each group of these, in order, with `here.group` set and a barrier between.
-   Of lines, `width` is a multiple of a warp on a GPU.
+4. A stage with `rounds` is run once for each family of lines, in order, with `here.group` set and a barrier between.
+   Its `width` is a multiple of a warp on a GPU.
 5. It sets `here.step.first`, `store` and `repeats`, and `here.last`; stages with `but_last` are left out in the last
    iteration, and those of `every` n substeps run in substeps that n divides.
 6. It knows no physics, and a stage knows no executor.
@@ -33,7 +33,6 @@ from cloth_sim_ros.sim.ropes.twist import ask_for
 from cloth_sim_ros.sim.stages.aerodynamics import make_panels
 from cloth_sim_ros.sim.stages.bending import curve_triangle, make_bend
 from cloth_sim_ros.sim.stages.contact import clear_forces, make_contact
-from cloth_sim_ros.sim.stages.edge_contact import make_edge_contact
 from cloth_sim_ros.sim.stages.fault_recovery import find_fault, make_count, make_settle
 from cloth_sim_ros.sim.stages.grasp import feel, hold
 from cloth_sim_ros.sim.stages.here import Here
@@ -45,6 +44,7 @@ from cloth_sim_ros.sim.stages.motion import (
     store_velocity,
     sweep_collider,
 )
+from cloth_sim_ros.sim.stages.surface_contact import make_press, make_yield
 from cloth_sim_ros.sim.state import Arrays
 
 _A_FRAME = 1 << 30  # more substeps than a frame has
@@ -54,13 +54,13 @@ _A_FRAME = 1 << 30  # more substeps than a frame has
 class Stage:
     """run(t, width, here); threads(body row, colliders) of a launch of its own.
 
-    rounds: "", or of what it is run once a group: "lines" or "edges".
+    rounds: whether it is run once for each family of lines.
     """
 
     name: str
     run: wp.Function
     threads: Callable[[dict, int], int]
-    rounds: str = ""
+    rounds: bool = False
     every: int = 1
     but_last: bool = False
 
@@ -106,13 +106,16 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
         before.append(_over_particles("predict", predict))
     if features.chain:
         program.iterated.append(Stage("chain", _make_chain(features, threads, stored), lambda *_: 1))
-    if "line" in features.constraints:
+    if features.lines:
         program.iterated.append(_make_lines(features, on_cpu))
-    if "edge" in features.constraints:
-        program.iterated.append(_make_edges(features))
     if features.shapes:
         contact = make_contact(features)
-        program.iterated.append(_over_particles("contact", contact, but_last=True))
+        if features.surface:
+            program.iterated.append(_over_particles("contact", contact))
+            panels = lambda body, _: body["panels_end"] - body["panels"]  # noqa: E731
+            program.iterated.append(Stage("press", make_press(features), panels))
+            contact = make_yield(features)
+        program.iterated.append(_over_particles("give_way" if features.surface else "contact", contact, but_last=True))
         finish = _both(contact, finish)
     program.after.append(_over_particles("finish", finish))
     program.ending += [
@@ -281,22 +284,10 @@ def _make_lines(features: Features, on_cpu: bool) -> Stage:
     @wp.func
     def lines(t: int, width: int, here: Here):
         group = here.model.groups[here.group]
-        for r in range(group[2] + t / wp.static(team), group[3], width / wp.static(team)):
-            solve_line_row(r, group[1], here)
+        for r in range(group[1] + t / wp.static(team), group[2], width / wp.static(team)):
+            solve_line_row(r, group[0], here)
 
-    return Stage("lines", lines, lambda size, _: team * size, rounds="lines")
-
-
-def _make_edges(features: Features) -> Stage:
-    edge_contact = make_edge_contact(features.shapes, features.order)
-
-    @wp.func
-    def edges(t: int, width: int, here: Here):
-        group = here.model.groups[here.group]
-        for k in range(group[2] + t, group[3], width):
-            edge_contact(k, here)
-
-    return Stage("edges", edges, lambda size, _: size, rounds="edges")
+    return Stage("lines", lines, lambda size, _: team * size, rounds=True)
 
 
 def in_turn(stages: list[Stage], name: str):
@@ -329,13 +320,8 @@ def _with_barrier(stage: Stage):
                 sync()
 
     def rounds(t: int, width: int, here: Here):
-        begin = int(here.body.groups)
-        end = int(here.body.groups_end)
-        if wp.static(stage.rounds == "edges"):
-            begin = int(here.body.groups_end)
-            end = int(here.body.edge_groups_end)
         inside = here
-        for g in range(begin, end):
+        for g in range(here.body.groups, here.body.groups_end):
             inside.group = g
             run(t, width, inside)
             sync()

@@ -73,6 +73,31 @@ def add_force(forces: wp.array(dtype=wp.vec4), k: int, force: wp.vec3):
     forces[k] = load_row(forces, k) + pack(force, 0.0)
 
 
+@wp.func
+def forget(met: Met, moved: wp.vec3, normal: wp.vec3, pressed: float, motion: wp.vec3, step: Step) -> wp.vec3:
+    """Of the past of a particle that a contact moved by `moved` [m] in all, keep only what still holds in order 2.
+
+    pressed: how far it was moved along `normal`, by a collider that itself moved by `motion` [m]. Returns the
+    correction [m] that has the effect on the momentum of what is forgotten.
+    """
+    past = met.last_displacements[met.slot]
+    lost = wp.vec3(0.0)
+    if wp.dot(moved - past, normal) > NOISE:
+        hit = -wp.dot(past - motion, normal) > 0.5 * pressed
+        v = xyz(load_row(met.velocities, met.slot))
+        kept = forgotten(past, moved, normal, hit)
+        kept_speed = forgotten(v, moved / length_of(step), normal, hit)
+        met.last_displacements[met.slot] = kept
+        store_row(met.velocities, met.slot, pack(kept_speed, 0.0))
+        lost = lost_motion(past - kept, v - kept_speed, step)
+    return lost
+
+
+def least_mass(features: Features) -> float:
+    """Of its own inverse mass, what a particle has to have left to be moved by a contact: more than if it is held."""
+    return HELD if features.handles else 0.0
+
+
 def make_meet(shapes: tuple[str, ...]):
     """A Warp function: where a point that moved meets a collider of one of `shapes`."""
     signed_distance = make_signed_distance(shapes)
@@ -124,9 +149,12 @@ def make_meet(shapes: tuple[str, ...]):
 
 
 def make_touch(features: Features):
-    """A Warp function that keeps particle i outside all colliders, with friction."""
+    """A Warp function that keeps particle i outside all colliders, with friction.
+
+    Returns whether one of them may come within a `width` [m] of it in the substep.
+    """
     meet = make_meet(features.shapes)
-    least = HELD if features.handles else 0.0
+    least = least_mass(features)
 
     @wp.func
     def contact(
@@ -138,12 +166,14 @@ def make_touch(features: Features):
         x: wp.uint64,
         low_address: wp.uint64,
         d: wp.uint64,
-    ):
+        width: float,
+    ) -> bool:
         packed = load4(d, i)
         row = load4(x, i)
         w = packed[3]
         if w <= wp.static(least) * row[3]:
-            return
+            return True
+        near = bool(False)
         position = xyz(row)
         displacement = xyz(packed)
         touched = bool(False)
@@ -158,7 +188,9 @@ def make_touch(features: Features):
             offset = (position - met.sweeps[k].position) + displacement
             path = wp.length(displacement - met.sweeps[k].motion)
             path += met.sweeps[k].spin * (wp.length(offset) + path)
-            if wp.length(offset) - path < colliders[c].reach + material.thickness:
+            away = wp.length(offset) - path - colliders[c].reach - material.thickness
+            near = near or away < width
+            if away < 0.0:
                 collider = colliders[c]
                 sweep = met.sweeps[k]
                 low = xyz(load4(low_address, i))
@@ -184,21 +216,13 @@ def make_touch(features: Features):
                     if wp.static(features.order == 2):
                         normal = wp.transpose(sweep.to_local) * n
                         moved = displacement - low
-                        past = met.last_displacements[met.slot]
-                        if wp.dot(moved - past, normal) > NOISE:
-                            hit = -wp.dot(past - sweep.motion, normal) > 0.5 * pressed
-                            v = load_row(met.velocities, met.slot)
-                            speed = moved / length_of(step)
-                            kept = forgotten(past, moved, normal, hit)
-                            kept_speed = forgotten(xyz(v), speed, normal, hit)
-                            met.last_displacements[met.slot] = kept
-                            store_row(met.velocities, met.slot, pack(kept_speed, 0.0))
-                            lost = lost_motion(past - kept, xyz(v) - kept_speed, step)
-                            add_force(met.forces, entry, (met.share / w) * lost)
+                        lost = forget(met, moved, normal, pressed, sweep.motion, step)
+                        add_force(met.forces, entry, (met.share / w) * lost)
             if step.repeats:
                 store_row(met.contacts, entry, after)
         if touched:
             store4(d, i, pack(displacement, w))
+        return near
 
     return contact
 
@@ -211,21 +235,32 @@ def clear_forces(i: int, here: Here):
         store_row(here.state.contact_forces, (here.body.particles + i) * colliders + c, wp.vec4(0.0))
 
 
+@wp.func
+def met_by(i: int, here: Here) -> Met:
+    """Where it is kept what particle i meets."""
+    met = Met()
+    met.slot = here.body.particles + i
+    met.first_sweep = here.sweep
+    met.share = share_of(here.step, here.frame.substeps)
+    met.sweeps = here.state.sweeps
+    met.contacts = here.state.contacts
+    met.forces = here.state.contact_forces
+    met.velocities = here.state.velocities
+    met.last_displacements = here.state.last_displacements
+    return met
+
+
 def make_contact(features: Features):
     """The stage that keeps particle i outside all colliders, after each iteration."""
     touch = make_touch(features)
 
     @wp.func
     def contact(i: int, here: Here):
-        met = Met()
-        met.slot = here.body.particles + i
-        met.first_sweep = here.sweep
-        met.share = share_of(here.step, here.frame.substeps)
-        met.sweeps = here.state.sweeps
-        met.contacts = here.state.contacts
-        met.forces = here.state.contact_forces
-        met.velocities = here.state.velocities
-        met.last_displacements = here.state.last_displacements
-        touch(i, met, here.material, here.colliders, here.step, here.x, here.low, here.d)
+        met = met_by(i, here)
+        width = here.body.width
+        near = touch(i, met, here.material, here.colliders, here.step, here.x, here.low, here.d, width)
+        if wp.static(features.surface):
+            if here.step.first:
+                here.state.near[met.slot] = 2 * (here.state.near[met.slot] & 1) + wp.where(near, 1, 0)
 
     return contact

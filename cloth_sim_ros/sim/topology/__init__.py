@@ -6,9 +6,9 @@ from cloth_sim_ros.sim.topology.elements import Topology
 from cloth_sim_ros.sim.topology.grid import of_grid
 from cloth_sim_ros.sim.topology.mesh import of_mesh
 from cloth_sim_ros.sim.topology.rope import of_rope
-from cloth_sim_ros.sim.topology.springs import KINDS, Elements, colour
+from cloth_sim_ros.sim.topology.springs import KINDS, Elements
 
-__all__ = ["KINDS", "Elements", "Topology", "build", "colour"]
+__all__ = ["KINDS", "Elements", "Topology", "build"]
 
 
 def build(thing: Cloth | Rope, name: str, direct_ropes: bool) -> Topology:

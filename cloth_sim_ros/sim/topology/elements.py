@@ -46,7 +46,7 @@ class Topology:
     third of a rope's segment. layout: (N, 3) rest positions [m] in local axes, along which grids are cut into
     subdomains. grid: particles along x and y, None for what is no grid. reel: of a rope on a winch, the last particle
     at the drum and the rest length [m] of the segment that begins there. plate: what a sheet resists bending with.
-    twists: whether a rope resists twist. edge_contact: whether edges touch colliders, not particles alone.
+    twists: whether a rope resists twist.
     """
 
     rest: np.ndarray
@@ -62,7 +62,6 @@ class Topology:
     bends: Elements | None = None
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     chain: Elements | None = None
-    edge_contact: bool = False
     grid: tuple[int, int] | None = None
 
     @cached_property
@@ -70,10 +69,18 @@ class Topology:
         """All springs in lines, in families of lines that share no particle, in the order in which they are solved."""
         return families(self.springs, self.layout, self.grid)
 
-    def edges(self) -> list[Elements]:
-        """What touches colliders between its particles: structural and shear springs, segments; none if not asked."""
-        kinds = [self.springs.get("structural"), self.springs.get("shear"), self.chain] if self.edge_contact else []
-        return [elements for elements in kinds if elements is not None]
+    @cached_property
+    def widest_gap(self) -> float:
+        """The farthest that any point of a triangle or segment lies from the nearest of its corners, at rest [m]."""
+        segment = self.panels[:, 2] < 0
+        ends = np.where(segment[:, None], self.panels[:, [0, 1, 1]], self.panels)
+        corners = self.layout[ends]
+        sides = np.sort(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2), axis=1)
+        across = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        # Of an acute triangle the middle of its circumcircle; else on its longest side, no farther than half of it.
+        acute = sides[:, 0] ** 2 + sides[:, 1] ** 2 > sides[:, 2] ** 2
+        circle = sides.prod(axis=1) / np.maximum(2.0 * across, 1e-300)
+        return float(np.where(acute & ~segment, circle, 0.5 * sides[:, 2]).max())
 
     @property
     def bends_by_angles(self) -> bool:

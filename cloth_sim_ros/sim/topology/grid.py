@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A cloth that is a rectangular grid: its particles row by row, its springs and their colours."""
+"""A cloth that is a rectangular grid: its particles row by row, and its springs."""
 
 from __future__ import annotations
 
@@ -44,29 +44,25 @@ def _grid_springs(cloth: Cloth, index: np.ndarray, local: np.ndarray) -> dict[st
     ix, iy = np.arange(nx)[None, :], np.arange(ny)[:, None]
     on_x = np.broadcast_to(np.where((iy == 0) | (iy == ny - 1), 2.0, 1.0), (ny, nx))  # springs along x lie on a border
     on_y = np.broadcast_to(np.where((ix == 0) | (ix == nx - 1), 2.0, 1.0), (ny, nx))
-    ix, iy = np.broadcast_arrays(ix, iy)
 
-    def lines(step: int, kind_colour: int) -> list[tuple]:
-        """Springs over `step` cells along x and y; every second one of a line shares a colour."""
-        return [
-            (index[:, :-step], index[:, step:], on_x[:, :-step], (ix[:, :-step] // step) % 2 + kind_colour),
-            (index[:-step], index[step:], on_y[:-step], (iy[:-step] // step) % 2 + kind_colour + 2),
-        ]
+    def lines(step: int) -> list[tuple]:
+        """Springs over `step` cells along x and y."""
+        return [(index[:, :-step], index[:, step:], on_x[:, :-step]), (index[:-step], index[step:], on_y[:-step])]
 
     one = np.ones((ny - 1, nx - 1))
-    groups = {"structural": lines(1, 0)}
+    groups = {"structural": lines(1)}
     if cloth.shear_compliance is not None:
         groups["shear"] = [
-            (index[:-1, :-1], index[1:, 1:], one, ix[:-1, :-1] % 2),
-            (index[:-1, 1:], index[1:, :-1], one, ix[:-1, 1:] % 2 + 2),
+            (index[:-1, :-1], index[1:, 1:], one),
+            (index[:-1, 1:], index[1:, :-1], one),
         ]
     if cloth.bend_compliance is not None and cloth.bending == "springs" and max(nx, ny) > 2:
-        groups["bending"] = lines(2, 0)
+        groups["bending"] = lines(2)
     return {kind: _springs(parts, local) for kind, parts in groups.items()}
 
 
 def _springs(parts: list[tuple], local: np.ndarray) -> Elements:
-    """Springs of one kind from parts (first, second, scale, colour), each an array a number."""
-    first, second, scale, colours = (np.concatenate([part[k].ravel() for part in parts]) for k in range(4))
+    """Springs of one kind from parts (first, second, scale), each an array a number."""
+    first, second, scale = (np.concatenate([part[k].ravel() for part in parts]) for k in range(3))
     pairs = np.stack([first, second], axis=1)
-    return Elements(pairs, np.linalg.norm(local[second] - local[first], axis=1), scale, colours)
+    return Elements(pairs, np.linalg.norm(local[second] - local[first], axis=1), scale)

@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.objects import Cloth
 from cloth_sim_ros.sim.quaternion import rotate
 from cloth_sim_ros.sim.topology import plate
 from cloth_sim_ros.sim.topology.elements import Topology, pinned_particles
-from cloth_sim_ros.sim.topology.springs import Elements, colour
+from cloth_sim_ros.sim.topology.springs import Elements
 
 
 def of_mesh(cloth: Cloth, name: str) -> Topology:
@@ -27,12 +27,12 @@ def of_mesh(cloth: Cloth, name: str) -> Topology:
     masses = cloth.mass * lumped / lumped.sum()
     edges, opposite, area = _edges(triangles, areas, name)
     length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
-    springs = {"structural": Elements(edges, length, length**2 / area, colour(edges, len(points)))}
+    springs = {"structural": Elements(edges, length, length**2 / area)}
     inner = opposite[:, 1] >= 0
     if cloth.bend_compliance is not None and cloth.bending == "springs" and inner.any():
         pairs = opposite[inner]
         rest = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1)
-        springs["bending"] = Elements(pairs, rest, np.ones(len(pairs)), colour(pairs, len(points)))
+        springs["bending"] = Elements(pairs, rest, np.ones(len(pairs)))
     return of_sheet(cloth, name, points, masses, {}, triangles, springs)
 
 
@@ -64,7 +64,6 @@ def of_sheet(
         panels=triangles,
         layout=local,
         plate=bending,
-        edge_contact=cloth.edge_contact,
         grid=grid,
     )
 

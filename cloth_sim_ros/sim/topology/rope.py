@@ -14,7 +14,7 @@ STRAIGHT = 1e-6  # a joint that is turned by less [rad] is straight, and turned 
 
 
 def of_rope(rope: Rope, direct: bool) -> Topology:
-    """A rope whose segments are a chain, solved in one, where `direct`, else springs of two colours."""
+    """A rope whose segments are a chain, solved in one, where `direct`, else springs."""
     points = rope.points
     count = len(points)
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -27,7 +27,7 @@ def of_rope(rope: Rope, direct: bool) -> Topology:
         points = _paid_out(points, length, reel)
     index = np.arange(count)
     pairs = np.stack([index[:-1], index[1:]], axis=1)
-    stretch = Elements(pairs, length, length, index[:-1] % 2)
+    stretch = Elements(pairs, length, length)
     pinned = pinned_particles(rope.pins, named, count)
     bends, weights = _bends(rope, points, length, pinned)
     return Topology(
@@ -43,7 +43,6 @@ def of_rope(rope: Rope, direct: bool) -> Topology:
         bends=bends,
         bend_weights=weights,
         chain=stretch if direct else None,
-        edge_contact=rope.edge_contact,
     )
 
 
@@ -83,4 +82,4 @@ def _bends(
     bending = np.where(pinned[:-1] & pinned[1:], 0.0, length)
     span = 0.5 * np.where(bending[:-1] + bending[1:] > 0.0, bending[:-1] + bending[1:], length[:-1] + length[1:])
     particles = np.stack([index - 1, index, index + 1], axis=1)
-    return Elements(particles, turn, span, (index - 1) % 3), np.stack([1.0 / length[:-1], 1.0 / length[1:]], axis=1)
+    return Elements(particles, turn, span), np.stack([1.0 / length[:-1], 1.0 / length[1:]], axis=1)

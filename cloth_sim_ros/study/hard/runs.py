@@ -22,9 +22,8 @@ def kernels_of(combination: Combination) -> tuple:
     scene = make_trial(combination).scene
     body, shapes = scene.objects[BODY], shapes_of(scene.colliders.values())
     method = METHODS[combination.method]
-    edges = bool(shapes) and body.edge_contact
     bends = bends_by_angles(body), getattr(body, "bending", "") == "dihedral" and body.bend_compliance is not None
-    return isinstance(body, Rope), bends, *method.values(), shapes, scene.wind is not None, edges
+    return isinstance(body, Rope), bends, *method.values(), shapes, scene.wind is not None
 
 
 def grouped(every: list[Combination]) -> list[list[Numbered]]:

@@ -105,7 +105,7 @@ def squeeze(kind: str, options: Options, random: np.random.Generator) -> Trial:
 def sharp_edge(kind: str, options: Options, random: np.random.Generator) -> Trial:
     """Dragged over the edge of a box that is five times finer than the springs are long."""
     half, radius, spacing = np.array([0.2, 0.6, 0.2]), 0.02 if not is_rope(kind) else 0.4 / SEGMENTS, 0.1
-    body = make_body(kind, pins="none", thickness=radius, edge_contact=True, position=(0.25, 0.0, 0.2 + 1.1 * radius))
+    body = make_body(kind, pins="none", thickness=radius, position=(0.25, 0.0, 0.2 + 1.1 * radius))
     scene = Scene({BODY: body}, {"it": Box(half_extents=tuple(half))})
     deepest = [0.0]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact along edges: a sharp box and a thin pole meet the sheet between its particles, not at them alone."""
+"""Contact of surfaces: sharp, thin and small colliders meet a sheet or a rope between its particles too."""
 
 import numpy as np
 import pytest
@@ -11,23 +11,30 @@ from cloth_sim_ros.sim.batch import forced_executor
 HALF, THICKNESS, SPACING = np.array([0.3, 0.5, 0.2]), 0.02, 0.1  # a box whose corner is five times finer than the mesh
 
 
+def points_of(sim, name="it", steps=20):
+    """Points (M, 3) spread over every triangle or segment, in NumPy."""
+    x = sim.positions(name).astype(float)
+    index = np.arange(len(x))
+    corners = sim.triangles(name) if len(sim.triangles(name)) else np.stack([index[:-1], index[1:], index[1:]], axis=1)
+    u, v = np.meshgrid(*[np.linspace(0.0, 1.0, steps + 1)] * 2)
+    u, v = u[u + v <= 1.0 + 1e-9], v[u + v <= 1.0 + 1e-9]
+    a, b, c = (x[corners[:, k]][:, None] for k in range(3))
+    return ((1.0 - u - v)[:, None] * a + u[:, None] * b + v[:, None] * c).reshape(-1, 3)
+
+
 def deepest(sim, middle):
-    """How deep any point of any edge lies in the thickened box [m], sampled, in NumPy."""
-    x, worst = sim.positions("it").astype(float) - middle, 0.0
-    for pairs, _, _ in sim.springs("it").values():
-        t = np.linspace(0.0, 1.0, 41)[:, None, None]
-        q = np.abs(x[pairs[:, 0]] * (1.0 - t) + x[pairs[:, 1]] * t) - HALF
-        distance = np.linalg.norm(np.maximum(q, 0.0), axis=-1) + np.minimum(q.max(-1), 0.0)
-        worst = max(worst, float(THICKNESS - distance.min()))
-    return worst
+    """How deep any point lies in the thickened box [m]."""
+    q = np.abs(points_of(sim) - middle) - HALF
+    distance = np.linalg.norm(np.maximum(q, 0.0), axis=-1) + np.minimum(q.max(-1), 0.0)
+    return max(0.0, float(THICKNESS - distance.min()))
 
 
-def dragged_over_the_edge(device, edge_contact, rope=False, executor=None, **settings):
+def dragged_over_the_edge(device, rope=False, executor=None, **settings):
     """The deepest that the box ever is in what lies over its edge while it is pulled to and fro below."""
     friction = {"static_friction": 0.3, "kinetic_friction": 0.2}
     if rope:
         shape = {"start": (-0.2, 0, 0.25), "end": (1, 0, 0.25), "segments": 12}
-        it = Rope(**shape, radius=THICKNESS, pins=None, edge_contact=edge_contact)
+        it = Rope(**shape, radius=THICKNESS, pins=None)
     else:
         it = Cloth(
             resolution=(15, 15),
@@ -35,7 +42,6 @@ def dragged_over_the_edge(device, edge_contact, rope=False, executor=None, **set
             position=(0.35, 0.02, 0.25),
             pins=None,
             thickness=THICKNESS,
-            edge_contact=edge_contact,
             **friction,
         )
     with forced_executor(executor):
@@ -62,20 +68,17 @@ def dragged_over_the_edge(device, edge_contact, rope=False, executor=None, **set
     ],
 )
 def test_a_sharp_edge_does_not_poke_between_the_particles(device, settings):
-    assert dragged_over_the_edge(device, False, **settings) > 0.25 * SPACING
-    assert dragged_over_the_edge(device, True, **settings) < 0.01 * SPACING
+    assert dragged_over_the_edge(device, **settings) < 0.01 * SPACING
 
 
 @pytest.mark.parametrize("settings", [{}, pytest.param({"executor": "graph", "iterations": 2}, marks=pytest.mark.long)])
 def test_a_rope_lies_over_the_edge_with_its_segments(device, settings):
-    assert dragged_over_the_edge(device, False, rope=True, **settings) > 0.08 * SPACING
-    assert dragged_over_the_edge(device, True, rope=True, **settings) < 0.01 * SPACING
+    assert dragged_over_the_edge(device, rope=True, **settings) < 0.01 * SPACING
 
 
-@pytest.mark.parametrize("edge_contact", [False, True])
-def test_a_thin_fast_pole_takes_the_sheet_along(device, edge_contact):
+def test_a_thin_fast_pole_takes_the_sheet_along(device):
     """At 20 m/s it crosses a sheet that is 30 times as wide as itself between two rows, within a frame."""
-    sheet = Cloth(resolution=(6, 6), size=(0.5, 0.5), pins=None, thickness=0.002, edge_contact=edge_contact)
+    sheet = Cloth(resolution=(6, 6), size=(0.5, 0.5), pins=None, thickness=0.002)
     pole = Capsule(
         radius=0.002, half_length=0.5, position=(0.0, 0, -0.1), orientation=(np.sqrt(0.5), 0, 0, np.sqrt(0.5))
     )
@@ -84,14 +87,14 @@ def test_a_thin_fast_pole_takes_the_sheet_along(device, edge_contact):
         sim.set_collider_pose("pole", (0, 0, height), pole.orientation)
         sim.step()
     rows = sim.positions("sheet")[:, 2].reshape(6, 6)
-    beside = rows[:, 2:4].mean()  # of the two rows that the pole came up between
-    assert (beside > 0.56) == edge_contact and (np.abs(beside) < 1e-6) == (not edge_contact)
+    beside = rows[:, 2:4].mean(axis=1)  # of the two rows that the pole came up between
+    assert np.median(beside) > 0.56 and beside.min() > 0.45
 
 
 def test_an_edge_is_pushed_as_by_a_force_at_the_point_of_contact(device):
     """Both ends share it so that nothing turns about that point."""
     points = [[0.0, 0, 0.1], [1.0, 0, 0.1]]
-    rope = Rope(points=points, radius=0.05, pins=None, edge_contact=True, particle_masses=[1.0, 3.0])
+    rope = Rope(points=points, radius=0.05, pins=None, particle_masses=[1.0, 3.0])
     knife = Box(half_extents=(1e-3, 1, 0.04), position=(0.3, 0, 0))
     sim = Simulation(
         Scene({"it": rope}, {"knife": knife}, gravity=(0, 0, 0)), Settings(method="xpbd", order=1, substeps=1), device

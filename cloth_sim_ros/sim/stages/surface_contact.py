@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contact of a surface between its particles: triangles of cloth and segments of ropes against colliders.
+
+Each facet finds by itself how its deepest point is to be pushed out, with friction. Then each particle gathers what its
+facets ask for. No order of facets matters, so that all of them go at once.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import load4, store4, xyz
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.physics.friction import friction_correction
+from cloth_sim_ros.sim.stages.contact import NOISE, SEPARATION, add_force, forget, least_mass, make_meet, met_by
+from cloth_sim_ros.sim.stages.facet import Facet, make_deepest, make_first_touched, point_of, slip_at
+from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.stages.motion import pack
+from cloth_sim_ros.sim.state import ColliderMotion, Press, Sweep
+
+# Of the largest inverse mass: what a push beside a pinned or heavy corner divides by, so that no other is ever thrown
+# farther than four times the gap.
+LEAST_SHARE = wp.constant(0.25)
+# Of the thickness: a facet that comes farther in a substep is looked at on its whole way.
+FAST = wp.constant(0.5)
+# Cosine between a facet's push and the mean of all at a particle, at least: in a sharper fold it does not go farther.
+FOLDED = wp.constant(0.3)
+# A point this near to a corner is what the corner's own contact has seen to.
+CORNER = wp.constant(0.999)
+
+
+@wp.func
+def corners_of(k: int, here: Here) -> wp.vec3i:
+    """The corners of facet k; a segment has its second one twice."""
+    corners = here.model.panels[k]
+    return wp.vec3i(corners[0], corners[1], wp.where(corners[2] < 0, corners[1], corners[2]))
+
+
+@wp.func
+def is_near(corners: wp.vec3i, here: Here) -> bool:
+    """Whether a facet is looked at in this substep, as told by its corners' own contact; once more when it leaves."""
+    first = here.body.particles
+    return (
+        here.state.near[first + corners[0]] + here.state.near[first + corners[1]] + here.state.near[first + corners[2]]
+        > 0
+    )
+
+
+@wp.func
+def is_far(corners: wp.vec3i, here: Here, collider: ColliderMotion, sweep: Sweep) -> bool:
+    """Whether a facet stays out of reach of a collider for the whole substep."""
+    farthest = float(0.0)
+    path = float(0.0)
+    middle = wp.vec3(0.0)
+    for k in range(3):
+        middle += (xyz(load4(here.x, corners[k])) - sweep.position + xyz(load4(here.d, corners[k]))) / 3.0
+    for k in range(3):
+        d = xyz(load4(here.d, corners[k]))
+        farthest = wp.max(farthest, wp.length(xyz(load4(here.x, corners[k])) - sweep.position + d - middle))
+        path = wp.max(path, wp.length(d - sweep.motion))
+    away = wp.length(middle)
+    path += farthest
+    path += sweep.spin * (away + path)
+    return away - path >= collider.reach + here.material.thickness
+
+
+@wp.func
+def place_of(i: int, here: Here, sweep: Sweep) -> wp.vec3:
+    """Where particle i is at the end of the substep, in the axes of a collider [m]."""
+    return sweep.to_local * ((xyz(load4(here.x, i)) - sweep.position) + xyz(load4(here.d, i)))
+
+
+@wp.func
+def slip_of(i: int, here: Here, sweep: Sweep) -> wp.vec3:
+    """How far it came [m] as a collider sees it, without the difference of two large positions."""
+    moved = xyz(load4(here.d, i)) - xyz(load4(here.low, i)) - sweep.motion
+    return sweep.to_local * moved + sweep.turn * (xyz(load4(here.x, i)) - sweep.position)
+
+
+@wp.func
+def facet_of(corners: wp.vec3i, here: Here, sweep: Sweep) -> Facet:
+    """A facet in the axes of a collider."""
+    facet = Facet()
+    facet.a = place_of(corners[0], here, sweep)
+    facet.b = place_of(corners[1], here, sweep)
+    facet.c = place_of(corners[2], here, sweep)
+    facet.slip_a = slip_of(corners[0], here, sweep)
+    facet.slip_b = slip_of(corners[1], here, sweep)
+    facet.slip_c = slip_of(corners[2], here, sweep)
+    facet.is_segment = corners[1] == corners[2]
+    return facet
+
+
+@wp.func
+def yielding(corners: wp.vec3i, weights: wp.vec3, here: Here) -> float:
+    """The inverse mass of a point of a facet [1/kg], 0 where nothing of it can move."""
+    sum = float(0.0)
+    most = float(0.0)
+    for k in range(3):
+        w = load4(here.d, corners[k])[3]
+        sum += weights[k] * weights[k] * w
+        most = wp.max(most, w)
+    return wp.max(sum, LEAST_SHARE * most)
+
+
+def make_press_on(features: Features):
+    """A Warp function: how a facet is to be pushed out of one collider, with friction, after what it was told `last`.
+
+    A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
+    """
+    meet = make_meet(features.shapes)
+    deepest, first_touched = make_deepest(features.shapes), make_first_touched(features.shapes)
+
+    @wp.func
+    def press_on(corners: wp.vec3i, collider: ColliderMotion, sweep: Sweep, last: Press, here: Here) -> Press:
+        press = Press()
+        facet = facet_of(corners, here, sweep)
+        thickness = here.material.thickness
+        way = wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
+        weights = wp.vec3(0.0)
+        if way > FAST * thickness:
+            weights = first_touched(collider.shape, collider.size, facet, thickness)
+        else:
+            weights = deepest(collider.shape, collider.size, facet)
+        w = yielding(corners, weights, here)
+        if wp.max(weights) > CORNER or w == 0.0:
+            return press
+        slip = slip_at(facet, weights)
+        apart = SEPARATION * here.step.effective
+        touching = meet(collider.shape, collider.size, point_of(facet, weights), slip, thickness, apart)
+        if touching[3] >= -NOISE:  # its corners are outside; what is left may be rounding
+            return press
+        before = wp.vec4(0.0)
+        if not here.step.first:
+            before = last.so_far
+        n = xyz(touching)
+        pressed = before[3] - touching[3]
+        mu_s = wp.sqrt(here.material.static_friction * collider.static_friction)
+        mu_k = wp.sqrt(here.material.kinetic_friction * collider.kinetic_friction)
+        rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n
+        press.stuck = last.stuck
+        press.anchor = last.anchor
+        if wp.max(last.stuck) == 0.0:
+            press.stuck = weights
+            press.anchor = point_of(facet, weights) - slip
+        slid = point_of(facet, press.stuck) - press.anchor
+        slid -= wp.dot(slid, n) * n
+        rubbed = friction_correction(slid, rubbed_before, pressed, mu_s, mu_k)
+        if wp.length_sq(rubbed - (rubbed_before - slid)) > 0.0:
+            press.stuck = wp.vec3(0.0)
+        press.weights = weights
+        press.push = wp.transpose(sweep.to_local) * (-touching[3] * n + rubbed - rubbed_before) / w
+        press.normal = wp.transpose(sweep.to_local) * n
+        press.so_far = pack(rubbed, pressed)
+        return press
+
+    return press_on
+
+
+def make_press(features: Features):
+    """The stage that finds how the facets of a body are to be pushed out of all colliders: thread t of `width` its
+    share."""
+    press_on = make_press_on(features)
+
+    @wp.func
+    def press(t: int, width: int, here: Here):
+        colliders = here.colliders.shape[0]
+        for k in range(here.body.panels + t, here.body.panels_end, width):
+            corners = corners_of(k, here)
+            if not is_near(corners, here):
+                continue
+            for c in range(colliders):
+                found = Press()
+                sweep = here.state.sweeps[here.sweep + c]
+                if not is_far(corners, here, here.colliders[c], sweep):
+                    last = here.state.presses[k * colliders + c]
+                    found = press_on(corners, here.colliders[c], sweep, last, here)
+                here.state.presses[k * colliders + c] = found
+                if wp.max(found.weights) > 0.0:
+                    for place in range(3):
+                        here.state.pressed[here.body.particles + corners[place]] = 1
+
+    return press
+
+
+@wp.func
+def share_in(q: int, i: int, c: int, here: Here) -> wp.vec4:
+    """The push that particle i takes of facet q by collider c [kg m], and its weight there."""
+    corners = corners_of(q, here)
+    if not is_near(corners, here):
+        return wp.vec4(0.0)
+    place = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
+    press = here.state.presses[q * here.colliders.shape[0] + c]
+    return pack(press.weights[place] * press.push, press.weights[place])
+
+
+@wp.func
+def wanted_of(i: int, c: int, here: Here) -> wp.vec3:
+    """The correction over the inverse mass [kg m] that all facets around particle i want of it for collider c."""
+    slot = here.body.particles + i
+    sum = wp.vec3(0.0)
+    for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
+        share = xyz(share_in(here.model.particle_panels[place], i, c, here))
+        sum += wp.length(share) * share
+    way = wp.normalize(sum)
+    farthest = float(0.0)
+    for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
+        share = xyz(share_in(here.model.particle_panels[place], i, c, here))
+        size = wp.length(share)
+        if size > 0.0:
+            farthest = wp.max(farthest, size * size / wp.max(wp.dot(share, way), FOLDED * size))
+    return farthest * way
+
+
+@wp.func
+def normal_at(i: int, c: int, here: Here) -> wp.vec3:
+    """The mean normal of a collider at the facets around particle i, each weighed by its push."""
+    slot = here.body.particles + i
+    normal = wp.vec3(0.0)
+    for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
+        q = here.model.particle_panels[place]
+        share = xyz(share_in(q, i, c, here))
+        normal += wp.length(share) * here.state.presses[q * here.colliders.shape[0] + c].normal
+    return wp.normalize(normal)
+
+
+def make_yield(features: Features):
+    """The stage that moves particle i as its facets are pressed.
+
+    It goes in their mean direction, each weighed by its size, as far as any of them needs: what all want is done once,
+    and what one alone wants is done in full. Two facets that a collider folds apart are moved out of the fold.
+    """
+    least = least_mass(features)
+
+    @wp.func
+    def give_way(i: int, here: Here):
+        packed = load4(here.d, i)
+        w = packed[3]
+        if w <= wp.static(least) * load4(here.x, i)[3]:
+            return
+        slot = here.body.particles + i
+        if here.state.pressed[slot] == 0:
+            return
+        here.state.pressed[slot] = 0
+        displacement = xyz(packed)
+        touched = bool(False)
+        for c in range(here.colliders.shape[0]):
+            correction = w * wanted_of(i, c, here)
+            if wp.length_sq(correction) > 0.0:
+                displacement += correction
+                met = met_by(i, here)
+                entry = met.slot * here.colliders.shape[0] + c
+                add_force(met.forces, entry, (met.share / w) * correction)
+                touched = True
+                if wp.static(features.order == 2):
+                    n = normal_at(i, c, here)
+                    moved = displacement - xyz(load4(here.low, i))
+                    motion = here.state.sweeps[here.sweep + c].motion
+                    lost = forget(met, moved, n, wp.dot(correction, n), motion, here.step)
+                    add_force(met.forces, entry, (met.share / w) * lost)
+        if touched:
+            store4(here.d, i, pack(displacement, w))
+
+    return give_way
