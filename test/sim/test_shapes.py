@@ -76,12 +76,14 @@ def signed_distances(collider, points):
     signed_distance, number = make_signed_distance((shape,)), number_of(shape)
 
     @wp.kernel(enable_backward=False, module="unique")
-    def measure(at: wp.array(dtype=wp.vec3), size: wp.vec3, found: wp.array(dtype=wp.vec4)):
-        found[wp.tid()] = signed_distance(wp.static(number), at[wp.tid()], size)
+    def measure(at: wp.array(dtype=wp.vec3), size: wp.vec3, data: wp.uint64, found: wp.array(dtype=wp.vec4)):
+        found[wp.tid()] = signed_distance(wp.static(number), at[wp.tid()], size, data)
 
     found = wp.zeros(len(points), dtype=wp.vec4, device="cpu")
     at = wp.array(points, dtype=wp.vec3, device="cpu")
-    wp.launch(measure, dim=len(points), inputs=[at, wp.vec3(*collider.size()), found], device="cpu")
+    data = collider.data(wp.get_device("cpu"))
+    inputs = [at, wp.vec3(*collider.size()), wp.uint64(data.id if data else 0), found]
+    wp.launch(measure, dim=len(points), inputs=inputs, device="cpu")
     return found.numpy()[:, :3], found.numpy()[:, 3]
 
 

@@ -46,7 +46,8 @@ def make_clearance(features: Features):
             if wp.length_sq(collider.start_orientation - collider.end_orientation) > 0.0:
                 q = wp.quat_slerp(collider.start_orientation, collider.end_orientation, before)
             offset = x - collider.start_position - before * (collider.end_position - collider.start_position)
-            surface = signed_distance(collider.shape, wp.quat_rotate_inv(q, offset), collider.size)
+            p = wp.quat_rotate_inv(q, offset)
+            surface = signed_distance(collider.shape, p, collider.size, collider.data)
             moved = moved_of(collider, after - before)
             free = surface[3] - here.material.thickness - moved[1] * wp.length(offset)
             least = wp.min(least, free / (1.0 + moved[1]) - moved[0])

@@ -78,7 +78,9 @@ def make_meet(shapes: tuple[str, ...]):
     signed_distance = make_signed_distance(shapes)
 
     @wp.func
-    def enter(shape: int, size: wp.vec3, start: wp.vec3, path: wp.vec3, before: wp.vec4, thickness: float) -> wp.vec4:
+    def enter(
+        shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, path: wp.vec3, before: wp.vec4, thickness: float
+    ) -> wp.vec4:
         """Normal and fraction of `path` at which it enters the surface, by sphere tracing; -1 if it does not.
 
         before: normal and signed distance [m] at its start.
@@ -92,27 +94,29 @@ def make_meet(shapes: tuple[str, ...]):
         while count < 16 and gap > 1.0e-3 * thickness and reached <= 1.0:
             reached += gap / wp.max(length, 1.0e-30)
             if reached <= 1.0:
-                surface = signed_distance(shape, start + reached * path, size)
+                surface = signed_distance(shape, start + reached * path, size, data)
                 gap = surface[3] - thickness
             count += 1
         return pack(xyz(surface), wp.where(reached > 1.0, -1.0, reached))
 
     @wp.func
-    def meet(shape: int, size: wp.vec3, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float) -> wp.vec4:
+    def meet(
+        shape: int, size: wp.vec3, data: wp.uint64, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float
+    ) -> wp.vec4:
         """Normal and gap [m] of local point p, which came by `slip`; negative also where it came through.
 
         Of an overlap that was there before it came, no more than `apart` [m] counts.
         """
         # Both at once, though few need where they came from: a GPU waits for the one as long as for both.
-        before = signed_distance(shape, p - slip, size)
-        surface = signed_distance(shape, p, size)
+        before = signed_distance(shape, p - slip, size, data)
+        surface = signed_distance(shape, p, size, data)
         gap = surface[3] - thickness
         n = xyz(surface)
         square = wp.length_sq(slip)
         if square > gap * gap:
             # Fast enough to have come through the surface: find where it entered, and stay on that side. A particle
             # that merely touches is also better off where it entered: a third of the error of the way straight out.
-            entry = enter(shape, size, p - slip, slip, before, thickness)
+            entry = enter(shape, size, data, p - slip, slip, before, thickness)
             if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
                 n = xyz(entry)
                 gap = wp.dot(n, slip) * (1.0 - entry[3])
@@ -166,7 +170,7 @@ def make_touch(features: Features):
                 slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
                 p = sweep.to_local * offset
                 apart = SEPARATION * step.effective
-                touching = meet(collider.shape, collider.size, p, slip, material.thickness, apart)
+                touching = meet(collider.shape, collider.size, collider.data, p, slip, material.thickness, apart)
                 gap = touching[3]
                 if gap < 0.0:
                     n = xyz(touching)

@@ -41,15 +41,15 @@ def make_deepest(shapes: tuple[str, ...]):
     signed_distance = make_signed_distance(shapes)
 
     @wp.func
-    def deepest(shape: int, size: wp.vec3, start: wp.vec3, e: wp.vec3) -> float:
+    def deepest(shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, e: wp.vec3) -> float:
         """Fraction of the segment from local point `start` along `e`; -1 where it is one of the ends.
 
         A bracket shrinks to where the tangents at its ends meet (Kelley 1960): at once where two faces do.
         """
         low = float(0.0)
         high = float(1.0)
-        at_low = signed_distance(shape, start, size)
-        at_high = signed_distance(shape, start + e, size)
+        at_low = signed_distance(shape, start, size, data)
+        at_high = signed_distance(shape, start + e, size, data)
         slope_low = wp.dot(xyz(at_low), e)
         slope_high = wp.dot(xyz(at_high), e)
         if slope_low >= 0.0 or slope_high <= 0.0:
@@ -60,7 +60,7 @@ def make_deepest(shapes: tuple[str, ...]):
         for _ in range(6):
             t = (value_high - value_low + slope_low * low - slope_high * high) / (slope_low - slope_high)
             t = wp.clamp(t, low, high)
-            here = signed_distance(shape, start + t * e, size)
+            here = signed_distance(shape, start + t * e, size, data)
             slope = wp.dot(xyz(here), e)
             if slope < 0.0:
                 low, value_low, slope_low = t, here[3], slope
@@ -125,13 +125,14 @@ def make_edge_contact(shapes: tuple[str, ...], order: int):
             path = wp.max(wp.length(di - sweep.motion), wp.length(dj - sweep.motion)) + 0.5 * wp.length(e)
             path += sweep.spin * (away + path)
             if away - path < collider.reach + here.material.thickness:
-                t = deepest(collider.shape, collider.size, sweep.to_local * start, sweep.to_local * e)
+                shape, size, data = collider.shape, collider.size, collider.data
+                t = deepest(shape, size, data, sweep.to_local * start, sweep.to_local * e)
                 if t >= 0.0:
                     slip = (1.0 - t) * slip_of(xi, di, xyz(load4(here.low, i)), sweep)
                     slip += t * slip_of(xj, dj, xyz(load4(here.low, j)), sweep)
                     p = sweep.to_local * (start + t * e)
                     apart = SEPARATION * here.step.effective
-                    touching = meet(collider.shape, collider.size, p, slip, here.material.thickness, apart)
+                    touching = meet(shape, size, data, p, slip, here.material.thickness, apart)
                     gap = touching[3]
                     if gap < 0.0:
                         n = xyz(touching)
