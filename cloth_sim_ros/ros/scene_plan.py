@@ -8,7 +8,6 @@ from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from cloth_sim_ros.ros.mesh_file import load_mesh
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.sim import (
     Box,
@@ -26,6 +25,7 @@ from cloth_sim_ros.sim import (
     Wind,
 )
 from cloth_sim_ros.sim.materials import CORDS, FABRICS, rope_fields, sheet_fields, triangles_area
+from cloth_sim_ros.sim.mesh_file import load_mesh
 
 Values = Mapping[str, Any]  # full parameter name -> checked value
 

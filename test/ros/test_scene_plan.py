@@ -8,10 +8,10 @@ import pytest
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.ros import parameter_names as names
-from cloth_sim_ros.ros.mesh_file import load_mesh
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.ros.scene_plan import make_plan
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Settings, Simulation, Sphere, Winch
+from cloth_sim_ros.sim.mesh_file import load_mesh
 
 TYPES = {"sheet": "cloth", "line": "rope"}
 COLLIDERS = ("ball", "rod", "crate", "ground")

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import box, capsule, cylinder, ellipsoid, plane, sphere
+from cloth_sim_ros.sim.colliders import box, capsule, cylinder, ellipsoid, mesh, plane, sphere, volume
 from cloth_sim_ros.sim.colliders.collider import Collider
 
 SHAPES = {
@@ -16,6 +16,8 @@ SHAPES = {
     "box": (box.Box, box.signed_distance),
     "cylinder": (cylinder.Cylinder, cylinder.signed_distance),
     "ellipsoid": (ellipsoid.Ellipsoid, ellipsoid.signed_distance),
+    "mesh": (mesh.Mesh, mesh.signed_distance),
+    "signed_distance": (volume.SignedDistance, volume.signed_distance),
 }
 
 

@@ -16,7 +16,7 @@ from cloth_sim_ros.sim.quaternion import Quaternion, Vector
 _DIMENSIONS = table.row(table.COLLIDER, "dimensions")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Collider:
     """A pose and Coulomb coefficients; a pair's are the geometric mean of its two sides.
 
