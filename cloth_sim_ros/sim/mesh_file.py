@@ -74,7 +74,7 @@ def local_path(path: str, parameter: str) -> Path:
         return Path(get_package_share_directory(package)) / inside
     except ImportError:
         why = "which needs ament_index_python of ROS; allowed is a plain path"
-    except (LookupError, ValueError):
+    except (LookupError, ValueError, OSError):
         why = f"and no package {package!r} is installed; allowed is one of those that `ros2 pkg list` shows"
     raise _Unresolved(f"{parameter} is {shown(path)}, {why}")
 
