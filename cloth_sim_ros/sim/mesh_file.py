@@ -79,7 +79,7 @@ def local_path(path: str, parameter: str) -> Path:
     raise _Unresolved(f"{parameter} is {shown(path)}, {why}")
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _load(path: str, size: int, modified_ns: int) -> Mesh | str:
     """The mesh, or what is wrong with it in words that follow its name."""
     if size > MOST_BYTES:

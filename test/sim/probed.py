@@ -6,6 +6,8 @@ import warp as wp
 
 from cloth_sim_ros.sim.colliders import make_signed_distance, number_of, shape_of
 
+wp.init()  # before a test gives caches another folder
+
 
 def signed_distances(collider, points):
     """Normal (N, 3) and distance (N,) of the kernels' function at local points (N, 3)."""

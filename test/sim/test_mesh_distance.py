@@ -215,7 +215,7 @@ def test_what_has_no_inside_is_told():
         ([*CLOSED[:3], CLOSED[3][::-1]], "^Mesh is open at 3 edges"),
         ([*CLOSED, CLOSED[0]], "^Mesh is open at 3 edges"),
         ([face[::-1] for face in CLOSED], "^Mesh turns its inside out; allowed are triangles that turn counter"),
-        ([*CLOSED[:3], [0, 3, 4]], "^Mesh names a vertex that is not there"),
+        ([*CLOSED[:3], [0, 3, 4]], "^Mesh.triangles name vertex 4; allowed are 0 to 3"),
     ):
         with pytest.raises(ValueError, match=sentence):
             Mesh(OPEN[0], triangles)

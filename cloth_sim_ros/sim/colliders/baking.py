@@ -37,7 +37,7 @@ def bake(mesh: Mesh, cells: int) -> Baked:
     spacing = float((high - low).max() / cells)
     origin = low - _MARGIN * spacing
     shape = tuple(int(n) for n in np.ceil((high - low) / spacing - 1e-6) + 1 + 2 * _MARGIN)
-    file = cache() / f"{mesh.content}-{cells}.npz"
+    file = cache() / f"{mesh.content}-{mesh.scale:.9g}-{cells}.npz"
     values = _read(file, shape)
     if values is None:
         values = _compute(mesh, origin, spacing, shape)

@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.colliders.on_device import OnDevice, content_of, shared
 from cloth_sim_ros.sim.intrinsics import load4, load_address, xyz
 from cloth_sim_ros.sim.mesh_file import load_mesh
 
+_closed: set[str] = set()  # hashes of surfaces that are
 _ROWS = 7  # of a triangle in the table of normals: of itself, of its three corners, of the edges across from them
 
 
@@ -38,15 +39,19 @@ class Mesh(Collider):
         super().__post_init__()
         points = finite_array(self.vertices, 3, "Mesh.vertices")
         faces = finite_array(self.triangles, 3, "Mesh.triangles").astype(np.int32)
-        named = f"Mesh of {table.shown(self.file)}" if self.file else "Mesh"
-        wrong = what_is_open(points, faces) if _in_range(faces, points) else "names a vertex that is not there"
-        if wrong:
-            raise ValueError(f"{named} {wrong}")
+        content = content_of(points, faces)
+        if content not in _closed:  # once for all that are made of it: a large one takes a tenth of a second
+            if faces.min() < 0 or faces.max() >= len(points):
+                raise ValueError(f"Mesh.triangles name vertex {faces.max()}; allowed are 0 to {len(points) - 1}")
+            wrong = what_is_open(points, faces)
+            if wrong:
+                raise ValueError(f"{f'Mesh of {table.shown(self.file)}' if self.file else 'Mesh'} {wrong}")
+            _closed.add(content)
         for array in (points, faces):
             array.setflags(write=False)
         object.__setattr__(self, "vertices", points)
         object.__setattr__(self, "triangles", faces)
-        object.__setattr__(self, "content", content_of(points, faces, np.array(self.scale)))
+        object.__setattr__(self, "content", content)
 
     @classmethod
     def from_file(cls, file: str, scale: float = 1.0, **fields: Any) -> Mesh:
@@ -82,11 +87,7 @@ class Mesh(Collider):
             rows[1:] = normals_of(self.points(), self.triangles).reshape(-1, 4)
             return OnDevice(wp.array(rows, dtype=wp.vec4, device=device), tree)
 
-        return shared(f"mesh {self.content}", device, make)
-
-
-def _in_range(faces: np.ndarray, points: np.ndarray) -> bool:
-    return faces.min() >= 0 and faces.max() < len(points)
+        return shared(f"mesh {self.content} {self.scale}", device, make)
 
 
 def what_is_open(points: np.ndarray, faces: np.ndarray) -> str:

@@ -19,7 +19,7 @@ from cloth_sim_ros.sim.mesh_file import local_path
 from cloth_sim_ros.sim.quaternion import Vector
 
 _HEAD = 6  # numbers before the values: how many there are along each axis, and the origin
-_MOST = 1 << 27  # values
+_MOST = 1 << 24  # values
 _STEEPER = 1.05  # than a distance, by rounding of those who wrote it
 _IN_FILE = ("values", "origin", "spacing")
 
