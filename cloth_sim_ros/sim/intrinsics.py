@@ -149,6 +149,18 @@ def load_address(address: wp.uint64) -> wp.uint64:
 def load_number(address: wp.uint64, i: int) -> float: ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+return __ffsll((long long)bits) - 1;
+#else
+return __builtin_ctzll(bits);
+#endif
+""")
+def lowest_bit(bits: wp.uint64) -> int:
+    """The number of the lowest bit that is set; one is."""
+    ...
+
+
 @wp.func_native(_STORE)
 def store4(address: wp.uint64, i: int, v: wp.vec4): ...
 

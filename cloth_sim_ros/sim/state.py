@@ -216,6 +216,9 @@ class State:
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) of each collider on each particle, mean over the frame [N]
     edge_contacts: wp.array(dtype=wp.vec4)  # (K D,) the same of edges
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
+    near: wp.array(dtype=wp.uint64)  # (B K/64,) bits of the colliders that a body may meet in this frame, see near.py
+    extents: wp.array(dtype=float)  # (8 B,)
+    boxes: wp.array(dtype=wp.vec4)  # (2 B,)
     grips: wp.array(dtype=wp.vec4)  # (N,) place in the axes of the handle that holds a particle [m], and 1 + its number
     grip_pulls: wp.array(dtype=wp.vec4)  # (N,) of the handle on the particle in the last substep [N]
     grip_forces: wp.array(dtype=wp.vec4)  # (N,) of the handle on the particle, mean over the frame [N]

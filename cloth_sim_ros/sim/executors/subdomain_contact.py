@@ -6,25 +6,15 @@ import warp as wp
 from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.executors.subdomain_forces import InSubdomain
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.state import ColliderMotion
+from cloth_sim_ros.sim.stages.near import moved_of
 
 _ROUNDING = wp.constant(1.0e-5)  # [m], of a signed distance, and for each metre from the origin
-_ARC = wp.constant(2.23)  # most of an angle up to pi over the distance of its two unit quaternions
 
 
 @wp.func
 def travelled(d: wp.vec3) -> float:
     """A bound of |d| [m] without a root."""
     return wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2])
-
-
-@wp.func
-def moved_of(c: ColliderMotion, share: float) -> wp.vec2:
-    """Bounds of how far [m] and by which angle [rad] a collider moves in a share of the frame."""
-    q0 = c.start_orientation
-    q1 = c.end_orientation
-    apart = wp.min(wp.length(q1 - q0), wp.length(q1 + q0))
-    return wp.vec2(share * wp.length(c.end_position - c.start_position), share * _ARC * apart)
 
 
 def make_clearance(features: Features):

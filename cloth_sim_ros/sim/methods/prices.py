@@ -22,6 +22,7 @@ _SEGMENT = 45.0 * _NS  # of a rope
 # block. Lines in a block, for each particle of all worlds.
 _TILES, _TILES_PARTICLE, _LAUNCH, _LAUNCH_PARTICLE, _ROPE = 6.0e-4, 5.5e-8, 4.0e-3, 2.5e-8, 5.0e-3
 _BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7
+_MET = 8  # colliders that are near one body, at most: those out of its reach cost nothing
 
 
 @dataclass(frozen=True)
@@ -33,18 +34,23 @@ class Surroundings:
     colliders: int
     worlds: int = 1
 
+    @property
+    def near(self) -> int:
+        """Colliders that cost."""
+        return min(self.colliders, _MET)
+
 
 def verlet(topology: Topology, around: Surroundings) -> float:
     """Of explicit steps."""
     count = len(topology.masses)
     if around.device == "cuda":
-        slow = 1.0 + 0.5 * around.wind + 0.1 * around.colliders + 0.5 * (topology.plate is not None)
+        slow = 1.0 + 0.5 * around.wind + 0.1 * around.near + 0.5 * (topology.plate is not None)
         return slow * (_TILES + _TILES_PARTICLE * count * around.worlds)
     springs = _MESH if topology.grid is None else _GRID
     return (
         around.worlds
         * count
-        * (springs + _AIR * around.wind + _COLLIDER * around.colliders + _PLATE * (topology.plate is not None))
+        * (springs + _AIR * around.wind + _COLLIDER * around.near + _PLATE * (topology.plate is not None))
     )
 
 
@@ -60,5 +66,5 @@ def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]
         return min(in_blocks, stages * (_LAUNCH + _LAUNCH_PARTICLE * particles))
     springs = sum(len(elements.rest) for elements in topology.springs.values())
     damped = any(damping > 0.0 for _, damping in materials)
-    each = _MOTION + _AIR * around.wind + _COLLIDER * around.colliders + _PLATE * plate
+    each = _MOTION + _AIR * around.wind + _COLLIDER * around.near + _PLATE * plate
     return around.worlds * (springs * (_SPRING + _DASHPOT * damped) + count * each)

@@ -11,6 +11,7 @@ from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.stages.grasp import HELD
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
+from cloth_sim_ros.sim.stages.near import Near, near_of, next_of, note, strays
 from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
 
 # [m/s] at which what overlaps at the start of a substep comes apart, as after a fall of half a metre. A collider that
@@ -48,12 +49,13 @@ def length_of(step: Step) -> float:
 
 @wp.struct
 class Met:
-    """Where it is kept what particle number `slot` meets: the colliders' motion from `first_sweep` on, what earlier
-    iterations did, and forces [N], which are corrections over the inverse mass times `share` [1/s^2]."""
+    """Where it is kept what particle number `slot` meets: which colliders are near, their motion from `first_sweep` on,
+    what earlier iterations did, and forces [N], which are corrections over the inverse mass times `share` [1/s^2]."""
 
     slot: int
     first_sweep: int
     share: float
+    near: Near
     sweeps: wp.array(dtype=Sweep)
     contacts: wp.array(dtype=wp.vec4)
     forces: wp.array(dtype=wp.vec4)
@@ -151,7 +153,9 @@ def make_touch(features: Features):
         position = xyz(row)
         displacement = xyz(packed)
         touched = bool(False)
-        for c in range(colliders.shape[0]):
+        stray = strays(met.near, position + displacement, displacement)
+        c = next_of(-1, met.near, stray)
+        while c < colliders.shape[0]:
             k = met.first_sweep + c
             entry = met.slot * colliders.shape[0] + c
             before = wp.vec4(0.0)
@@ -185,6 +189,9 @@ def make_touch(features: Features):
                     add_force(met.forces, entry, (met.share / w) * correction)
                     after = pack(rubbed, pressed)
                     touched = True
+                    if stray:
+                        note(c, met.near)
+                    stray = stray or strays(met.near, position + displacement, displacement)
                     if wp.static(features.order == 2):
                         normal = wp.transpose(sweep.to_local) * n
                         moved = displacement - low
@@ -201,18 +208,11 @@ def make_touch(features: Features):
                             add_force(met.forces, entry, (met.share / w) * lost)
             if step.repeats:
                 store_row(met.contacts, entry, after)
+            c = next_of(c, met.near, stray)
         if touched:
             store4(d, i, pack(displacement, w))
 
     return contact
-
-
-@wp.func
-def clear_forces(i: int, here: Here):
-    """The stage that begins a frame: no collider has pushed particle i yet."""
-    colliders = here.colliders.shape[0]
-    for c in range(colliders):
-        store_row(here.state.contact_forces, (here.body.particles + i) * colliders + c, wp.vec4(0.0))
 
 
 def make_contact(features: Features):
@@ -225,6 +225,7 @@ def make_contact(features: Features):
         met.slot = here.body.particles + i
         met.first_sweep = here.sweep
         met.share = share_of(here.step, here.frame.substeps)
+        met.near = near_of(here)
         met.sweeps = here.state.sweeps
         met.contacts = here.state.contacts
         met.forces = here.state.contact_forces

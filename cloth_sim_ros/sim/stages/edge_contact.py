@@ -23,6 +23,7 @@ from cloth_sim_ros.sim.stages.contact import (
 )
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
+from cloth_sim_ros.sim.stages.near import near_of, note
 from cloth_sim_ros.sim.state import State, Sweep
 
 # Of the larger inverse mass: what a push beside a pinned or heavy end divides by, so that the other end is never thrown
@@ -111,6 +112,7 @@ def make_edge_contact(shapes: tuple[str, ...], order: int):
         di = xyz(packed_i)
         dj = xyz(packed_j)
         touched = bool(False)
+        near = near_of(here)
         for c in range(here.colliders.shape[0]):
             collider = here.colliders[c]
             sweep = here.state.sweeps[here.sweep + c]
@@ -153,6 +155,7 @@ def make_edge_contact(shapes: tuple[str, ...], order: int):
                         dj += wj * t * push
                         after = pack(rubbed, pressed)
                         touched = True
+                        note(c, near)
                         if wp.static(order == 2):
                             normal = wp.transpose(sweep.to_local) * n
                             past = (1.0 - t) * here.state.last_displacements[here.body.particles + i]
