@@ -109,12 +109,15 @@ def make_meet(shapes: tuple[str, ...]):
 
         Of an overlap that was there before it came, no more than `apart` [m] counts.
         """
-        # Both at once, though few need where they came from: a GPU waits for the one as long as for both.
-        before = signed_distance(shape, p - slip, size, data)
         surface = signed_distance(shape, p, size, data)
         gap = surface[3] - thickness
         n = xyz(surface)
         square = wp.length_sq(slip)
+        before = surface
+        # Both at once, though few need where they came from: a GPU waits for the one as long as for both. Of a mesh
+        # it takes its time.
+        if wp.static("mesh" not in shapes) or square > gap * gap or gap < -apart:
+            before = signed_distance(shape, p - slip, size, data)
         if square > gap * gap:
             # Fast enough to have come through the surface: find where it entered, and stay on that side. A particle
             # that merely touches is also better off where it entered: a third of the error of the way straight out.
