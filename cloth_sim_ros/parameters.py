@@ -245,7 +245,10 @@ FOLLOW_FRAME = Parameter(
 
 COLLIDER = (
     _choice(
-        "shape", "sphere", "Shape of the collider.", ("plane", "sphere", "capsule", "box", "cylinder", "ellipsoid")
+        "shape",
+        "sphere",
+        "Shape of the collider.",
+        ("plane", "sphere", "capsule", "box", "cylinder", "ellipsoid", "mesh", "signed_distance"),
     ),
     Parameter(
         "dimensions",
@@ -257,6 +260,14 @@ COLLIDER = (
         1e-6,
         1e6,
     ),
+    Parameter(
+        "mesh",
+        "string",
+        "",
+        "File of a closed surface, read by trimesh: a path, file:///PATH or package://NAME/PATH. For signed_distance "
+        "that or an .npz of values, origin and spacing.",
+    ),
+    _double("scale", 1, "Length of a unit in the file of a mesh or signed_distance.", "m", 1e-6, 1e6, live=False),
     *_SURFACE,
     *_PLACE,
 )

@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
+from urllib.parse import quote
 
+import numpy as np
 from geometry_msgs.msg import Point, Quaternion, Vector3
 from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
@@ -15,11 +18,23 @@ from cloth_sim_ros.ros.inputs import read_pose
 from cloth_sim_ros.ros.outputs import LATCHED
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.ros.scene_plan import placed
-from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Handle, Plane, Simulation, Sphere
+from cloth_sim_ros.sim import (
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
+    Handle,
+    Mesh,
+    Plane,
+    SignedDistance,
+    Simulation,
+    Sphere,
+)
 from cloth_sim_ros.sim.colliders.collider import Collider, Tube
 from cloth_sim_ros.sim.quaternion import rotate
 
 ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
+MOST_CELLS = 40  # of a volume, along an axis, as it is drawn
 WIDE = 20.0  # [m] of a plane, as it is drawn
 _STEEL = ColorRGBA(r=0.6, g=0.62, b=0.68, a=1.0)
 _FREE, _HOLDING = ColorRGBA(r=0.2, g=0.5, b=0.9, a=0.4), ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.4)
@@ -65,10 +80,34 @@ def markers_of(name: str, collider: Collider, pose: Pose) -> list[Marker]:
         balls = [Pose(tuple(p + q for p, q in zip(pose.position, tip, strict=True)), pose.orientation) for tip in tips]
         ends = [_marker(name, Marker.SPHERE, ball, (2 * collider.radius,) * 3, 1 + k) for k, ball in enumerate(balls)]
         return [_marker(name, Marker.CYLINDER, pose, _tube(collider)), *ends]
+    if isinstance(collider, (Mesh, SignedDistance)):
+        return [_of_points(name, collider, pose)]
     assert isinstance(collider, Plane)
     down = rotate(pose.orientation, [[0, 0, -0.005]])[0]
     below = Pose(tuple(p + q for p, q in zip(pose.position, down, strict=True)), pose.orientation)
     return [_marker(name, Marker.CUBE, below, (WIDE, WIDE, 0.01))]
+
+
+def _of_points(name: str, collider: Mesh | SignedDistance, pose: Pose) -> Marker:
+    """The file of a mesh, which viewers read themselves; or the triangles, or the cells along the surface."""
+    if collider.file:
+        marker = _marker(name, Marker.MESH_RESOURCE, pose, (collider.scale,) * 3)
+        marker.mesh_resource = collider.file
+        if "://" not in collider.file:
+            marker.mesh_resource = "file://" + quote(str(Path(collider.file).expanduser().absolute()))
+        return marker
+    if isinstance(collider, Mesh):
+        marker = _marker(name, Marker.TRIANGLE_LIST, pose, (1.0,) * 3)
+        points = collider.points()[collider.triangles].reshape(-1, 3)
+    else:
+        step = -(-max(collider.values.shape) // MOST_CELLS)
+        inside = collider.values[::step, ::step, ::step] < 0.0
+        some = np.lib.stride_tricks.sliding_window_view(inside, (2, 2, 2)).mean(axis=(3, 4, 5))
+        spacing = step * np.array(collider.spacing)
+        points = collider.origin + spacing * (np.argwhere((some > 0.0) & (some < 1.0)) + 0.5)
+        marker = _marker(name, Marker.CUBE_LIST, pose, spacing)
+    marker.points = [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
+    return marker
 
 
 def _tube(collider: Tube) -> tuple[float, float, float]:

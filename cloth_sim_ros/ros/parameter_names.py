@@ -64,6 +64,11 @@ def idle(name: str, values: Mapping[str, object]) -> str:
         "twist_compliance": ("twist", False),
         "end_turn": ("twist", False),
     }
+    if field in ("dimensions", "scale") and f"{owner}.shape" in values:
+        shape = values[f"{owner}.shape"]
+        if (shape in ("mesh", "signed_distance")) == (field == "dimensions"):
+            return f"{name} has no effect on a {shape}"
+        return ""
     switch, off = switches.get(field, ("enabled", False))
     switch = f"{owner}.{switch}"
     if switch == name or switch not in values or values[switch] != off:

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from cloth_sim_ros.ros.mesh_file import load_mesh
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.sim import (
     Box,
@@ -17,15 +17,19 @@ from cloth_sim_ros.sim import (
     Cylinder,
     Ellipsoid,
     Handle,
+    Mesh,
     Plane,
     Rope,
     Scene,
     Settings,
+    SignedDistance,
     Sphere,
     Winch,
     Wind,
 )
+from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.materials import CORDS, FABRICS, rope_fields, sheet_fields, triangles_area
+from cloth_sim_ros.sim.mesh_file import load_mesh
 
 Values = Mapping[str, Any]  # full parameter name -> checked value
 
@@ -143,15 +147,28 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
     return Cloth.from_mesh(*load_mesh(path, f"{name}.mesh"), **own)
 
 
-def make_collider(values: Values, name: str) -> Plane | Sphere | Capsule | Box:
+def make_collider(values: Values, name: str) -> Collider:
     """The collider called `name`. Raises ValueError with what is wrong."""
     own = group(values, name)
-    shape, dimensions = own.pop("shape"), own.pop("dimensions")
+    shape, dimensions, file, scale = (own.pop(field) for field in ("shape", "dimensions", "mesh", "scale"))
     del own["follow_frame"]
+    if shape in _OF_FILES:
+        return _from_file(name, shape, file, scale=scale, **own)
     kind, count, meaning = _SHAPES[shape]
     if shape != "plane" and len(dimensions) != count:
         raise ValueError(f"{name}.dimensions is {list(dimensions)}; a {shape} has {meaning}")
     return kind(**own, **_DIMENSIONS[shape](dimensions))
+
+
+def _from_file(name: str, shape: str, file: str, **fields: Any) -> Collider:
+    """The collider called `name` in a file. Raises ValueError."""
+    if not file:
+        raise ValueError(f"{name}.mesh is empty; a {shape} has a file")
+    try:
+        return _OF_FILES[shape].from_file(file, **fields)
+    except ValueError as error:
+        sentence = re.sub(r"^\w+\.from_file", f"{name}.mesh", str(error))
+    raise ValueError(sentence if sentence.startswith(name) else f"{name}: {sentence}")
 
 
 def make_handle(values: Values, name: str) -> Handle:
@@ -174,6 +191,8 @@ _SHAPES = {
     "cylinder": (Cylinder, 2, "2: height, radius [m]"),
     "ellipsoid": (Ellipsoid, 3, "3: diameters x y z [m]"),
 }
+
+_OF_FILES = {"mesh": Mesh, "signed_distance": SignedDistance}
 
 _DIMENSIONS = {
     "plane": lambda d: {},

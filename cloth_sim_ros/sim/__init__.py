@@ -17,8 +17,10 @@ from cloth_sim_ros.sim.colliders.box import Box
 from cloth_sim_ros.sim.colliders.capsule import Capsule
 from cloth_sim_ros.sim.colliders.cylinder import Cylinder
 from cloth_sim_ros.sim.colliders.ellipsoid import Ellipsoid
+from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.colliders.plane import Plane
 from cloth_sim_ros.sim.colliders.sphere import Sphere
+from cloth_sim_ros.sim.colliders.volume import SignedDistance
 from cloth_sim_ros.sim.handles import Handle
 from cloth_sim_ros.sim.objects import Cloth, Rope, Winch
 from cloth_sim_ros.sim.readback import EndReadback, Readback
@@ -27,6 +29,6 @@ from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.simulation import Simulation
 
 __all__ = [
-    "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Handle", "Plane", "Readback", "Rope", "Scene",
-    "Settings", "Simulation", "Sphere", "Winch", "Wind"
+    "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Handle", "Mesh", "Plane", "Readback", "Rope",
+    "Scene", "Settings", "SignedDistance", "Simulation", "Sphere", "Winch", "Wind"
 ]  # fmt: skip

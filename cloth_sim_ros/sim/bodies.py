@@ -51,10 +51,17 @@ class Bodies:
         self.handles = Motions(HandleMotion, len(scene.handles), worlds, self.warp_device)
         self.handle_counts = wp.zeros((worlds, len(scene.handles)), dtype=int, device=self.warp_device)
         self.handle_row = {name: row for row, name in enumerate(scene.handles)}
+        self._data = [collider.data(self.warp_device) for collider in scene.colliders.values()]  # kept alive
         self.fixed = len(scene.colliders)  # rows of colliders before those that are added
         self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
         self.elastic = {name: build_topology(thing, name, False) for name, thing in scene.objects.items()}
         self.strained: set[str] = set()
+
+    def write_data(self) -> None:
+        """Colliders find on the device what they read there; those that are added have nothing."""
+        addresses = self.colliders.edit()["data"]
+        addresses[:] = 0
+        addresses[:, : self.fixed] = [data.id if data else 0 for data in self._data]
 
     def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]], thickness: float) -> Choice:
         """How an object with these pairs of compliances and damping, and this least thickness, is to be computed."""

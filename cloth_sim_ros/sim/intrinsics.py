@@ -139,6 +139,28 @@ def beside(address: wp.uint64, rows: int) -> wp.uint64:
     ...
 
 
+@wp.func_native("return *(const uint64_t*)address;")
+def load_address(address: wp.uint64) -> wp.uint64:
+    """The address that lies at an address."""
+    ...
+
+
+@wp.func_native("return ((const float*)address)[i];")
+def load_number(address: wp.uint64, i: int) -> float: ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+return __ffsll((long long)bits) - 1;
+#else
+return __builtin_ctzll(bits);
+#endif
+""")
+def lowest_bit(bits: wp.uint64) -> int:
+    """The number of the lowest bit that is set; one is."""
+    ...
+
+
 @wp.func_native(_STORE)
 def store4(address: wp.uint64, i: int, v: wp.vec4): ...
 

@@ -205,6 +205,7 @@ class Live:
         )
 
     def _place_colliders(self) -> None:
+        self._bodies.write_data()
         colliders = self._bodies.scene.colliders
         for row in range(len(colliders), self._bodies.colliders.array.shape[1]):
             self._write_none(row)
@@ -218,6 +219,7 @@ class Live:
             shape=number_of(shape_of(collider)),
             size=collider.size(),
             reach=collider.reach(),
+            convex=collider.convex,
             static_friction=collider.static_friction,
             kinetic_friction=collider.kinetic_friction,
         )
@@ -225,7 +227,7 @@ class Live:
 
     def _write_none(self, row: int) -> None:
         """Nothing is there that anything could touch."""
-        self._bodies.colliders.write(row, None, shape=-1, reach=-_FAR_AWAY)
+        self._bodies.colliders.write(row, None, shape=-1, reach=-_FAR_AWAY, convex=True)
         self._bodies.colliders.place(row, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 

@@ -101,7 +101,7 @@ def make_measure_contacts(shapes: tuple[str, ...]):
         for c in range(arrays.colliders.shape[0]):
             collider = arrays.colliders[c]
             p = wp.quat_rotate_inv(collider.end_orientation, point - collider.end_position)
-            gap = signed_distance(collider.shape, p, collider.size)[3] - arrays.materials[b].thickness
+            gap = signed_distance(collider.shape, p, collider.size, collider.data)[3] - arrays.materials[b].thickness
             deepest = wp.max(deepest, -gap)
         return deepest
 

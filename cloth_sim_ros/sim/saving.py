@@ -27,7 +27,7 @@ from cloth_sim_ros.sim.methods.choose import Choice
 from cloth_sim_ros.sim.saved_file import ALLOWED, read_file, reason, write_file
 
 _LIVE_OF_OBJECTS = {row.name for row in (*table.CLOTH, *table.ROPE, *table.TWIST, *table.WINCH) if row.live}
-_LIVE_OF_COLLIDERS = {"position", "orientation", *(row.name for row in table.COLLIDER if row.live)}
+_LIVE_OF_COLLIDERS = {"position", "orientation", "file", *(row.name for row in table.COLLIDER if row.live)}
 _LIVE_SETTINGS = tuple(row.name for row in table.SOLVER if row.live)
 _FIXED_SETTINGS = ("frame_dt", *(row.name for row in table.SOLVER if not row.live))
 
@@ -79,6 +79,7 @@ class Saving:
                 rows[...] = arrays[name]
         for rows in _live_arrays(self._bodies).values():
             rows.touch()
+        self._bodies.write_data()  # addresses of another process mean nothing here
         self._hands.objects = grasps
         self._hands.find_breakable()
         return frames, notes

@@ -50,11 +50,18 @@ class Frame:
 
 @wp.struct
 class ColliderMotion:
-    """One collider: shape, size, reach [m] of it around its origin, friction, and poses at both ends of the frame."""
+    """One collider: shape, size, reach [m] of it around its origin, friction, and poses at both ends of the frame.
+
+    data: the address of what a shape has beside its size, of one that three numbers do not describe; 0 for others.
+    convex: whether its signed distance is convex along every line, 1 or 0. It also fills the struct to whole words of
+    eight bytes, so that equal colliders are equal bytes in a file.
+    """
 
     shape: int
     size: wp.vec3
+    data: wp.uint64
     reach: float
+    convex: int
     static_friction: float
     kinetic_friction: float
     start_position: wp.vec3
@@ -224,9 +231,12 @@ class State:
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) of each collider on each particle, mean over the frame [N]
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next two
-    near: wp.array(dtype=int)  # (N,) bits: facets around a particle may touch a collider in this substep, in the last
+    close: wp.array(dtype=int)  # (N,) bits: facets around a particle may touch a collider in this substep, in the last
     pressed: wp.array(dtype=int)  # (N,) and whether one of them asks it to move
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
+    near: wp.array(dtype=wp.uint64)  # (B K/64,) bits of the colliders that a body may meet in this frame, see near.py
+    extents: wp.array(dtype=float)  # (8 B,)
+    boxes: wp.array(dtype=wp.vec4)  # (2 B,)
     grips: wp.array(dtype=wp.vec4)  # (N,) place in the axes of the handle that holds a particle [m], and 1 + its number
     grip_pulls: wp.array(dtype=wp.vec4)  # (N,) of the handle on the particle in the last substep [N]
     grip_forces: wp.array(dtype=wp.vec4)  # (N,) of the handle on the particle, mean over the frame [N]

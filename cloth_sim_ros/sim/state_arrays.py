@@ -15,6 +15,7 @@ from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.model_arrays import ModelArrays
 from cloth_sim_ros.sim.ropes.elimination import NUMBERS
 from cloth_sim_ros.sim.stages.motion import SWEPT
+from cloth_sim_ros.sim.stages.near import EXTENT, words_of
 from cloth_sim_ros.sim.state import State
 
 
@@ -58,9 +59,12 @@ def make_states(
         "contacts": particles * colliders,
         "contact_forces": particles * colliders,
         "presses": arrays.size["panels"] * colliders if features.surface else 0,
-        "near": particles if features.surface else 0,
+        "close": particles if features.surface else 0,
         "pressed": particles if features.surface else 0,
         "sweeps": SWEPT * bodies * colliders,
+        "near": bodies * words_of(colliders),
+        "extents": EXTENT * bodies if colliders else 0,
+        "boxes": 2 * bodies if colliders else 0,
         "grips": particles if features.handles else 0,
         "grip_pulls": particles if features.handles else 0,
         "grip_forces": particles if features.handles else 0,

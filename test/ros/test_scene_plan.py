@@ -5,13 +5,27 @@ import dataclasses
 
 import numpy as np
 import pytest
+from visualization_msgs.msg import Marker
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.ros import parameter_names as names
-from cloth_sim_ros.ros.mesh_file import load_mesh
+from cloth_sim_ros.ros.markers import markers_of
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.ros.scene_plan import make_plan
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Settings, Simulation, Sphere, Winch
+from cloth_sim_ros.sim import (
+    Box,
+    Capsule,
+    Cloth,
+    Mesh,
+    Plane,
+    Rope,
+    Settings,
+    SignedDistance,
+    Simulation,
+    Sphere,
+    Winch,
+)  # fmt: skip
+from cloth_sim_ros.sim.mesh_file import load_mesh
 
 TYPES = {"sheet": "cloth", "line": "rope"}
 COLLIDERS = ("ball", "rod", "crate", "ground")
@@ -65,6 +79,45 @@ def test_a_moved_collider_is_built_where_it_is():
     for name in ("ball", "ground"):
         assert (moved[name].position, moved[name].orientation) == (turned.position, turned.orientation)
     assert moved["ground"].normal == pytest.approx((0.0, 0.0, -1.0))
+
+
+def test_a_file_becomes_a_collider(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    trimesh = pytest.importorskip("trimesh")
+    file = str(tmp_path / "box.stl")
+    trimesh.creation.box((100, 200, 300)).export(file)
+    of_file = {"mesh": file, "scale": 1e-3, "position": (1.0, 0.0, 0.0), "static_friction": 0.9}
+    for shape, kind in (("mesh", Mesh), ("signed_distance", SignedDistance)):
+        plan = make_plan(values(ball__shape=shape, **{f"ball__{name}": value for name, value in of_file.items()}))
+        ball = plan.scene.colliders["ball"]
+        assert not plan.problems and isinstance(ball, kind) and ball.static_friction == 0.9
+        assert ball.reach() == pytest.approx(np.sqrt(0.05**2 + 0.1**2 + 0.15**2), rel=0.05)
+        moved = plan.with_poses({"ball": Pose((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0))}).scene.colliders["ball"]
+        assert moved.position == (1.0, 2.0, 3.0) and moved.content == ball.content
+        (drawn,) = markers_of("ball", ball, Pose((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0)))
+        assert (drawn.type, drawn.mesh_resource) == (Marker.MESH_RESOURCE, f"file://{file}")
+        assert (drawn.scale.x, drawn.pose.position.y) == (1e-3, 2.0)
+        for path, sentence in (
+            ("", f"ball.mesh is empty; a {shape} has a file"),
+            ("/nowhere.stl", "ball.mesh is '/nowhere.stl'; no such file is there"),
+        ):
+            assert make_plan(values(ball__shape=shape, ball__mesh=path)).problems == {"ball": sentence}
+    trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).export(file)
+    sentence = make_plan(values(ball__shape="mesh", ball__mesh=file)).problems["ball"]
+    assert sentence.startswith(f"ball: Mesh of '{file}' is open at 3 edges")
+
+
+def test_what_has_no_file_is_drawn_by_its_triangles_or_cells():
+    trimesh = pytest.importorskip("trimesh")
+    box, pose = trimesh.creation.box((0.1, 0.2, 0.3)), Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    (drawn,) = markers_of("it", Mesh(box.vertices, box.faces, scale=2.0), pose)
+    assert drawn.type == Marker.TRIANGLE_LIST and len(drawn.points) == 36
+    assert max(point.z for point in drawn.points) == pytest.approx(0.3)
+    ball = np.linalg.norm(np.indices((81,) * 3) - 40.0, axis=0) - 20.0
+    (drawn,) = markers_of("it", SignedDistance(0.01 * ball, (-0.4,) * 3, 0.01), pose)
+    assert drawn.type == Marker.CUBE_LIST and drawn.scale.x == pytest.approx(0.03)
+    away = [np.linalg.norm((point.x, point.y, point.z)) for point in drawn.points]
+    assert len(away) > 200 and min(away) > 0.2 - 0.03 and max(away) < 0.2 + 0.03
 
 
 @pytest.mark.parametrize("name", ["ball", "rod", "crate"])

@@ -27,12 +27,12 @@ def look(facets: wp.array(dtype=Facet), shape: int, size: wp.vec3, steps: int, f
     """Of each facet: the distance at the point found, and the least of points spread over it [m]."""
     k = wp.tid()
     facet = facets[k]
-    found[k, 0] = distance(shape, point_of(facet, deepest(shape, size, facet)), size)[3]
+    found[k, 0] = distance(shape, point_of(facet, deepest(shape, size, wp.uint64(0), facet)), size, wp.uint64(0))[3]
     least = float(1.0e30)
     for i in range(steps + 1):
         for j in range(wp.where(facet.is_segment, 1, steps + 1 - i)):
             u, v = float(i) / float(steps), float(j) / float(steps)
-            least = wp.min(least, distance(shape, point_of(facet, wp.vec3(1.0 - u - v, u, v)), size)[3])
+            least = wp.min(least, distance(shape, point_of(facet, wp.vec3(1.0 - u - v, u, v)), size, wp.uint64(0))[3])
     found[k, 1] = least
 
 

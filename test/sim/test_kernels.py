@@ -155,7 +155,7 @@ FUNCTIONS = {
     "beam": "stiffness_at",
     "bent": "rest_turn rotation_of",
     "chain": "series_admittance",
-    "surface": "deepest press give_way",
+    "surface": "search press give_way",
     "winch": "next_rate rest_of first_out",
     "handles": "hold feel way_of",
     "twist": "carried_across half_binormal push_by_couples",

@@ -3,11 +3,10 @@
 
 import numpy as np
 import pytest
-import warp as wp
+from probed import signed_distances
 from scipy.spatial import cKDTree
 
 from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Plane, Sphere
-from cloth_sim_ros.sim.colliders import make_signed_distance, number_of, shape_of
 
 rng = np.random.default_rng(7)
 SAMPLES = 400_000
@@ -68,21 +67,6 @@ SHAPES = {
         for radii in ((0.4, 0.2, 0.1), (0.3, 0.3, 0.05), (0.05, 0.4, 0.4))
     },
 }
-
-
-def signed_distances(collider, points):
-    """Normal and distance of the kernels' function at points (N, 3)."""
-    shape = shape_of(collider)
-    signed_distance, number = make_signed_distance((shape,)), number_of(shape)
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def measure(at: wp.array(dtype=wp.vec3), size: wp.vec3, found: wp.array(dtype=wp.vec4)):
-        found[wp.tid()] = signed_distance(wp.static(number), at[wp.tid()], size)
-
-    found = wp.zeros(len(points), dtype=wp.vec4, device="cpu")
-    at = wp.array(points, dtype=wp.vec3, device="cpu")
-    wp.launch(measure, dim=len(points), inputs=[at, wp.vec3(*collider.size()), found], device="cpu")
-    return found.numpy()[:, :3], found.numpy()[:, 3]
 
 
 @pytest.mark.parametrize("name", SHAPES)

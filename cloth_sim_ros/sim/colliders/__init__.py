@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import box, capsule, cylinder, ellipsoid, plane, sphere
+from cloth_sim_ros.sim.colliders import box, capsule, cylinder, ellipsoid, mesh, plane, sphere, volume
 from cloth_sim_ros.sim.colliders.collider import Collider
 
 SHAPES = {
@@ -16,6 +16,8 @@ SHAPES = {
     "box": (box.Box, box.signed_distance),
     "cylinder": (cylinder.Cylinder, cylinder.signed_distance),
     "ellipsoid": (ellipsoid.Ellipsoid, ellipsoid.signed_distance),
+    "mesh": (mesh.Mesh, mesh.signed_distance),
+    "signed_distance": (volume.SignedDistance, volume.signed_distance),
 }
 
 
@@ -39,12 +41,15 @@ def shapes_of(colliders: Iterable[Collider], spare: bool = False) -> tuple[str, 
 
 
 @wp.func
-def _nothing(shape: int, p: wp.vec3, size: wp.vec3) -> wp.vec4:
+def _nothing(shape: int, p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
     return wp.vec4(0.0, 0.0, 1.0, 1.0e30)
 
 
 def make_signed_distance(present: tuple[str, ...]):
-    """A Warp function (shape, p, size) -> normal and distance that holds the shapes in `present` and no others."""
+    """A Warp function (shape, p, size, data) -> normal and distance that holds the shapes in `present` and no others.
+
+    size and data: as in ColliderMotion.
+    """
     chosen = _nothing
     for name in present:
         chosen = _or(chosen, name)
@@ -53,10 +58,14 @@ def make_signed_distance(present: tuple[str, ...]):
 
 def _or(others, name: str):
     index, of_shape = number_of(name), SHAPES[name][1]
+    has_data = len(of_shape.input_types) == 3
 
-    def signed_distance(shape: int, p: wp.vec3, size: wp.vec3) -> wp.vec4:
+    def signed_distance(shape: int, p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
         if shape == wp.static(index):
-            return of_shape(p, size)
-        return others(shape, p, size)
+            if wp.static(has_data):
+                return of_shape(p, size, data)
+            else:
+                return of_shape(p, size)
+        return others(shape, p, size, data)
 
     return wp.func(signed_distance, name=f"signed_distance_{name}")

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
+
+import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.checks import check_fields
@@ -15,12 +17,13 @@ STRETCHED = 1.5  # how much wider gaps between particles may become than they ar
 _DIMENSIONS = table.row(table.COLLIDER, "dimensions")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Collider:
     """A pose and Coulomb coefficients; a pair's are the geometric mean of its two sides.
 
     A shape adds its lengths as fields, their rows in `dimensions`, and two methods: `size()`, what its
-    `signed_distance` takes as size [m], and `reach()`, from its origin to the farthest of it [m].
+    `signed_distance` takes as size [m], and `reach()`, from its origin to the farthest of it [m]. One that needs more
+    than three numbers gives `data` too. `convex`: whether its signed distance is convex along every line.
     Raises ValueError for what cannot be.
     """
 
@@ -29,6 +32,7 @@ class Collider:
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
     dimensions: ClassVar[tuple[table.Parameter, ...]] = ()
+    convex: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_fields(self, (*table.COLLIDER, *self.dimensions))
@@ -44,6 +48,13 @@ class Collider:
         of radius R, such a point is sqrt((R + thickness)^2 - gap^2) from its middle.
         """
         return (STRETCHED * gap) ** 2 > thickness**2 + 2.0 * thickness * self.roundness()
+
+    def data(self, device: wp.Device) -> Any:
+        """What its `signed_distance` reads on a device beside the size; None for nothing.
+
+        An object whose `id` is the address that the function takes as third argument. Who asked keeps it alive.
+        """
+        return None
 
 
 def length(name: str) -> table.Parameter:

@@ -6,25 +6,16 @@ import warp as wp
 from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.executors.subdomain_forces import InSubdomain
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.state import ColliderMotion
+from cloth_sim_ros.sim.stages.near import moved_of
 
 _ROUNDING = wp.constant(1.0e-5)  # [m], of a signed distance, and for each metre from the origin
-_ARC = wp.constant(2.23)  # most of an angle up to pi over the distance of its two unit quaternions
+_ENOUGH = 1.0  # [m] what may go farther than this between two looks is tested more often than it needs
 
 
 @wp.func
 def travelled(d: wp.vec3) -> float:
     """A bound of |d| [m] without a root."""
     return wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2])
-
-
-@wp.func
-def moved_of(c: ColliderMotion, share: float) -> wp.vec2:
-    """Bounds of how far [m] and by which angle [rad] a collider moves in a share of the frame."""
-    q0 = c.start_orientation
-    q1 = c.end_orientation
-    apart = wp.min(wp.length(q1 - q0), wp.length(q1 + q0))
-    return wp.vec2(share * wp.length(c.end_position - c.start_position), share * _ARC * apart)
 
 
 def make_clearance(features: Features):
@@ -39,17 +30,20 @@ def make_clearance(features: Features):
 
     @wp.func
     def clearance(x: wp.vec3, before: float, after: float, here: InSubdomain) -> float:
-        least = float(1.0e30)
+        least = float(wp.static(_ENOUGH))
         for c in range(here.colliders.shape[0]):
             collider = here.colliders[c]
-            q = collider.start_orientation
-            if wp.length_sq(collider.start_orientation - collider.end_orientation) > 0.0:
-                q = wp.quat_slerp(collider.start_orientation, collider.end_orientation, before)
             offset = x - collider.start_position - before * (collider.end_position - collider.start_position)
-            surface = signed_distance(collider.shape, wp.quat_rotate_inv(q, offset), collider.size)
             moved = moved_of(collider, after - before)
-            free = surface[3] - here.material.thickness - moved[1] * wp.length(offset)
-            least = wp.min(least, free / (1.0 + moved[1]) - moved[0])
+            used = here.material.thickness + moved[1] * wp.length(offset)
+            # Of most colliders the ball around them tells that another one is nearer.
+            if (wp.length(offset) - collider.reach - used) / (1.0 + moved[1]) - moved[0] < least:
+                q = collider.start_orientation
+                if wp.length_sq(collider.start_orientation - collider.end_orientation) > 0.0:
+                    q = wp.quat_slerp(collider.start_orientation, collider.end_orientation, before)
+                p = wp.quat_rotate_inv(q, offset)
+                surface = signed_distance(collider.shape, p, collider.size, collider.data)
+                least = wp.min(least, (surface[3] - used) / (1.0 + moved[1]) - moved[0])
         return least - _ROUNDING * (1.0 + travelled(x))
 
     return clearance

@@ -12,6 +12,7 @@ from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import kicked
 from cloth_sim_ros.sim.stages.aerodynamics import Corners, make_air
 from cloth_sim_ros.sim.stages.motion import pack, spoke_constant, spoke_force
+from cloth_sim_ros.sim.stages.near import Near
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material
 
 
@@ -63,6 +64,7 @@ class InSubdomain:
     colliders: wp.array(dtype=ColliderMotion)
     spoke_types: wp.array(dtype=wp.vec4)
     last_displacements: wp.array(dtype=wp.vec3)
+    near: Near
 
 
 def make_springs(width: int, capacity: int) -> SpringForce:

@@ -24,6 +24,7 @@ from cloth_sim_ros.sim.stages.motion import (
     spring_constants,
     sweep_collider,
 )
+from cloth_sim_ros.sim.stages.near import everything
 from cloth_sim_ros.sim.state import State, given_type
 
 _OPTIONS = {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
@@ -88,6 +89,7 @@ def _make_move(features: Features, capacity: int, force):
                 met.slot = here.block * wp.static(capacity) + i
                 met.first_sweep = (here.block * wp.static(SWEPT) + k % wp.static(SWEPT)) * count
                 met.share = share_of(step, here.frame.substeps)
+                met.near = here.near
                 met.sweeps = here.subdomains.sweeps
                 met.contacts = here.subdomains.contacts
                 met.forces = here.subdomains.forces
@@ -288,6 +290,8 @@ def _make_advance(features: Features, capacity: int, block: int, widths: Widths,
             here.material = given.materials[body]
             here.colliders = given.colliders
         here.last_displacements = s.last_displacements
+        if wp.static(bool(features.shapes)):
+            here.near = everything(s.near, body, here.colliders.shape[0])
         here.constants = spring_constants(here.material)
         here.shared = tile_address(wp.tile_empty(shape=(wp.static(6 * capacity),), dtype=wp.vec4, storage="shared"))
         step = make_step(here.frame.dt, first > 0 or s.history[body] > 0, 1, here.frame.global_damping)

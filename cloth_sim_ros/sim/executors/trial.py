@@ -3,8 +3,9 @@
 
 Explicit steps that are stable at rest may blow up where springs are strained far beyond it. At the end of a frame a
 body is rejected where fault recovery had to put it back. It is also rejected where a spring is strained by more than
-TORN, or by more than STRAINED and by half more than in the frame before. It then goes back to where the frame began and does it again by
-first-order XPBD, which is stable at any strain. All of that stays on the device; `redone` counts the frames.
+TORN, or by more than STRAINED and by half more than in the frame before. It then goes back to where the frame began and
+does it again by first-order XPBD, which is stable at any strain. All of that stays on the device; `redone` counts the
+frames.
 """
 
 from __future__ import annotations

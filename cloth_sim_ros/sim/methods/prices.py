@@ -22,6 +22,7 @@ _SEGMENT = 45.0 * _NS  # of a rope
 # block. Lines in a block, for each particle of all worlds.
 _TILES, _TILES_PARTICLE, _LAUNCH, _LAUNCH_PARTICLE, _ROPE = 6.0e-4, 5.5e-8, 4.0e-3, 2.5e-8, 5.0e-3
 _BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7
+_MET = 8  # colliders that are near one body, at most: those out of its reach cost nothing
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,11 @@ class Surroundings:
     worlds: int = 1
     surface: bool = False
 
+    @property
+    def near(self) -> int:
+        """Colliders that cost."""
+        return min(self.colliders, _MET)
+
 
 def verlet(topology: Topology, around: Surroundings) -> float:
     """Of explicit steps."""
@@ -44,7 +50,7 @@ def verlet(topology: Topology, around: Surroundings) -> float:
     if around.device == "cuda" and around.surface:
         return _launched(topology, 4 + around.wind + (topology.plate is not None), around)
     if around.device == "cuda":
-        slow = 1.0 + 0.5 * around.wind + 0.1 * around.colliders + 0.5 * (topology.plate is not None)
+        slow = 1.0 + 0.5 * around.wind + 0.1 * around.near + 0.5 * (topology.plate is not None)
         return slow * (_TILES + _TILES_PARTICLE * count * around.worlds)
     springs = _MESH if topology.grid is None else _GRID
     return (
@@ -69,7 +75,7 @@ def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]
 
 def _touching(around: Surroundings) -> float:
     """Of a CPU, what colliders cost a particle, with the facets around it."""
-    return around.colliders * (_COLLIDER + _FACETS * around.surface)
+    return around.near * (_COLLIDER + _FACETS * around.surface)
 
 
 def _launched(topology: Topology, stages: int, around: Surroundings) -> float:

@@ -32,7 +32,7 @@ from cloth_sim_ros.sim.ropes.drum import make_turn
 from cloth_sim_ros.sim.ropes.twist import ask_for
 from cloth_sim_ros.sim.stages.aerodynamics import make_panels
 from cloth_sim_ros.sim.stages.bending import curve_triangle, make_bend
-from cloth_sim_ros.sim.stages.contact import clear_forces, make_contact
+from cloth_sim_ros.sim.stages.contact import make_contact
 from cloth_sim_ros.sim.stages.fault_recovery import find_fault, make_count, make_settle
 from cloth_sim_ros.sim.stages.grasp import feel, hold
 from cloth_sim_ros.sim.stages.here import Here
@@ -44,10 +44,12 @@ from cloth_sim_ros.sim.stages.motion import (
     store_velocity,
     sweep_collider,
 )
+from cloth_sim_ros.sim.stages.near import forget_contacts, list_colliders, measure_extent
 from cloth_sim_ros.sim.stages.surface_contact import make_press, make_yield
 from cloth_sim_ros.sim.state import Arrays
 
 _A_FRAME = 1 << 30  # more substeps than a frame has
+_THREADS = 1024  # of a launch that looks at all particles and stores few numbers
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,10 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     program = Program()
     before, explicit = program.before, features.method == "verlet"
     if features.shapes:
-        before.append(_over_particles("clear_forces", clear_forces, every=_A_FRAME))
+        many = lambda body, _: min(body["count"], _THREADS)  # noqa: E731
+        before.append(Stage("forget_contacts", forget_contacts, many, every=_A_FRAME))
+        before.append(Stage("measure_extent", measure_extent, many, every=_A_FRAME))
+        before.append(Stage("list_colliders", list_colliders, lambda _, colliders: colliders, every=_A_FRAME))
         swept = lambda body, colliders: SWEPT * colliders  # noqa: E731
         before.append(Stage("sweep", _sweep, swept, every=SWEPT))
     if features.winch:

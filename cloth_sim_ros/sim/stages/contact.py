@@ -11,6 +11,7 @@ from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.stages.grasp import HELD
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
+from cloth_sim_ros.sim.stages.near import Near, near_of, next_of, note, strays
 from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
 
 # [m/s] at which what overlaps at the start of a substep comes apart, as after a fall of half a metre. A collider that
@@ -48,12 +49,13 @@ def length_of(step: Step) -> float:
 
 @wp.struct
 class Met:
-    """Where it is kept what particle number `slot` meets: the colliders' motion from `first_sweep` on, what earlier
-    iterations did, and forces [N], which are corrections over the inverse mass times `share` [1/s^2]."""
+    """Where it is kept what particle number `slot` meets: which colliders are near, their motion from `first_sweep` on,
+    what earlier iterations did, and forces [N], which are corrections over the inverse mass times `share` [1/s^2]."""
 
     slot: int
     first_sweep: int
     share: float
+    near: Near
     sweeps: wp.array(dtype=Sweep)
     contacts: wp.array(dtype=wp.vec4)
     forces: wp.array(dtype=wp.vec4)
@@ -103,7 +105,9 @@ def make_meet(shapes: tuple[str, ...]):
     signed_distance = make_signed_distance(shapes)
 
     @wp.func
-    def enter(shape: int, size: wp.vec3, start: wp.vec3, path: wp.vec3, before: wp.vec4, thickness: float) -> wp.vec4:
+    def enter(
+        shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, path: wp.vec3, before: wp.vec4, thickness: float
+    ) -> wp.vec4:
         """Normal and fraction of `path` at which it enters the surface, by sphere tracing; -1 if it does not.
 
         before: normal and signed distance [m] at its start.
@@ -117,27 +121,32 @@ def make_meet(shapes: tuple[str, ...]):
         while count < 16 and gap > 1.0e-3 * thickness and reached <= 1.0:
             reached += gap / wp.max(length, 1.0e-30)
             if reached <= 1.0:
-                surface = signed_distance(shape, start + reached * path, size)
+                surface = signed_distance(shape, start + reached * path, size, data)
                 gap = surface[3] - thickness
             count += 1
         return pack(xyz(surface), wp.where(reached > 1.0, -1.0, reached))
 
     @wp.func
-    def meet(shape: int, size: wp.vec3, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float) -> wp.vec4:
+    def meet(
+        shape: int, size: wp.vec3, data: wp.uint64, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float
+    ) -> wp.vec4:
         """Normal and gap [m] of local point p, which came by `slip`; negative also where it came through.
 
         Of an overlap that was there before it came, no more than `apart` [m] counts.
         """
-        # Both at once, though few need where they came from: a GPU waits for the one as long as for both.
-        before = signed_distance(shape, p - slip, size)
-        surface = signed_distance(shape, p, size)
+        surface = signed_distance(shape, p, size, data)
         gap = surface[3] - thickness
         n = xyz(surface)
         square = wp.length_sq(slip)
+        before = surface
+        # Both at once, though few need where they came from: a GPU waits for the one as long as for both. Of a mesh
+        # it takes its time.
+        if wp.static("mesh" not in shapes) or square > gap * gap or gap < -apart:
+            before = signed_distance(shape, p - slip, size, data)
         if square > gap * gap:
             # Fast enough to have come through the surface: find where it entered, and stay on that side. A particle
             # that merely touches is also better off where it entered: a third of the error of the way straight out.
-            entry = enter(shape, size, p - slip, slip, before, thickness)
+            entry = enter(shape, size, data, p - slip, slip, before, thickness)
             if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
                 n = xyz(entry)
                 gap = wp.dot(n, slip) * (1.0 - entry[3])
@@ -173,11 +182,13 @@ def make_touch(features: Features):
         w = packed[3]
         if w <= wp.static(least) * row[3]:
             return True
-        near = bool(False)
+        close = bool(False)
         position = xyz(row)
         displacement = xyz(packed)
         touched = bool(False)
-        for c in range(colliders.shape[0]):
+        stray = strays(met.near, position + displacement, displacement)
+        c = next_of(-1, met.near, stray)
+        while c < colliders.shape[0]:
             k = met.first_sweep + c
             entry = met.slot * colliders.shape[0] + c
             before = wp.vec4(0.0)
@@ -189,7 +200,7 @@ def make_touch(features: Features):
             path = wp.length(displacement - met.sweeps[k].motion)
             path += met.sweeps[k].spin * (wp.length(offset) + path)
             away = wp.length(offset) - path - colliders[c].reach - material.thickness
-            near = near or away < width
+            close = close or away < width
             if away < 0.0:
                 collider = colliders[c]
                 sweep = met.sweeps[k]
@@ -198,7 +209,7 @@ def make_touch(features: Features):
                 slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
                 p = sweep.to_local * offset
                 apart = SEPARATION * step.effective
-                touching = meet(collider.shape, collider.size, p, slip, material.thickness, apart)
+                touching = meet(collider.shape, collider.size, collider.data, p, slip, material.thickness, apart)
                 gap = touching[3]
                 if gap < 0.0:
                     n = xyz(touching)
@@ -213,6 +224,9 @@ def make_touch(features: Features):
                     add_force(met.forces, entry, (met.share / w) * correction)
                     after = pack(rubbed, pressed)
                     touched = True
+                    if stray:
+                        note(c, met.near)
+                    stray = stray or strays(met.near, position + displacement, displacement)
                     if wp.static(features.order == 2):
                         normal = wp.transpose(sweep.to_local) * n
                         moved = displacement - low
@@ -220,19 +234,12 @@ def make_touch(features: Features):
                         add_force(met.forces, entry, (met.share / w) * lost)
             if step.repeats:
                 store_row(met.contacts, entry, after)
+            c = next_of(c, met.near, stray)
         if touched:
             store4(d, i, pack(displacement, w))
-        return near
+        return close
 
     return contact
-
-
-@wp.func
-def clear_forces(i: int, here: Here):
-    """The stage that begins a frame: no collider has pushed particle i yet."""
-    colliders = here.colliders.shape[0]
-    for c in range(colliders):
-        store_row(here.state.contact_forces, (here.body.particles + i) * colliders + c, wp.vec4(0.0))
 
 
 @wp.func
@@ -242,6 +249,7 @@ def met_by(i: int, here: Here) -> Met:
     met.slot = here.body.particles + i
     met.first_sweep = here.sweep
     met.share = share_of(here.step, here.frame.substeps)
+    met.near = near_of(here)
     met.sweeps = here.state.sweeps
     met.contacts = here.state.contacts
     met.forces = here.state.contact_forces
@@ -258,9 +266,9 @@ def make_contact(features: Features):
     def contact(i: int, here: Here):
         met = met_by(i, here)
         width = here.body.width
-        near = touch(i, met, here.material, here.colliders, here.step, here.x, here.low, here.d, width)
+        close = touch(i, met, here.material, here.colliders, here.step, here.x, here.low, here.d, width)
         if wp.static(features.surface):
             if here.step.first:
-                here.state.near[met.slot] = 2 * (here.state.near[met.slot] & 1) + wp.where(near, 1, 0)
+                here.state.close[met.slot] = 2 * (here.state.close[met.slot] & 1) + wp.where(close, 1, 0)
 
     return contact

@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """A triangle or segment in the axes of a collider: where it is deepest, and where a fast one is first touched.
 
-The signed distance of a convex shape is convex along a line. It is searched for over a triangle as along lines from one
-side to the other, by the same search in both directions.
+The signed distance of a convex shape is convex along a line. A triangle is searched as along lines from one side to the
+other, by the same search in both directions.
 """
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import make_signed_distance
+from cloth_sim_ros.sim.colliders import SHAPES, make_signed_distance, number_of
 from cloth_sim_ros.sim.intrinsics import xyz
 
 _CUTS = 8  # evaluations between the ends of a line, at most
 _NEAR = 1.0e-5  # [m] the search ends where no point of the line can be deeper by more
+_SPREAD = 4  # steps along each side of a facet at whose ends shapes that are not convex are looked at
 _ADVANCES = 16  # steps of a facet towards a collider
 
 
@@ -87,10 +88,10 @@ def make_along(shapes: tuple[str, ...]):
     signed_distance = make_signed_distance(shapes)
 
     @wp.func
-    def along(shape: int, size: wp.vec3, start: wp.vec3, e: wp.vec3) -> Line:
+    def along(shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, e: wp.vec3) -> Line:
         """The deepest point of the line from `start` to `start + e`."""
-        first = signed_distance(shape, start, size)
-        last = signed_distance(shape, start + e, size)
+        first = signed_distance(shape, start, size, data)
+        last = signed_distance(shape, start + e, size, data)
         found = Line()
         found.value = first[3]
         found.gradient = xyz(first)
@@ -111,7 +112,7 @@ def make_along(shapes: tuple[str, ...]):
         k = int(0)
         while k < wp.static(_CUTS) and found.value - lowest(low, high) > wp.static(_NEAR):
             at = cut(k, low, high)
-            here = signed_distance(shape, start + at * e, size)
+            here = signed_distance(shape, start + at * e, size, data)
             slope = wp.dot(xyz(here), e)
             if here[3] < found.value:
                 found.at = at
@@ -140,26 +141,73 @@ def slope_of(found: Line, u: float, facet: Facet) -> float:
 
 
 def make_deepest(shapes: tuple[str, ...]):
-    """A Warp function: the weights of the corners of the point of a facet that is deepest in a collider of `shapes`."""
+    """A Warp function: the weights of the corners of the point of a facet that is deepest in a collider of `shapes`.
+
+    Of shapes that are not convex it is that of what the search finds and of points spread over the facet.
+    """
+    hollow = tuple(number_of(name) for name in shapes if not SHAPES[name][0].convex)
+    return _or_spread(_make_search(shapes), shapes, hollow) if hollow else _make_search(shapes)
+
+
+def _make_is_one_of(numbers: tuple[int, ...]):
+    """A Warp function: whether a shape is one of these."""
+    first, others = numbers[0], _make_is_one_of(numbers[1:]) if len(numbers) > 1 else None
+
+    def is_one(shape: int) -> bool:
+        if wp.static(others is not None):
+            return shape == wp.static(first) or others(shape)
+        else:
+            return shape == wp.static(first)
+
+    return wp.func(is_one, name=f"is_one_of_{'_'.join(map(str, numbers))}")
+
+
+def _or_spread(search, shapes: tuple[str, ...], hollow: tuple[int, ...]):
+    signed_distance, is_hollow = make_signed_distance(shapes), _make_is_one_of(hollow)
+
+    @wp.func
+    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> wp.vec3:
+        best = search(shape, size, data, facet)
+        if is_hollow(shape):
+            value = signed_distance(shape, point_of(facet, best), size, data)[3]
+            k = int(0)
+            while k < wp.static((_SPREAD + 1) ** 2):
+                u = float(k / wp.static(_SPREAD + 1)) / wp.static(float(_SPREAD))
+                v = float(k % wp.static(_SPREAD + 1)) / wp.static(float(_SPREAD))
+                weights = wp.vec3(1.0 - u - v, u, v)
+                if facet.is_segment:
+                    weights = wp.vec3(1.0 - u - v, u + v, 0.0)
+                if u + v <= 1.0:
+                    here = signed_distance(shape, point_of(facet, weights), size, data)[3]
+                    if here < value:
+                        best = weights
+                        value = here
+                k += 1
+        return best
+
+    return deepest
+
+
+def _make_search(shapes: tuple[str, ...]):
     signed_distance, along = make_signed_distance(shapes), make_along(shapes)
 
     @wp.func
-    def row(shape: int, size: wp.vec3, facet: Facet, u: float) -> Line:
+    def row(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, u: float) -> Line:
         """The deepest point of the line of a triangle at the share u of the way from its side a-c to b."""
-        found = along(shape, size, facet.a + u * (facet.b - facet.a), (1.0 - u) * (facet.c - facet.a))
+        found = along(shape, size, data, facet.a + u * (facet.b - facet.a), (1.0 - u) * (facet.c - facet.a))
         found.at *= 1.0 - u
         return found
 
     @wp.func
-    def deepest(shape: int, size: wp.vec3, facet: Facet) -> wp.vec3:
+    def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> wp.vec3:
         if facet.is_segment:
-            at = along(shape, size, facet.a, facet.b - facet.a).at
+            at = along(shape, size, data, facet.a, facet.b - facet.a).at
             return wp.vec3(1.0 - at, at, 0.0)
-        first = row(shape, size, facet, 0.0)
+        first = row(shape, size, data, facet, 0.0)
         low = wp.vec3(0.0, first.value, slope_of(first, 0.0, facet))
         if low[2] >= 0.0:
             return wp.vec3(1.0 - first.at, 0.0, first.at)
-        tip = signed_distance(shape, facet.b, size)
+        tip = signed_distance(shape, facet.b, size, data)
         # Uphill to the tip in both sides that meet there, or nothing of the triangle lies deeper than it.
         rise = wp.max(wp.dot(xyz(tip), facet.b - facet.a), wp.dot(xyz(tip), facet.b - facet.c))
         if rise <= 0.0:
@@ -173,7 +221,7 @@ def make_deepest(shapes: tuple[str, ...]):
         k = int(0)
         while k < wp.static(_CUTS) and value - lowest(low, high) > wp.static(_NEAR):
             u = cut(k, low, high)
-            here = row(shape, size, facet, u)
+            here = row(shape, size, data, facet, u)
             if here.value < value:
                 best = wp.vec3(1.0 - u - here.at, u, here.at)
                 value = here.value
@@ -185,7 +233,7 @@ def make_deepest(shapes: tuple[str, ...]):
             k += 1
         return best
 
-    return deepest
+    return search
 
 
 def make_first_touched(shapes: tuple[str, ...]):
@@ -197,7 +245,7 @@ def make_first_touched(shapes: tuple[str, ...]):
     signed_distance, deepest = make_signed_distance(shapes), make_deepest(shapes)
 
     @wp.func
-    def first_touched(shape: int, size: wp.vec3, facet: Facet, thickness: float) -> wp.vec3:
+    def first_touched(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float) -> wp.vec3:
         way = wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
         left = float(1.0)
         weights = wp.vec3(0.0)
@@ -205,12 +253,12 @@ def make_first_touched(shapes: tuple[str, ...]):
         count = int(0)
         while count < wp.static(_ADVANCES) and left > 0.0 and gap > 1.0e-3 * thickness:
             before = back(facet, left)
-            weights = deepest(shape, size, before)
-            gap = signed_distance(shape, point_of(before, weights), size)[3] - thickness
+            weights = deepest(shape, size, data, before)
+            gap = signed_distance(shape, point_of(before, weights), size, data)[3] - thickness
             left -= wp.max(gap, 0.0) / wp.max(way, 1.0e-20)
             count += 1
         if left <= 0.0:
-            weights = deepest(shape, size, facet)
+            weights = deepest(shape, size, data, facet)
         return weights
 
     return first_touched

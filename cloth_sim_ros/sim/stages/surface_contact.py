@@ -10,10 +10,20 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction
-from cloth_sim_ros.sim.stages.contact import NOISE, SEPARATION, add_force, forget, least_mass, make_meet, met_by
+from cloth_sim_ros.sim.stages.contact import (
+    NOISE,
+    SEPARATION,
+    add_force,
+    forget,
+    least_mass,
+    make_meet,
+    make_touch,
+    met_by,
+)
 from cloth_sim_ros.sim.stages.facet import Facet, make_deepest, make_first_touched, point_of, slip_at
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
+from cloth_sim_ros.sim.stages.near import near_of, note
 from cloth_sim_ros.sim.state import ColliderMotion, Press, Sweep
 
 # Of the largest inverse mass: what a push beside a pinned or heavy corner divides by, so that no other is ever thrown
@@ -35,13 +45,10 @@ def corners_of(k: int, here: Here) -> wp.vec3i:
 
 
 @wp.func
-def is_near(corners: wp.vec3i, here: Here) -> bool:
+def is_close(corners: wp.vec3i, here: Here) -> bool:
     """Whether a facet is looked at in this substep, as told by its corners' own contact; once more when it leaves."""
-    first = here.body.particles
-    return (
-        here.state.near[first + corners[0]] + here.state.near[first + corners[1]] + here.state.near[first + corners[2]]
-        > 0
-    )
+    first, close = here.body.particles, here.state.close
+    return close[first + corners[0]] + close[first + corners[1]] + close[first + corners[2]] > 0
 
 
 @wp.func
@@ -117,15 +124,15 @@ def make_press_on(features: Features):
         way = wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
         weights = wp.vec3(0.0)
         if way > FAST * thickness:
-            weights = first_touched(collider.shape, collider.size, facet, thickness)
+            weights = first_touched(collider.shape, collider.size, collider.data, facet, thickness)
         else:
-            weights = deepest(collider.shape, collider.size, facet)
+            weights = deepest(collider.shape, collider.size, collider.data, facet)
         w = yielding(corners, weights, here)
         if wp.max(weights) > CORNER or w == 0.0:
             return press
         slip = slip_at(facet, weights)
         apart = SEPARATION * here.step.effective
-        touching = meet(collider.shape, collider.size, point_of(facet, weights), slip, thickness, apart)
+        touching = meet(collider.shape, collider.size, collider.data, point_of(facet, weights), slip, thickness, apart)
         if touching[3] >= -NOISE:  # its corners are outside; what is left may be rounding
             return press
         before = wp.vec4(0.0)
@@ -165,7 +172,7 @@ def make_press(features: Features):
         colliders = here.colliders.shape[0]
         for k in range(here.body.panels + t, here.body.panels_end, width):
             corners = corners_of(k, here)
-            if not is_near(corners, here):
+            if not is_close(corners, here):
                 continue
             for c in range(colliders):
                 found = Press()
@@ -175,6 +182,7 @@ def make_press(features: Features):
                     found = press_on(corners, here.colliders[c], sweep, last, here)
                 here.state.presses[k * colliders + c] = found
                 if wp.max(found.weights) > 0.0:
+                    note(c, near_of(here))
                     for place in range(3):
                         here.state.pressed[here.body.particles + corners[place]] = 1
 
@@ -185,7 +193,7 @@ def make_press(features: Features):
 def share_in(q: int, i: int, c: int, here: Here) -> wp.vec4:
     """The push that particle i takes of facet q by collider c [kg m], and its weight there."""
     corners = corners_of(q, here)
-    if not is_near(corners, here):
+    if not is_close(corners, here):
         return wp.vec4(0.0)
     place = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
     press = here.state.presses[q * here.colliders.shape[0] + c]
@@ -228,7 +236,7 @@ def make_yield(features: Features):
     It goes in their mean direction, each weighed by its size, as far as any of them needs: what all want is done once,
     and what one alone wants is done in full. Two facets that a collider folds apart are moved out of the fold.
     """
-    least = least_mass(features)
+    least, touch = least_mass(features), make_touch(features)
 
     @wp.func
     def give_way(i: int, here: Here):
@@ -258,5 +266,7 @@ def make_yield(features: Features):
                     add_force(met.forces, entry, (met.share / w) * lost)
         if touched:
             store4(here.d, i, pack(displacement, w))
+            # Its facets may have moved it into a collider: it has the last word.
+            touch(i, met_by(i, here), here.material, here.colliders, here.step, here.x, here.low, here.d, 0.0)
 
     return give_way

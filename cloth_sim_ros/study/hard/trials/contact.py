@@ -9,12 +9,38 @@ from typing import Any
 
 import numpy as np
 
-from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Plane, Scene, Simulation, Sphere
+from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Mesh, Plane, Scene, SignedDistance, Simulation, Sphere
+from cloth_sim_ros.sim.colliders.baking import CELLS
 from cloth_sim_ros.study.hard.bodies import BODY, SEGMENTS, is_rope, make_body
 from cloth_sim_ros.study.hard.trial import WHIP, Options, Trial, fine
 
 SEPARATION = 3.0  # [m/s] at which the solver lets overlaps come apart; nothing may leave a resting collider faster
 LYING = math.sqrt(0.5)
+
+
+def meshed_ball(radius: float, **place) -> Mesh:
+    """An octahedron whose triangles were cut into four each three times, its corners on a ball."""
+    corners = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
+    for _ in range(3):
+        triangles = corners[faces]
+        a, b, c = triangles.swapaxes(0, 1)
+        ab, bc, ca = a + b, b + c, c + a
+        soup = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
+        soup /= np.linalg.norm(soup, axis=1, keepdims=True)
+        corners, faces = np.unique(soup.round(9), axis=0, return_inverse=True)
+        faces = faces.reshape(-1, 3)
+    return Mesh(corners, faces, scale=radius, **place)
+
+
+def ball_of_distances(radius: float, **place) -> SignedDistance:
+    """A ball as distances on a grid of as many steps across as a mesh is baked in."""
+    step = 2 * radius / CELLS
+    ends = (-radius - 2 * step,) * 3
+    values = np.linalg.norm(np.indices((CELLS + 5,) * 3) - (CELLS + 4) / 2, axis=0) * step - radius
+    return SignedDistance(values, ends, step, **place)
+
+
 SHAPES: dict[str, Callable[..., Any]] = {
     "plane": lambda **place: Plane(**place),
     "sphere": lambda **place: Sphere(radius=0.15, **place),
@@ -22,9 +48,14 @@ SHAPES: dict[str, Callable[..., Any]] = {
     "box": lambda **place: Box(half_extents=(0.3, 0.3, 0.002), **place),
     "cylinder": lambda **place: Cylinder(radius=0.05, half_length=0.3, orientation=(LYING, 0, 0, LYING), **place),
     "ellipsoid": lambda **place: Ellipsoid(radii=(0.3, 0.15, 0.05), **place),
+    "mesh": lambda **place: meshed_ball(0.15, **place),
+    "signed_distance": lambda **place: ball_of_distances(0.15, **place),
 }
 # [m] above the middle
-TOP = {"plane": 0.0, "sphere": 0.15, "capsule": 0.05, "box": 0.002, "cylinder": 0.05, "ellipsoid": 0.05}
+TOP = {
+    **{"plane": 0.0, "sphere": 0.15, "capsule": 0.05, "box": 0.002, "cylinder": 0.05, "ellipsoid": 0.05},
+    **{"mesh": 0.15, "signed_distance": 0.15},
+}
 
 
 def fast_collider(kind: str, options: Options, random: np.random.Generator) -> Trial:
@@ -142,6 +173,8 @@ def centre(kind: str, options: Options, random: np.random.Generator) -> Trial:
         "box": Box(half_extents=(0.03, 0.03, 0.03), position=middle),
         "cylinder": Cylinder(radius=0.03, half_length=0.05, position=middle),
         "ellipsoid": Ellipsoid(radii=(0.04, 0.03, 0.02), position=middle),
+        "mesh": meshed_ball(0.04, position=middle),
+        "signed_distance": ball_of_distances(0.04, position=middle),
     }[options["shape"]]
     scene = Scene({BODY: make_body(kind, pins="both", damping=2e-3, compliance=1e-3)}, {"it": shape})
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Triangle meshes from files: read apart from the thread that answers requests, and checked before they are cloth.
+"""Triangle meshes from files: read apart from the thread that answers requests, and checked before they are used.
 
 Readers of text formats hold the interpreter for seconds on a large file. So a process of its own reads a large one.
 """
@@ -13,6 +13,7 @@ import subprocess
 import sys
 from functools import lru_cache
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -32,16 +33,18 @@ _readers: set[subprocess.Popen] = set()
 def load_mesh(path: str, parameter: str) -> Mesh:
     """Vertices (N, 3) [m] and triangles (T, 3) of a mesh file, read again only when the file has changed.
 
-    Raises ValueError, in one sentence about `parameter`.
+    path: as `local_path` takes it. Raises ValueError, in one sentence about `parameter`.
     """
     try:
-        file = Path(path).expanduser()
+        file = local_path(path, parameter)
         status = file.stat()
         found = (
             _load(str(file), status.st_size, status.st_mtime_ns) if stat.S_ISREG(status.st_mode) else "is no mesh file"
         )
     except (FileNotFoundError, NotADirectoryError):
         raise ValueError(f"{parameter} is {shown(path)}; no such file is there") from None
+    except _Unresolved:
+        raise
     except (OSError, ValueError, RuntimeError) as error:
         found = f"cannot be read: {getattr(error, 'strerror', '') or error}"
     if isinstance(found, str):
@@ -49,14 +52,41 @@ def load_mesh(path: str, parameter: str) -> Mesh:
     return found
 
 
-@lru_cache(maxsize=8)
+class _Unresolved(ValueError):
+    """A package is not there."""
+
+
+def local_path(path: str, parameter: str) -> Path:
+    """Where a file lies that is named by `package://NAME/PATH`, `file:///PATH` or a plain path.
+
+    Raises ValueError, in one sentence about `parameter`.
+    """
+    scheme, there, rest = path.partition("://")
+    if not there or scheme not in ("package", "file"):
+        return Path(path).expanduser()
+    rest = unquote(rest)
+    if scheme == "file":
+        return Path("/" + rest.partition("/")[2])
+    package, _, inside = rest.partition("/")
+    try:
+        from ament_index_python.packages import get_package_share_directory
+
+        return Path(get_package_share_directory(package)) / inside
+    except ImportError:
+        why = "which needs ament_index_python of ROS; allowed is a plain path"
+    except (LookupError, ValueError, OSError):
+        why = f"and no package {package!r} is installed; allowed is one of those that `ros2 pkg list` shows"
+    raise _Unresolved(f"{parameter} is {shown(path)}, {why}")
+
+
+@lru_cache(maxsize=32)
 def _load(path: str, size: int, modified_ns: int) -> Mesh | str:
     """The mesh, or what is wrong with it in words that follow its name."""
     if size > MOST_BYTES:
         return f"has {size / 1e6:.0f} MB; allowed are at most {MOST_BYTES / 1e6:.0f} MB"
     if size <= APART_BYTES:
         return _read(path)
-    command = [sys.executable, "-m", "cloth_sim_ros.ros.mesh_file", path]
+    command = [sys.executable, "-m", "cloth_sim_ros.sim.mesh_file", path]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as reader:
         _readers.add(reader)
         output, _ = reader.communicate()

@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The kernels' signed distances at points, for tests."""
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.colliders import make_signed_distance, number_of, shape_of
+
+wp.init()  # before a test gives caches another folder
+
+
+def signed_distances(collider, points):
+    """Normal (N, 3) and distance (N,) of the kernels' function at local points (N, 3)."""
+    shape = shape_of(collider)
+    signed_distance, number = make_signed_distance((shape,)), number_of(shape)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def measure(at: wp.array(dtype=wp.vec3), size: wp.vec3, data: wp.uint64, found: wp.array(dtype=wp.vec4)):
+        found[wp.tid()] = signed_distance(wp.static(number), at[wp.tid()], size, data)
+
+    found = wp.zeros(len(points), dtype=wp.vec4, device="cpu")
+    at = wp.array(np.asarray(points, np.float32), dtype=wp.vec3, device="cpu")
+    data = collider.data(wp.get_device("cpu"))
+    inputs = [at, wp.vec3(*collider.size()), wp.uint64(data.id if data else 0), found]
+    wp.launch(measure, dim=len(points), inputs=inputs, device="cpu")
+    return found.numpy()[:, :3], found.numpy()[:, 3]

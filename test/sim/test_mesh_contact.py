@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cloth on colliders of meshes and volumes: what it does on the shape that they stand for."""
+
+import numpy as np
+import pytest
+import warp as wp
+from fixed_settings import fixed
+
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Mesh, Scene, SignedDistance, Simulation, Sphere, report
+from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.executors import block
+from cloth_sim_ros.sim.model import Features
+
+trimesh = pytest.importorskip("trimesh")
+
+BALL, POLE, SLAB = 0.2, (0.08, 0.25), (0.3, 0.2, 0.05)
+LYING = {"orientation": (np.sqrt(0.5), 0, 0, np.sqrt(0.5))}
+WEIGHT = 0.2 * 9.81
+WAYS = [
+    (None, {}),
+    (None, {"order": 2}),
+    ("subdomains", {"method": "verlet", "substeps": 80}),
+    pytest.param("graph", {"iterations": 2}, marks=pytest.mark.long),
+]
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """Particles touch alone: between them, a deepest point that is found otherwise makes a motion of its own."""
+    monkeypatch.setattr(Collider, "enters", lambda *_: False)
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def of(surface, **fields):
+    return Mesh(surface.vertices, surface.faces, **fields)
+
+
+def pairs():
+    """Name -> (shape, the same as a mesh, how far apart the two are [m])."""
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=BALL)
+    pole = trimesh.creation.capsule(height=2 * POLE[1], radius=POLE[0], count=[64, 64])
+    pole.apply_translation(-pole.bounds.mean(axis=0))
+    return {
+        "ball": (Sphere(BALL), of(ball), BALL - np.linalg.norm(ball.triangles_center, axis=1).min()),
+        "pole": (Capsule(*POLE, **LYING), of(pole, **LYING), POLE[0] * (1 - np.cos(np.pi / 64)) * 2),
+        "slab": (Box(SLAB), of(trimesh.creation.box(2 * np.array(SLAB))), 0.0),
+    }
+
+
+def pushed(collider, device, executor, settings, drive, frames=30):
+    """Positions of a sheet that is held at its edges, and that a collider is pushed into from below."""
+    sheet = Cloth(resolution=(12, 12), pins="edges", position=(0.03, 0.02, 0.0), damping=1e-3)
+    with forced_executor(executor):
+        sim = Simulation(Scene({"it": sheet}, {"under": collider}), fixed(global_damping=4.0, **settings), device)
+    for frame in range(frames):
+        sim.set_collider_pose("under", *drive(frame, collider))
+        sim.step()
+    report = sim.report()["it"]
+    assert report["particle_penetration"] < 1e-4 and report["recoveries"] == 0
+    return sim.positions("it").astype(float)
+
+
+def upward(frame, collider):
+    return (0.0, 0.0, 0.01 * frame - 0.3), collider.orientation
+
+
+def turning(frame, collider):
+    angle = 0.02 * frame
+    return (0.002 * frame, 0, 0.008 * frame - 0.1), (0, np.sin(angle / 2), 0, np.cos(angle / 2))
+
+
+@pytest.mark.parametrize(("executor", "settings"), WAYS)
+@pytest.mark.parametrize("name", ["ball", "pole", "slab"])
+def test_a_mesh_pushes_a_sheet_as_its_shape(alone, device, name, executor, settings):
+    """The sheet is as far off as the surface; single particles stick a little beside."""
+    shape, mesh, apart = pairs()[name]
+    wanted, found = (pushed(it, device, executor, settings, upward) for it in (shape, mesh))
+    off = np.linalg.norm(found - wanted, axis=1)
+    assert np.sqrt((off**2).mean()) < apart + 1e-6 and off.max() < 6 * apart + 1e-5
+
+
+@pytest.mark.parametrize(("executor", "settings"), WAYS[:1])
+def test_a_mesh_moves_and_turns_as_its_shape(alone, device, executor, settings):
+    shape, mesh, _ = pairs()["slab"]
+    wanted, found = (pushed(it, device, executor, settings, turning) for it in (shape, mesh))
+    still = pushed(shape, device, executor, settings, upward)
+    assert np.abs(found - wanted).max() < 1e-4 and np.abs(still - wanted).max() > 0.02
+
+
+def test_a_volume_pushes_a_sheet_as_its_shape(alone, device):
+    """Interpolation of distances to a ball errs by h^2/8 times 2/r, and the mesh by its sagitta."""
+    shape, mesh, apart = pairs()["ball"]
+    baked = SignedDistance.from_mesh(mesh, cells=48)
+    error = baked.spacing[0] ** 2 / 8 * 2 / BALL + apart
+    wanted, found = (pushed(it, device, None, {}, upward) for it in (shape, baked))
+    assert np.linalg.norm(found - wanted, axis=1).max() < 2 * error
+
+
+@pytest.mark.parametrize("kind", ["mesh", "volume"])
+@pytest.mark.parametrize(
+    ("executor", "settings"), [(None, {"order": 2}), ("subdomains", {"method": "verlet", "substeps": 80})]
+)
+def test_the_weight_of_a_sheet_is_read_from_what_it_lies_on(alone, device, kind, executor, settings):
+    table = of(trimesh.creation.box((1.4, 1.4, 0.2)), position=(0, 0, -0.1))
+    if kind == "volume":
+        z = np.linspace(-0.2, 0.2, 9) - 0.1
+        table = SignedDistance(
+            np.broadcast_to(z, (2, 2, 9)), (-0.7, -0.7, -0.2), (1.4, 1.4, 0.05), position=(0, 0, -0.1)
+        )
+    sheet = Cloth(resolution=(10, 10), pins="none", position=(0, 0, 0.006))
+    with forced_executor(executor):
+        sim = Simulation(Scene({"it": sheet}, {"table": table}), fixed(global_damping=2.0, **settings), device)
+    sim.step(60)
+    force, torque = sim.wrench("table")
+    assert force[2] == pytest.approx(-WEIGHT, rel=0.005) and np.abs(force[:2]).max() < 0.005 * WEIGHT
+    assert np.abs(torque).max() < 0.005 * WEIGHT
+
+
+def test_a_small_mesh_does_not_pass_between_the_particles(device):
+    """A ball of 3 cm at 5 m/s under a sheet whose particles are 4.3 cm apart, as the shape that it stands for."""
+    surface = trimesh.creation.icosphere(subdivisions=2, radius=0.03)
+    sheet = Cloth(resolution=(24, 24))
+    for ball in (Sphere(0.03, position=(0.013, 0.017, -0.3)), of(surface, position=(0.013, 0.017, -0.3))):
+        sim = Simulation(Scene({"it": sheet}, {"ball": ball}, gravity=(0, 0, 0)), device=device)
+        for frame in range(1, 6):
+            sim.set_collider_pose("ball", (0.013, 0.017, -0.3 + frame * 5.0 / 60))
+            sim.step()
+            assert sim.report()["it"]["max_penetration"] < sheet.thickness
+        x = sim.positions("it")
+        around = np.linalg.norm(x[:, :2] - [0.013, 0.017], axis=1) < 0.06
+        assert x[around, 2].min() > 0.1, "all that was above the ball is still above it"
+
+
+def test_the_report_says_how_deep_a_sheet_lies_in_a_mesh(device):
+    meshed = of(trimesh.creation.box(2 * np.array(SLAB)), position=(0, 0, 0.02 - SLAB[2]))
+    sim = Simulation(Scene({"it": Cloth(resolution=(12, 12))}, {"slab": meshed}), fixed(), device)
+    assert sim.report()["it"]["max_penetration"] == pytest.approx(0.02 + 0.005, abs=1e-5)
+
+
+def scene_of_both():
+    _, mesh, _ = pairs()["slab"]
+    volume = SignedDistance.from_mesh(mesh, cells=12, position=(0.3, 0.3, 0.0))
+    sheet = Cloth(resolution=(9, 9), pins="none", position=(0, 0, 0.06))
+    return Scene({"it": sheet}, {"mesh": mesh, "volume": volume})
+
+
+def test_worlds_share_a_mesh_and_each_is_what_it_would_be_alone(device):
+    many = Simulation(scene_of_both(), fixed(), device, worlds=3)
+    alone = [Simulation(scene_of_both(), fixed(), device) for _ in range(3)]
+    for frame in range(8):
+        for world in range(3):
+            pose = ((0.0, 0.0, 0.01 * world * frame), (0, 0.05 * frame, 0, 1))
+            many.set_collider_pose("mesh", *pose, world=world)
+            alone[world].set_collider_pose("mesh", *pose)
+            alone[world].step()
+        many.step()
+    for world in range(3):
+        assert np.array_equal(many.positions("it", world), alone[world].positions("it"))
+    assert not np.array_equal(many.positions("it", 0), many.positions("it", 2))
+
+
+def test_a_saved_state_goes_on_with_the_mesh_of_another_process(device, tmp_path):
+    """What lies elsewhere in memory now is found again, and the same bits come of it."""
+    first = Simulation(scene_of_both(), fixed(), device)
+    before = first._bodies.colliders.read(0, 0)["data"].copy()
+    first.step(6)
+    first.save(tmp_path / "state.npz")
+    first.step(6)
+    wanted = first.positions("it")
+    with np.load(tmp_path / "state.npz") as arrays:
+        changed = dict(arrays)
+    changed["colliders/rows"]["data"] += np.uint64(1 << 40)
+    np.savez(tmp_path / "moved.npz", **changed)
+    second = Simulation(scene_of_both(), fixed(), device)
+    second.load(tmp_path / "moved.npz")
+    assert np.array_equal(second._bodies.colliders.read(0, 0)["data"], before), "shared by both simulations"
+    second.step(6)
+    assert np.array_equal(second.positions("it"), wanted)
+    moved = Scene(first.scene.objects, {"mesh": of(trimesh.creation.box((0.1, 0.1, 0.1)))})
+    with pytest.raises(ValueError, match="is of another scene: collider mesh is"):
+        Simulation(moved, fixed(), device).load(tmp_path / "state.npz")
+
+
+@pytest.mark.parametrize("shapes", [("mesh", "signed_distance")])
+def test_both_compile_for_cuda(shapes, tmp_path):
+    features = Features(False, False, "", shapes, 2, "xpbd", surface=True)
+    kernels = block.make_frame.__wrapped__(features, 256, 128), report.make_measure_contacts.__wrapped__(shapes)
+    for kernel in kernels:
+        wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path, use_ptx=True)
+    assert "mesh_query_point_no_sign" in "".join(file.read_text() for file in tmp_path.glob("*.cu"))
