@@ -58,12 +58,11 @@ class SignedDistance(Collider):
         file = str(file)
         if not file.endswith(".npz"):
             return cls.from_mesh(Mesh.from_file(file, scale), **fields)
-        known = {"values", "origin", "spacing"}
         wrong = f"SignedDistance.from_file is {table.shown(file)}"
         try:
             with np.load(local_path(file, "SignedDistance.from_file")) as arrays:
-                if not known <= set(arrays.files):
-                    raise ValueError(f"{wrong}, which has {arrays.files}; allowed is one with {sorted(known)}")
+                if not set(_IN_FILE) <= set(arrays.files):
+                    raise ValueError(f"{wrong}, which has {arrays.files}; allowed is one with {list(_IN_FILE)}")
                 values, origin, spacing = (np.asarray(arrays[name], np.float64) * scale for name in _IN_FILE)
         except FileNotFoundError:
             raise ValueError(f"{wrong}; no such file is there") from None
