@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import viser
+from trimesh.creation import icosphere
 
 from cloth_sim_ros.viewer.tube import tube_faces, tube_vertices
 
@@ -16,6 +17,7 @@ Colour = tuple[int, int, int]
 COLOURS: tuple[Colour, ...] = (
     (46, 112, 176), (226, 112, 72), (58, 140, 98), (146, 104, 178), (222, 170, 60), (74, 160, 178),
 )  # fmt: skip
+TO_LAMP = np.array([-0.3, -0.6, 0.7])  # where light comes from, roughly
 STEEL: Colour = (150, 156, 168)
 
 
@@ -40,37 +42,44 @@ class Drawing:
 
     def __init__(self, server: viser.ViserServer, root: str, dragged: Callable[[Drag], None] = lambda drag: None):
         self._server, self._root, self._dragged = server, root, dragged
-        self._radii: dict[str, float] = {}
+        self._vertices: dict[str, Callable[[np.ndarray], np.ndarray]] = {}  # of a mesh, from positions
         self.handles: dict[str, Any] = {}
         server.scene.add_frame(root, show_axes=False)
 
     def cloth(self, name: str, vertices: np.ndarray, triangles: np.ndarray, colour: Colour, **options: Any) -> None:
         """A sheet of `vertices` (N, 3) [m] and `triangles` (T, 3), smooth, seen from both sides."""
-        self._radii.pop(name, None)
+        self._vertices[name] = np.asarray
         self._mesh(name, vertices, triangles, colour, **options)
 
     def rope(self, name: str, points: np.ndarray, radius: float, colour: Colour) -> None:
         """A tube of `radius` [m] around `points` (N, 3) [m]."""
-        self._radii[name] = radius
+        self._vertices[name] = lambda positions: tube_vertices(positions, radius)
         self._mesh(name, tube_vertices(np.asarray(points), radius), tube_faces(len(points)), colour)
 
-    def move(self, name: str, positions: np.ndarray) -> None:
-        """The particles of a cloth or rope are at `positions` (N, 3) [m] now."""
-        radius = self._radii.get(name)
-        self.handles[name].vertices = positions if radius is None else tube_vertices(positions, radius)
-
-    def ball(self, name: str, radius: float, position: np.ndarray, colour: Colour, **options: Any) -> None:
-        """A ball [m]."""
-        self._keep(
-            name,
-            self._server.scene.add_icosphere(
-                self._path(name), radius=radius, position=tuple(position), color=colour, subdivisions=4, **options
-            ),
+    def net(self, name: str, vertices: np.ndarray, pairs: np.ndarray, colour: Colour) -> None:
+        """Thin lines between `pairs` (E, 2) of `vertices` (N, 3) [m], which `move` moves as cheaply as a cloth's."""
+        count = len(vertices)
+        faces = np.concatenate([pairs, count + np.arange(len(pairs))[:, None]], axis=1)
+        path, look = (
+            self._path(name),
+            {"color": colour, "wireframe": True, "cast_shadow": False, "receive_shadow": False},
         )
+        self._vertices[name] = lambda positions: _slivers(positions, pairs)
+        self.handles[name] = self._server.scene.add_mesh_simple(path, _slivers(vertices, pairs), faces, **look)
 
-    def place(self, name: str, position: np.ndarray) -> None:
-        """Moves a ball or a label to `position` (3,) [m]."""
-        self.handles[name].position = tuple(position)
+    def move(self, name: str, positions: np.ndarray) -> None:
+        """The particles of a cloth, rope or net are at `positions` (N, 3) [m] now.
+
+        A browser draws all that is moved so at the same time, which does not hold for other things, such as labels.
+        """
+        self.handles[name].vertices = self._vertices[name](positions)
+
+    def ball(self, name: str, radius: float, position: np.ndarray, colour: Colour) -> None:
+        """A ball [m]; `move` moves it to another position (3,)."""
+        sphere = icosphere(subdivisions=3, radius=radius)
+        self._vertices[name] = lambda position: sphere.vertices + position
+        path, vertices = self._path(name), sphere.vertices + np.asarray(position)
+        self.handles[name] = self._server.scene.add_mesh_simple(path, vertices, sphere.faces, color=colour)
 
     def lines(self, name: str, points: np.ndarray, colours: np.ndarray, thickness: float = 2.0) -> None:
         """Segments `points` (E, 2, 3) [m], each of a colour (E, 3) of 0 to 255, `thickness` pixels wide."""
@@ -106,8 +115,7 @@ class Drawing:
     def label(self, name: str, text: str, position: np.ndarray) -> None:
         """Words in the scene."""
         if name in self.handles:
-            self.handles[name].text = text
-            self.place(name, position)
+            self.handles[name].text, self.handles[name].position = text, tuple(position)
             return
         self._keep(
             name, self._server.scene.add_label(self._path(name), text, position=tuple(position), anchor="bottom-center")
@@ -116,7 +124,6 @@ class Drawing:
     def remove(self, name: str) -> None:
         """Takes one thing away."""
         self.handles.pop(name).remove()
-        self._radii.pop(name, None)
 
     def clear(self) -> None:
         """Takes all of it away."""
@@ -140,3 +147,9 @@ class Drawing:
             self._dragged(Drag(name, event.phase, start, end))
 
         mesh.on_drag(on_drag)
+
+
+def _slivers(positions: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Vertices of a net: the positions, and one beside the middle of each line, so that it has a normal to be lit by."""
+    a, b = positions[pairs[:, 0]], positions[pairs[:, 1]]
+    return np.concatenate([positions, 0.5 * (a + b) + 1e-3 * np.cross(TO_LAMP, b - a)])

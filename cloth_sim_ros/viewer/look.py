@@ -26,8 +26,6 @@ def furnish(server: viser.ViserServer) -> None:
         section_color=(196, 202, 210),
         fade_distance=12.0,
         shadow_opacity=0.28,
-        plane_color=(244, 246, 248),
-        plane_opacity=1.0,
     )
     gui.configure_theme(brand_color=BRAND, show_logo=False, show_share_button=False, control_width="large")
     server.initial_camera.fov = FIELD_OF_VIEW

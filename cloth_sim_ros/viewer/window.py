@@ -62,7 +62,8 @@ class Page:
             self._pressed.popleft()()
         while self._drags:
             self.dragged(self._drags.popleft())
-        self.frame()
+        with self.server.atomic():  # so that what belongs together is seen together
+            self.frame()
 
     def close(self) -> None:
         """Takes everything away."""
