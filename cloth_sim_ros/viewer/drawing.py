@@ -91,7 +91,11 @@ class Drawing:
         self._keep(
             name,
             self._server.scene.add_line_segments(
-                self._path(name), points=np.asarray(points, np.float32), colors=colours, thickness=thickness
+                self._path(name),
+                points=np.asarray(points, np.float32),
+                colors=colours,
+                thickness=thickness,
+                thickness_units="screen",
             ),
         )
 
@@ -150,6 +154,6 @@ class Drawing:
 
 
 def _slivers(positions: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Vertices of a net: the positions, and one beside the middle of each line, so that it has a normal to be lit by."""
+    """Vertices of a net: the positions, and one beside the middle of each line, to light it by."""
     a, b = positions[pairs[:, 0]], positions[pairs[:, 1]]
     return np.concatenate([positions, 0.5 * (a + b) + 1e-3 * np.cross(TO_LAMP, b - a)])

@@ -81,8 +81,8 @@ def test_colliders_and_handles_are_where_they_are_and_as_large(shown):
 def test_a_slider_sets_its_parameter(shown, client):
     sliders = shown.page.panel.sliders
     for name, value in {
-        "cloth.stretch_compliance": 1e-2, "rope.bend_compliance": None, "ball.static_friction": 2.5, "solver.error": 1e-2,
-        "solver.budget": 1.0, "solver.iterations": 3, "cloth.damping": 0.0,
+        "cloth.stretch_compliance": 1e-2, "rope.bend_compliance": None, "ball.static_friction": 2.5,
+        "solver.error": 1e-2, "solver.budget": 1.0, "solver.iterations": 3, "cloth.damping": 0.0,
     }.items():  # fmt: skip
         if value is None:
             assert name not in sliders  # the rope does not bend
@@ -139,8 +139,8 @@ def test_buttons_call_the_services(shown, client, tmp_path):
     page = shown.page
     assert client.set("state_file", str(tmp_path / "state.npz")).successful
     for label, answer in {
-        "step": "pause it first", "pause": "paused", "save": "is saved in", "load": "goes on at", "reset": "at the start",
-        "go on": "running",
+        "step": "pause it first", "pause": "paused", "save": "is saved in", "load": "goes on at",
+        "reset": "at the start", "go on": "running",
     }.items():  # fmt: skip
         page.press(label)
         shown.until(lambda answer=answer: answer in page.status)

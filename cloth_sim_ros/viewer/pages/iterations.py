@@ -53,8 +53,8 @@ class Iterations(Page):
     title = "c. Iterations: PBD and XPBD"
     text = (
         "Three equal ropes with a load, led alike. **PBD** knows no material: how far it stretches is a matter of "
-        "iterations. **XPBD** has a compliance and comes to its stretch with enough iterations. **This package** solves "
-        "a rope in one go. Drag a rope; turn the iterations up and down."
+        "iterations. **XPBD** has a compliance and comes to its stretch with enough iterations. **This package** "
+        "solves a rope in one go. Drag a rope; turn the iterations up and down."
     )
     camera = ((0.0, -3.6, 1.5), (0.0, 0.0, 1.25))
 

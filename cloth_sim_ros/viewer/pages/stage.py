@@ -15,7 +15,7 @@ REACH = 0.02  # [m] of the hand that drags
 
 
 class Stage:
-    """Simulates `scene` with a hand beside its own handles, and draws its objects and balls; `sim` is the simulation."""
+    """Simulates `scene` with one handle, the hand, and draws its objects and balls; `sim` is the simulation."""
 
     def __init__(self, drawing: Drawing, scene: Scene, settings: Settings | None = None):
         hand = Handle(reach=REACH, position=(0.0, 0.0, 100.0))

@@ -21,8 +21,8 @@ class WholeCloth(Page):
 
     title = "e. The whole cloth"
     text = (
-        "All together, as a robot would use it: drag the cloth, blow at it, let it slide over the ball. You set an error "
-        "and a share of time. The simulation picks the method. It does not tear, so there is nothing to cut."
+        "All together, as a robot would use it: drag the cloth, blow at it, let it slide over the ball. You set an "
+        "error and a share of time. The simulation picks the method. It does not tear, so there is nothing to cut."
     )
     camera = ((1.6, -2.1, 1.5), (0.0, 0.0, 0.6))
 
