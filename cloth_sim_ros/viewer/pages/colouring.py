@@ -38,7 +38,8 @@ def shape_of(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         springs = topology.springs["structural"]
         pairs, colours = springs.particles, springs.colour
     else:
-        flat = np.random.default_rng(3).uniform(-0.5, 0.5, (SIDE * SIDE, 2))
+        even = np.stack(np.meshgrid(*2 * [np.linspace(-0.5, 0.5, SIDE)]), axis=-1).reshape(-1, 2)
+        flat = even + np.random.default_rng(3).uniform(-0.35, 0.35, even.shape) / (SIDE - 1)
         triangles = Delaunay(flat).simplices
         topology = build(Cloth.from_mesh(np.pad(flat, ((0, 0), (0, 1))), triangles), "it", False)
         pairs = topology.springs["structural"].particles
@@ -126,7 +127,7 @@ class Colouring(Page):
         used = np.bincount(springs.pairs[chosen].ravel(), minlength=len(springs.x))
         dots = np.where((used > 1)[:, None], CONFLICT, (70, 76, 86))
         self.drawing.lines("springs", springs.x[springs.pairs], colours, 5.0)
-        self.drawing.dots("particles", springs.x + (0.0, -0.01, 0.0), dots, 0.03)
+        self.drawing.dots("particles", springs.x + (0.0, -0.01, 0.0), dots, 0.02)
         self._curve.add(self.done, [1e3 * self.error])
         self._curve.draw()
         parallel = f"{len(chosen)} springs at once" if len(chosen) != 1 else "1 spring"

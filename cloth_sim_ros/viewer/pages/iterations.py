@@ -95,7 +95,7 @@ class Iterations(Page):
         )  # fmt: skip
         hand = Handle(position=tuple(top), reach=0.5 * LENGTH / SEGMENTS, attached=True)
         scene = Scene(objects={"rope": rope}, handles={"hand": hand}, gravity=(0.0, 0.0, -GRAVITY))
-        self._sim = Simulation(scene, Settings(method="xpbd", substeps=8, iterations=1, global_damping=1.0))
+        self._sim = Simulation(scene, Settings(method="xpbd", substeps=8, iterations=1, global_damping=2.0))
         self._compliance = compliance
 
     def _draw_first(self) -> None:

@@ -75,7 +75,7 @@ class HangingRope:
     """
 
     def __init__(
-        self, top: np.ndarray, masses: np.ndarray, rest: np.ndarray, compliance: float | None, damping: float = 1.0
+        self, top: np.ndarray, masses: np.ndarray, rest: np.ndarray, compliance: float | None, damping: float = 2.0
     ):
         count = len(masses)
         depth = np.concatenate([[0.0], np.cumsum(rest)])
@@ -96,8 +96,8 @@ class HangingRope:
         begin = springs.x[0].copy()
         for k in range(substeps):
             before = springs.x.copy()
+            self.velocities /= 1.0 + h * self.damping
             self.velocities[1:, 2] -= h * gravity
-            self.velocities *= 1.0 / (1.0 + h * self.damping)
             springs.x[1:] += h * self.velocities[1:]
             springs.x[0] = begin + (k + 1) / substeps * (np.asarray(top) - begin)
             multipliers = np.zeros(len(springs.pairs))
