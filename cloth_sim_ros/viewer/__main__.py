@@ -6,8 +6,10 @@ SIGINT and SIGTERM end it with status 0. Its own parameters: see PARAMETERS.
 
 from __future__ import annotations
 
+import errno
 import importlib.util
 import signal
+import socket
 import sys
 import threading
 
@@ -59,6 +61,7 @@ def serve(stop: threading.Event) -> int:
     warp.config.log_level = warp.LOG_WARNING
     node = Node("cloth_sim_viewer")
     given = {name: node.declare_parameter(name, value).value for name, (value, _) in PARAMETERS.items()}
+    check_address(given["host"], given["port"])
     remote = Remote(node, given["node"])
     pages = {LivePage.title: lambda server: LivePage(server, remote), **{page.title: page for page in PAGES}}
     window = Window(given["host"], given["port"], pages)
@@ -72,6 +75,20 @@ def serve(stop: threading.Event) -> int:
     executor.shutdown()
     node.destroy_node()
     return 0
+
+
+def check_address(host: str, port: int) -> None:
+    """Raises ValueError, in one sentence, where nothing can be served there; a port that is in use may be given."""
+    if not 0 < port < 65536:
+        raise ValueError(f"port is {port}; allowed is a whole number from 1 to 65535")
+    try:
+        socket.create_server((host, port)).close()
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            why = error.strerror or str(error)
+            raise ValueError(
+                f"host is {host!r} and port {port}: {why}; allowed is an address of this machine"
+            ) from None
 
 
 if __name__ == "__main__":

@@ -78,7 +78,7 @@ class Window:
     """
 
     def __init__(self, host: str, port: int, pages: dict[str, Callable[[viser.ViserServer], Page]]):
-        with contextlib.redirect_stdout(io.StringIO()):  # we tell the address in one line
+        with quiet():
             self.server = viser.ViserServer(host=host, port=port, label="cloth_sim", verbose=False)
         self._pages = pages
         furnish(self.server)
@@ -89,8 +89,9 @@ class Window:
 
     @property
     def address(self) -> str:
-        """What to type into a browser on this machine."""
-        return f"http://localhost:{self.server.get_port()}"
+        """What to type into a browser, on this machine where all or its own addresses are served."""
+        host = self.server.get_host()
+        return f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{self.server.get_port()}"
 
     def choose(self, title: str) -> None:
         """Opens a page with the next frame."""
@@ -114,4 +115,10 @@ class Window:
         """Ends the page and the server."""
         if self.page is not None:
             self.page.close()
-        self.server.stop()
+        with quiet():
+            self.server.stop()
+
+
+def quiet() -> contextlib.AbstractContextManager:
+    """Swallows what the library prints: we tell the address in one line."""
+    return contextlib.redirect_stdout(io.StringIO())

@@ -57,10 +57,16 @@ class Seen:
 
 
 class Remote:
-    """Speaks with the node `target`. Everything runs in the executor's thread of `node`."""
+    """Speaks with the node `target`. Everything runs in the executor's thread of `node`.
+
+    Raises ValueError where there can be no node of such a name.
+    """
 
     def __init__(self, node: Node, target: str):
-        self.node, self.target = node, node.resolve_topic_name(target)
+        try:
+            self.node, self.target = node, node.resolve_topic_name(target)
+        except Exception:
+            raise ValueError(f"node is {target!r}; allowed is the name of a node, such as /robot/cloth_sim") from None
         self._parameters = AsyncParameterClient(node, self.target)
         self._subscriptions: list[Any] = []
         self._poses: dict[str, Any] = {}
