@@ -17,14 +17,14 @@ SCENE = """
     colliders: [floor, ball, box, bar]
     handles: [hand]
     cloth: {type: cloth, resolution: [6, 5], size: [0.5, 0.4], pins: top, position: [0, 0, 2], damping: 0.01}
-    rope: {type: rope, segments: 7, pins: start, radius: 0.02}
+    rope: {type: rope, segments: 7, start: [0, 0.5, 2], end: [1, 0.5, 2], pins: start, radius: 0.02}
     floor: {shape: plane}
     ball: {shape: sphere, dimensions: [0.1], position: [0, 1, 0.5]}
     box: {shape: box, dimensions: [0.1, 0.2, 0.3], position: [1, 1, 0.2], orientation: [0, 0, 0.6, 0.8]}
     bar: {shape: capsule, dimensions: [0.4, 0.05], position: [-1, 0, 0.5]}
     hand: {reach: [0.03], position: [0.4, 0, 1]}
     wind: {enabled: true}
-    solver: {global_damping: 1.0}
+    solver: {global_damping: 2.0}
 """
 BARE = """
 /**:
@@ -40,7 +40,7 @@ def shown(start, viewer):
     """The viewer, which shows SCENE."""
     start(SCENE).ready()
     viewer.shows("cloth", "rope")
-    viewer.until(lambda: "bar/2" in viewer.page.scene._bodies)
+    viewer.until(lambda: "bar/2" in viewer.page.scene.bodies)
     return viewer
 
 
@@ -67,14 +67,20 @@ def test_objects_are_where_their_particles_are(shown, client):
 
 
 def test_colliders_and_handles_are_where_they_are_and_as_large(shown):
-    bodies = shown.page.scene._bodies
+    bodies = shown.page.scene.bodies
     assert set(bodies) == {"floor/0", "ball/0", "box/0", "bar/0", "bar/1", "bar/2", "hand/0"}
-    assert np.allclose(bodies["ball/0"].position, (0, 1, 0.5)) and np.allclose(bodies["ball/0"].scale, 0.2)
-    assert np.allclose(bodies["box/0"].position, (1, 1, 0.2)) and np.allclose(bodies["box/0"].wxyz, (0.8, 0, 0, 0.6))
-    assert np.allclose(bodies["box/0"].dimensions, (0.1, 0.2, 0.3))
-    assert np.allclose(bodies["bar/0"].scale, (0.1, 0.1, 0.4))
-    assert np.allclose(bodies["bar/1"].position, (-1, 0, 0.3)) and np.allclose(bodies["bar/2"].position, (-1, 0, 0.7))
-    assert np.allclose(bodies["hand/0"].position, (0.4, 0, 1)) and np.allclose(bodies["hand/0"].scale, 0.06)
+    for name, position, radius in (("ball/0", (0, 1, 0.5), 0.1), ("hand/0", (0.4, 0, 1), 0.03)):
+        assert np.allclose(np.linalg.norm(bodies[name].vertices - position, axis=1), radius, atol=1e-6)
+    corners = np.array([(x, y, z) for x in (-0.05, 0.05) for y in (-0.1, 0.1) for z in (-0.15, 0.15)])
+    c, s = 0.8**2 - 0.6**2, 2 * 0.8 * 0.6  # of twice the half angle
+    expected = corners @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + (1, 1, 0.2)
+    found = bodies["box/0"].vertices
+    assert np.linalg.norm(found[:, None] - expected, axis=2).min(axis=0).max() < 1e-6 and len(found) == 8
+    tube = bodies["bar/0"].vertices - (-1, 0, 0.5)
+    assert np.allclose(np.abs(tube[:, 2]), 0.2) and np.linalg.norm(tube[:, :2], axis=1).max() == pytest.approx(0.05)
+    for name, z in (("bar/1", 0.3), ("bar/2", 0.7)):
+        assert np.allclose(bodies[name].vertices.mean(axis=0), (-1, 0, z), atol=1e-6)
+    assert np.allclose(bodies["floor/0"].position, (0, 0, -0.005))
     assert not shown.page.scene._ground.visible  # the floor is one
 
 

@@ -104,7 +104,7 @@ class LivePage(Page):
         self.curves = {"pace": Curves(self.gui, "Real-time factor", ["real-time factor"])}
         if objects:
             self.curves["strain"] = Curves(self.gui, "Largest strain [%]", objects)
-            self.curves["error"] = Curves(self.gui, "Estimated error a frame [m]", objects, log=True)
+            self.curves["error"] = Curves(self.gui, "Estimated error a frame [µm]", objects, log=True)
         ends = [f"{rope}/{end}" for rope in known.ropes() for end in ENDS]
         if ends:
             self.curves["tension"] = Curves(self.gui, "Tension at the ends of ropes [N]", ends)
@@ -186,7 +186,7 @@ class LivePage(Page):
         self.curves["pace"].add(now, [_number(values, "real_time_factor")])
         if objects:
             self.curves["strain"].add(now, [100.0 * _number(values, f"{name}.max_strain") for name in objects])
-            self.curves["error"].add(now, [_number(values, f"{name}.error_per_frame") for name in objects])
+            self.curves["error"].add(now, [1e6 * _number(values, f"{name}.error_per_frame") for name in objects])
 
     def _changed(self, name: str, value: Any) -> None:
         self.known.values[name] = value
