@@ -70,13 +70,13 @@ def client(ros):
 
 @pytest.fixture
 def start(tmp_path):
-    """Starts nodes on YAML text or files, and ends them: start(yaml_or_path) -> NodeProcess."""
+    """Starts nodes on YAML text or files, and ends them: start(yaml_or_path, *arguments) -> NodeProcess."""
     from node_process import NodeProcess
 
     processes = []
 
-    def launch(parameters: str) -> NodeProcess:
-        processes.append(NodeProcess(parameters, (), tmp_path / f"node{len(processes)}"))
+    def launch(parameters: str, *arguments: str) -> NodeProcess:
+        processes.append(NodeProcess(parameters, arguments, tmp_path / f"node{len(processes)}"))
         return processes[-1]
 
     yield launch
@@ -85,9 +85,9 @@ def start(tmp_path):
 
 
 class Viewer:
-    """The viewer as `cloth_sim_viewer` runs it, in this process."""
+    """The viewer of the node `target` as `cloth_sim_viewer` runs it, in this process."""
 
-    def __init__(self):
+    def __init__(self, target: str):
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
 
@@ -96,7 +96,7 @@ class Viewer:
         from cloth_sim_ros.viewer.window import Window
 
         self.node = Node("cloth_sim_viewer")
-        remote = Remote(self.node, "cloth_sim")
+        remote = Remote(self.node, target)
         self.window = Window("127.0.0.1", 18090, {LivePage.title: lambda server: LivePage(server, remote)})
         self.node.create_timer(1 / 60, self.window.advance)
         self._executor = SingleThreadedExecutor()
@@ -128,8 +128,20 @@ class Viewer:
 
 
 @pytest.fixture
-def viewer(ros):
-    """The viewer; it waits for a node."""
-    found = Viewer()
-    yield found
-    found.close()
+def viewer_of(ros):
+    """viewer_of(name of a node) -> its viewer; it waits for the node."""
+    viewers = []
+
+    def make(target: str) -> Viewer:
+        viewers.append(Viewer(target))
+        return viewers[-1]
+
+    yield make
+    for each in viewers:
+        each.close()
+
+
+@pytest.fixture
+def viewer(viewer_of):
+    """The viewer of the node under test."""
+    return viewer_of("cloth_sim")

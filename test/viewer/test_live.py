@@ -87,11 +87,12 @@ def test_colliders_and_handles_are_where_they_are_and_as_large(shown):
 def test_a_slider_sets_its_parameter(shown, client):
     sliders = shown.page.panel.sliders
     for name, value in {
-        "cloth.stretch_compliance": 1e-2, "rope.bend_compliance": None, "ball.static_friction": 2.5,
-        "solver.error": 1e-2, "solver.budget": 1.0, "solver.iterations": 3, "cloth.damping": 0.0,
+        "cloth.stretch_compliance": 1e-2, "rope.bend_compliance": None, "rope.winch.pay_out": None,
+        "ball.static_friction": 2.5, "solver.error": 1e-2, "solver.budget": 1.0, "solver.iterations": 3,
+        "cloth.damping": 0.0,
     }.items():  # fmt: skip
         if value is None:
-            assert name not in sliders  # the rope does not bend
+            assert name not in sliders  # the rope does not bend, and has no winch
             continue
         sliders[name][0].slide(value)
         shown.until(lambda name=name: not settled(shown, name))
@@ -184,3 +185,15 @@ def test_a_node_that_goes_is_waited_for(start, viewer):
     assert not viewer.page.drawing.handles
     start(SCENE).ready()
     viewer.shows("cloth", "rope")
+
+
+def test_a_node_in_a_namespace_is_found_by_its_name(start, viewer_of):
+    start(BARE, "-r", "__ns:=/robot").ready()
+    viewer = viewer_of("/robot/cloth_sim")
+    viewer.shows("cloth")
+    assert len(viewer.page.drawing.handles["cloth"].vertices) == 30
+    viewer.page.panel.sliders["cloth.static_friction"][0].slide(1.5)
+    viewer.until(lambda: not settled(viewer, "cloth.static_friction"))
+    viewer.until(lambda: settled(viewer, "cloth.static_friction"))
+    viewer.page.press("pause")
+    viewer.until(lambda: viewer.page.status == "paused")

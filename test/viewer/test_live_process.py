@@ -11,6 +11,8 @@ import urllib.request
 
 import pytest
 import viser
+from client import NEWEST_ONLY
+from geometry_msgs.msg import Vector3Stamped
 from node_process import ROOT, SMALL
 from websockets.sync.client import connect
 
@@ -35,8 +37,9 @@ class Command:
         return found
 
     def end(self) -> int:
-        """Its exit status after SIGTERM."""
-        self.process.send_signal(signal.SIGTERM)
+        """Its exit status after SIGTERM, which it hands on to what it has started."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
         return self.process.wait(20.0)
 
 
@@ -51,8 +54,7 @@ def command(tmp_path):
 
     yield run
     for each in commands:
-        if each.process.poll() is None:
-            each.process.kill()
+        each.end()
 
 
 def served(port: str, count: int) -> None:
@@ -91,9 +93,20 @@ def test_what_cannot_be_is_told_in_one_sentence(command, given, sentence):
 
 
 def test_the_demonstration_tells_the_page_and_without_is_headless(command):
-    demo = command("cloth_sim_ros.demo", "towel", "--seconds", "2")
+    demo = command("cloth_sim_ros.demo", "towel", "--seconds", "12")
     served(demo.wait_for(ADDRESS).group(1), 10)
     assert demo.process.wait(90.0) == 0
     headless = command("cloth_sim_ros.demo", "towel", "--seconds", "1", "--headless")
     assert headless.process.wait(90.0) == 0
     assert "The page is at" not in headless.log.read_text()
+
+
+def test_the_breeze_of_the_demonstration_gives_way_to_a_slider(command, client):
+    command("cloth_sim_ros.demo", "curtain", "--headless")
+    winds = client.listen(Vector3Stamped, "/cloth_sim/wind", NEWEST_ONLY)
+    client.until(lambda: len(winds) > 5, timeout=60.0)
+    assert client.set("wind.velocity", [0.0, -5.0, 0.0]).successful
+    client.spin(1.0)
+    winds.clear()
+    client.spin(1.0)
+    assert not winds

@@ -57,12 +57,14 @@ class Panel:
                 self.sliders[name] = [slider]
 
     def _scale(self, name: str) -> Scale | None:
-        value = self._known.values.get(name)
-        of_material = value is not None and not (name.endswith("bend_compliance") and self._does_not_bend(name))
-        return scale_of(self._known.descriptors[name], value) if of_material else None
-
-    def _does_not_bend(self, name: str) -> bool:
-        return self._known.values.get(name.replace("bend_compliance", "bending")) == "none"
+        """The scale of a parameter; None where the scene does not have it, or nothing that it acts on."""
+        values = self._known.values
+        missing = name not in values
+        straight = (
+            name.endswith(".bend_compliance") and values.get(name.replace("bend_compliance", "bending")) == "none"
+        )
+        no_winch = name.endswith(".pay_out") and not values.get(name.replace("pay_out", "enabled"))
+        return None if missing or straight or no_winch else scale_of(self._known.descriptors[name], values[name])
 
     def _vector(self, gui: viser.GuiApi, name: str) -> None:
         hint = self._known.descriptors[name].description
