@@ -70,7 +70,10 @@ def serve(stop: threading.Event) -> int:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     while not stop.is_set():
-        executor.spin_once(timeout_sec=SPIN_PERIOD)
+        try:
+            executor.spin_once(timeout_sec=SPIN_PERIOD)
+        except Exception as error:  # the page outlives it
+            node.get_logger().error(f"a callback failed: {type(error).__name__}: {error}")
     window.close()
     executor.shutdown()
     node.destroy_node()

@@ -46,10 +46,10 @@ class Drawing:
         self.handles: dict[str, Any] = {}
         server.scene.add_frame(root, show_axes=False)
 
-    def cloth(self, name: str, vertices: np.ndarray, triangles: np.ndarray, colour: Colour, **options: Any) -> None:
+    def cloth(self, name: str, vertices: np.ndarray, triangles: np.ndarray, colour: Colour) -> None:
         """A sheet of `vertices` (N, 3) [m] and `triangles` (T, 3), smooth, seen from both sides."""
         self._vertices[name] = np.asarray
-        self._mesh(name, vertices, triangles, colour, **options)
+        self._mesh(name, vertices, triangles, colour)
 
     def rope(self, name: str, points: np.ndarray, radius: float, colour: Colour) -> None:
         """A tube of `radius` [m] around `points` (N, 3) [m]."""
@@ -60,12 +60,16 @@ class Drawing:
         """Thin lines between `pairs` (E, 2) of `vertices` (N, 3) [m], which `move` moves as cheaply as a cloth's."""
         count = len(vertices)
         faces = np.concatenate([pairs, count + np.arange(len(pairs))[:, None]], axis=1)
-        path, look = (
-            self._path(name),
-            {"color": colour, "wireframe": True, "cast_shadow": False, "receive_shadow": False},
-        )
         self._vertices[name] = lambda positions: _slivers(positions, pairs)
-        self.handles[name] = self._server.scene.add_mesh_simple(path, _slivers(vertices, pairs), faces, **look)
+        self.handles[name] = self._server.scene.add_mesh_simple(
+            self._path(name),
+            _slivers(vertices, pairs),
+            faces,
+            color=colour,
+            wireframe=True,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
 
     def move(self, name: str, positions: np.ndarray) -> None:
         """The particles of a cloth, rope or net are at `positions` (N, 3) [m] now.
@@ -88,15 +92,12 @@ class Drawing:
             self.handles[name].points = points
             self.handles[name].colors = colours
             return
-        self._keep(
-            name,
-            self._server.scene.add_line_segments(
-                self._path(name),
-                points=np.asarray(points, np.float32),
-                colors=colours,
-                thickness=thickness,
-                thickness_units="screen",
-            ),
+        self.handles[name] = self._server.scene.add_line_segments(
+            self._path(name),
+            points=np.asarray(points, np.float32),
+            colors=colours,
+            thickness=thickness,
+            thickness_units="screen",
         )
 
     def dots(self, name: str, points: np.ndarray, colours: np.ndarray, size: float) -> None:
@@ -105,15 +106,12 @@ class Drawing:
             self.handles[name].points = points
             self.handles[name].colors = colours
             return
-        self._keep(
-            name,
-            self._server.scene.add_point_cloud(
-                self._path(name),
-                np.asarray(points),
-                np.asarray(colours, np.uint8),
-                point_size=size,
-                point_shape="circle",
-            ),
+        self.handles[name] = self._server.scene.add_point_cloud(
+            self._path(name),
+            np.asarray(points),
+            np.asarray(colours, np.uint8),
+            point_size=size,
+            point_shape="circle",
         )
 
     def label(self, name: str, text: str, position: np.ndarray) -> None:
@@ -121,8 +119,8 @@ class Drawing:
         if name in self.handles:
             self.handles[name].text, self.handles[name].position = text, tuple(position)
             return
-        self._keep(
-            name, self._server.scene.add_label(self._path(name), text, position=tuple(position), anchor="bottom-center")
+        self.handles[name] = self._server.scene.add_label(
+            self._path(name), text, position=tuple(position), anchor="bottom-center"
         )
 
     def remove(self, name: str) -> None:
@@ -137,14 +135,11 @@ class Drawing:
     def _path(self, name: str) -> str:
         return f"{self._root}/{name}"
 
-    def _keep(self, name: str, handle: Any) -> None:
-        self.handles[name] = handle
-
-    def _mesh(self, name: str, vertices: np.ndarray, faces: np.ndarray, colour: Colour, **options: Any) -> None:
+    def _mesh(self, name: str, vertices: np.ndarray, faces: np.ndarray, colour: Colour) -> None:
         mesh = self._server.scene.add_mesh_simple(
-            self._path(name), np.asarray(vertices), np.asarray(faces), color=colour, side="double", **options
+            self._path(name), np.asarray(vertices), np.asarray(faces), color=colour, side="double"
         )
-        self._keep(name, mesh)
+        self.handles[name] = mesh
 
         async def on_drag(event: Any) -> None:  # a coroutine, as those run in the order of the events
             start, end = np.array(event.start_position), np.array(event.end_position)

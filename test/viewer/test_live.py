@@ -142,6 +142,19 @@ def test_what_is_dragged_comes_along_and_is_let_go(shown, client):
         assert client.get("hand.attached") is False
 
 
+def test_an_object_that_becomes_another_one_is_drawn_anew(shown, client):
+    page = shown.page
+    corner = page.scene.positions["cloth"][29].astype(float)
+    page.dragged(Drag("cloth", "start", corner, corner))
+    assert client.set("cloth.resolution", [4, 3]).successful and client.set("rope.segments", 3).successful
+    shown.until(lambda: page.drawing.handles.get("cloth") and len(page.drawing.handles["cloth"].vertices) == 12)
+    shown.until(
+        lambda: page.drawing.handles.get("rope") and len(page.drawing.handles["rope"].vertices) == 4 * SIDES + 2
+    )
+    shown.until(lambda: page.grasp.state == "idle")
+    assert len(page.drawing.handles["cloth"].faces) == 2 * 3 * 2
+
+
 def test_buttons_call_the_services(shown, client, tmp_path):
     page = shown.page
     assert client.set("state_file", str(tmp_path / "state.npz")).successful

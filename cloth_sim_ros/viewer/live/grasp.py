@@ -14,6 +14,7 @@ from cloth_sim_ros.viewer.live.remote import Known, Remote
 from cloth_sim_ros.viewer.live.scene import LiveScene
 
 NEAR = 0.3  # of a handle's reach within which the vertex must be before the handle grasps
+LONG = 600  # frames without an answer after which a drag is given up
 PATIENCE = 120  # frames in which the handle should have come there
 SHARE = 0.35  # of the way to the mouse that the handle goes in a frame: the mouse comes 20 times a second
 _STILL = 1e-6  # [m] as near as it need come
@@ -52,7 +53,7 @@ class Grasp:
         self._object, self._pointer = drag.name, drag.pointer
         positions = self._scene.positions[drag.name]
         self._vertex = int(np.linalg.norm(positions - drag.grasped, axis=1).argmin())
-        self._ended, self._waited, self._handles = False, 0, handles
+        self._ended, self._waited, self._silent, self.handle, self._handles = False, 0, 0, "", handles
         self.state, self._answer = "choosing", self._remote.get([f"{name}.attached" for name in handles])
 
     @property
@@ -62,8 +63,20 @@ class Grasp:
 
     def advance(self) -> None:
         """One frame."""
-        if self.state != "idle":
+        if self.state == "idle":
+            return
+        self._silent = self._silent + 1 if self._answer is not None and not self._answer.done() else 0
+        if self._vertex >= len(self._scene.positions[self._object]) or self._silent > LONG:
+            self._give_up()
+        else:
             getattr(self, f"_{self.state}")()
+
+    def _give_up(self) -> None:
+        """Where the object has become another one, or the node does not answer."""
+        if self.handle:
+            self._remote.call(f"handles/{self.handle}/attach", False)
+        self._told(f"{self._object} is not held any more.")
+        self.state = "idle"
 
     def _choosing(self) -> None:
         if not self._answer.done():
@@ -85,10 +98,10 @@ class Grasp:
         apart = np.linalg.norm(self._place() - self.vertex)
         if apart < NEAR * min(self._known.values[f"{self.handle}.reach"]):
             self._answer = self._remote.call(f"handles/{self.handle}/attach", True)
-            self.state = "asking"
+            self.state = "asking" if self._answer is not None else "reaching"
 
     def _asking(self) -> None:
-        if self._answer is None or not self._answer.done():
+        if not self._answer.done():
             return
         answer = self._answer.result()
         if answer.success:

@@ -34,6 +34,7 @@ class LivePage(Page):
     def __init__(self, server: viser.ViserServer, remote: Remote):
         self._remote = remote
         self._task: Task | None = None
+        self._asked = -np.inf  # when [s]
         self._calls: list[Any] = []
         self._content: Any = None
         self.known: Known | None = None
@@ -61,6 +62,7 @@ class LivePage(Page):
             self.panel.advance()
             self.grasp.advance()
             self._hear_answers()
+            self._draw_loads()
 
     def dragged(self, drag: Drag) -> None:
         if self.known is not None:
@@ -76,7 +78,7 @@ class LivePage(Page):
                 self.tell(f"{self._remote.target} is no cloth_sim node: {task.exception()}")
             else:
                 self._show(task.result())
-        elif self._remote.there and (self._task is None or time.monotonic() - self._asked > ANSWER_IN):
+        elif self._remote.there and time.monotonic() - self._asked > ANSWER_IN:
             self._asked = time.monotonic()
             self._task = self._remote.node.executor.create_task(self._remote.know)
 
@@ -86,6 +88,7 @@ class LivePage(Page):
         self.grasp = Grasp(self._remote, known, self.scene, self.tell)
         self._content = self.gui.add_folder(None)
         with self.folder, self._content:
+            self._verdict = self.gui.add_markdown("")
             self.buttons(RUN, self.press)
             self.buttons(STATE, self.press)
             tabs = self.gui.add_tab_group()
@@ -123,7 +126,7 @@ class LivePage(Page):
         self.scene.close()
         self.drawing.clear()
         self._content.remove()
-        self.known = None
+        self.known, self._task, self._asked = None, None, -np.inf
         self.tell(why)
 
     def close(self) -> None:
@@ -175,14 +178,15 @@ class LivePage(Page):
 
     def _load(self, name: str, force: float) -> None:
         self.loads[name] = force
-        now = time.monotonic() - self._begin
-        for key in ("tension", "force"):
-            curve = self.curves.get(key)
-            if curve is not None and name == curve.labels[0]:
-                curve.add(now, [self.loads[each] for each in curve.labels])
+
+    def _draw_loads(self) -> None:
+        for key in {"tension", "force"} & set(self.curves):
+            curve = self.curves[key]
+            curve.add(time.monotonic() - self._begin, [self.loads[each] for each in curve.labels])
 
     def _report(self, message: str, values: dict[str, str]) -> None:
         now, objects = time.monotonic() - self._begin, self.known.names("objects")
+        self._verdict.content = f"*{message}*"
         self.curves["pace"].add(now, [_number(values, "real_time_factor")])
         if objects:
             self.curves["strain"].add(now, [100.0 * _number(values, f"{name}.max_strain") for name in objects])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,7 @@ OBJECT = (
 )  # fmt: skip
 COLLIDER = ("static_friction", "kinetic_friction")
 AXES = ("x", "y", "z")
+ANSWER_IN = 10.0  # [s] after which a parameter is set again, as an answer may be lost
 
 
 class Panel:
@@ -31,6 +33,7 @@ class Panel:
     def __init__(self, gui: viser.GuiApi, remote: Remote, known: Known, told: Callable[[str], None]):
         self._remote, self._known, self._told = remote, known, told
         self._asked: dict[str, Future] = {}  # one request a parameter at a time
+        self._since: dict[str, float] = {}  # when [s]
         self._waiting: dict[str, Any] = {}
         self._switches: dict[str, Any] = {}
         self.sliders: dict[str, list[ParameterSlider]] = {}
@@ -93,9 +96,12 @@ class Panel:
                 self._waiting[name] = switch.value
         for name in [name for name, future in self._asked.items() if future.done()]:
             self._answered(name, self._asked.pop(name).result().results[0])
+        for name in [name for name in self._asked if time.monotonic() - self._since[name] > ANSWER_IN]:
+            del self._asked[name]
+            self._waiting.setdefault(name, self._known.values[name])
         for name in [name for name in self._waiting if name not in self._asked]:
             self._known.values[name] = value = self._waiting.pop(name)
-            self._asked[name] = self._remote.set(name, value)
+            self._asked[name], self._since[name] = self._remote.set(name, value), time.monotonic()
 
     def _answered(self, name: str, result: Any) -> None:
         if result.reason:

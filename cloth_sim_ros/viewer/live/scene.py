@@ -31,6 +31,7 @@ class LiveScene:
     def __init__(self, server: viser.ViserServer, drawing: Drawing, known: Known):
         self._server, self._drawing, self._known = server, drawing, known
         self._triangles: dict[str, np.ndarray] = {}
+        self._counts: dict[str, int] = {}  # particles of each object by its topology
         self._shapes: dict[str, tuple] = {}  # of each marker: what cannot be moved
         self._corners: dict[str, np.ndarray] = {}  # of a body at the origin (N, 3) [m]
         self._labels: dict[str, Any] = {}
@@ -43,27 +44,24 @@ class LiveScene:
     def topology(self, name: str, mesh: Mesh) -> None:
         """An object has other particles or triangles from now on; its next cloud is drawn with them."""
         self._triangles[name] = np.array([each.vertex_indices for each in mesh.triangles], np.uint32).reshape(-1, 3)
+        self._counts[name] = len(mesh.vertices)
         if name in self._drawing.handles:
             self._drawing.remove(name)
 
     def cloud(self, name: str, cloud: PointCloud2) -> None:
-        """An object's particles are there now."""
+        """An object's particles are there now. A cloud that the topology is not of is late or early, and left out."""
         positions = positions_of(cloud)
+        if len(positions) != self._counts.get(name):
+            return
         self.positions[name] = positions
         self.stamps[name] = cloud.header.stamp.sec * 1_000_000_000 + cloud.header.stamp.nanosec
-        if name not in self._triangles or not len(positions):
-            return
-        if name not in self._drawing.handles:
-            self._draw(name, positions)
-        else:
+        if name in self._drawing.handles:
             self._drawing.move(name, positions)
-
-    def _draw(self, name: str, positions: np.ndarray) -> None:
-        triangles = self._triangles[name]
+            return
         colour = COLOURS[self._known.names("objects").index(name) % len(COLOURS)]
-        if len(triangles) and triangles.max() < len(positions):
-            self._drawing.cloth(name, positions, triangles, colour)
-        elif not len(triangles) and len(positions) > 1:
+        if len(self._triangles[name]):
+            self._drawing.cloth(name, positions, self._triangles[name], colour)
+        else:
             self._drawing.rope(name, positions, self._known.values[f"{name}.radius"], colour)
 
     def markers(self, array: MarkerArray) -> None:

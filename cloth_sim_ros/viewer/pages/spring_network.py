@@ -58,7 +58,6 @@ class SpringNetwork(Page):
         self.lines = self.gui.add_checkbox("Show the springs", True)
         self.button("Start again", self._reset)
         self._numbers = self.gui.add_markdown("")
-        self._set: dict[str, object] = {}
 
     def _reset(self) -> None:
         self.stage.sim.reset()
@@ -69,15 +68,10 @@ class SpringNetwork(Page):
     def frame(self) -> None:
         for kind, (parameter, _, _, _) in KINDS.items():
             value = 10.0 ** self.sliders[kind].value if self.switches[kind].value else OFF
-            self._apply(f"sheet.{parameter}", value)
-        self._apply("sheet.pins", self.pins.value)
+            self.stage.apply(f"sheet.{parameter}", value)
+        self.stage.apply("sheet.pins", self.pins.value)
         self.stage.step()
         self._draw()
-
-    def _apply(self, name: str, value: object) -> None:
-        if self._set.get(name) != value:
-            self.stage.sim.set(name, value)
-            self._set[name] = value
 
     def show(self) -> dict[str, tuple[int, float]]:
         """Kind -> number of its springs, and the largest strain of any of them now."""
@@ -94,7 +88,7 @@ class SpringNetwork(Page):
             rows.append(
                 f"| {kind} | {number} | {100 * strain:.1f} % |" if self.switches[kind].value else f"| {kind} | off | |"
             )
-        self._numbers.content = "\n".join(rows)
+        self._numbers.content = "\n".join([*rows, "", self.stage.refused])
         positions = self.stage.sim.positions("sheet")
         self.drawing.handles["sheet"].opacity = 0.4 if self.lines.value else None
         for kind, (pairs, _, _) in self.stage.sim.springs("sheet").items():

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,8 @@ class Stage:
         self.sim = Simulation(dataclasses.replace(scene, handles={HAND: hand}), settings)
         self._drawing = drawing
         self._vertex: tuple[str, int] | None = None
+        self._set: dict[str, Any] = {}
+        self.refused = ""
         for k, (name, thing) in enumerate(scene.objects.items()):
             colour, positions = COLOURS[k % len(COLOURS)], self.sim.positions(name)
             if isinstance(thing, Cloth):
@@ -31,6 +34,16 @@ class Stage:
         for name, thing in scene.colliders.items():
             if isinstance(thing, Sphere):
                 drawing.ball(name, thing.radius, thing.position, STEEL)
+
+    def apply(self, name: str, value: Any) -> None:
+        """Sets a live parameter where the value is another one; `refused` is the sentence where it cannot be, or ""."""
+        if self._set.get(name) == value:
+            return
+        self._set[name], self.refused = value, ""
+        try:
+            self.sim.set(name, value)
+        except ValueError as error:
+            self.refused = str(error)
 
     def step(self) -> None:
         """One frame, drawn."""

@@ -59,29 +59,23 @@ class WholeCloth(Page):
         self.button("Start again", self.stage.sim.reset)
         self._numbers = self.gui.add_markdown("")
         self._readback = Readback(self.stage.sim, "cloth", normals=True)
-        self._set: dict[str, object] = {}
         self._frames = 0
 
     def dragged(self, drag: Drag) -> None:
         self.stage.drag(drag)
 
     def frame(self) -> None:
-        self._apply("wind.velocity", tuple(slider.value for slider in self.wind))
+        self.stage.apply("wind.velocity", tuple(slider.value for slider in self.wind))
         for name in ("cloth", "ball", "floor"):
             for kind in ("static_friction", "kinetic_friction"):
-                self._apply(f"{name}.{kind}", self.friction.value)
-        self._apply("cloth.stretch_compliance", 10.0**self.stretch.value)
-        self._apply("cloth.pins", self.pins.value)
+                self.stage.apply(f"{name}.{kind}", self.friction.value)
+        self.stage.apply("cloth.stretch_compliance", 10.0**self.stretch.value)
+        self.stage.apply("cloth.pins", self.pins.value)
         self.stage.step()
         self._draw_normals()
         if self._frames % 15 == 0:
             self._tell()
         self._frames += 1
-
-    def _apply(self, name: str, value: object) -> None:
-        if self._set.get(name) != value:
-            self.stage.sim.set(name, value)
-            self._set[name] = value
 
     def particles(self) -> np.ndarray:
         """Positions [m] and unit normals (N, 6), as the device has them."""
@@ -108,5 +102,5 @@ class WholeCloth(Page):
         self._numbers.content = (
             f"| | |\n|---|---|\n| largest strain | {100 * report['max_strain']:.1f} % |\n"
             f"| force on the ball | {force:.2f} N |\n| time | {sim.time:.1f} s |\n\n"
-            f"The cloth {sim.choices['cloth'].reason}."
+            f"The cloth {sim.choices['cloth'].reason}. {self.stage.refused}"
         )
