@@ -1,5 +1,5 @@
-# make demo   the node on config/curtain.yaml, its driver and a status line; SCENE=towel takes another one of config/,
-#             ARGS="--seconds 10" ends it by itself
+# make demo   the node on config/curtain.yaml, its driver, a status line and a page to look at; SCENE=towel takes another
+#             one of config/, ARGS=--headless leaves the page out, ARGS="--seconds 10" ends it by itself
 # make test   ruff and the tests, but for those marked `long`, which `make test-long` runs
 # All set up .venv first; the second time that takes no time. PYTHON=/path/to/python3 chooses an interpreter.
 SHELL := /bin/bash
@@ -45,8 +45,8 @@ $(VENV)/ready-to-run: $(SOURCES)
 	echo "== Setting up $(VENV) with $$("$$python" --version); this is done once"; \
 	"$$python" -m venv --clear $$options $(VENV) || \
 	  { echo "Python cannot make environments; on Debian and Ubuntu: sudo apt install python3-venv" >&2; exit 1; }; \
-	if $(RUN) -c 'import rclpy' 2>/dev/null; then what=.; echo "== Using the ROS 2 that is installed"; \
-	else what='.[ros]'; echo "== Adding ROS 2 from wheels"; fi; \
+	if $(RUN) -c 'import rclpy' 2>/dev/null; then what='.[viewer]'; echo "== Using the ROS 2 that is installed"; \
+	else what='.[ros,viewer]'; echo "== Adding ROS 2 from wheels"; fi; \
 	$(RUN) -m pip install --disable-pip-version-check --editable "$$what"; \
 	touch $@; \
 	echo "== $(VENV) is ready to run"

@@ -22,6 +22,7 @@ setup(
     extras_require={
         "ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp"],
         "mesh": ["trimesh"],
+        "viewer": ["viser>=1.1", "scipy"],
         "study": ["scipy", "matplotlib", "pyyaml"],
         "peers": ["newton==1.8.0", "mujoco", "pypbd"],
         "test": ["pytest", "pytest-xdist", "ruff", "scipy", "trimesh", "matplotlib", "pypbd"],
@@ -35,6 +36,7 @@ setup(
     entry_points={
         "console_scripts": [
             "cloth_sim_node = cloth_sim_ros.ros.__main__:main",
+            "cloth_sim_viewer = cloth_sim_ros.viewer.__main__:main",
             "cloth_sim_demo = cloth_sim_ros.demo.__main__:main",
         ],
     },

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A demonstration: starts the node on a scene of config/ and the scene's driver, where it has one, and watches.
+"""A demonstration: starts the node on a scene of config/, the scene's driver, where it has one, and the viewer.
 
 Everything goes through the real topics; the status line is made of what arrives. Run it with `make demo SCENE=towel`.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import importlib.util
 import math
 import os
 import signal
@@ -34,6 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs the demonstration until Ctrl-C, SIGTERM or --seconds; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", nargs="?", default="curtain", choices=scenes(), help="a scene of config/")
+    parser.add_argument("--headless", action="store_true", help="without the viewer")
     parser.add_argument("--seconds", type=float, default=math.inf, help="how long to run once messages arrive")
     options = parser.parse_args(arguments)
     stop = threading.Event()
@@ -42,19 +44,43 @@ def main(arguments: list[str] | None = None) -> int:
     config = shared(f"config/{options.scene}.yaml")
     print(f"Starting the node on {config} ...", flush=True)
     node = start_node(config)
+    viewer = None if options.headless else start_viewer()
     try:
         watch(stop, node, options.scene, options.seconds)
     finally:
-        node.terminate()
-        status = node.wait(timeout=10.0)
+        if viewer is not None:
+            end(viewer)
+        status = end(node)
     return status
 
 
 def start_node(config: Path, *arguments: str) -> subprocess.Popen:
     """The node with the parameters of `config` and further ROS arguments, in a process of its own."""
-    command = [sys.executable, "-m", "cloth_sim_ros.ros", "--ros-args", "--params-file", str(config), *arguments]
-    # A process group of its own, so that Ctrl-C reaches this process alone, which then ends the node.
-    return subprocess.Popen(command, start_new_session=True, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+    return start("cloth_sim_ros.ros", "--ros-args", "--params-file", str(config), *arguments)
+
+
+def start_viewer() -> subprocess.Popen | None:
+    """The viewer, which prints its address, in a process of its own; None and a sentence where it is not installed."""
+    if importlib.util.find_spec("viser") is None:
+        print("Nothing is shown in a browser, as viser is not installed: pip install viser", flush=True)
+        return None
+    return start("cloth_sim_ros.viewer")
+
+
+def start(module: str, *arguments: str) -> subprocess.Popen:
+    """A module of Python as a process. Its group is its own: Ctrl-C reaches this process alone, which then ends it."""
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    return subprocess.Popen([sys.executable, "-m", module, *arguments], start_new_session=True, env=environment)
+
+
+def end(process: subprocess.Popen) -> int:
+    """Asks a process to end and returns its status; one that is busy with compiling for long is not waited for."""
+    process.terminate()
+    try:
+        return process.wait(timeout=10.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
 
 
 def scenes() -> list[str]:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives config/curtain.yaml: a ball swings through the curtain, and a breeze comes and goes."""
+"""Drives config/curtain.yaml: a ball swings through the curtain, and a breeze comes and goes.
+
+The breeze ends for good where somebody sets the parameter wind.velocity, as by a slider of the viewer.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import math
 import time
 
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
@@ -34,6 +38,8 @@ class Driver(Node):
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._ball = self.create_publisher(PoseStamped, "/cloth_sim/colliders/ball/pose", newest)
         self._wind = self.create_publisher(Vector3Stamped, "/cloth_sim/wind", newest)
+        self._blows = True
+        self.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
         self._begin: float | None = None  # when the node was there to be fed
         self.create_timer(1.0 / RATE, self._feed)
 
@@ -49,4 +55,10 @@ class Driver(Node):
         pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = ball_pose(t)
         wind.vector.x, wind.vector.y, wind.vector.z = breeze(t)
         self._ball.publish(pose)
-        self._wind.publish(wind)
+        if self._blows:
+            self._wind.publish(wind)
+
+    def _on_parameters(self, event: ParameterEvent) -> None:
+        changed = {parameter.name for parameter in event.changed_parameters}
+        if event.node == "/cloth_sim" and "wind.velocity" in changed:
+            self._blows = False

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ElementTree
 
 from node_process import ROOT
 
-FOREIGN = {"numpy", "yaml", "warp", "trimesh", "scipy", "pytest", "rosbags"}  # with a rosdep key or by pip
+FOREIGN = {"numpy", "yaml", "warp", "trimesh", "scipy", "pytest", "rosbags", "viser"}  # with a rosdep key or by pip
 
 
 def imported(folder: str) -> set[str]:
@@ -24,6 +24,7 @@ def imported(folder: str) -> set[str]:
 
 def test_it_names_what_is_imported_and_launched():
     needed = imported("cloth_sim_ros/ros") | imported("launch") | imported("cloth_sim_ros/demo")
+    needed |= imported("cloth_sim_ros/viewer")
     needed -= {*sys.stdlib_module_names, "cloth_sim_ros", *FOREIGN}
     needed |= {"rviz2"}  # which the launch file starts
     root = ElementTree.parse(ROOT / "package.xml").getroot()

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shows a running cloth_sim node in a browser: `cloth_sim_viewer`, or `python -m cloth_sim_ros.viewer`.
+
+SIGINT and SIGTERM end it with status 0. Its own parameters: see PARAMETERS.
+"""
+
+from __future__ import annotations
+
+import errno
+import importlib.util
+import signal
+import socket
+import sys
+import threading
+
+from cloth_sim_ros.ros.__main__ import set_up_large_messages
+
+SPIN_PERIOD = 0.1  # [s] at most between a signal and its effect
+FRAME = 1.0 / 60.0  # [s]
+PARAMETERS = {
+    "node": ("cloth_sim", "Name of the node to show; without a slash at the beginning in the viewer's namespace."),
+    "host": ("127.0.0.1", "Address at which the page is served; 0.0.0.0 is for other machines too."),
+    "port": (8080, "Port of the page; where it is taken, the next free one."),
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Serves the page until a signal comes; returns the exit status. Raises no exception."""
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    if importlib.util.find_spec("viser") is None:
+        print("cloth_sim_viewer: viser is not installed: pip install 'cloth_sim_ros[viewer]'", file=sys.stderr)
+        return 1
+    set_up_large_messages()
+
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        return serve(stop)
+    except Exception as error:
+        print(f"cloth_sim_viewer: {error}", file=sys.stderr)
+        return 1
+    finally:
+        rclpy.try_shutdown()
+
+
+def serve(stop: threading.Event) -> int:
+    """Runs node and page until `stop` is set."""
+    import warp
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+
+    from cloth_sim_ros.viewer.live.page import LivePage
+    from cloth_sim_ros.viewer.live.remote import Remote
+    from cloth_sim_ros.viewer.pages import PAGES
+    from cloth_sim_ros.viewer.window import Window
+
+    warp.config.log_level = warp.LOG_WARNING
+    node = Node("cloth_sim_viewer")
+    given = {name: node.declare_parameter(name, value).value for name, (value, _) in PARAMETERS.items()}
+    check_address(given["host"], given["port"])
+    remote = Remote(node, given["node"])
+    pages = {LivePage.title: lambda server: LivePage(server, remote), **{page.title: page for page in PAGES}}
+    window = Window(given["host"], given["port"], pages)
+    print(f"The page is at {window.address}", flush=True)
+    node.create_timer(FRAME, window.advance)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not stop.is_set():
+        try:
+            executor.spin_once(timeout_sec=SPIN_PERIOD)
+        except Exception as error:  # the page outlives it
+            node.get_logger().error(f"a callback failed: {type(error).__name__}: {error}")
+    window.close()
+    executor.shutdown()
+    node.destroy_node()
+    return 0
+
+
+def check_address(host: str, port: int) -> None:
+    """Raises ValueError, in one sentence, where nothing can be served there; a port that is in use may be given."""
+    if not 0 < port < 65536:
+        raise ValueError(f"port is {port}; allowed is a whole number from 1 to 65535")
+    try:
+        socket.create_server((host, port)).close()
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            why = error.strerror or str(error)
+            raise ValueError(
+                f"host is {host!r} and port {port}: {why}; allowed is an address of this machine"
+            ) from None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is drawn under one name of a viser scene: cloths, ropes, balls, lines and labels, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import viser
+from trimesh.creation import icosphere
+
+from cloth_sim_ros.viewer.tube import tube_faces, tube_vertices
+
+Colour = tuple[int, int, int]
+COLOURS: tuple[Colour, ...] = (
+    (46, 112, 176), (226, 112, 72), (58, 140, 98), (146, 104, 178), (222, 170, 60), (74, 160, 178),
+)  # fmt: skip
+TO_LAMP = np.array([-0.3, -0.6, 0.7])  # where light comes from, roughly
+STEEL: Colour = (150, 156, 168)
+
+
+@dataclass(frozen=True)
+class Drag:
+    """The mouse on an object: `phase` is start, update or end.
+
+    grasped is where on the object it began, pointer where the mouse is now, both (3,) in the world [m].
+    """
+
+    name: str
+    phase: str
+    grasped: np.ndarray
+    pointer: np.ndarray
+
+
+class Drawing:
+    """Objects by name. What is drawn anew under a name replaces what was there; `clear` removes all.
+
+    dragged(drag) is called in the server's thread, in order, where somebody drags a cloth or a rope.
+    """
+
+    def __init__(self, server: viser.ViserServer, root: str, dragged: Callable[[Drag], None] = lambda drag: None):
+        self._server, self._root, self._dragged = server, root, dragged
+        self._vertices: dict[str, Callable[[np.ndarray], np.ndarray]] = {}  # of a mesh, from positions
+        self.handles: dict[str, Any] = {}
+        server.scene.add_frame(root, show_axes=False)
+
+    def cloth(self, name: str, vertices: np.ndarray, triangles: np.ndarray, colour: Colour) -> None:
+        """A sheet of `vertices` (N, 3) [m] and `triangles` (T, 3), smooth, seen from both sides."""
+        self._vertices[name] = np.asarray
+        self._mesh(name, vertices, triangles, colour)
+
+    def rope(self, name: str, points: np.ndarray, radius: float, colour: Colour) -> None:
+        """A tube of `radius` [m] around `points` (N, 3) [m]."""
+        self._vertices[name] = lambda positions: tube_vertices(positions, radius)
+        self._mesh(name, tube_vertices(np.asarray(points), radius), tube_faces(len(points)), colour)
+
+    def net(self, name: str, vertices: np.ndarray, pairs: np.ndarray, colour: Colour) -> None:
+        """Thin lines between `pairs` (E, 2) of `vertices` (N, 3) [m], which `move` moves as cheaply as a cloth's."""
+        count = len(vertices)
+        faces = np.concatenate([pairs, count + np.arange(len(pairs))[:, None]], axis=1)
+        self._vertices[name] = lambda positions: _slivers(positions, pairs)
+        self.handles[name] = self._server.scene.add_mesh_simple(
+            self._path(name),
+            _slivers(vertices, pairs),
+            faces,
+            color=colour,
+            wireframe=True,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def move(self, name: str, positions: np.ndarray) -> None:
+        """The particles of a cloth, rope or net are at `positions` (N, 3) [m] now.
+
+        A browser draws all that is moved so at the same time, which does not hold for other things, such as labels.
+        """
+        self.handles[name].vertices = self._vertices[name](positions)
+
+    def ball(self, name: str, radius: float, position: np.ndarray, colour: Colour) -> None:
+        """A ball [m]; `move` moves it to another position (3,)."""
+        sphere = icosphere(subdivisions=3, radius=radius)
+        self._vertices[name] = lambda position: sphere.vertices + position
+        path, vertices = self._path(name), sphere.vertices + np.asarray(position)
+        self.handles[name] = self._server.scene.add_mesh_simple(path, vertices, sphere.faces, color=colour)
+
+    def lines(self, name: str, points: np.ndarray, colours: np.ndarray, thickness: float = 2.0) -> None:
+        """Segments `points` (E, 2, 3) [m], each of a colour (E, 3) of 0 to 255, `thickness` pixels wide."""
+        colours = np.repeat(np.asarray(colours, np.uint8)[:, None], 2, axis=1)
+        if name in self.handles and len(self.handles[name].points) == len(points):
+            self.handles[name].points = points
+            self.handles[name].colors = colours
+            return
+        self.handles[name] = self._server.scene.add_line_segments(
+            self._path(name),
+            points=np.asarray(points, np.float32),
+            colors=colours,
+            thickness=thickness,
+            thickness_units="screen",
+        )
+
+    def dots(self, name: str, points: np.ndarray, colours: np.ndarray, size: float) -> None:
+        """Round points (N, 3) [m], each of a colour (N, 3) of 0 to 255, of `size` [m]."""
+        if name in self.handles and len(self.handles[name].points) == len(points):
+            self.handles[name].points = points
+            self.handles[name].colors = colours
+            return
+        self.handles[name] = self._server.scene.add_point_cloud(
+            self._path(name),
+            np.asarray(points),
+            np.asarray(colours, np.uint8),
+            point_size=size,
+            point_shape="circle",
+        )
+
+    def label(self, name: str, text: str, position: np.ndarray) -> None:
+        """Words in the scene."""
+        if name in self.handles:
+            self.handles[name].text, self.handles[name].position = text, tuple(position)
+            return
+        self.handles[name] = self._server.scene.add_label(
+            self._path(name), text, position=tuple(position), anchor="bottom-center"
+        )
+
+    def remove(self, name: str) -> None:
+        """Takes one thing away."""
+        self.handles.pop(name).remove()
+
+    def clear(self) -> None:
+        """Takes all of it away."""
+        for name in list(self.handles):
+            self.remove(name)
+
+    def _path(self, name: str) -> str:
+        return f"{self._root}/{name}"
+
+    def _mesh(self, name: str, vertices: np.ndarray, faces: np.ndarray, colour: Colour) -> None:
+        mesh = self._server.scene.add_mesh_simple(
+            self._path(name), np.asarray(vertices), np.asarray(faces), color=colour, side="double"
+        )
+        self.handles[name] = mesh
+
+        async def on_drag(event: Any) -> None:  # a coroutine, as those run in the order of the events
+            start, end = np.array(event.start_position), np.array(event.end_position)
+            self._dragged(Drag(name, event.phase, start, end))
+
+        mesh.on_drag(on_drag)
+
+
+def _slivers(positions: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Vertices of a net: the positions, and one beside the middle of each line, to light it by."""
+    a, b = positions[pairs[:, 0]], positions[pairs[:, 1]]
+    return np.concatenate([positions, 0.5 * (a + b) + 1e-3 * np.cross(TO_LAMP, b - a)])

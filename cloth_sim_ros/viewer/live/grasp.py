@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A vertex that is dragged in the browser is grasped by a free handle of the scene, by topic and service."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from rclpy.parameter import parameter_value_to_python
+from rclpy.task import Future
+
+from cloth_sim_ros.viewer.drawing import Drag
+from cloth_sim_ros.viewer.live.remote import Known, Remote
+from cloth_sim_ros.viewer.live.scene import LiveScene
+
+NEAR = 0.3  # of a handle's reach within which the vertex must be before the handle grasps
+LONG = 600  # frames without an answer after which a drag is given up
+PATIENCE = 120  # frames in which the handle should have come there
+SHARE = 0.35  # of the way to the mouse that the handle goes in a frame: the mouse comes 20 times a second
+_STILL = 1e-6  # [m] as near as it need come
+NONE_FREE = "No handle is free to drag with. Add one to the scene, as `handles: [hand]`, that nobody else moves."
+
+
+class Grasp:
+    """One drag at a time: a free handle goes to the vertex, grasps, follows the mouse, and lets go.
+
+    `state` is idle, choosing, reaching, asking, holding or leaving.
+    """
+
+    def __init__(self, remote: Remote, known: Known, scene: LiveScene, told: Callable[[str], None]):
+        self._remote, self._known, self._scene, self._told = remote, known, scene, told
+        self.state = "idle"
+        self.handle = ""
+        self._object = ""
+        self._ended = False
+        self._waited = 0
+        self._answer: Future | None = None
+
+    def drag(self, drag: Drag) -> None:
+        """What the mouse does."""
+        if drag.phase == "start":
+            if self.state == "idle" and drag.name in self._scene.positions:
+                self._begin(drag)
+        elif drag.name == self._object:
+            self._pointer = drag.pointer
+            self._ended = self._ended or drag.phase == "end"
+
+    def _begin(self, drag: Drag) -> None:
+        handles = [name for name in self._known.names("handles") if self._remote.is_ours_alone(name)]
+        if not handles:
+            self._told(NONE_FREE)
+            return
+        self._object, self._pointer = drag.name, drag.pointer
+        positions = self._scene.positions[drag.name]
+        self._vertex = int(np.linalg.norm(positions - drag.grasped, axis=1).argmin())
+        self._ended, self._waited, self._silent, self.handle, self._handles = False, 0, 0, "", handles
+        self.state, self._answer = "choosing", self._remote.get([f"{name}.attached" for name in handles])
+
+    @property
+    def vertex(self) -> np.ndarray:
+        """Where the dragged vertex is (3,) [m]."""
+        return self._scene.positions[self._object][self._vertex]
+
+    def advance(self) -> None:
+        """One frame."""
+        if self.state == "idle":
+            return
+        self._silent = self._silent + 1 if self._answer is not None and not self._answer.done() else 0
+        if self._vertex >= len(self._scene.positions[self._object]) or self._silent > LONG:
+            self._give_up()
+        else:
+            getattr(self, f"_{self.state}")()
+
+    def _give_up(self) -> None:
+        """Where the object has become another one, or the node does not answer."""
+        if self.handle:
+            self._remote.call(f"handles/{self.handle}/attach", False)
+        self._told(f"{self._object} is not held any more.")
+        self.state = "idle"
+
+    def _choosing(self) -> None:
+        if not self._answer.done():
+            return
+        attached = [parameter_value_to_python(value) for value in self._answer.result().values]
+        free = [name for name, holds in zip(self._handles, attached, strict=True) if not holds]
+        if not free:
+            self._told(NONE_FREE)
+            self.state = "idle"
+            return
+        self.handle, self.state = free[0], "reaching"
+
+    def _reaching(self) -> None:
+        self._waited += 1
+        if self._ended or self._waited > PATIENCE:
+            self.state = "idle"
+            return
+        self._send(self.vertex.astype(np.float64))
+        apart = np.linalg.norm(self._place() - self.vertex)
+        if apart < NEAR * min(self._known.values[f"{self.handle}.reach"]):
+            self._answer = self._remote.call(f"handles/{self.handle}/attach", True)
+            self.state = "asking" if self._answer is not None else "reaching"
+
+    def _asking(self) -> None:
+        if not self._answer.done():
+            return
+        answer = self._answer.result()
+        if answer.success:
+            self._stamp = self._scene.stamps[self._object]
+            self._offset: np.ndarray | None = None
+            self.state = "holding"
+        elif self._waited < PATIENCE and not self._ended:
+            self.state = "reaching"
+        else:
+            self.state = "idle"
+        self._told(answer.message)
+
+    def _holding(self) -> None:
+        if self._offset is None:  # measured while the hand rests where it was sent to
+            at_rest = np.linalg.norm(self._place() - self._sent) < _STILL
+            if not at_rest or self._scene.stamps[self._object] <= self._stamp:
+                self._stamp = self._scene.stamps[self._object]
+                return
+            self._offset = self.vertex - self._sent
+        way = self._pointer - self._offset - self._sent
+        if np.linalg.norm(way) > _STILL:
+            self._send(self._sent + (SHARE * way if np.linalg.norm(way) > 100 * _STILL else way))
+        elif self._ended:
+            self._answer = self._remote.call(f"handles/{self.handle}/attach", False)
+            self.state = "leaving"
+
+    def _leaving(self) -> None:
+        if self._answer is None or self._answer.done():
+            self.state = "idle"
+
+    def _place(self) -> np.ndarray:
+        return self._scene.places.get(self.handle, np.full(3, np.inf))
+
+    def _send(self, position: np.ndarray) -> None:
+        self._sent = position
+        self._remote.move(self.handle, position, self._known.values["frame_id"])

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a running node: its scene, its controls and its curves."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import viser
+from rclpy.task import Task
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from visualization_msgs.msg import MarkerArray
+
+from cloth_sim_ros.viewer.curves import Curves
+from cloth_sim_ros.viewer.drawing import Drag
+from cloth_sim_ros.viewer.live.grasp import Grasp
+from cloth_sim_ros.viewer.live.panel import Panel
+from cloth_sim_ros.viewer.live.remote import ENDS, Known, Remote, Seen
+from cloth_sim_ros.viewer.live.scene import LiveScene
+from cloth_sim_ros.viewer.look import look_from
+from cloth_sim_ros.viewer.window import Page
+
+ANSWER_IN = 5.0  # [s] after which the node is asked again, as an answer may be lost while it starts
+RUN, STATE = ("pause", "go on", "step", "reset"), ("save", "load")
+
+
+class LivePage(Page):
+    """Waits for the node, shows it, and waits again where it goes. `status` is what was said last."""
+
+    title = "The running node"
+
+    def __init__(self, server: viser.ViserServer, remote: Remote):
+        self._remote = remote
+        self._task: Task | None = None
+        self._asked = -np.inf  # when [s]
+        self._calls: list[Any] = []
+        self._content: Any = None
+        self.known: Known | None = None
+        super().__init__(server)
+
+    def build(self) -> None:
+        self._status = self.gui.add_markdown("")
+        self.tell(f"Waiting for {self._remote.target} ...")
+
+    @property
+    def status(self) -> str:
+        """The sentence that is shown."""
+        return self._status.content
+
+    def tell(self, sentence: str) -> None:
+        """Shows a sentence in place of the one before."""
+        self._status.content = sentence
+
+    def frame(self) -> None:
+        if self.known is None:
+            self._look()
+        elif not self._remote.there:
+            self._lose(f"{self._remote.target} has gone; waiting for it ...")
+        else:
+            self.panel.advance()
+            self.grasp.advance()
+            self._hear_answers()
+            self._draw_loads()
+
+    def dragged(self, drag: Drag) -> None:
+        if self.known is not None:
+            self.grasp.drag(drag)
+
+    # -- coming and going ----------------------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """Asks the node what it is, once it is there."""
+        if self._task is not None and self._task.done():
+            task, self._task = self._task, None
+            if task.exception() is not None:
+                self.tell(f"{self._remote.target} is no cloth_sim node: {task.exception()}")
+            else:
+                self._show(task.result())
+        elif self._remote.there and time.monotonic() - self._asked > ANSWER_IN:
+            self._asked = time.monotonic()
+            self._task = self._remote.node.executor.create_task(self._remote.know)
+
+    def _show(self, known: Known) -> None:
+        self.known = known
+        self.scene = LiveScene(self.server, self.drawing, known)
+        self.grasp = Grasp(self._remote, known, self.scene, self.tell)
+        self._content = self.gui.add_folder(None)
+        with self.folder, self._content:
+            self._verdict = self.gui.add_markdown("")
+            self.buttons(RUN, self.press)
+            self.buttons(STATE, self.press)
+            tabs = self.gui.add_tab_group()
+            with tabs.add_tab("Parameters"):
+                self.panel = Panel(self.gui, self._remote, known, self.tell)
+            with tabs.add_tab("Curves"):
+                self._make_curves(known)
+        self._begin = time.monotonic()
+        seen = Seen(self._cloud, self._topology, self._markers, self._report, self._load, self._changed)
+        self._remote.listen(known, seen)
+        self._framed = False
+        self.tell(f"{self._remote.target} is there. " + ("" if known.names("objects") else "Its scene is empty."))
+
+    def _make_curves(self, known: Known) -> None:
+        objects = known.names("objects")
+        self.curves = {"pace": Curves(self.gui, "Real-time factor", ["real-time factor"])}
+        if objects:
+            self.curves["strain"] = Curves(self.gui, "Largest strain [%]", objects)
+            self.curves["error"] = Curves(self.gui, "Estimated error a frame [µm]", objects, log=True)
+        ends = [f"{rope}/{end}" for rope in known.ropes() for end in ENDS]
+        if ends:
+            self.curves["tension"] = Curves(self.gui, "Tension at the ends of ropes [N]", ends)
+        else:
+            self.gui.add_markdown("There is no rope, so there is no tension to show.")
+        loads = [f"{kind}/{name}" for kind in ("handles", "colliders") for name in known.names(kind)]
+        if loads:
+            self.curves["force"] = Curves(self.gui, "Force on handles and colliders [N]", loads)
+        else:
+            self.gui.add_markdown("There is no handle and no collider, so there is no force to show.")
+        self.gui.add_markdown("Tearing is not part of the simulation, so a click cuts nothing.")
+        self.loads = dict.fromkeys([*ends, *loads], np.nan)
+
+    def _lose(self, why: str) -> None:
+        self._remote.forget()
+        self.scene.close()
+        self.drawing.clear()
+        self._content.remove()
+        self.known, self._task, self._asked = None, None, -np.inf
+        self.tell(why)
+
+    def close(self) -> None:
+        if self.known is not None:
+            self._lose("")
+        super().close()
+
+    # -- buttons -------------------------------------------------------------------------------------------------
+
+    def press(self, label: str) -> None:
+        """Does what a button of this label does."""
+        if label in ("pause", "go on"):
+            self._call("pause", label == "pause")
+        else:
+            self._call(label)
+
+    def _call(self, service: str, on: bool | None = None) -> None:
+        answer = self._remote.call(service, on)
+        if answer is None:
+            self.tell(f"The service {service} is not there yet; press again in a moment.")
+        else:
+            self._calls.append(answer)
+
+    def _hear_answers(self) -> None:
+        for answer in [each for each in self._calls if each.done()]:
+            self._calls.remove(answer)
+            self.tell(answer.result().message)
+
+    # -- what arrives --------------------------------------------------------------------------------------------
+
+    def _cloud(self, name: str, cloud: PointCloud2) -> None:
+        self.scene.cloud(name, cloud)
+        if not self._framed and len(self.scene.positions) == len(self.known.names("objects")):
+            self._framed = True
+            self._look_at_all()
+
+    def _look_at_all(self) -> None:
+        """Puts the camera where all objects are in view."""
+        points = np.concatenate(list(self.scene.positions.values()))
+        middle, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), np.linalg.norm(np.ptp(points, axis=0))
+        away = max(1.9 * size, 0.5) * np.array([0.45, -0.85, 0.3])
+        look_from(self.server, tuple(middle + away), tuple(middle))
+
+    def _topology(self, name: str, mesh: Mesh) -> None:
+        self.scene.topology(name, mesh)
+
+    def _markers(self, array: MarkerArray) -> None:
+        self.scene.markers(array)
+
+    def _load(self, name: str, force: float) -> None:
+        self.loads[name] = force
+
+    def _draw_loads(self) -> None:
+        for key in {"tension", "force"} & set(self.curves):
+            curve = self.curves[key]
+            curve.add(time.monotonic() - self._begin, [self.loads[each] for each in curve.labels])
+
+    def _report(self, message: str, values: dict[str, str]) -> None:
+        now, objects = time.monotonic() - self._begin, self.known.names("objects")
+        self._verdict.content = f"*{message}*"
+        self.curves["pace"].add(now, [_number(values, "real_time_factor")])
+        if objects:
+            self.curves["strain"].add(now, [100.0 * _number(values, f"{name}.max_strain") for name in objects])
+            self.curves["error"].add(now, [1e6 * _number(values, f"{name}.error_per_frame") for name in objects])
+
+    def _changed(self, name: str, value: Any) -> None:
+        self.known.values[name] = value
+        self.panel.changed(name, value)
+
+
+def _number(values: dict[str, str], key: str) -> float:
+    return float(values.get(key, "nan"))

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sliders of a running node's parameters, by what they belong to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import viser
+from rclpy.parameter import parameter_value_to_python
+from rclpy.task import Future
+
+from cloth_sim_ros.viewer.live.remote import Known, Remote
+from cloth_sim_ros.viewer.live.sliders import WIND, ParameterSlider, Scale, scale_of
+
+SOLVER = ("solver.error", "solver.budget", "solver.iterations", "solver.substeps", "solver.global_damping")
+OBJECT = (
+    "stretch_compliance", "shear_compliance", "bend_compliance", "damping", "static_friction", "kinetic_friction",
+    "winch.pay_out",
+)  # fmt: skip
+COLLIDER = ("static_friction", "kinetic_friction")
+AXES = ("x", "y", "z")
+ANSWER_IN = 10.0  # [s] after which a parameter is set again, as an answer may be lost
+
+
+class Panel:
+    """Folders of sliders. `told` is given a sentence where the node has something to say of a value.
+
+    sliders: by parameter one for each number; the wind has three.
+    """
+
+    def __init__(self, gui: viser.GuiApi, remote: Remote, known: Known, told: Callable[[str], None]):
+        self._remote, self._known, self._told = remote, known, told
+        self._asked: dict[str, Future] = {}  # one request a parameter at a time
+        self._since: dict[str, float] = {}  # when [s]
+        self._waiting: dict[str, Any] = {}
+        self._switches: dict[str, Any] = {}
+        self.sliders: dict[str, list[ParameterSlider]] = {}
+        with gui.add_folder("Wind"):
+            self._switch(gui, "wind.enabled", "There is wind")
+            self._vector(gui, "wind.velocity")
+        for name in known.names("objects"):
+            self._folder(gui, name, [f"{name}.{each}" for each in OBJECT])
+        with_friction = [f"{name}.{each}" for name in known.names("colliders") for each in COLLIDER]
+        self._folder(gui, "Colliders", with_friction, expanded=False)
+        self._folder(gui, "Solver", list(SOLVER), expanded=False)
+
+    def _folder(self, gui: viser.GuiApi, title: str, names: list[str], expanded: bool = True) -> None:
+        scales = {name: self._scale(name) for name in names}
+        if not any(scales.values()):
+            return
+        with gui.add_folder(title, expand_by_default=expanded):
+            for name, scale in scales.items():
+                if scale is None:
+                    continue
+                label = name.removeprefix(f"{title}.").removeprefix("solver.").replace("_", " ").replace(".", " ")
+                description = self._known.descriptors[name].description
+                slider = ParameterSlider(gui, label, scale, self._known.values[name], description)
+                self.sliders[name] = [slider]
+
+    def _scale(self, name: str) -> Scale | None:
+        """The scale of a parameter; None where the scene does not have it, or nothing that it acts on."""
+        values = self._known.values
+        missing = name not in values
+        straight = (
+            name.endswith(".bend_compliance") and values.get(name.replace("bend_compliance", "bending")) == "none"
+        )
+        no_winch = name.endswith(".pay_out") and not values.get(name.replace("pay_out", "enabled"))
+        return None if missing or straight or no_winch else scale_of(self._known.descriptors[name], values[name])
+
+    def _vector(self, gui: viser.GuiApi, name: str) -> None:
+        hint = self._known.descriptors[name].description
+        self.sliders[name] = [
+            ParameterSlider(gui, axis, Scale(-WIND, WIND), value, hint)
+            for axis, value in zip(AXES, self._known.values[name], strict=True)
+        ]
+
+    def _switch(self, gui: viser.GuiApi, name: str, label: str) -> None:
+        hint = self._known.descriptors[name].description
+        self._switches[name] = gui.add_checkbox(label, self._known.values[name], hint=hint)
+
+    def advance(self) -> None:
+        """Sends what was changed in the browser, and looks at the answers."""
+        for name, sliders in self.sliders.items():
+            wanted = [slider.wanted() for slider in sliders]
+            if all(value is None for value in wanted):
+                continue
+            if len(sliders) == 1:
+                self._waiting[name] = wanted[0]
+            else:
+                held = self._waiting.get(name, self._known.values[name])
+                self._waiting[name] = [new if new is not None else old for new, old in zip(wanted, held, strict=True)]
+        for name, switch in self._switches.items():
+            if switch.value != self._known.values[name] and name not in self._asked:
+                self._waiting[name] = switch.value
+        for name in [name for name, future in self._asked.items() if future.done()]:
+            self._answered(name, self._asked.pop(name).result().results[0])
+        for name in [name for name in self._asked if time.monotonic() - self._since[name] > ANSWER_IN]:
+            del self._asked[name]
+            self._waiting.setdefault(name, self._known.values[name])
+        for name in [name for name in self._waiting if name not in self._asked]:
+            self._known.values[name] = value = self._waiting.pop(name)
+            self._asked[name], self._since[name] = self._remote.set(name, value), time.monotonic()
+
+    def _answered(self, name: str, result: Any) -> None:
+        if result.reason:
+            self._told(result.reason if result.successful else f"{name} stays as it is: {result.reason}")
+        if not result.successful:
+            self._remote.get([name]).add_done_callback(lambda future: self._put_back(name, future))
+
+    def _put_back(self, name: str, future: Future) -> None:
+        self.changed(name, parameter_value_to_python(future.result().values[0]))
+
+    def changed(self, name: str, value: Any) -> None:
+        """The node says that a parameter has this value."""
+        if name in self._asked or name in self._waiting:
+            return  # ours, which may be older than what the browser shows
+        self._known.values[name] = value
+        if name in self._switches:
+            self._switches[name].value = value
+        if name in self.sliders:
+            numbers = [value] if len(self.sliders[name]) == 1 else value
+            for slider, number in zip(self.sliders[name], numbers, strict=True):
+                slider.show(number)

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A running cloth_sim node, seen from outside: its parameters, topics and services."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import MarkerArray
+
+NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+ENDS = ("start", "end")  # of a rope
+_NAMES = ("objects", "colliders", "handles", "frame_id")
+
+
+@dataclass
+class Known:
+    """What the parameters say: all `values` by name, the descriptors, and what there is of each kind."""
+
+    values: dict[str, Any] = field(default_factory=dict)
+    descriptors: dict[str, ParameterDescriptor] = field(default_factory=dict)
+
+    def names(self, what: str) -> list[str]:
+        """Names of the objects, colliders or handles."""
+        return list(self.values.get(what) or ())
+
+    def ropes(self) -> list[str]:
+        """Names of the objects that are ropes."""
+        return [name for name in self.names("objects") if self.values[f"{name}.type"] == "rope"]
+
+
+@dataclass
+class Seen:
+    """Who is told of what arrives: see the types of messages in `Remote.listen`."""
+
+    cloud: Callable[[str, PointCloud2], None]
+    topology: Callable[[str, Mesh], None]
+    markers: Callable[[MarkerArray], None]
+    report: Callable[[str, dict[str, str]], None]  # what the node says of itself, and its numbers
+    load: Callable[[str, float], None]  # what feels it, its force [N]
+    changed: Callable[[str, Any], None]  # a parameter, its new value
+
+
+class Remote:
+    """Speaks with the node `target`. Everything runs in the executor's thread of `node`.
+
+    Raises ValueError where there can be no node of such a name.
+    """
+
+    def __init__(self, node: Node, target: str):
+        try:
+            self.node, self.target = node, node.resolve_topic_name(target)
+        except Exception:
+            raise ValueError(f"node is {target!r}; allowed is the name of a node, such as /robot/cloth_sim") from None
+        self._parameters = AsyncParameterClient(node, self.target)
+        self._subscriptions: list[Any] = []
+        self._poses: dict[str, Any] = {}
+        self._clients: dict[str, Any] = {}
+
+    @property
+    def there(self) -> bool:
+        """Whether the node answers."""
+        return self._parameters.services_are_ready()
+
+    async def know(self) -> Known:
+        """Asks for all parameters and their descriptors."""
+        listed = await self._parameters.list_parameters([], 0)
+        names = list(listed.result.names)
+        values = await self._parameters.get_parameters(names)
+        described = await self._parameters.describe_parameters(names)
+        known = Known(
+            {name: parameter_value_to_python(value) for name, value in zip(names, values.values, strict=True)},
+            dict(zip(names, described.descriptors, strict=True)),
+        )
+        missing = [name for name in _NAMES if name not in known.values]
+        if missing:
+            raise ValueError(f"{self.target} has no parameter {missing[0]}; a cloth_sim node has it")
+        return known
+
+    def set(self, name: str, value: Any) -> Future:
+        """Asks for a parameter to be set; the result has `results`, one SetParametersResult."""
+        return self._parameters.set_parameters([Parameter(name, value=value)])
+
+    def get(self, names: list[str]) -> Future:
+        """Asks for values of parameters; the result has `values`."""
+        return self._parameters.get_parameters(names)
+
+    def call(self, service: str, on: bool | None = None) -> Future | None:
+        """Calls `~/service`, a Trigger or with `on` a SetBool; None where the service is not there."""
+        kind = Trigger if on is None else SetBool
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, f"{self.target}/{service}")
+        client = self._clients[service]
+        if not client.service_is_ready():
+            return None
+        return client.call_async(Trigger.Request() if on is None else SetBool.Request(data=on))
+
+    def listen(self, known: Known, seen: Seen) -> None:
+        """Subscribes to all that there is of a scene."""
+        for name in known.names("objects"):
+            self._subscribe(PointCloud2, f"{name}/particles", partial(seen.cloud, name), NEWEST_ONLY)
+            self._subscribe(Mesh, f"{name}/topology", partial(seen.topology, name), LATCHED)
+        loads = [f"{rope}/{end}" for rope in known.ropes() for end in ENDS]
+        loads += [f"{kind}/{name}" for kind in ("handles", "colliders") for name in known.names(kind)]
+        for each in loads:
+            heard = partial(self._load, each, seen)
+            self._subscribe(WrenchStamped, f"{each}/wrench", heard, NEWEST_ONLY)
+        self._subscribe(MarkerArray, "colliders", seen.markers, LATCHED)
+        subscribe = self.node.create_subscription
+        self._subscriptions += [
+            subscribe(DiagnosticArray, "/diagnostics", partial(self._report, seen), 10),
+            subscribe(ParameterEvent, "/parameter_events", partial(self._changed, seen), 100),
+        ]
+
+    def forget(self) -> None:
+        """Listens to nothing any more, so that the node computes nothing for us."""
+        for subscription in self._subscriptions:
+            self.node.destroy_subscription(subscription)
+        self._subscriptions.clear()
+
+    def is_ours_alone(self, handle: str) -> bool:
+        """Whether nobody else sends poses to a handle."""
+        topic = self._pose_topic(handle)
+        return self.node.count_publishers(topic) == (1 if handle in self._poses else 0)
+
+    def move(self, handle: str, position: np.ndarray, frame_id: str) -> None:
+        """Sends a pose [m] to a handle, stamped now."""
+        if handle not in self._poses:
+            self._poses[handle] = self.node.create_publisher(PoseStamped, self._pose_topic(handle), NEWEST_ONLY)
+        message = PoseStamped()
+        message.header.frame_id = frame_id
+        message.header.stamp = self.node.get_clock().now().to_msg()
+        message.pose.position.x, message.pose.position.y, message.pose.position.z = map(float, position)
+        self._poses[handle].publish(message)
+
+    def _pose_topic(self, handle: str) -> str:
+        return f"{self.target}/handles/{handle}/pose"
+
+    def _subscribe(self, kind: type, topic: str, heard: Callable, qos: QoSProfile) -> None:
+        self._subscriptions.append(self.node.create_subscription(kind, f"{self.target}/{topic}", heard, qos))
+
+    def _load(self, name: str, seen: Seen, message: WrenchStamped) -> None:
+        force = message.wrench.force
+        seen.load(name, float(np.linalg.norm((force.x, force.y, force.z))))
+
+    def _report(self, seen: Seen, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == f"{self.target}: simulation":
+                seen.report(status.message, {item.key: item.value for item in status.values})
+
+    def _changed(self, seen: Seen, event: ParameterEvent) -> None:
+        if event.node == self.target:
+            for parameter in (*event.new_parameters, *event.changed_parameters):
+                seen.changed(parameter.name, parameter_value_to_python(parameter.value))
+
+
+def positions_of(cloud: PointCloud2) -> np.ndarray:
+    """x y z (N, 3) of a cloud of float32 fields [m]."""
+    numbers = np.frombuffer(cloud.data, np.float32).reshape(-1, cloud.point_step // 4)
+    return numbers[:, :3].copy()

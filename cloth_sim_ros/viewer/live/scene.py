@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draws what the topics of a node say: objects, colliders and handles."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+import viser
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from trimesh.creation import box, cylinder, icosphere
+from visualization_msgs.msg import Marker, MarkerArray
+
+from cloth_sim_ros.viewer.drawing import COLOURS, Drawing
+from cloth_sim_ros.viewer.live.remote import Known, positions_of
+from cloth_sim_ros.viewer.look import LINES
+
+WIDE = 10.0  # [m] from which a box stands for a plane, which is drawn in place of our ground
+
+
+class LiveScene:
+    """What is drawn of the scene `known`.
+
+    positions: by object its newest particles (N, 3) [m], and stamps the time of each [ns]. places: by collider and
+    handle its position (3,) [m]. bodies: what is drawn of each marker, by namespace/id.
+    """
+
+    def __init__(self, server: viser.ViserServer, drawing: Drawing, known: Known):
+        self._server, self._drawing, self._known = server, drawing, known
+        self._triangles: dict[str, np.ndarray] = {}
+        self._counts: dict[str, int] = {}  # particles of each object by its topology
+        self._shapes: dict[str, tuple] = {}  # of each marker: what cannot be moved
+        self._corners: dict[str, np.ndarray] = {}  # of a body at the origin (N, 3) [m]
+        self._labels: dict[str, Any] = {}
+        self.bodies: dict[str, Any] = {}
+        self._ground = server.scene.get_handle_by_name("/ground")
+        self.positions: dict[str, np.ndarray] = {}
+        self.stamps: dict[str, int] = {}
+        self.places: dict[str, np.ndarray] = {}
+
+    def topology(self, name: str, mesh: Mesh) -> None:
+        """An object has other particles or triangles from now on; its next cloud is drawn with them."""
+        self._triangles[name] = np.array([each.vertex_indices for each in mesh.triangles], np.uint32).reshape(-1, 3)
+        self._counts[name] = len(mesh.vertices)
+        if name in self._drawing.handles:
+            self._drawing.remove(name)
+
+    def cloud(self, name: str, cloud: PointCloud2) -> None:
+        """An object's particles are there now. A cloud that the topology is not of is late or early, and left out."""
+        positions = positions_of(cloud)
+        if len(positions) != self._counts.get(name):
+            return
+        self.positions[name] = positions
+        self.stamps[name] = cloud.header.stamp.sec * 1_000_000_000 + cloud.header.stamp.nanosec
+        if name in self._drawing.handles:
+            self._drawing.move(name, positions)
+            return
+        colour = COLOURS[self._known.names("objects").index(name) % len(COLOURS)]
+        if len(self._triangles[name]):
+            self._drawing.cloth(name, positions, self._triangles[name], colour)
+        else:
+            self._drawing.rope(name, positions, self._known.values[f"{name}.radius"], colour)
+
+    def markers(self, array: MarkerArray) -> None:
+        """All colliders and handles are these."""
+        shown = {}
+        for marker in array.markers:
+            if marker.action == Marker.ADD:
+                name = f"{marker.ns}/{marker.id}"
+                shown[name] = marker
+                self._show(name, marker)
+        for name in set(self.bodies) - set(shown):
+            self._remove(name)
+        wide = any(each.type == Marker.CUBE and each.scale.x >= WIDE for each in shown.values())
+        self._ground.visible = not wide
+
+    def close(self) -> None:
+        """Takes away what is drawn beside the objects."""
+        for name in list(self.bodies):
+            self._remove(name)
+        self._ground.visible = True
+
+    def _show(self, name: str, marker: Marker) -> None:
+        p, q, s, c = marker.pose.position, marker.pose.orientation, marker.scale, marker.color
+        place, turn = np.array([p.x, p.y, p.z]), Rotation.from_quat((q.x, q.y, q.z, q.w))
+        if marker.id == 0:
+            self.places[marker.ns] = place
+        shape = (marker.type, s.x, s.y, s.z, c.r, c.g, c.b, c.a)
+        if self._shapes.get(name) != shape:
+            if name in self.bodies:
+                self._remove(name)
+            self._make(name, marker)
+            self._shapes[name] = shape
+        if name in self._corners:
+            self.bodies[name].vertices = turn.apply(self._corners[name]) + place
+        else:
+            self.bodies[name].position, self.bodies[name].wxyz = place, (q.w, q.x, q.y, q.z)
+        if name in self._labels:
+            self._labels[name].position = place + (0.0, 0.0, 0.6 * s.z)
+
+    def _remove(self, name: str) -> None:
+        for things in (self.bodies, self._labels):
+            if name in things:
+                things.pop(name).remove()
+        self._corners.pop(name, None)
+        del self._shapes[name]
+
+    def _make(self, name: str, marker: Marker) -> None:
+        """The body of a marker: a plane, cube, sphere or cylinder; a handle's has its name beside it.
+
+        But for a plane it is moved by its vertices, as cloths are, so that a browser shows both at the same time.
+        """
+        scene, s, c, path = self._server.scene, marker.scale, marker.color, f"/page/bodies/{name}"
+        if marker.type == Marker.CUBE and s.x >= WIDE:
+            self.bodies[name] = scene.add_frame(path, show_axes=False)
+            surface = {"position": (0.0, 0.0, 0.5 * s.z), "plane_color": (240, 242, 245), "plane_opacity": 1.0}
+            scene.add_grid(f"{path}/surface", width=s.x, height=s.y, **surface, **LINES)
+            return
+        shapes = {Marker.CUBE: box, Marker.SPHERE: partial(icosphere, 4, 0.5)}
+        unit = shapes.get(marker.type, partial(cylinder, 0.5, 1.0, sections=64))()
+        self._corners[name] = unit.vertices * (s.x, s.y, s.z)
+        self.bodies[name] = scene.add_mesh_simple(
+            path,
+            self._corners[name],
+            unit.faces,
+            color=tuple(round(255 * share) for share in (c.r, c.g, c.b)),
+            opacity=c.a if c.a < 1.0 else None,
+            cast_shadow=c.a >= 1.0,
+            flat_shading=marker.type != Marker.SPHERE,
+        )
+        if marker.ns in self._known.names("handles"):
+            self._labels[name] = scene.add_label(f"/page/labels/{name}", marker.ns, anchor="bottom-center")

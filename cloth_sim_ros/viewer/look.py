@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the page looks: light, shadow, ground and camera."""
+
+from __future__ import annotations
+
+import viser
+
+BRAND = (46, 112, 176)
+FIELD_OF_VIEW = 0.7  # [rad]
+
+
+LINES = {  # of the ground, and of any plane
+    "cell_size": 0.1,
+    "section_size": 0.5,
+    "cell_color": (226, 229, 234),
+    "section_color": (196, 202, 210),
+    "fade_distance": 12.0,
+    "shadow_opacity": 0.28,
+}
+
+
+def furnish(server: viser.ViserServer) -> None:
+    """Light from the sky and one lamp with shadow, a ground with lines at every half metre, and a docked panel."""
+    scene, gui = server.scene, server.gui
+    scene.set_up_direction("+z")
+    scene.configure_environment_map("studio", environment_intensity=0.45)
+    scene.configure_default_lights(enabled=True, cast_shadow=True)
+    scene.add_light_directional("/lamp", intensity=0.6, position=(-1.5, -2.5, 1.5))  # shows folds of what hangs
+    scene.world_axes.visible = False
+    scene.add_grid("/ground", infinite_grid=True, **LINES)
+    gui.configure_theme(brand_color=BRAND, show_logo=False, show_share_button=False, control_width="large")
+    server.initial_camera.fov = FIELD_OF_VIEW
+    gui.set_panel_label("cloth_sim")
+    gui.main_panel.dock_right()
+
+
+def look_from(server: viser.ViserServer, position: tuple, at: tuple) -> None:
+    """Puts the camera of everybody who looks, and of who comes, to `position` [m] and has it look `at` [m]."""
+    server.initial_camera.position, server.initial_camera.look_at = position, at
+    for client in server.get_clients().values():
+        client.camera.position, client.camera.look_at = position, at

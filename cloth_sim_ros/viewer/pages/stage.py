@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulation that is drawn, and whose particles the mouse drags by a handle."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros.sim import Cloth, Handle, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.viewer.drawing import COLOURS, STEEL, Drag, Drawing
+
+HAND = "hand"
+REACH = 0.02  # [m] of the hand that drags
+
+
+class Stage:
+    """Simulates `scene` with one handle, the hand, and draws its objects and balls; `sim` is the simulation."""
+
+    def __init__(self, drawing: Drawing, scene: Scene, settings: Settings | None = None):
+        hand = Handle(reach=REACH, position=(0.0, 0.0, 100.0))
+        self.sim = Simulation(dataclasses.replace(scene, handles={HAND: hand}), settings)
+        self._drawing = drawing
+        self._vertex: tuple[str, int] | None = None
+        self._set: dict[str, Any] = {}
+        self.refused = ""
+        for k, (name, thing) in enumerate(scene.objects.items()):
+            colour, positions = COLOURS[k % len(COLOURS)], self.sim.positions(name)
+            if isinstance(thing, Cloth):
+                drawing.cloth(name, positions, self.sim.triangles(name), colour)
+            else:
+                drawing.rope(name, positions, thing.radius, colour)
+        for name, thing in scene.colliders.items():
+            if isinstance(thing, Sphere):
+                drawing.ball(name, thing.radius, thing.position, STEEL)
+
+    def apply(self, name: str, value: Any) -> None:
+        """Sets a live parameter where the value is another one; `refused` is the sentence where it cannot be, or ""."""
+        if self._set.get(name) == value:
+            return
+        self._set[name], self.refused = value, ""
+        try:
+            self.sim.set(name, value)
+        except ValueError as error:
+            self.refused = str(error)
+
+    def step(self) -> None:
+        """One frame, drawn."""
+        self.sim.step()
+        self.draw()
+
+    def draw(self) -> None:
+        """Moves what is drawn to where it is."""
+        for name in self.sim.scene.objects:
+            self._drawing.move(name, self.sim.positions(name))
+
+    def drag(self, drag: Drag) -> None:
+        """The hand grasps the particle that the mouse is at, brings it to where the mouse goes, and lets go."""
+        if drag.phase == "start" and drag.name in self.sim.scene.objects:
+            positions = self.sim.positions(drag.name)
+            vertex = int(np.linalg.norm(positions - drag.grasped, axis=1).argmin())
+            self.sim.set_handle_pose(HAND, positions[vertex], sweep=False)
+            self._vertex = (drag.name, vertex) if self.sim.attach(HAND) else None
+        elif self._vertex is not None:
+            self.sim.set_handle_pose(HAND, drag.pointer)
+            if drag.phase == "end":
+                self.sim.release(HAND)
+                self._vertex = None
+
+    @property
+    def dragged(self) -> tuple[str, int] | None:
+        """Object and index of the particle that is dragged."""
+        return self._vertex

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The viewer beside a real node: what topics say is drawn, and what is done in the browser reaches the node."""
+
+import numpy as np
+import pytest
+from client import fields
+from sensor_msgs.msg import PointCloud2
+
+from cloth_sim_ros.viewer.drawing import Drag
+from cloth_sim_ros.viewer.live.grasp import NONE_FREE
+from cloth_sim_ros.viewer.tube import SIDES
+
+SCENE = """
+/**:
+  ros__parameters:
+    objects: [cloth, rope]
+    colliders: [floor, ball, box, bar]
+    handles: [hand]
+    cloth: {type: cloth, resolution: [6, 5], size: [0.5, 0.4], pins: top, position: [0, 0, 2], damping: 0.01}
+    rope: {type: rope, segments: 7, start: [0, 0.5, 2], end: [1, 0.5, 2], pins: start, radius: 0.02}
+    floor: {shape: plane}
+    ball: {shape: sphere, dimensions: [0.1], position: [0, 1, 0.5]}
+    box: {shape: box, dimensions: [0.1, 0.2, 0.3], position: [1, 1, 0.2], orientation: [0, 0, 0.6, 0.8]}
+    bar: {shape: capsule, dimensions: [0.4, 0.05], position: [-1, 0, 0.5]}
+    hand: {reach: [0.03], position: [0.4, 0, 1]}
+    wind: {enabled: true}
+    solver: {global_damping: 2.0}
+"""
+BARE = """
+/**:
+  ros__parameters:
+    objects: [cloth]
+    cloth: {type: cloth, resolution: [6, 5], size: [0.5, 0.4], pins: top, position: [0, 0, 2], damping: 0.01}
+"""
+CORNER = 0  # of the free edge, at (-0.25, -0.2, 2) when it lies flat
+
+
+@pytest.fixture
+def shown(start, viewer):
+    """The viewer, which shows SCENE."""
+    start(SCENE).ready()
+    viewer.shows("cloth", "rope")
+    viewer.until(lambda: "bar/2" in viewer.page.scene.bodies)
+    return viewer
+
+
+def particles(client, name: str) -> np.ndarray:
+    """An object's next particles (N, 3), as another node hears them."""
+    clouds = client.listen(PointCloud2, f"/cloth_sim/{name}/particles", 1)
+    client.until(lambda: len(clouds) > 1)
+    return fields(clouds[-1])[:, :3]
+
+
+def test_objects_are_where_their_particles_are(shown, client):
+    shown.page.press("pause")
+    shown.until(lambda: shown.page.status == "paused")
+    stamps = dict(shown.page.scene.stamps)
+    shown.until(lambda: all(shown.page.scene.stamps[name] > stamps[name] for name in stamps))
+    cloth, rope = shown.page.drawing.handles["cloth"], shown.page.drawing.handles["rope"]
+    assert cloth.vertices.shape == (30, 3) and cloth.faces.shape == (2 * 5 * 4, 3)
+    assert np.array_equal(cloth.vertices, particles(client, "cloth"))
+    assert rope.vertices.shape == (8 * SIDES + 2, 3)
+    rings = rope.vertices[:-2].reshape(8, SIDES, 3)
+    points = particles(client, "rope")
+    assert np.abs(rings.mean(axis=1) - points).max() < 1e-6
+    assert np.allclose(np.linalg.norm(rings - points[:, None], axis=2), 0.02, atol=1e-6)
+
+
+def test_colliders_and_handles_are_where_they_are_and_as_large(shown):
+    bodies = shown.page.scene.bodies
+    assert set(bodies) == {"floor/0", "ball/0", "box/0", "bar/0", "bar/1", "bar/2", "hand/0"}
+    for name, position, radius in (("ball/0", (0, 1, 0.5), 0.1), ("hand/0", (0.4, 0, 1), 0.03)):
+        assert np.allclose(np.linalg.norm(bodies[name].vertices - position, axis=1), radius, atol=1e-6)
+    corners = np.array([(x, y, z) for x in (-0.05, 0.05) for y in (-0.1, 0.1) for z in (-0.15, 0.15)])
+    c, s = 0.8**2 - 0.6**2, 2 * 0.8 * 0.6  # of twice the half angle
+    expected = corners @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + (1, 1, 0.2)
+    found = bodies["box/0"].vertices
+    assert np.linalg.norm(found[:, None] - expected, axis=2).min(axis=0).max() < 1e-6 and len(found) == 8
+    tube = bodies["bar/0"].vertices - (-1, 0, 0.5)
+    assert np.allclose(np.abs(tube[:, 2]), 0.2) and np.linalg.norm(tube[:, :2], axis=1).max() == pytest.approx(0.05)
+    for name, z in (("bar/1", 0.3), ("bar/2", 0.7)):
+        assert np.allclose(bodies[name].vertices.mean(axis=0), (-1, 0, z), atol=1e-6)
+    assert np.allclose(bodies["floor/0"].position, (0, 0, -0.005))
+    assert not shown.page.scene._ground.visible  # the floor is one
+
+
+def test_a_slider_sets_its_parameter(shown, client):
+    sliders = shown.page.panel.sliders
+    for name, value in {
+        "cloth.stretch_compliance": 1e-2, "rope.bend_compliance": None, "rope.winch.pay_out": None,
+        "ball.static_friction": 2.5, "solver.error": 1e-2, "solver.budget": 1.0, "solver.iterations": 3,
+        "cloth.damping": 0.0,
+    }.items():  # fmt: skip
+        if value is None:
+            assert name not in sliders  # the rope does not bend, and has no winch
+            continue
+        sliders[name][0].slide(value)
+        shown.until(lambda name=name: not settled(shown, name))
+        shown.until(lambda name=name: settled(shown, name))
+        assert client.get(name) == pytest.approx(value, rel=2e-2)
+    sliders["wind.velocity"][1].slide(-3.0)
+    shown.until(lambda: not settled(shown, "wind.velocity"))
+    shown.until(lambda: settled(shown, "wind.velocity"))
+    assert list(client.get("wind.velocity")) == pytest.approx([0.0, -3.0, 0.0])
+
+
+def settled(viewer, name: str) -> bool:
+    """Whether nothing is on its way to a parameter."""
+    panel = viewer.page.panel
+    return name not in panel._asked and name not in panel._waiting
+
+
+def test_a_hundred_moves_of_a_slider_end_at_the_last(shown, client):
+    slider = shown.page.panel.sliders["wind.velocity"][0]
+    for k in range(100):
+        slider.slide(0.1 * k)
+        shown.spin_once()
+    shown.until(lambda: settled(shown, "wind.velocity") and shown.page.known.values["wind.velocity"][0] > 9.8)
+    assert client.get("wind.velocity")[0] == pytest.approx(9.9)
+
+
+def test_a_slider_follows_what_others_set(shown, client):
+    assert client.set("cloth.static_friction", 1.25).successful
+    slider = shown.page.panel.sliders["cloth.static_friction"][0]
+    shown.until(lambda: slider._slider.value == pytest.approx(1.25))
+    assert client.get("cloth.static_friction") == 1.25
+
+
+def test_what_is_dragged_comes_along_and_is_let_go(shown, client):
+    page = shown.page
+    for k in range(4):
+        corner = page.scene.positions["cloth"][CORNER].astype(float)
+        pointer = np.array([-0.3 + 0.02 * k, 0.25 * (-1) ** k, 1.85])
+        page.dragged(Drag("cloth", "start", corner, corner))
+        shown.until(lambda: page.grasp.state == "holding")
+        page.dragged(Drag("cloth", "update", corner, pointer))
+        shown.until(lambda p=pointer: np.linalg.norm(page.grasp.vertex - p) < 1e-5)
+        assert np.linalg.norm(particles(client, "cloth")[CORNER] - pointer) < 1e-4
+        assert client.get("hand.attached") is True
+        page.dragged(Drag("cloth", "end", corner, pointer))
+        shown.until(lambda: page.grasp.state == "idle")
+        assert client.get("hand.attached") is False
+
+
+def test_an_object_that_becomes_another_one_is_drawn_anew(shown, client):
+    page = shown.page
+    corner = page.scene.positions["cloth"][29].astype(float)
+    page.dragged(Drag("cloth", "start", corner, corner))
+    assert client.set("cloth.resolution", [4, 3]).successful and client.set("rope.segments", 3).successful
+    shown.until(lambda: page.drawing.handles.get("cloth") and len(page.drawing.handles["cloth"].vertices) == 12)
+    shown.until(
+        lambda: page.drawing.handles.get("rope") and len(page.drawing.handles["rope"].vertices) == 4 * SIDES + 2
+    )
+    shown.until(lambda: page.grasp.state == "idle")
+    assert len(page.drawing.handles["cloth"].faces) == 2 * 3 * 2
+
+
+def test_buttons_call_the_services(shown, client, tmp_path):
+    page = shown.page
+    assert client.set("state_file", str(tmp_path / "state.npz")).successful
+    for label, answer in {
+        "step": "pause it first", "pause": "paused", "save": "is saved in", "load": "goes on at",
+        "reset": "at the start", "go on": "running",
+    }.items():  # fmt: skip
+        page.press(label)
+        shown.until(lambda answer=answer: answer in page.status)
+    assert (tmp_path / "state.npz").exists()
+
+
+def test_curves_hold_what_the_node_reports(shown):
+    curves = shown.page.curves
+    assert set(curves) == {"pace", "strain", "error", "tension", "force"}
+    assert curves["strain"].labels == ("cloth", "rope") and curves["tension"].labels == ("rope/start", "rope/end")
+
+    def last(key: str) -> np.ndarray:
+        return np.array([row[-1] for row in curves[key].data[1:]])
+
+    # The rope of 0.2 kg comes to hang from its start, and its end holds nothing.
+    shown.until(lambda: len(curves["pace"].data[0]) > 1 and abs(last("tension")[0] - 0.2 * 9.81) < 0.02, timeout=60.0)
+    assert abs(last("tension")[1]) < 1e-3
+    assert last("pace")[0] > 0.0 and (last("strain") >= 0.0).all()
+
+
+def test_without_a_handle_the_page_says_what_is_missing(start, viewer):
+    start(BARE).ready()
+    viewer.shows("cloth")
+    corner = viewer.page.scene.positions["cloth"][CORNER]
+    viewer.page.dragged(Drag("cloth", "start", corner, corner))
+    assert viewer.page.status == NONE_FREE
+    assert set(viewer.page.curves) == {"pace", "strain", "error"}
+
+
+def test_a_node_that_goes_is_waited_for(start, viewer):
+    node = start(BARE).ready()
+    viewer.shows("cloth")
+    node.end()
+    viewer.until(lambda: "has gone" in viewer.page.status)
+    assert not viewer.page.drawing.handles
+    start(SCENE).ready()
+    viewer.shows("cloth", "rope")
+
+
+def test_a_node_in_a_namespace_is_found_by_its_name(start, viewer_of):
+    start(BARE, "-r", "__ns:=/robot").ready()
+    viewer = viewer_of("/robot/cloth_sim")
+    viewer.shows("cloth")
+    assert len(viewer.page.drawing.handles["cloth"].vertices) == 30
+    viewer.page.panel.sliders["cloth.static_friction"][0].slide(1.5)
+    viewer.until(lambda: not settled(viewer, "cloth.static_friction"))
+    viewer.until(lambda: settled(viewer, "cloth.static_friction"))
+    viewer.page.press("pause")
+    viewer.until(lambda: viewer.page.status == "paused")
