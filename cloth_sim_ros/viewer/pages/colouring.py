@@ -7,7 +7,8 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from cloth_sim_ros.sim import Cloth
-from cloth_sim_ros.sim.topology import build, colour
+from cloth_sim_ros.sim.topology import build
+from cloth_sim_ros.study.colouring import colour
 from cloth_sim_ros.viewer.curves import Curves
 from cloth_sim_ros.viewer.drawing import Colour
 from cloth_sim_ros.viewer.pages.relaxation import Springs, lost_writes
@@ -28,15 +29,16 @@ STEP = 1.0  # [s]: rigid springs do not depend on it
 
 
 def shape_of(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rest positions (N, 3) [m], springs (E, 2) and the product's own colours (E,) of one of SHAPES."""
+    """Rest positions (N, 3) [m], springs (E, 2) and their colours (E,) of one of SHAPES."""
     if kind == SHAPES[0]:
         points = np.stack([np.linspace(-0.7, 0.7, CHAIN + 1), np.zeros(CHAIN + 1), np.full(CHAIN + 1, 1.0)], axis=1)
         pairs = np.stack([np.arange(CHAIN), np.arange(1, CHAIN + 1)], axis=1)
         return points, pairs, np.arange(CHAIN) % 2
     if kind == SHAPES[1]:
         topology = build(Cloth(resolution=(SIDE, SIDE), shear_compliance=None), "it", False)
-        springs = topology.springs["structural"]
-        pairs, colours = springs.particles, springs.colour
+        pairs = topology.springs["structural"].particles
+        along = pairs[:, 1] - pairs[:, 0] == 1
+        colours = np.where(along, pairs[:, 0] % SIDE % 2, 2 + pairs[:, 0] // SIDE % 2)
     else:
         even = np.stack(np.meshgrid(*2 * [np.linspace(-0.5, 0.5, SIDE)]), axis=-1).reshape(-1, 2)
         flat = even + np.random.default_rng(3).uniform(-0.35, 0.35, even.shape) / (SIDE - 1)
