@@ -223,9 +223,9 @@ class Batch:
         self._assign("low", span, world, _padded(positions - high.astype(np.float64)))
         self._forget(name, world)
 
-    def read_rows(self, array: str, name: str) -> np.ndarray:
-        """A copy of a body's rows (worlds, N, 4) of an array of particles."""
-        return self._part(array, self.span(name), None).numpy().copy()
+    def read_rows(self, array: str, name: str, world: int | None = None) -> np.ndarray:
+        """A copy of a body's rows (worlds, N, 4) of an array of particles, of one world (1, N, 4) or of all."""
+        return self._part(array, self.span(name), world).numpy().copy()
 
     def write_rows(self, array: str, name: str, rows: np.ndarray) -> None:
         """Put rows (N, 4) there in all worlds."""

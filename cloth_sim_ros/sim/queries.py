@@ -11,6 +11,8 @@ from cloth_sim_ros.sim.loads import Loads
 from cloth_sim_ros.sim.state import Arrays
 from cloth_sim_ros.sim.topology import KINDS
 
+TENSORS = ("positions", "velocities")
+
 
 class Queries:
     """What can be asked of an object by its name; whatever reads the state waits for the device.
@@ -49,15 +51,42 @@ class Queries:
             found[kind] = (elements.particles.astype(np.int64), elements.rest.copy(), constant)
         return found
 
-    def positions(self, name: str, world: int = 0) -> np.ndarray:
-        """Positions (N, 3) float32 [m] in one world."""
-        arrays, span, _ = self.device_arrays(name, world)
-        return np.ascontiguousarray(arrays.state.positions[span].numpy()[:, :3])
+    def positions(self, name: str, world: int | None = 0) -> np.ndarray:
+        """Positions (N, 3) float32 [m] in one world, or (worlds, N, 3) in all for None, in one copy."""
+        return self._rows("positions", name, world)
 
-    def velocities(self, name: str, world: int = 0) -> np.ndarray:
-        """Velocities (N, 3) float32 [m/s] in one world."""
-        arrays, span, _ = self.device_arrays(name, world)
-        return np.ascontiguousarray(arrays.state.velocities[span].numpy()[:, :3])
+    def velocities(self, name: str, world: int | None = 0) -> np.ndarray:
+        """Velocities (N, 3) float32 [m/s] in one world, or (worlds, N, 3) in all for None, in one copy."""
+        return self._rows("velocities", name, world)
+
+    def _rows(self, what: str, name: str, world: int | None) -> np.ndarray:
+        self._bodies.topology(name)
+        rows = self._bodies.batch[name].read_rows(what, name, self._bodies.some(world))[:, :, :3]
+        return np.ascontiguousarray(rows if world is None else rows[0])
+
+    def tensor(self, name: str, what: str) -> wp.array:
+        """A view (worlds, N, 3) float32 of the `what` of an object, "positions" [m] or "velocities" [m/s], on the
+        device.
+
+        It is no copy: it shows the state after the last frame that was launched, on Warp's stream of the device. It
+        goes to torch, JAX and CuPy by DLPack, and is for reading. It holds until `builds` changes: method auto may
+        build anew when live parameters or positions are set.
+        """
+        if what not in TENSORS:
+            raise ValueError(f"what is {what!r}; allowed is {' or '.join(TENSORS)}")
+        self._bodies.topology(name)
+        batch = self._bodies.batch[name]
+        rows, span = batch.states[what], batch.span(name)
+        number = wp.types.type_size_in_bytes(wp.float32)
+        view = wp.array(
+            ptr=rows.ptr + span.start * rows.strides[1],
+            shape=(rows.shape[0], span.stop - span.start, 3),
+            strides=(*rows.strides, number),
+            dtype=wp.float32,
+            device=rows.device,
+        )
+        view._ref = rows  # keeps its memory
+        return view
 
     def wrench(self, collider: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Force (3,) [N] and torque (3,) [N m] about its origin on a collider by all objects, in world axes.

@@ -87,6 +87,7 @@ class Simulation:
     positions = _of("_queries", Queries.positions)
     velocities = _of("_queries", Queries.velocities)
     device_arrays = _of("_queries", Queries.device_arrays)
+    tensor = _of("_queries", Queries.tensor)
     wrench, wrenches = _of("_queries", Queries.wrench), _of("_queries", Queries.wrenches)
     tensions = _of("_ropes", Ropes.tensions)
     tensions_into = _of("_ropes", Ropes.tensions_into)

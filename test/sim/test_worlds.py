@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Plane, Readback, Rope, Scene, Settings, Simulation, Sphere, Wind
@@ -192,3 +193,23 @@ def test_more_worlds_than_memory_are_refused():
     sheet = Scene({"sheet": Cloth(resolution=(300, 300))})
     with pytest.raises(ValueError, match=r"worlds is 65536 of .* MB each, more than the .* MB .*; allowed are up to"):
         Simulation(sheet, device="cpu", worlds=65536)
+
+
+def test_a_tensor_shows_all_worlds_without_a_copy(device):
+    sim = Simulation(scene(), fixed(), device, worlds=3)
+    views = {name: sim.tensor(name, "positions") for name in sim.scene.objects}
+    speeds = sim.tensor("rope", "velocities")
+    sim.set("gravity", (0, 0, -5.0), world=1)
+    sim.step(3)
+    for name, view in views.items():
+        assert view.shape == (3, len(sim.masses(name)), 3) and view.device == wp.get_device(device)
+        assert np.array_equal(view.numpy(), sim.positions(name, None))
+        for world in range(3):
+            assert np.array_equal(view.numpy()[world], sim.positions(name, world))
+    assert np.array_equal(speeds.numpy(), sim.velocities("rope", None)) and not np.array_equal(*speeds.numpy()[:2])
+    if device == "cpu":
+        assert np.shares_memory(np.from_dlpack(speeds), speeds.numpy())
+    with pytest.raises(ValueError, match="what is 'forces'; allowed is positions or velocities"):
+        sim.tensor("rope", "forces")
+    with pytest.raises(ValueError, match="there is no object 'flag'"):
+        sim.tensor("flag", "positions")
