@@ -100,13 +100,14 @@ class Sweep:
 
 @wp.struct
 class Press:
-    """What one collider asks of one facet, a triangle or segment, in this iteration.
+    """What one collider asks of one facet, a triangle or segment, in substep `when`; in any other it asks for nothing.
 
-    push [kg m], at the point of these weights of the corners; all 0 where it asks for nothing. normal: out of the
-    collider. so_far: friction and normal correction in this substep [m]. While the facet sticks, the point of weights
-    `stuck` is held at `anchor` [m], in the collider's axes; all 0 where it slides.
+    when: -1 for the last substep of the frame before. push [kg m], at the point of these weights of the corners.
+    normal: out of the collider. so_far: friction and normal correction in this substep [m]. While the facet sticks, the
+    point of weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 where it slides.
     """
 
+    when: int
     weights: wp.vec3
     push: wp.vec3
     normal: wp.vec3
@@ -231,7 +232,7 @@ class State:
     contacts: wp.array(dtype=wp.vec4)  # (K N,) friction so far, normal correction so far [m]
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) of each collider on each particle, mean over the frame [N]
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next two
-    close: wp.array(dtype=int)  # (N,) bits: facets around a particle may touch a collider in this substep, in the last
+    close: wp.array(dtype=int)  # (N,) whether facets around a particle may touch a collider in this substep
     pressed: wp.array(dtype=int)  # (N,) and whether one of them asks it to move
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
     near: wp.array(dtype=wp.uint64)  # (B K/64,) bits of the colliders that a body may meet in this frame, see near.py

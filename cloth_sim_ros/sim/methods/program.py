@@ -45,7 +45,7 @@ from cloth_sim_ros.sim.stages.motion import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.stages.near import forget_contacts, list_colliders, measure_extent
-from cloth_sim_ros.sim.stages.surface_contact import make_press, make_yield
+from cloth_sim_ros.sim.stages.surface_contact import carry_presses, make_press, make_yield
 from cloth_sim_ros.sim.state import Arrays
 
 _A_FRAME = 1 << 30  # more substeps than a frame has
@@ -84,6 +84,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     before, explicit = program.before, features.method == "verlet"
     if features.shapes:
         many = lambda body, _: min(body["count"], _THREADS)  # noqa: E731
+        if features.surface:
+            before.append(Stage("carry_presses", carry_presses, many, every=_A_FRAME))
         before.append(Stage("forget_contacts", forget_contacts, many, every=_A_FRAME))
         before.append(Stage("measure_extent", measure_extent, many, every=_A_FRAME))
         before.append(Stage("list_colliders", list_colliders, lambda _, colliders: colliders, every=_A_FRAME))

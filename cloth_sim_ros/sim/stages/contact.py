@@ -269,6 +269,6 @@ def make_contact(features: Features):
         close = touch(i, met, here.material, here.colliders, here.step, here.x, here.low, here.d, width)
         if wp.static(features.surface):
             if here.step.first:
-                here.state.close[met.slot] = 2 * (here.state.close[met.slot] & 1) + wp.where(close, 1, 0)
+                here.state.close[met.slot] = wp.where(close, 1, 0)
 
     return contact

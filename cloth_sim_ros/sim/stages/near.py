@@ -90,16 +90,18 @@ def everything(words: wp.array(dtype=wp.uint64), body: int, colliders: int) -> N
 @wp.func
 def strays(near: Near, at: wp.vec3, d: wp.vec3) -> bool:
     """Whether the list does not hold for a particle that comes to `at` by `d`; one that is not finite strays."""
+    if not near.some:
+        return False
     off = at - near.middle
     inside = wp.abs(off[0]) <= near.half[0] and wp.abs(off[1]) <= near.half[1] and wp.abs(off[2]) <= near.half[2]
-    return near.some and not (inside and wp.length_sq(d) <= near.margin * near.margin)
+    return not (inside and wp.length_sq(d) <= near.margin * near.margin)
 
 
 @wp.func
 def next_of(c: int, near: Near, stray: bool) -> int:
     """The collider behind c that a particle asks; behind the last, one that is not there."""
     behind = c + 1
-    if stray:
+    if stray or not near.some:
         return behind
     q = behind / wp.static(WORD)
     if q >= near.count:
@@ -125,6 +127,7 @@ def note(c: int, near: Near):
 def forget_contacts(t: int, width: int, here: Here):
     """The stage that begins a frame: no collider has touched the body yet."""
     colliders, near = here.colliders.shape[0], near_of(here)
+    near.some = True  # the words say what was listed; the rest is of the frame before
     c = next_of(-1, near, False)
     while c < colliders:
         for i in range(t, here.body.count, width):

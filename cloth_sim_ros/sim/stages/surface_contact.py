@@ -23,7 +23,7 @@ from cloth_sim_ros.sim.stages.contact import (
 from cloth_sim_ros.sim.stages.facet import Facet, make_deepest, make_first_touched, point_of, slip_at
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
-from cloth_sim_ros.sim.stages.near import near_of, note
+from cloth_sim_ros.sim.stages.near import Near, near_of, next_of, note, strays
 from cloth_sim_ros.sim.state import ColliderMotion, Press, Sweep
 
 # Of the largest inverse mass: what a push beside a pinned or heavy corner divides by, so that no other is ever thrown
@@ -32,7 +32,8 @@ LEAST_SHARE = wp.constant(0.25)
 # Of the thickness: a facet that comes farther in a substep is looked at on its whole way.
 FAST = wp.constant(0.5)
 # Cosine between a facet's push and the mean of all at a particle, at least: in a sharper fold it does not go farther.
-FOLDED = wp.constant(0.3)
+FOLDED = wp.constant(0.5)
+LONG_AGO = wp.constant(-2)  # no substep that the next one could go on from
 # A point this near to a corner is what the corner's own contact has seen to.
 CORNER = wp.constant(0.999)
 
@@ -46,9 +47,19 @@ def corners_of(k: int, here: Here) -> wp.vec3i:
 
 @wp.func
 def is_close(corners: wp.vec3i, here: Here) -> bool:
-    """Whether a facet is looked at in this substep, as told by its corners' own contact; once more when it leaves."""
+    """Whether a facet is looked at in this substep, as told by its corners' own contact."""
     first, close = here.body.particles, here.state.close
     return close[first + corners[0]] + close[first + corners[1]] + close[first + corners[2]] > 0
+
+
+@wp.func
+def is_stray(corners: wp.vec3i, near: Near, here: Here) -> bool:
+    """Whether the list of colliders does not hold for a corner of a facet."""
+    stray = bool(False)
+    for k in range(3):
+        d = xyz(load4(here.d, corners[k]))
+        stray = stray or strays(near, xyz(load4(here.x, corners[k])) + d, d)
+    return stray
 
 
 @wp.func
@@ -136,7 +147,7 @@ def make_press_on(features: Features):
         if touching[3] >= -NOISE:  # its corners are outside; what is left may be rounding
             return press
         before = wp.vec4(0.0)
-        if not here.step.first:
+        if last.when == here.substep:
             before = last.so_far
         n = xyz(touching)
         pressed = before[3] - touching[3]
@@ -145,7 +156,7 @@ def make_press_on(features: Features):
         rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n
         press.stuck = last.stuck
         press.anchor = last.anchor
-        if wp.max(last.stuck) == 0.0:
+        if last.when < here.substep - 1 or wp.max(last.stuck) == 0.0:
             press.stuck = weights
             press.anchor = point_of(facet, weights) - slip
         slid = point_of(facet, press.stuck) - press.anchor
@@ -169,22 +180,28 @@ def make_press(features: Features):
 
     @wp.func
     def press(t: int, width: int, here: Here):
-        colliders = here.colliders.shape[0]
+        colliders, near = here.colliders.shape[0], near_of(here)
         for k in range(here.body.panels + t, here.body.panels_end, width):
             corners = corners_of(k, here)
-            if not is_close(corners, here):
-                continue
-            for c in range(colliders):
-                found = Press()
-                sweep = here.state.sweeps[here.sweep + c]
-                if not is_far(corners, here, here.colliders[c], sweep):
-                    last = here.state.presses[k * colliders + c]
-                    found = press_on(corners, here.colliders[c], sweep, last, here)
-                here.state.presses[k * colliders + c] = found
-                if wp.max(found.weights) > 0.0:
-                    note(c, near_of(here))
-                    for place in range(3):
-                        here.state.pressed[here.body.particles + corners[place]] = 1
+            if is_close(corners, here):
+                stray = is_stray(corners, near, here)
+                c = next_of(-1, near, stray)
+                while c < colliders:
+                    entry = k * colliders + c
+                    last = here.state.presses[entry]
+                    found = Press()
+                    sweep = here.state.sweeps[here.sweep + c]
+                    if not is_far(corners, here, here.colliders[c], sweep):
+                        found = press_on(corners, here.colliders[c], sweep, last, here)
+                    if wp.max(found.weights) > 0.0:
+                        found.when = here.substep
+                        here.state.presses[entry] = found
+                        note(c, near)
+                        for place in range(3):
+                            here.state.pressed[here.body.particles + corners[place]] = 1
+                    elif last.when == here.substep:
+                        here.state.presses[entry].when = LONG_AGO
+                    c = next_of(c, near, stray)
 
     return press
 
@@ -192,11 +209,11 @@ def make_press(features: Features):
 @wp.func
 def share_in(q: int, i: int, c: int, here: Here) -> wp.vec4:
     """The push that particle i takes of facet q by collider c [kg m], and its weight there."""
-    corners = corners_of(q, here)
-    if not is_close(corners, here):
-        return wp.vec4(0.0)
-    place = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
     press = here.state.presses[q * here.colliders.shape[0] + c]
+    if press.when != here.substep:
+        return wp.vec4(0.0)
+    corners = corners_of(q, here)
+    place = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
     return pack(press.weights[place] * press.push, press.weights[place])
 
 
@@ -250,7 +267,9 @@ def make_yield(features: Features):
         here.state.pressed[slot] = 0
         displacement = xyz(packed)
         touched = bool(False)
-        for c in range(here.colliders.shape[0]):
+        near = near_of(here)
+        c = next_of(-1, near, False)
+        while c < here.colliders.shape[0]:
             correction = w * wanted_of(i, c, here)
             if wp.length_sq(correction) > 0.0:
                 displacement += correction
@@ -264,9 +283,23 @@ def make_yield(features: Features):
                     motion = here.state.sweeps[here.sweep + c].motion
                     lost = forget(met, moved, n, wp.dot(correction, n), motion, here.step)
                     add_force(met.forces, entry, (met.share / w) * lost)
+            c = next_of(c, near, False)
         if touched:
             store4(here.d, i, pack(displacement, w))
             # Its facets may have moved it into a collider: it has the last word.
             touch(i, met_by(i, here), here.material, here.colliders, here.step, here.x, here.low, here.d, 0.0)
 
     return give_way
+
+
+@wp.func
+def carry_presses(t: int, width: int, here: Here):
+    """The stage that begins a frame: what facets were asked for in its last substep is what the first goes on from."""
+    colliders, near = here.colliders.shape[0], near_of(here)
+    c = next_of(-1, near, False)
+    while c < colliders:
+        for k in range(here.body.panels + t, here.body.panels_end, width):
+            entry = k * colliders + c
+            was = here.state.presses[entry].when
+            here.state.presses[entry].when = wp.where(was == here.frame.substeps - 1, -1, LONG_AGO)
+        c = next_of(c, near, False)
