@@ -46,7 +46,7 @@ def test_structural_changes_rebuild_and_others_keep_their_state(node, client):
 def method(client) -> str:
     """What computes now, by the next diagnostics."""
     told = client.listen(DiagnosticArray, "/diagnostics", 1)
-    client.until(lambda: len(told) > 1)
+    client.until(lambda: len(told) > 1, timeout=60.0)
     return {value.key: value.value for value in told[-1].status[0].values}["method"]
 
 

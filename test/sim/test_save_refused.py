@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from driven_scenes import BALL, cloth_scene, contents, drive, make, saved, scene_without_hand
+from driven_scenes import BALL, cloth_scene, contents, drive, make, saved
 
 from cloth_sim_ros.sim import Settings, Simulation
 
@@ -116,7 +116,7 @@ def test_a_damaged_file_is_refused_or_harmless(whole, tmp_path):
         ("solver.frame_dt is 0.016666666666666666 in it and 0.01 here", cloth_scene, {"frame_dt": 0.01}, 1),
         ("solver.method is 'auto' in it and 'xpbd' here", cloth_scene, {"method": "xpbd"}, 1),
         ("worlds is 1 in it and 2 here", cloth_scene, {}, 2),
-        ("handle hand is there in it and not there here", scene_without_hand, {}, 1),
+        ("handle hand is there in it and not there here", lambda: replace(cloth_scene(), handles={}), {}, 1),
     ],
 )
 def test_another_scene_is_refused(whole, tmp_path, what, scene, settings, worlds):
