@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Rope, Scene, Settings, Simulation, Sphere
 from cloth_sim_ros.sim.batch import forced_executor
 
 HALF, THICKNESS, SPACING = np.array([0.3, 0.5, 0.2]), 0.02, 0.1  # a box whose corner is five times finer than the mesh
@@ -105,3 +105,34 @@ def test_an_edge_is_pushed_as_by_a_force_at_the_point_of_contact(device):
     assert momentum.sum() > 1.0 and abs(momentum @ [-0.3, 0.7]) < 5e-3 * momentum.sum()
     x = sim.positions("it")
     assert 0.7 * x[0, 2] + 0.3 * x[1, 2] == pytest.approx(0.12, abs=1e-4)
+
+
+@pytest.mark.parametrize(("radius", "speed"), [(0.02, 1.0), (0.03, 5.0), (0.05, 20.0)])
+def test_a_small_fast_ball_does_not_pass(device, radius, speed):
+    """Particles are 4.3 cm apart, and nothing is said of the solver."""
+    sheet, beside = Cloth(resolution=(24, 24)), np.array([0.013, 0.017])
+    ball = Sphere(radius=radius, position=(*beside, -0.3))
+    sim = Simulation(Scene({"it": sheet}, {"ball": ball}, gravity=(0, 0, 0)), device=device)
+    height = -0.3
+    while height < 0.2:
+        height = min(height + speed / 60, 0.2)
+        sim.set_collider_pose("ball", (*beside, height))
+        sim.step()
+        assert sim.report()["it"]["max_penetration"] < sheet.thickness
+        assert np.linalg.norm(points_of(sim, steps=8) - (*beside, height), axis=1).min() > radius
+    above = points_of(sim)
+    column = np.linalg.norm(above[:, :2] - beside, axis=1) < 0.01
+    assert column.any() and above[column, 2].min() > height, "the sheet is above the ball everywhere"
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_what_sticks_between_particles_does_not_creep(device, order):
+    sheet = Cloth(resolution=(14, 14), size=(0.6, 0.6), pins=None, position=(0.01, 0, 0.11), damping=2e-3)
+    scene = Scene({"it": sheet}, {"ball": Sphere(radius=0.1, static_friction=1.0, kinetic_friction=1.0)})
+    sim = Simulation(scene, Settings(method="xpbd", order=order, substeps=20, global_damping=1.0), device=device)
+    sim.step(180)
+    first = sim.positions("it").astype(float)
+    top = np.argmin(np.linalg.norm(first - (0, 0, 0.105), axis=1))
+    sim.step(300)
+    assert np.linalg.norm(sim.positions("it")[top] - first[top]) < 1e-4
+    assert sim.report()["it"]["max_penetration"] < 1e-4
