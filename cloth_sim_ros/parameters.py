@@ -397,9 +397,12 @@ def check(parameter: Parameter, value: Any, name: str | None = None) -> Any:
 
 
 def shown(value: Any) -> str:
-    """A foreign value on one line of bounded length, for sentences: text in quotes, its control characters escaped."""
+    """A foreign value on one line of bounded length, for sentences: text in quotes, its control characters escaped.
+
+    Of a long one both ends are shown: the last of a path says most.
+    """
     text = repr(value)
-    return text if len(text) <= 80 else text[:77] + "..."
+    return text if len(text) <= 80 else f"{text[:37]}...{text[-40:]}"
 
 
 def _element(parameter: Parameter) -> str:

@@ -21,17 +21,6 @@ else:
 CURTAIN = "config/curtain.yaml"
 
 
-@pytest.fixture(scope="session")
-def ros():
-    """An initialised rclpy."""
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
-
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    yield
-    rclpy.shutdown()
-
-
 @pytest.fixture
 def client(ros):
     """A node to publish, subscribe and call services with."""

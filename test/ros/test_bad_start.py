@@ -34,7 +34,7 @@ cloth_sim:
 MISTAKES = MISTAKES.replace("LONG", 300 * "n")
 
 SENTENCES = [
-    f"objects holds '{76 * 'n'}..., left out: a name has at most 100 letters",
+    f"objects holds '{36 * 'n'}...{39 * 'n'}', left out: a name has at most 100 letters",
     "objects holds 'new\\nline', left out",
     "objects holds 'two words', left out",
     "objects holds 'cloth', left out: the name is already taken",

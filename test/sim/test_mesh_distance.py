@@ -240,7 +240,7 @@ def test_files_that_cannot_be_are_told(tmp_path):
         "nowhere.npz": "no such file is there",
         "other.npz": r"which has \['values'\]; allowed is one with \['values', 'origin', 'spacing'\]",
     }.items():
-        with pytest.raises(ValueError, match=f"^SignedDistance.from_file is '.*{name}'.*{sentence}"):
+        with pytest.raises(ValueError, match=f"^SignedDistance.from_file is '.*{name}'[,;] {sentence}"):
             SignedDistance.from_file(str(tmp_path / name))
 
 

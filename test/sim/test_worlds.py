@@ -163,7 +163,6 @@ def test_readback_and_springs_are_of_the_world_they_are_asked_for(device):
     ("action", "words"),
     [
         (lambda sim: sim.positions("sheet", 2), "world is 2; allowed is a whole number from 0 to 1"),
-        (lambda sim: sim.positions("sheet", None), "world is None; allowed"),
         (lambda sim: sim.set_positions("sheet", sim.positions("sheet"), -1), "world is -1; allowed"),
         (lambda sim: sim.set("gravity", (0, 0, 0), 7), "world is 7; allowed"),
         (lambda sim: sim.set("solver.substeps", 7, 1), "world 1 alone; allowed"),

@@ -47,17 +47,6 @@ def open_page(server):
         page.close()
 
 
-@pytest.fixture(scope="session")
-def ros():
-    """An initialised rclpy."""
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
-
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    yield
-    rclpy.shutdown()
-
-
 @pytest.fixture
 def client(ros):
     """A node to set and read parameters with."""
