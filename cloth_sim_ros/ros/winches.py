@@ -8,6 +8,8 @@ from typing import Any
 
 from cloth_sim_ros.sim import Simulation
 
+_ROUNDING = 1e-6  # [s]
+
 
 class Winches:
     """Owned by the thread that simulates.
@@ -37,7 +39,9 @@ class Winches:
 
     def end_old_commands(self, sim: Simulation, values: Mapping[str, Any], now: float) -> None:
         """Stops winches whose sender has fallen silent, and says so once."""
-        old = [rope for rope, (_, since) in self.rates.items() if now - since > values[f"{rope}.winch.timeout"]]
+        # A timeout of whole frames is over at the same frame however the two times were rounded.
+        ends = {rope: since + values[f"{rope}.winch.timeout"] + _ROUNDING for rope, (_, since) in self.rates.items()}
+        old = [rope for rope, end in ends.items() if now > end]
         for rope in old:
             rate, held = self.rates[rope][0], values[f"{rope}.winch.pay_out"]
             if rate != held:

@@ -18,8 +18,6 @@ else:
     from client import Client
     from node_process import NodeProcess
 
-CURTAIN = "config/curtain.yaml"
-
 
 @pytest.fixture
 def client(ros):

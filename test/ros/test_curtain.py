@@ -4,7 +4,6 @@
 import numpy as np
 import pytest
 from client import LATCHED, Client, fields, seconds
-from conftest import CURTAIN
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from visualization_msgs.msg import Marker
@@ -17,7 +16,7 @@ COLUMNS = 32
 @pytest.fixture
 def curtain(start, client) -> Client:
     """The running node and, as client.clouds, its particles."""
-    start(CURTAIN).ready()
+    start("config/curtain.yaml").ready()
     client.clouds = client.listen(PointCloud2, "/cloth_sim/cloth/particles", 1)
     client.until(lambda: client.clouds, timeout=60.0)
     return client
