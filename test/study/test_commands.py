@@ -28,10 +28,10 @@ def test_speed_measures_executors_and_features(monkeypatch, tmp_path, capsys):
     row, features = stored["rows"][0], stored["features"]
     assert row["resolution"] == 8 and min(row["block"]["low"], row["graph"]["low"]) > 0.0
     assert row["ratio"]["low"] <= row["ratio"]["median"] <= row["ratio"]["high"]
-    assert features[0]["feature"] == features[0]["against"] == "all springs" and len(features) == 17
+    assert features[0]["feature"] == features[0]["against"] == "all springs" and len(features) == 16
     assert (tmp_path / "speed.png").stat().st_size > 5_000
     printed = capsys.readouterr().out
-    assert "8 x 8" in printed and "edge contact with the box" in printed
+    assert "8 x 8" in printed and "box, touching" in printed
 
 
 def test_error_writes_table_and_figures(monkeypatch, tmp_path, capsys):
