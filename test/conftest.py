@@ -13,3 +13,29 @@ def ros():
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     yield
     rclpy.shutdown()
+
+
+@pytest.fixture
+def client(ros):
+    """A node to publish, subscribe and call services with."""
+    from client import Client
+
+    node = Client()
+    yield node
+    node.destroy()
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Starts nodes on YAML text or files, and ends them: start(yaml_or_path, *arguments) -> NodeProcess."""
+    from node_process import NodeProcess
+
+    processes = []
+
+    def launch(parameters: str | None, *arguments: str) -> NodeProcess:
+        processes.append(NodeProcess(parameters, arguments, tmp_path / f"node{len(processes)}"))
+        return processes[-1]
+
+    yield launch
+    for process in processes:
+        process.end()

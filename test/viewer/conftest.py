@@ -47,32 +47,6 @@ def open_page(server):
         page.close()
 
 
-@pytest.fixture
-def client(ros):
-    """A node to set and read parameters with."""
-    from client import Client
-
-    node = Client()
-    yield node
-    node.destroy()
-
-
-@pytest.fixture
-def start(tmp_path):
-    """Starts nodes on YAML text or files, and ends them: start(yaml_or_path, *arguments) -> NodeProcess."""
-    from node_process import NodeProcess
-
-    processes = []
-
-    def launch(parameters: str, *arguments: str) -> NodeProcess:
-        processes.append(NodeProcess(parameters, arguments, tmp_path / f"node{len(processes)}"))
-        return processes[-1]
-
-    yield launch
-    for process in processes:
-        process.end()
-
-
 class Viewer:
     """The viewer of the node `target` as `cloth_sim_viewer` runs it, in this process."""
 

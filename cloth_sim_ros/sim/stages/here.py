@@ -35,5 +35,5 @@ class Here:
     turn: float  # of the end of a rope [rad]
     substep: int
     sweep: int  # where the motion of its first collider in this substep lies in State.sweeps
-    group: int  # family of lines or colour of edges
+    group: int  # family of lines
     last: bool  # last iteration
