@@ -24,6 +24,7 @@ from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.poses import Motions
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
+from cloth_sim_ros.sim.stages.near import FEW
 from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, HandleMotion
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.topology import build as build_topology
@@ -165,8 +166,13 @@ class Bodies:
         for name, topo in self.topologies.items():
             choice = self._choices[name]
             features = Features.of(topo, wind, self.shapes, choice.order, choice.method, self.worlds > 1)
-            own = tuple(map(name_of, self.scene.forces.values()))
-            features = replace(features, forces=own, handles=bool(self.scene.handles), surface=choice.surface)
+            features = replace(
+                features,
+                forces=tuple(map(name_of, self.scene.forces.values())),
+                handles=bool(self.scene.handles),
+                surface=choice.surface,
+                listed=self.colliders.array.shape[1] > FEW,
+            )
             rows = goes_in_rows(features, topo, self.warp_device)
             alike.setdefault((features, rows), {})[name] = topo
         return [

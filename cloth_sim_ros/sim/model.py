@@ -34,6 +34,7 @@ class Features:
     plate: bool = False  # a sheet that resists bending by its curvature
     curved: bool = False  # and is curved at rest
     surface: bool = False  # whether colliders can reach between particles (see colliders/collider.py)
+    listed: bool = False  # whether there are so many that those near a body are looked for (see stages/near.py)
     handles: bool = False  # whether there are any
     redoes: bool = False  # whether only bodies are computed whose frame is done again
     forces: tuple[str, ...] = ()  # of forces.FORCES, in the order of Arrays.forces

@@ -5,17 +5,21 @@ The error is the RMS distance of all particles at all frames of half a second fr
 substeps. The settings of a scene take turns, so that whatever else the machine does falls on all alike. Peers that are
 installed have rows of the bare sheet.
 
-`bare` is a level sheet held at two corners. `curtain` has a ball, wind, dashpots and bending springs. `wind` is a
-curtain in nothing but wind. `plate` is a curtain in wind that bends as a plate of 1e-4 N m.
+`bare` is a level sheet held at two corners, `clamped` by its whole edge. `curtain` has a ball, wind, dashpots and
+bending springs. `wind` is a curtain in nothing but wind, `ball` one with a ball too, `finger` one with a ball of 3 cm
+that facets have to keep out. `cotton` is `ball` of cotton. `plate` is a curtain in wind that bends as a plate of
+1e-4 N m. `mesh` is irregular and hangs by two corners, `mesh ball` has ball and wind too.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.spatial import Delaunay
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.study.case import BODY, Case
@@ -34,6 +38,7 @@ SETTINGS = {
 }
 PEER_STEPS = {"substeps": 20, "iterations": 1}
 WIND = Wind(velocity=(0.0, 3.0, 0.0))
+FINGER = {"finger": Sphere(radius=0.03, position=(0.0, -0.05, -0.2))}
 BALL = {"ball": Sphere(radius=0.2, position=(0.0, -0.6, -0.2))}
 
 
@@ -44,27 +49,49 @@ def bare(resolution: int, constant: float = 1e3) -> Cloth:
     return Cloth(resolution=(resolution, resolution), pins=pins, **springs)
 
 
+UPRIGHT = {"size": (1.2, 1.2), "thickness": 0.01, "pins": "top", "orientation": (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))}
+
+
 def curtain(resolution: int, **more: object) -> Cloth:
-    """A cloth of 1.2 m that hangs by its upper edge."""
-    upright = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
-    shape = {"resolution": (resolution, resolution), "size": (1.2, 1.2), "mass": 0.3, "thickness": 0.01}
-    return Cloth(**shape, pins="top", orientation=upright, **more)
+    """A cloth of 1.2 m and 0.3 kg, unless `more` says so, that hangs by its upper edge."""
+    return Cloth(resolution=(resolution, resolution), **{"mass": 0.3, **UPRIGHT, **more})
+
+
+def mesh(resolution: int) -> Cloth:
+    """An irregular mesh of resolution^2 vertices over 1.2 m x 1.2 m, upright, that hangs by its upper edge."""
+    across = np.linspace(-0.6, 0.6, resolution)
+    points = np.stack(np.meshgrid(across, across, indexing="ij"), axis=-1)
+    inner = points[1:-1, 1:-1]
+    inner += np.random.default_rng(5).uniform(-0.25, 0.25, inner.shape) * (across[1] - across[0])
+    flat = points.reshape(-1, 2)
+    vertices = np.insert(flat, 1, 0.0, axis=1)
+    pins = tuple(np.flatnonzero(flat[:, 1] > 0.599))
+    return Cloth.from_mesh(vertices, Delaunay(flat).simplices, mass=0.3, thickness=0.01, pins=pins)
 
 
 SCENES: dict[str, Callable[[int], Scene]] = {
     "bare": lambda n: Scene({BODY: bare(n)}),
     "curtain": lambda n: Scene({BODY: curtain(n, damping=1e-3, bend_compliance=0.1)}, BALL, WIND),
+    "ball": lambda n: Scene({BODY: curtain(n)}, BALL, WIND),
+    "finger": lambda n: Scene({BODY: curtain(n)}, FINGER, WIND),
+    "cotton": lambda n: Scene({BODY: Cloth.of("cotton", resolution=(n, n), **UPRIGHT)}, BALL, WIND),
+    "clamped": lambda n: Scene({BODY: dataclasses.replace(bare(n), pins="edges")}),
+    "mesh": lambda n: Scene({BODY: mesh(n)}),
+    "mesh ball": lambda n: Scene({BODY: mesh(n)}, BALL, WIND),
     "wind": lambda n: Scene({BODY: curtain(n)}, wind=WIND),
     "plate": lambda n: Scene({BODY: curtain(n, bending="dihedral", bend_compliance=1e4)}, wind=WIND),
 }
+STANDARD = ["bare", "curtain", "wind", "plate"]
 BARE = Case("bare", "sheet held at two corners", bare, FRAMES, 1e-3, 32, 1e3)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
     parser.add_argument("--device", default="cpu", help="cpu or cuda:0")
-    parser.add_argument("--scene", choices=SCENES, nargs="+", default=list(SCENES))
+    parser.add_argument("--scene", choices=SCENES, nargs="+", default=STANDARD)
     parser.add_argument("--resolution", type=int, nargs="+", default=[32], help="particles a side")
+    parser.add_argument("--settings", choices=SETTINGS, nargs="+", default=list(SETTINGS))
+    parser.add_argument("--worlds", type=int, default=1, help="copies of the scene in the same launches")
     parser.add_argument("--rounds", type=int, default=5, help="turns that each of the settings takes")
     parser.add_argument("--reference", type=int, default=800, help="substeps of what a scene is judged by")
 
@@ -91,7 +118,9 @@ def measure(name: str, resolution: int, arguments: argparse.Namespace) -> list[t
         frames_of(Simulation(scene, Settings(method="xpbd", order=2, substeps=substeps), device))
         for substeps in (arguments.reference, arguments.reference // 2)
     )
-    sims = {label: Simulation(scene, Settings(**chosen), device) for label, chosen in SETTINGS.items()}
+    sims = {
+        label: Simulation(scene, Settings(**SETTINGS[label]), device, arguments.worlds) for label in arguments.settings
+    }
     errors = {label: rms(frames_of(sim) - fine) for label, sim in sims.items()}
     times = {label: [] for label in sims}
     for _ in range(arguments.rounds):
@@ -109,7 +138,7 @@ def measure(name: str, resolution: int, arguments: argparse.Namespace) -> list[t
             continue
         frames, each = peer.simulate(Run(BARE, resolution, BARE.constant, device, **PEER_STEPS))
         found.append((peer.label, "{substeps} x {iterations}".format(**PEER_STEPS), each, rms(frames[1:] - fine)))
-    size = f"{name} {resolution} x {resolution}"
+    size = f"{name} {resolution} x {resolution}" + f", {arguments.worlds} worlds" * (arguments.worlds > 1)
     rows = [(size, label, chosen, spread(ms), f"{error:.1e}") for label, chosen, ms, error in found]
     return [
         *rows,

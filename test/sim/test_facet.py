@@ -7,7 +7,7 @@ import warp as wp
 
 from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from cloth_sim_ros.sim.colliders import make_signed_distance, number_of, shape_of
-from cloth_sim_ros.sim.stages.facet import Facet, make_deepest, make_first_touched, point_of
+from cloth_sim_ros.sim.stages.facet import Facet, make_deepest, point_of
 
 SHAPES = {
     "sphere": Sphere(radius=0.1),
@@ -18,7 +18,7 @@ SHAPES = {
 }
 NAMES = tuple(sorted(SHAPES))
 STEPS = 60
-deepest, first_touched = make_deepest(NAMES), make_first_touched(NAMES)
+deepest = make_deepest(NAMES)
 distance = make_signed_distance(NAMES)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Capsule, Cloth, Plane, Rope, Scene, Simulation, Sphere
+from cloth_sim_ros.sim import Capsule, Cloth, Plane, Rope, Scene, Simulation, Sphere, bodies
 from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.sim.colliders.collider import Collider
 
@@ -33,8 +33,14 @@ def near_ones():
     return {"ball": Sphere(0.2, position=(0.05, 0, 0)), "rod": Capsule(0.05, 0.6, position=(0, 0.9, 0))}
 
 
+@pytest.fixture
+def always(monkeypatch):
+    """The list is in the kernels of all scenes, also of those with few colliders."""
+    monkeypatch.setattr(bodies, "FEW", 0)
+
+
 @pytest.mark.parametrize(("executor", "settings"), WAYS)
-def test_colliders_out_of_reach_change_no_bit(device, executor, settings, monkeypatch):
+def test_colliders_out_of_reach_change_no_bit(device, executor, settings, always, monkeypatch):
     """Also where they come last or first, one moves, one passes by and touches, and the sheet is thrown at them."""
     if executor == "subdomains":
         monkeypatch.setattr(Collider, "enters", lambda *_: False)
@@ -61,7 +67,7 @@ def test_colliders_out_of_reach_change_no_bit(device, executor, settings, monkey
 
 
 @pytest.mark.parametrize(("executor", "settings"), WAYS)
-def test_what_is_hit_away_meets_the_wall_behind_in_the_same_frame(device, executor, settings):
+def test_what_is_hit_away_meets_the_wall_behind_in_the_same_frame(device, executor, settings, always):
     """A free particle at rest is hit at 90 m/s, so that it leaves all that could be foreseen of it."""
     settings = {**settings, "substeps": max(settings.get("substeps", 0), 40)}
     sheet = Cloth(resolution=(2, 2), size=(0.02, 0.02), pins="none", stretch_compliance=1.0, shear_compliance=None)
@@ -75,7 +81,7 @@ def test_what_is_hit_away_meets_the_wall_behind_in_the_same_frame(device, execut
     assert np.linalg.norm(x, axis=1).max() > 0.5, "it was hit"
 
 
-def test_what_touched_is_forgotten_when_it_is_out_of_reach(device):
+def test_what_touched_is_forgotten_when_it_is_out_of_reach(device, always):
     floor = {"floor": Plane(), "ball": Sphere(0.2, position=(0, 0, 5))}
     sim = simulated(None, {}, device, floor, {"sheet": Cloth(resolution=(6, 6), pins="none", position=(0, 0, 0.005))})
     sim.set_collider_pose("ball", (0, 0, 0.05), sweep=False)

@@ -92,7 +92,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     simulate, end = _make_substeps(features, program), in_turn(program.ending, "ending")
     argument = given_type(features)
 
-    @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.CPU_FLAGS)
+    @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.OPTIONS)
     def simulate_frame(given: argument):
         # By the number of the thread alone: of two dimensions Warp would divide numbers of 64 bits.
         b = wp.tid() / wp.static(block)
@@ -139,7 +139,8 @@ def _make_substeps(features: Features, program: Program):
                 here.last = iteration + 1 == frame.iterations
                 if wp.static(iterated is not None):
                     iterated(t, width, here)
-            after(t, width, here)
+            if wp.static(after is not None):
+                after(t, width, here)
         if wp.static(outer is not None):
             here.substep = frame.substeps
             outer(t, width, here)

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import CPU_FLAGS
+from cloth_sim_ros.sim.intrinsics import OPTIONS
 from cloth_sim_ros.sim.methods.program import Program, Stage, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
@@ -87,19 +87,21 @@ class Graph:
             if substep % stage.every == 0:
                 self._launch(stage, b, body, substep if stage.every > 1 else at)
         for iteration in range(iterations):
-            mode = (min(iteration, 1), int(iterations > 1 or substep == substeps - 1))
+            store, last = iterations > 1 or substep == substeps - 1, iteration + 1 == iterations
+            mode = (min(iteration, 1), int(store), int(last))
             for stage in self._program.iterated:
-                if not (stage.but_last and iteration + 1 == iterations):
-                    self._launch(stage, b, body, at, *mode)
+                self._launch(stage, b, body, at, *mode)
         for stage in self._program.after:
             self._launch(stage, b, body, at, min(iterations - 1, 1))
 
-    def _launch(self, stage: Stage, b: int, body: dict, substep: int, iteration: int = 0, store: int = 0) -> None:
+    def _launch(
+        self, stage: Stage, b: int, body: dict, substep: int, iteration: int = 0, store: int = 0, last: int = 1
+    ) -> None:
         """Append the launches of a stage to the frame; those that are alike are one."""
         groups = range(body["groups"], body["groups_end"]) if stage.rounds else (0,)
         for g in groups:
             size = self._groups[g][2] - self._groups[g][1] if stage.rounds else body
-            numbers = (stage.threads(size, self._colliders), b, substep, iteration, store, g)
+            numbers = (stage.threads(size, self._colliders), b, substep, iteration, store, last, g)
             key = (stage.name, *numbers)
             if key not in self._recorded:
                 inputs, dim = [self._given, *numbers], self._worlds * numbers[0]
@@ -114,7 +116,7 @@ def make_kernels(features: Features, on_cpu: bool) -> tuple[Program, dict[str, w
     """The program for `features` and the kernel of each of its stages, in one module of their own."""
     program = make_program(features, on_cpu)
     module = wp.get_module(f"cloth_sim_ros.graph.{features.key()}.{'cpu' if on_cpu else 'cuda'}")
-    wp.set_module_options(CPU_FLAGS, module)
+    wp.set_module_options(OPTIONS, module)
     begin, enter = make_begin(features), make_enter(features)
     stages = (*program.outer, *program.before, *program.iterated, *program.after, *program.ending)
     return program, {stage.name: _make_kernel(stage, features, begin, enter, module) for stage in stages}
@@ -124,7 +126,7 @@ def _make_kernel(stage: Stage, features: Features, begin, enter, module: wp.Modu
     """The kernel that runs a stage of body b in the substep and iteration of a launch, with `size` threads a world."""
     run, argument = stage.run, given_type(features)
 
-    def launched(given: argument, size: int, b: int, substep: int, iteration: int, store: int, g: int):
+    def launched(given: argument, size: int, b: int, substep: int, iteration: int, store: int, last: int, g: int):
         t = wp.tid()
         if wp.static(features.worlds):
             w = t // size
@@ -138,6 +140,7 @@ def _make_kernel(stage: Stage, features: Features, begin, enter, module: wp.Modu
         here = enter(home, substep)
         here.step.first = iteration == 0
         here.step.store = store != 0
+        here.last = last != 0
         here.step.repeats = here.frame.iterations > 1
         here.group = g
         run(t, size, here)

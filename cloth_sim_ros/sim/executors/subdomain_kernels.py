@@ -27,7 +27,7 @@ from cloth_sim_ros.sim.stages.motion import (
 from cloth_sim_ros.sim.stages.near import everything
 from cloth_sim_ros.sim.state import State, given_type
 
-_OPTIONS = {"enable_backward": False, "module": "unique", "module_options": native.CPU_FLAGS}
+_OPTIONS = {"enable_backward": False, "module": "unique", "module_options": native.OPTIONS}
 
 
 @lru_cache

@@ -10,7 +10,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.executors import vector_rows_simd as row_lanes
 from cloth_sim_ros.sim.executors.vector_rows_simd import finish_lanes, predict_lanes, read3, read4, write3, write4
-from cloth_sim_ros.sim.intrinsics import CPU_FLAGS, array_address, number_address
+from cloth_sim_ros.sim.intrinsics import OPTIONS, array_address, number_address
 from cloth_sim_ros.sim.methods.program import in_turn, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import outer_weight
@@ -160,7 +160,7 @@ def make_frame(features: Features):
             return here.state.held[here.body.index] > 0
         return wp.static(iterated is not None)
 
-    @wp.kernel(enable_backward=False, module="unique", module_options=CPU_FLAGS)
+    @wp.kernel(enable_backward=False, module="unique", module_options=OPTIONS)
     def simulate_rows(given: argument, planes: Planes):
         w = wp.tid() / planes.grids.shape[0]
         b = wp.tid() - w * planes.grids.shape[0]

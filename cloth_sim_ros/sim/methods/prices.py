@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from cloth_sim_ros.sim.stages.near import FEW
 from cloth_sim_ros.sim.topology import Topology
 
 _NS = 1e-6  # [ms]
@@ -22,7 +23,6 @@ _SEGMENT = 45.0 * _NS  # of a rope
 # block. Lines in a block, for each particle of all worlds.
 _TILES, _TILES_PARTICLE, _LAUNCH, _LAUNCH_PARTICLE, _ROPE = 6.0e-4, 5.5e-8, 4.0e-3, 2.5e-8, 5.0e-3
 _BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7
-_MET = 8  # colliders that are near one body, at most: those out of its reach cost nothing
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Surroundings:
 
     @property
     def near(self) -> int:
-        """Colliders that cost."""
-        return min(self.colliders, _MET)
+        """Colliders that cost: of many, those that are out of reach cost nothing."""
+        return min(self.colliders, FEW)
 
 
 def verlet(topology: Topology, around: Surroundings) -> float:

@@ -10,8 +10,8 @@ The contract of an executor (block.py: a body in a block; graph.py: a launch a s
    body before the next stage begins.
 4. A stage with `rounds` is run once for each family of lines, in order, with `here.group` set and a barrier between.
    Its `width` is a multiple of a warp on a GPU.
-5. It sets `here.step.first`, `store` and `repeats`, and `here.last`; stages with `but_last` are left out in the last
-   iteration, and those of `every` n substeps run in substeps that n divides.
+5. It sets `here.step.first`, `store` and `repeats`, and `here.last`, which holds in the last iteration. Stages of
+   `every` n substeps run in substeps that n divides.
 6. It knows no physics, and a stage knows no executor.
 """
 
@@ -32,7 +32,7 @@ from cloth_sim_ros.sim.ropes.drum import make_turn
 from cloth_sim_ros.sim.ropes.twist import ask_for
 from cloth_sim_ros.sim.stages.aerodynamics import make_panels
 from cloth_sim_ros.sim.stages.bending import curve_triangle, make_bend
-from cloth_sim_ros.sim.stages.contact import make_contact
+from cloth_sim_ros.sim.stages.contact import make_contact, make_met_in
 from cloth_sim_ros.sim.stages.fault_recovery import find_fault, make_count, make_settle
 from cloth_sim_ros.sim.stages.grasp import feel, hold
 from cloth_sim_ros.sim.stages.here import Here
@@ -44,8 +44,8 @@ from cloth_sim_ros.sim.stages.motion import (
     store_velocity,
     sweep_collider,
 )
-from cloth_sim_ros.sim.stages.near import forget_contacts, list_colliders, measure_extent
-from cloth_sim_ros.sim.stages.surface_contact import carry_presses, make_press, make_yield
+from cloth_sim_ros.sim.stages.near import list_colliders, make_forget_contacts, measure_extent
+from cloth_sim_ros.sim.stages.surface_contact import make_carry_presses, make_press, make_yield
 from cloth_sim_ros.sim.state import Arrays
 
 _A_FRAME = 1 << 30  # more substeps than a frame has
@@ -64,7 +64,6 @@ class Stage:
     threads: Callable[[dict, int], int]
     rounds: bool = False
     every: int = 1
-    but_last: bool = False
 
 
 @dataclass
@@ -85,10 +84,11 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     if features.shapes:
         many = lambda body, _: min(body["count"], _THREADS)  # noqa: E731
         if features.surface:
-            before.append(Stage("carry_presses", carry_presses, many, every=_A_FRAME))
-        before.append(Stage("forget_contacts", forget_contacts, many, every=_A_FRAME))
-        before.append(Stage("measure_extent", measure_extent, many, every=_A_FRAME))
-        before.append(Stage("list_colliders", list_colliders, lambda _, colliders: colliders, every=_A_FRAME))
+            before.append(Stage("carry_presses", make_carry_presses(features), many, every=_A_FRAME))
+        before.append(Stage("forget_contacts", make_forget_contacts(features.listed), many, every=_A_FRAME))
+        if features.listed:
+            before.append(Stage("measure_extent", measure_extent, many, every=_A_FRAME))
+            before.append(Stage("list_colliders", list_colliders, lambda _, colliders: colliders, every=_A_FRAME))
         swept = lambda body, colliders: SWEPT * colliders  # noqa: E731
         before.append(Stage("sweep", _sweep, swept, every=SWEPT))
     if features.winch:
@@ -116,15 +116,17 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     if features.lines:
         program.iterated.append(_make_lines(features, on_cpu))
     if features.shapes:
-        contact = make_contact(features)
+        met_in, contact = make_met_in(features), make_contact(features)
         if features.surface:
-            program.iterated.append(_over_particles("contact", contact))
+            program.iterated.append(_over_meeting("contact", met_in, contact))
             panels = lambda body, _: body["panels_end"] - body["panels"]  # noqa: E731
             program.iterated.append(Stage("press", make_press(features), panels))
             contact = make_yield(features)
-        program.iterated.append(_over_particles("give_way" if features.surface else "contact", contact, but_last=True))
-        finish = _both(contact, finish)
-    program.after.append(_over_particles("finish", finish))
+        # With what ends the substep behind it: a GPU waits once for both, and reads contact's many instructions once.
+        name = "give_way" if features.surface else "contact"
+        program.iterated.append(_over_meeting(name, met_in, contact, finish))
+    else:
+        program.after.append(_over_particles("finish", finish))
     program.ending += [
         _over_particles("find_faults", find_fault),
         _over_particles("settle", make_settle(features)),
@@ -187,7 +189,7 @@ def make_enter(features: Features):
     return enter
 
 
-def _over_particles(name: str, stage, but_last: bool = False, every: int = 1) -> Stage:
+def _over_particles(name: str, stage) -> Stage:
     """A stage of every particle."""
 
     def run(t: int, width: int, here: Here):
@@ -195,9 +197,22 @@ def _over_particles(name: str, stage, but_last: bool = False, every: int = 1) ->
         for i in range(here.body.count - 1 - t, -1, -width):
             stage(i, here)
 
-    return Stage(
-        name, wp.func(run, name=f"over_particles_{name}"), lambda body, _: body["count"], every=every, but_last=but_last
-    )
+    return Stage(name, wp.func(run, name=f"over_particles_{name}"), lambda body, _: body["count"])
+
+
+def _over_meeting(name: str, met_in, stage, at_last=None) -> Stage:
+    """A stage of every particle that meets colliders, and in the last iteration another one behind it."""
+
+    def run(t: int, width: int, here: Here):
+        met = met_in(here)
+        for i in range(here.body.count - 1 - t, -1, -width):
+            met.slot = here.body.particles + i
+            stage(i, met, here)
+            if wp.static(at_last is not None):
+                if here.last:
+                    at_last(i, here)
+
+    return Stage(name, wp.func(run, name=f"over_meeting_{name}"), lambda body, _: body["count"])
 
 
 def _both(first, second):
@@ -322,9 +337,8 @@ def _with_barrier(stage: Stage):
 
     def once(t: int, width: int, here: Here):
         if wp.static(stage.every == 1) or here.substep % wp.static(stage.every) == 0:
-            if wp.static(not stage.but_last) or not here.last:
-                run(t, width, here)
-                sync()
+            run(t, width, here)
+            sync()
 
     def rounds(t: int, width: int, here: Here):
         inside = here

@@ -11,7 +11,7 @@ from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.stages.grasp import HELD
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
-from cloth_sim_ros.sim.stages.near import Near, near_of, next_of, note, strays
+from cloth_sim_ros.sim.stages.near import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
 
 # [m/s] at which what overlaps at the start of a substep comes apart, as after a fall of half a metre. A collider that
@@ -242,29 +242,32 @@ def make_touch(features: Features):
     return contact
 
 
-@wp.func
-def met_by(i: int, here: Here) -> Met:
-    """Where it is kept what particle i meets."""
-    met = Met()
-    met.slot = here.body.particles + i
-    met.first_sweep = here.sweep
-    met.share = share_of(here.step, here.frame.substeps)
-    met.near = near_of(here)
-    met.sweeps = here.state.sweeps
-    met.contacts = here.state.contacts
-    met.forces = here.state.contact_forces
-    met.velocities = here.state.velocities
-    met.last_displacements = here.state.last_displacements
-    return met
+def make_met_in(features: Features):
+    """A Warp function: where it is kept what the particles of a body meet; `slot` is up to each."""
+    near_of = make_near_of(features.listed)
+
+    @wp.func
+    def met_in(here: Here) -> Met:
+        met = Met()
+        met.first_sweep = here.sweep
+        met.share = share_of(here.step, here.frame.substeps)
+        met.near = near_of(here)
+        met.sweeps = here.state.sweeps
+        met.contacts = here.state.contacts
+        met.forces = here.state.contact_forces
+        met.velocities = here.state.velocities
+        met.last_displacements = here.state.last_displacements
+        return met
+
+    return met_in
 
 
 def make_contact(features: Features):
-    """The stage that keeps particle i outside all colliders, after each iteration."""
+    """The stage that keeps particle i, which meets `met`, outside all colliders after each iteration."""
     touch = make_touch(features)
 
     @wp.func
-    def contact(i: int, here: Here):
-        met = met_by(i, here)
+    def contact(i: int, met: Met, here: Here):
         width = here.body.width
         close = touch(i, met, here.material, here.colliders, here.step, here.x, here.low, here.d, width)
         if wp.static(features.surface):

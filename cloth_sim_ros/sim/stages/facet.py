@@ -200,65 +200,72 @@ def _make_search(shapes: tuple[str, ...]):
 
     @wp.func
     def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> wp.vec3:
-        if facet.is_segment:
-            at = along(shape, size, data, facet.a, facet.b - facet.a).at
-            return wp.vec3(1.0 - at, at, 0.0)
-        first = row(shape, size, data, facet, 0.0)
-        low = wp.vec3(0.0, first.value, slope_of(first, 0.0, facet))
-        if low[2] >= 0.0:
-            return wp.vec3(1.0 - first.at, 0.0, first.at)
-        tip = signed_distance(shape, facet.b, size, data)
-        # Uphill to the tip in both sides that meet there, or nothing of the triangle lies deeper than it.
-        rise = wp.max(wp.dot(xyz(tip), facet.b - facet.a), wp.dot(xyz(tip), facet.b - facet.c))
-        if rise <= 0.0:
-            return wp.vec3(0.0, 1.0, 0.0)
-        high = wp.vec3(1.0, tip[3], rise)
-        best = wp.vec3(1.0 - first.at, 0.0, first.at)
-        value = first.value
-        if tip[3] < value:
-            best = wp.vec3(0.0, 1.0, 0.0)
-            value = tip[3]
+        # Of a segment the first row is all there is. One loop for the first row and those between it and the tip: the
+        # compiler then has the search along a row once.
+        u = float(0.0)
+        low = wp.vec3(0.0)
+        high = wp.vec3(0.0)
+        best = wp.vec3(0.0)
+        value = float(0.0)
         k = int(0)
-        while k < wp.static(_CUTS) and value - lowest(low, high) > wp.static(_NEAR):
-            u = cut(k, low, high)
+        while k <= wp.static(_CUTS):
             here = row(shape, size, data, facet, u)
-            if here.value < value:
-                best = wp.vec3(1.0 - u - here.at, u, here.at)
-                value = here.value
+            weights = wp.vec3(1.0 - u - here.at, u, here.at)
+            if facet.is_segment:
+                return wp.vec3(1.0 - here.at, here.at, 0.0)
             slope = slope_of(here, u, facet)
+            if k == 0 or here.value < value:
+                best = weights
+                value = here.value
+            if k == 0:
+                if slope >= 0.0:
+                    return best
+                tip = signed_distance(shape, facet.b, size, data)
+                # Uphill to the tip in both sides that meet there, or nothing of the triangle lies deeper than it.
+                rise = wp.max(wp.dot(xyz(tip), facet.b - facet.a), wp.dot(xyz(tip), facet.b - facet.c))
+                if rise <= 0.0:
+                    return wp.vec3(0.0, 1.0, 0.0)
+                high = wp.vec3(1.0, tip[3], rise)
+                if tip[3] < value:
+                    best = wp.vec3(0.0, 1.0, 0.0)
+                    value = tip[3]
             if slope < 0.0:
                 low = wp.vec3(u, here.value, slope)
             else:
                 high = wp.vec3(u, here.value, slope)
+            if value - lowest(low, high) <= wp.static(_NEAR):
+                return best
+            u = cut(k, low, high)
             k += 1
         return best
 
     return search
 
 
-def make_first_touched(shapes: tuple[str, ...]):
+def make_touched(shapes: tuple[str, ...]):
     """A Warp function: the weights of the point of a facet that a collider of `shapes` met first in the substep, or
-    those of the deepest at its end where it met none.
+    those of the deepest at its end where it met none or came by less than `fast` [m].
 
     By conservative advancement: no point can come nearer than by its own way.
     """
     signed_distance, deepest = make_signed_distance(shapes), make_deepest(shapes)
 
     @wp.func
-    def first_touched(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float) -> wp.vec3:
+    def touched(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, fast: float) -> wp.vec3:
         way = wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
-        left = float(1.0)
+        left = wp.where(way > fast, 1.0, 0.0)
         weights = wp.vec3(0.0)
         gap = float(1.0)
         count = int(0)
-        while count < wp.static(_ADVANCES) and left > 0.0 and gap > 1.0e-3 * thickness:
+        # The last turn is at the end of its way: the compiler then has the search once.
+        while count <= wp.static(_ADVANCES) and gap > 1.0e-3 * thickness:
             before = back(facet, left)
             weights = deepest(shape, size, data, before)
-            gap = signed_distance(shape, point_of(before, weights), size, data)[3] - thickness
-            left -= wp.max(gap, 0.0) / wp.max(way, 1.0e-20)
+            gap = 0.0
+            if left > 0.0:
+                gap = signed_distance(shape, point_of(before, weights), size, data)[3] - thickness
+                left = wp.max(left - wp.max(gap, 0.0) / way, 0.0)
             count += 1
-        if left <= 0.0:
-            weights = deepest(shape, size, data, facet)
         return weights
 
-    return first_touched
+    return touched

@@ -5,6 +5,8 @@ A box around the body with a margin is where its particles should stay in the fr
 should go in a substep. For a particle that does both, the test of contact.py skips every collider that is not listed. A
 particle that does not asks all of them, so that the list saves work and decides nothing. What it touches then is listed
 for the rest of the frame: friction so far and forces are 0 of all colliders that are not.
+
+Kernels of scenes with few colliders have none of this: there every particle asks all.
 """
 
 import warp as wp
@@ -15,6 +17,7 @@ from cloth_sim_ros.sim.stages.motion import pack
 from cloth_sim_ros.sim.state import ColliderMotion
 
 WORD = 64  # colliders a word
+FEW = 8  # colliders that every particle may ask: a list of them would cost as much
 EXTENT = 8  # numbers a body: its lower and upper corner, the largest square of a speed, and if a collider is not listed
 _ALL = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 _NONE = 1 << 30
@@ -27,12 +30,14 @@ _ARC = wp.constant(2.23)  # most of an angle up to pi over the distance of its t
 class Near:
     """The colliders that a body may meet: bits in `count` words from place `first` on, and for whom that holds.
 
-    middle, half: the box [m]. margin: the farthest way in a substep [m]. some: whether a collider is not listed.
+    bits: the first word, as it was when the stage began. middle, half: the box [m]. margin: the farthest way in a
+    substep [m]. some: whether a collider is not listed.
     """
 
     words: wp.array(dtype=wp.uint64)
     first: int
     count: int
+    bits: wp.uint64
     middle: wp.vec3
     half: wp.vec3
     margin: float
@@ -59,20 +64,26 @@ def moved_of(c: ColliderMotion, share: float) -> wp.vec2:
     return wp.vec2(share * wp.length(c.end_position - c.start_position), share * _ARC * apart)
 
 
-@wp.func
-def near_of(here: Here) -> Near:
-    """What is listed for a body."""
-    near = Near()
-    near.words = here.state.near
-    near.count = words_for(here.colliders.shape[0])
-    near.first = here.body.index * near.count
-    near.some = here.state.extents[wp.static(EXTENT) * here.body.index + 7] > 0.0
-    if near.some:
-        box = load_row(here.state.boxes, 2 * here.body.index)
-        near.middle = xyz(box)
-        near.margin = box[3]
-        near.half = xyz(load_row(here.state.boxes, 2 * here.body.index + 1))
-    return near
+def make_near_of(listed: bool):
+    """A Warp function: what is listed for a body, for which a thread asks once a stage; or that nothing is listed."""
+
+    @wp.func
+    def near_of(here: Here) -> Near:
+        near = Near()
+        if wp.static(listed):
+            near.words = here.state.near
+            near.count = words_for(here.colliders.shape[0])
+            near.first = here.body.index * near.count
+            near.bits = near.words[near.first]
+            near.some = here.state.extents[wp.static(EXTENT) * here.body.index + 7] > 0.0
+            if near.some:
+                box = load_row(here.state.boxes, 2 * here.body.index)
+                near.middle = xyz(box)
+                near.margin = box[3]
+                near.half = xyz(load_row(here.state.boxes, 2 * here.body.index + 1))
+        return near
+
+    return near_of
 
 
 @wp.func
@@ -106,7 +117,10 @@ def next_of(c: int, near: Near, stray: bool) -> int:
     q = behind / wp.static(WORD)
     if q >= near.count:
         return wp.static(_NONE)
-    bits = near.words[near.first + q] & (_ALL << wp.uint64(behind % wp.static(WORD)))
+    bits = near.bits
+    if q > 0:
+        bits = near.words[near.first + q]
+    bits &= _ALL << wp.uint64(behind % wp.static(WORD))
     while bits == wp.uint64(0):
         q += 1
         if q == near.count:
@@ -117,29 +131,36 @@ def next_of(c: int, near: Near, stray: bool) -> int:
 
 @wp.func
 def note(c: int, near: Near):
-    """Collider c touches the body: it is listed from now on."""
-    bit = wp.uint64(1) << wp.uint64(c % wp.static(WORD))
-    if near.words[near.first + c / wp.static(WORD)] & bit == wp.uint64(0):
-        wp.atomic_or(near.words, near.first + c / wp.static(WORD), bit)
+    """Collider c touches the body: it is listed from now on, if any is not."""
+    if near.some:
+        bit = wp.uint64(1) << wp.uint64(c % wp.static(WORD))
+        if near.words[near.first + c / wp.static(WORD)] & bit == wp.uint64(0):
+            wp.atomic_or(near.words, near.first + c / wp.static(WORD), bit)
 
 
-@wp.func
-def forget_contacts(t: int, width: int, here: Here):
+def make_forget_contacts(listed: bool):
     """The stage that begins a frame: no collider has touched the body yet."""
-    colliders, near = here.colliders.shape[0], near_of(here)
-    near.some = True  # the words say what was listed; the rest is of the frame before
-    c = next_of(-1, near, False)
-    while c < colliders:
-        for i in range(t, here.body.count, width):
-            entry = (here.body.particles + i) * colliders + c
-            store_row(here.state.contact_forces, entry, wp.vec4(0.0))
-            store_row(here.state.contacts, entry, wp.vec4(0.0))
-        c = next_of(c, near, False)
-    if t == 0:
-        for k in range(wp.static(EXTENT)):
-            here.state.extents[wp.static(EXTENT) * here.body.index + k] = wp.where(
-                k < 3, _FAR, wp.where(k < 6, -_FAR, 0.0)
-            )
+    near_of = make_near_of(listed)
+
+    @wp.func
+    def forget_contacts(t: int, width: int, here: Here):
+        colliders, near = here.colliders.shape[0], near_of(here)
+        near.some = wp.static(listed)  # the words say what was listed; the rest is of the frame before
+        c = next_of(-1, near, False)
+        while c < colliders:
+            for i in range(t, here.body.count, width):
+                entry = (here.body.particles + i) * colliders + c
+                store_row(here.state.contact_forces, entry, wp.vec4(0.0))
+                store_row(here.state.contacts, entry, wp.vec4(0.0))
+            c = next_of(c, near, False)
+        if wp.static(listed):
+            if t == 0:
+                for k in range(wp.static(EXTENT)):
+                    here.state.extents[wp.static(EXTENT) * here.body.index + k] = wp.where(
+                        k < 3, _FAR, wp.where(k < 6, -_FAR, 0.0)
+                    )
+
+    return forget_contacts
 
 
 @wp.func
@@ -181,6 +202,7 @@ def list_colliders(t: int, width: int, here: Here):
     near.middle = 0.5 * (low + high)
     near.margin = margin
     near.half = 0.5 * (high - low) + wp.vec3(margin)
+    near.some = True
     if t == 0:
         store_row(here.state.boxes, 2 * here.body.index, pack(near.middle, margin))
         store_row(here.state.boxes, 2 * here.body.index + 1, pack(near.half, 0.0))

@@ -13,17 +13,17 @@ from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.stages.contact import (
     NOISE,
     SEPARATION,
+    Met,
     add_force,
     forget,
     least_mass,
     make_meet,
     make_touch,
-    met_by,
 )
-from cloth_sim_ros.sim.stages.facet import Facet, make_deepest, make_first_touched, point_of, slip_at
+from cloth_sim_ros.sim.stages.facet import Facet, make_touched, point_of, slip_at
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
-from cloth_sim_ros.sim.stages.near import Near, near_of, next_of, note, strays
+from cloth_sim_ros.sim.stages.near import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.state import ColliderMotion, Press, Sweep
 
 # Of the largest inverse mass: what a push beside a pinned or heavy corner divides by, so that no other is ever thrown
@@ -124,20 +124,14 @@ def make_press_on(features: Features):
 
     A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
     """
-    meet = make_meet(features.shapes)
-    deepest, first_touched = make_deepest(features.shapes), make_first_touched(features.shapes)
+    meet, touched = make_meet(features.shapes), make_touched(features.shapes)
 
     @wp.func
     def press_on(corners: wp.vec3i, collider: ColliderMotion, sweep: Sweep, last: Press, here: Here) -> Press:
         press = Press()
         facet = facet_of(corners, here, sweep)
         thickness = here.material.thickness
-        way = wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
-        weights = wp.vec3(0.0)
-        if way > FAST * thickness:
-            weights = first_touched(collider.shape, collider.size, collider.data, facet, thickness)
-        else:
-            weights = deepest(collider.shape, collider.size, collider.data, facet)
+        weights = touched(collider.shape, collider.size, collider.data, facet, thickness, FAST * thickness)
         w = yielding(corners, weights, here)
         if wp.max(weights) > CORNER or w == 0.0:
             return press
@@ -176,7 +170,7 @@ def make_press_on(features: Features):
 def make_press(features: Features):
     """The stage that finds how the facets of a body are to be pushed out of all colliders: thread t of `width` its
     share."""
-    press_on = make_press_on(features)
+    press_on, near_of = make_press_on(features), make_near_of(features.listed)
 
     @wp.func
     def press(t: int, width: int, here: Here):
@@ -256,24 +250,21 @@ def make_yield(features: Features):
     least, touch = least_mass(features), make_touch(features)
 
     @wp.func
-    def give_way(i: int, here: Here):
+    def give_way(i: int, met: Met, here: Here):
         packed = load4(here.d, i)
         w = packed[3]
         if w <= wp.static(least) * load4(here.x, i)[3]:
             return
-        slot = here.body.particles + i
-        if here.state.pressed[slot] == 0:
+        if here.state.pressed[met.slot] == 0:
             return
-        here.state.pressed[slot] = 0
+        here.state.pressed[met.slot] = 0
         displacement = xyz(packed)
         touched = bool(False)
-        near = near_of(here)
-        c = next_of(-1, near, False)
+        c = next_of(-1, met.near, False)
         while c < here.colliders.shape[0]:
             correction = w * wanted_of(i, c, here)
             if wp.length_sq(correction) > 0.0:
                 displacement += correction
-                met = met_by(i, here)
                 entry = met.slot * here.colliders.shape[0] + c
                 add_force(met.forces, entry, (met.share / w) * correction)
                 touched = True
@@ -283,23 +274,28 @@ def make_yield(features: Features):
                     motion = here.state.sweeps[here.sweep + c].motion
                     lost = forget(met, moved, n, wp.dot(correction, n), motion, here.step)
                     add_force(met.forces, entry, (met.share / w) * lost)
-            c = next_of(c, near, False)
+            c = next_of(c, met.near, False)
         if touched:
             store4(here.d, i, pack(displacement, w))
             # Its facets may have moved it into a collider: it has the last word.
-            touch(i, met_by(i, here), here.material, here.colliders, here.step, here.x, here.low, here.d, 0.0)
+            touch(i, met, here.material, here.colliders, here.step, here.x, here.low, here.d, 0.0)
 
     return give_way
 
 
-@wp.func
-def carry_presses(t: int, width: int, here: Here):
+def make_carry_presses(features: Features):
     """The stage that begins a frame: what facets were asked for in its last substep is what the first goes on from."""
-    colliders, near = here.colliders.shape[0], near_of(here)
-    c = next_of(-1, near, False)
-    while c < colliders:
-        for k in range(here.body.panels + t, here.body.panels_end, width):
-            entry = k * colliders + c
-            was = here.state.presses[entry].when
-            here.state.presses[entry].when = wp.where(was == here.frame.substeps - 1, -1, LONG_AGO)
-        c = next_of(c, near, False)
+    near_of = make_near_of(features.listed)
+
+    @wp.func
+    def carry_presses(t: int, width: int, here: Here):
+        colliders, near = here.colliders.shape[0], near_of(here)
+        c = next_of(-1, near, False)
+        while c < colliders:
+            for k in range(here.body.panels + t, here.body.panels_end, width):
+                entry = k * colliders + c
+                was = here.state.presses[entry].when
+                here.state.presses[entry].when = wp.where(was == here.frame.substeps - 1, -1, LONG_AGO)
+            c = next_of(c, near, False)
+
+    return carry_presses
