@@ -73,6 +73,7 @@ _SURFACE = (
 _BODY = (
     _double("mass", 0.2, "Total mass, pinned particles included.", "kg", 1e-9, 1e6, live=False),
     _double("damping", 0.0, "Axial damping: time constant of every spring's dashpot, c = damping x k.", "s", 0, 1e3),
+    Parameter("self_contact", "bool", False, "Whether its parts keep twice the thickness or radius from one another."),
 )
 
 SOLVER = (

@@ -20,6 +20,7 @@ from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
 from cloth_sim_ros.sim.methods.limits import outer_steps
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
+from cloth_sim_ros.sim.pair_search import PairSearch
 from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Frame, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
@@ -121,6 +122,7 @@ class Batch:
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self._saved: dict[str, wp.array] | None = None
         self.executor = self._make_executor(rows, list(topologies.values()))
+        self._search = PairSearch(self.worlds, self.states, device) if features.self_contact else None
         self._trial = None
         if features.method == "verlet":
             self._trial = Trial(self.executor, self._make_safe, self.worlds, self.counts, self.lines)
@@ -186,6 +188,10 @@ class Batch:
         """Where the triangles of a sheet, or the segments of a rope, lie in Model.panels."""
         row = self._bodies[self.index[name]]
         return slice(row["panels"], row["panels_end"])
+
+    def crossings(self, name: str, world: int) -> int:
+        """How many edges of a body go through a triangle of its own; 0 where it is not kept apart from itself."""
+        return self._search.crossings(world, self.panels(name)) if self._search is not None else 0
 
     def segments(self, name: str) -> slice:
         """Where the chain segments of a rope lie; of what has no chain, nowhere."""
@@ -326,6 +332,8 @@ class Batch:
 
     def advance(self, finer: int = 1) -> None:
         """Simulate one frame, as `write_frame` was told last."""
+        if self._search is not None:
+            self._search.find()
         if self._trial is None:
             self.executor.advance(finer * self.substeps, self.iterations, self._outer)
         else:

@@ -71,7 +71,7 @@ class Bodies:
         enters = any(collider.enters(gap, thickness) for collider in self.scene.colliders.values())
         surface = enters or self.scene.spare_colliders > 0
         wind, rows = self.scene.wind is not None, self.colliders.array.shape[1]
-        around = Surroundings(kind, wind, rows, self.worlds, surface)
+        around = Surroundings(kind, wind, rows, self.worlds, surface, self.scene.objects[name].self_contact)
         choice = choosing.choose(self.settings, self.elastic[name], list(materials), name in self.strained, around)
         if surface:
             choice = replace(choice, reason=f"{choice.reason}; colliders touch it between its particles too")
@@ -171,6 +171,7 @@ class Bodies:
                 forces=tuple(map(name_of, self.scene.forces.values())),
                 handles=bool(self.scene.handles),
                 surface=choice.surface,
+                self_contact=self.scene.objects[name].self_contact,
                 listed=self.colliders.array.shape[1] > FEW,
             )
             rows = goes_in_rows(features, topo, self.warp_device)

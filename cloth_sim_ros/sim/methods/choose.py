@@ -86,6 +86,8 @@ def choose(
     if settings.method == "verlet":
         return verlet
     because = _not_explicit(settings, topology, needed, strained)
+    if around.self_contact:
+        because = "it is kept apart from itself, which explicit steps lack"
     if because:
         return replace(xpbd, reason=f"{xpbd.reason}; {because}")
     cost = verlet.substeps * prices.verlet(topology, around)
