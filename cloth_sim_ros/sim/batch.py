@@ -121,8 +121,8 @@ class Batch:
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self._saved: dict[str, wp.array] | None = None
-        self.executor = self._make_executor(rows, list(topologies.values()))
         self._search = PairSearch(self.worlds, self.states, device) if features.self_contact else None
+        self.executor = self._make_executor(rows, list(topologies.values()))
         self._trial = None
         if features.method == "verlet":
             self._trial = Trial(self.executor, self._make_safe, self.worlds, self.counts, self.lines)
@@ -156,11 +156,14 @@ class Batch:
                 f"the executor 'block' is forced on a body of {largest} particles; allowed are up to {limit} on "
                 f"{self.device.alias}"
             )
+        # Each body of a block goes on alone for a frame; a graph stops to look for pairs.
+        if self._search is not None and not self.features.chain and _forced != "block":
+            return Graph(self.features, self.worlds, self.device, self._search)
         # A line solve takes a warp: a launch of all lines on all multiprocessors beats one block, until there are many.
         alone = self.device.is_cuda and self.features.lines and largest > _BLOCK_OF_LINES
         spread = alone and sum(self.counts) * len(self.worlds) < _GRAPH_OF_LINES
         if _forced == "graph" or largest > limit or (spread and _forced is None):
-            return Graph(self.features, self.worlds, self.device)
+            return Graph(self.features, self.worlds, self.device, self._search)
         return Block(self.features, self.worlds, self.device, largest, self._threads)
 
     def _make_safe(self) -> Block | Graph:
@@ -333,7 +336,9 @@ class Batch:
     def advance(self, finer: int = 1) -> None:
         """Simulate one frame, as `write_frame` was told last."""
         if self._search is not None:
-            self._search.find()
+            self._search.begin()
+            if isinstance(self.executor, Block):
+                self._search.find(finer * self.substeps)
         if self._trial is None:
             self.executor.advance(finer * self.substeps, self.iterations, self._outer)
         else:

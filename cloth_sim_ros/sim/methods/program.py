@@ -109,7 +109,7 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     if features.lines:
         program.iterated.append(_make_lines(features, on_cpu))
     if features.self_contact:
-        program.iterated.append(Stage("avoid", avoid, lambda *_: THREADS))
+        program.iterated.append(Stage("avoid", avoid, lambda *_: 1 if on_cpu else THREADS))
         program.iterated.append(_over_particles("come_apart", make_come_apart(features)))
     if features.shapes:
         met_in, contact = make_met_in(features), make_contact(features)

@@ -18,9 +18,9 @@ from cloth_sim_ros.sim.stages.contact import NOISE, least_mass, length_of
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
 
-PAIRS_A_PANEL = 128  # room in the list of pairs
+PAIRS_A_PANEL = 64  # room in the list of pairs
 THREADS = 16384  # of a launch over all pairs
-_WAY = wp.constant(wp.float64(1 << 44))  # units a square metre in sums of moves times their sizes
+_WAY = wp.constant(wp.float64(1 << 58))  # units a square metre in sums of moves times their sizes
 _SIZE = wp.constant(wp.float64(1 << 40))  # units a metre in sums of sizes
 PARTING = wp.constant(0.1)  # [m/s] at which parts that are too near to one another come apart
 _ANYWHERE = wp.constant(1.0e-6)  # of an edge: nearer to its end the corner's own test sees to it
@@ -88,8 +88,8 @@ def place(i: int, here: Here) -> wp.vec3:
 
 @wp.func
 def ask(i: int, move: wp.vec3, here: Here):
-    """Ask a particle to move [m]."""
-    size = wp.float64(wp.length(move))
+    """Ask a particle to move [m], a metre at most."""
+    size = wp.float64(wp.min(wp.length(move), 1.0))
     first = 4 * (here.body.particles + i)
     for k in range(3):
         wp.atomic_add(here.state.asked, first + k, wp.int64(wp.float64(move[k]) * size * _WAY))
@@ -119,10 +119,9 @@ def keep_apart(particles: wp.vec4i, weights: wp.vec4, here: Here):
     if gap >= 0.0:
         return
     move = -gap * n
-    if here.step.first:
-        along = slip - wp.dot(slip, n) * n
-        friction = here.material
-        move += friction_correction(along, wp.vec3(0.0), -gap, friction.static_friction, friction.kinetic_friction)
+    along = slip - wp.dot(slip, n) * n
+    friction = here.material
+    move += friction_correction(along, wp.vec3(0.0), -gap, friction.static_friction, friction.kinetic_friction)
     for k in range(4):
         w = weights[k] * load4(here.d, particles[k])[3]
         if w != 0.0:
