@@ -6,6 +6,8 @@ Warp's tree of boxes finds those that overlap, and of these the corners, triangl
 What is nearer at rest than it would be kept apart is left out.
 """
 
+import math
+
 import numpy as np
 import warp as wp
 
@@ -16,7 +18,6 @@ from cloth_sim_ros.sim.state import Arrays
 
 _TESTS = 15  # of two triangles: three corners of each against the other, and nine pairs of sides
 _EVERY = 64  # frames after which the tree is built anew; until then its boxes are fitted
-SEARCHES = 4  # of a frame, where a launch is less than that
 
 
 @wp.func
@@ -244,6 +245,14 @@ def _cross(
             if apart and (parts[1] >> (3 + side)) & 1 == 1:
                 if _crosses(xyz(load_row(positions, p)), xyz(load_row(positions, q)), a, b, c):
                     wp.atomic_add(count, 0, 1)
+
+
+def searches_of(spacing: float) -> int:
+    """How often a frame pairs are looked for, where a launch is less than that.
+
+    At 60 frames a second what comes at 8 m/s moves by a spacing [m] in between, so that few pairs are listed in vain.
+    """
+    return max(4, math.ceil(8.0 / 60.0 / spacing))
 
 
 class PairSearch:

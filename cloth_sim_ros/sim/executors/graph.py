@@ -13,7 +13,7 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import OPTIONS
 from cloth_sim_ros.sim.methods.program import Program, Stage, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.model import Body, Features
-from cloth_sim_ros.sim.pair_search import SEARCHES, PairSearch
+from cloth_sim_ros.sim.pair_search import PairSearch, searches_of
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 
 GRAPHS = 4  # frames kept at a time, for as many triples of substeps, iterations and outer steps
@@ -75,7 +75,10 @@ class Graph:
 
     def _launch_frame(self, substeps: int, iterations: int, outer: int) -> None:
         outer_ends = {j * substeps // outer for j in range(outer + 1)}
-        bodies, ahead = list(enumerate(self._bodies)), -(-substeps // SEARCHES)
+        bodies, ahead = (
+            list(enumerate(self._bodies)),
+            -(-substeps // searches_of(min(body["spacing"] for body in self._bodies))),
+        )
         for substep in range(substeps):
             if self._search is not None and substep % ahead == 0:
                 self._frame.append(Search(self._search, min(ahead, substeps - substep)))

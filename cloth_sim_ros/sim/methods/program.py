@@ -45,7 +45,7 @@ from cloth_sim_ros.sim.stages.motion import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.stages.near import list_colliders, make_forget_contacts, measure_extent
-from cloth_sim_ros.sim.stages.self_contact import THREADS, avoid, make_come_apart
+from cloth_sim_ros.sim.stages.self_contact import PASSES, THREADS, avoid, make_come_apart
 from cloth_sim_ros.sim.stages.surface_contact import make_carry_presses, make_press, make_yield
 from cloth_sim_ros.sim.state import Arrays
 
@@ -109,8 +109,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     if features.lines:
         program.iterated.append(_make_lines(features, on_cpu))
     if features.self_contact:
-        program.iterated.append(Stage("avoid", avoid, lambda *_: 1 if on_cpu else THREADS))
-        program.iterated.append(_over_particles("come_apart", make_come_apart(features)))
+        look = Stage("avoid", avoid, lambda *_: 1 if on_cpu else THREADS)
+        program.iterated += [look, _over_particles("come_apart", make_come_apart(features))] * PASSES
     if features.shapes:
         met_in, contact = make_met_in(features), make_contact(features)
         if features.surface:

@@ -19,6 +19,7 @@ from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
 
 PAIRS_A_PANEL = 64  # room in the list of pairs
+PASSES = 3  # of all pairs in an iteration: each finds what the one before left of layers upon layers
 THREADS = 16384  # of a launch over all pairs
 _WAY = wp.constant(wp.float64(1 << 58))  # units a square metre in sums of moves times their sizes
 _SIZE = wp.constant(wp.float64(1 << 40))  # units a metre in sums of sizes
