@@ -221,7 +221,7 @@ class Live:
             shape=number_of(shape_of(collider)),
             size=collider.size(),
             reach=collider.reach(),
-            convex=collider.convex,
+            compliance=collider.compliance,
             static_friction=collider.static_friction,
             kinetic_friction=collider.kinetic_friction,
         )
@@ -229,7 +229,7 @@ class Live:
 
     def _write_none(self, row: int) -> None:
         """Nothing is there that anything could touch."""
-        self._bodies.colliders.write(row, None, shape=-1, reach=-_FAR_AWAY, convex=True)
+        self._bodies.colliders.write(row, None, shape=-1, reach=-_FAR_AWAY)
         self._bodies.colliders.place(row, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 

@@ -53,15 +53,15 @@ class ColliderMotion:
     """One collider: shape, size, reach [m] of it around its origin, friction, and poses at both ends of the frame.
 
     data: the address of what a shape has beside its size, of one that three numbers do not describe; 0 for others.
-    convex: whether its signed distance is convex along every line, 1 or 0. It also fills the struct to whole words of
-    eight bytes, so that equal colliders are equal bytes in a file.
+    compliance: of each point of contact [m/N]. The struct is of whole words of eight bytes, so that equal colliders are
+    equal bytes in a file.
     """
 
     shape: int
     size: wp.vec3
     data: wp.uint64
     reach: float
-    convex: int
+    compliance: float
     static_friction: float
     kinetic_friction: float
     start_position: wp.vec3
