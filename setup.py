@@ -24,6 +24,7 @@ setup(
         "mesh": ["trimesh"],
         "viewer": ["viser>=1.1", "scipy"],
         "study": ["scipy", "matplotlib", "pyyaml"],
+        "identify": ["scipy", "matplotlib", "pyyaml"],
         "peers": ["newton==1.8.0", "mujoco", "pypbd"],
         "test": ["pytest", "pytest-xdist", "ruff", "scipy", "trimesh", "matplotlib", "pypbd"],
     },
