@@ -37,6 +37,7 @@ setup(
         "console_scripts": [
             "cloth_sim_node = cloth_sim_ros.ros.__main__:main",
             "cloth_sim_viewer = cloth_sim_ros.viewer.__main__:main",
+            "cloth_sim_driver = cloth_sim_ros.demo.driver:main",
             "cloth_sim_demo = cloth_sim_ros.demo.__main__:main",
         ],
     },
