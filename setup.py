@@ -22,11 +22,12 @@ setup(
     extras_require={
         "ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp"],
         "mesh": ["trimesh"],
+        "record": ["rosbags"],
         "viewer": ["viser>=1.1", "scipy"],
         "study": ["scipy", "matplotlib", "pyyaml"],
         "identify": ["scipy", "matplotlib", "pyyaml"],
         "peers": ["newton==1.8.0", "mujoco", "pypbd"],
-        "test": ["pytest", "pytest-xdist", "ruff", "scipy", "trimesh", "matplotlib", "pypbd"],
+        "test": ["pytest", "pytest-xdist", "ruff", "scipy", "trimesh", "matplotlib", "pypbd", "rosbags"],
     },
     python_requires=">=3.10",
     zip_safe=False,
@@ -38,6 +39,9 @@ setup(
         "console_scripts": [
             "cloth_sim_node = cloth_sim_ros.ros.__main__:main",
             "cloth_sim_viewer = cloth_sim_ros.viewer.__main__:main",
+            "cloth_sim_record = cloth_sim_ros.record.recorder:main",
+            "cloth_sim_replay = cloth_sim_ros.record.replay:main",
+            "cloth_sim_driver = cloth_sim_ros.demo.driver:main",
             "cloth_sim_demo = cloth_sim_ros.demo.__main__:main",
         ],
     },

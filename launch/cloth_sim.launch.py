@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ros2 launch cloth_sim_ros cloth_sim.launch.py [scene:=towel] [params_file:=FILE] [rviz:=true] ..."""
+"""ros2 launch cloth_sim_ros cloth_sim.launch.py [scene:=towel] [params_file:=FILE] [viewer:=true] ..."""
 
 from pathlib import Path
 
@@ -9,13 +9,17 @@ from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from cloth_sim_ros.demo.driver import has_driver
+
 ARGUMENTS = {
-    "scene": ("curtain", "a scene of config/, such as curtain, towel, rope or winch"),
+    "scene": ("curtain", "a scene of config/, such as curtain, towel, flag or hose"),
     "params_file": ("", "parameter file of the node, in place of a scene's"),
     "namespace": ("", "namespace of the node"),
     "name": ("cloth_sim", "name of the node"),
     "device": ("", "where to compute: auto, cpu, cuda:0, ...; empty is what the file says"),
     "use_sim_time": ("false", "whether to follow /clock"),
+    "viewer": ("false", "whether to show it on a page in the browser, whose address is printed"),
+    "driver": ("true", "whether to run the scene's driver, if it has one, which moves hands, colliders and wind"),
     "rviz": ("false", "whether to show the scene in RViz"),
 }
 
@@ -48,10 +52,29 @@ def start(context: LaunchContext) -> list:
         parameters=[str(file), set_here],
         output="screen",
     )
-    return [node, *(_view(config / f"{file.stem}.rviz") if given["rviz"] == "true" else [])]
+    actions = [node]
+    if given["driver"] == "true" and not given["params_file"] and has_driver(given["scene"]):
+        actions.append(_beside("cloth_sim_driver", given, given["scene"]))
+    if given["viewer"] == "true":
+        actions.append(_beside("cloth_sim_viewer", given))
+    if given["rviz"] == "true":
+        actions += _rviz(config / f"{file.stem}.rviz")
+    return actions
 
 
-def _view(file: Path) -> list:
+def _beside(executable: str, given: dict[str, str], *words: str) -> Node:
+    """A program of this package that speaks with the node."""
+    return Node(
+        package="cloth_sim_ros",
+        executable=executable,
+        namespace=given["namespace"],
+        arguments=list(words),
+        parameters=[{"node": given["name"]}],
+        output="screen",
+    )
+
+
+def _rviz(file: Path) -> list:
     try:
         get_package_share_directory("rviz2")
     except PackageNotFoundError:

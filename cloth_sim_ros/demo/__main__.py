@@ -7,7 +7,6 @@ Everything goes through the real topics; the status line is made of what arrives
 from __future__ import annotations
 
 import argparse
-import importlib
 import importlib.util
 import math
 import os
@@ -20,7 +19,8 @@ from pathlib import Path
 
 import yaml
 
-DRIVERS = {"curtain": "cloth_sim_ros.demo.curtain", "towel": "cloth_sim_ros.demo.towel"}
+from cloth_sim_ros.shared_files import shared
+
 LOOK_CLOSER = """
 The driver speaks by topic and service, particles and meshes come back as standard messages. To look closer:
   rviz2 -d config/{scene}.rviz                                      (with an installed ROS 2 Jazzy)
@@ -94,14 +94,6 @@ def objects_of(config: Path) -> list[str]:
     return parameters["ros__parameters"]["objects"]
 
 
-def shared(path: str) -> Path:
-    """A file that comes with the package: in a source tree, or installed by colcon or pip."""
-    roots = [Path(__file__).parents[2]]
-    roots += [Path(root) / "share/cloth_sim_ros" for root in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if root]
-    roots.append(Path(sys.prefix) / "share/cloth_sim_ros")
-    return next((root / path for root in roots if (root / path).is_file()), roots[0] / path)
-
-
 def watch(stop: threading.Event, node: subprocess.Popen, scene: str, seconds: float) -> None:
     """Drives and watches the node until `stop`, the node's own end, or `seconds` after the first message."""
     import rclpy
@@ -109,13 +101,12 @@ def watch(stop: threading.Event, node: subprocess.Popen, scene: str, seconds: fl
     from rclpy.signals import SignalHandlerOptions
 
     from cloth_sim_ros.demo.audience import Audience
+    from cloth_sim_ros.demo.driver import driver_of, has_driver
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     objects = objects_of(shared(f"config/{scene}.yaml"))
     audience = Audience(objects)
-    ours = [audience]
-    if scene in DRIVERS:
-        ours.append(importlib.import_module(DRIVERS[scene]).Driver())
+    ours = [audience, driver_of(scene)] if has_driver(scene) else [audience]
     executor = SingleThreadedExecutor()
     for each in ours:
         executor.add_node(each)

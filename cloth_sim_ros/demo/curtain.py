@@ -7,14 +7,9 @@ The breeze ends for good where somebody sets the parameter wind.velocity, as by 
 from __future__ import annotations
 
 import math
-import time
 
-from geometry_msgs.msg import PoseStamped, Vector3Stamped
-from rcl_interfaces.msg import ParameterEvent
-from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from cloth_sim_ros.demo.driver import SceneDriver
 
-RATE = 60.0  # [Hz] of the ball's poses
 SWING_PERIOD = 6.0  # [s] of the ball, to and fro
 GUST_PERIOD = 8.0  # [s] of the breeze
 
@@ -30,35 +25,13 @@ def breeze(t: float) -> tuple[float, float, float]:
     return 0.0, 2.0 * math.sin(2.0 * math.pi * t / GUST_PERIOD) ** 2, 0.0
 
 
-class Driver(Node):
+class Driver(SceneDriver):
     """Moves the ball and makes the wind."""
 
     def __init__(self):
-        super().__init__("curtain_driver")
-        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._ball = self.create_publisher(PoseStamped, "/cloth_sim/colliders/ball/pose", newest)
-        self._wind = self.create_publisher(Vector3Stamped, "/cloth_sim/wind", newest)
-        self._blows = True
-        self.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
-        self._begin: float | None = None  # when the node was there to be fed
-        self.create_timer(1.0 / RATE, self._feed)
+        super().__init__("curtain", moves=["colliders/ball"])
 
-    def _feed(self) -> None:
-        if self._begin is None:
-            if not self._ball.get_subscription_count():
-                return
-            self._begin = time.monotonic()
-        t = time.monotonic() - self._begin
-        pose, wind = PoseStamped(), Vector3Stamped()
-        pose.header.frame_id = wind.header.frame_id = "world"
-        pose.header.stamp = wind.header.stamp = self.get_clock().now().to_msg()
-        pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = ball_pose(t)
-        wind.vector.x, wind.vector.y, wind.vector.z = breeze(t)
-        self._ball.publish(pose)
-        if self._blows:
-            self._wind.publish(wind)
-
-    def _on_parameters(self, event: ParameterEvent) -> None:
-        changed = {parameter.name for parameter in event.changed_parameters}
-        if event.node == "/cloth_sim" and "wind.velocity" in changed:
-            self._blows = False
+    def drive(self, t: float) -> None:
+        """Pose and wind of this moment."""
+        self.move("colliders/ball", ball_pose(t))
+        self.blow(breeze(t))

@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cloth_sim_ros.demo.__main__ import shared, start_node
+from cloth_sim_ros.demo.__main__ import start_node
+from cloth_sim_ros.shared_files import shared
 
 DEPTH = 1000  # messages that may wait while this process looks for new topics
 SETTLING = 2.0  # [s] after the first message, which are not counted

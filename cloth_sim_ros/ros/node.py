@@ -30,6 +30,7 @@ from cloth_sim_ros.ros.clock_follower import ClockFollower
 from cloth_sim_ros.ros.diagnostics import busy, diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.frames import Frames, Refused
+from cloth_sim_ros.ros.journal import JournalOutput
 from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
 from cloth_sim_ros.ros.outputs import LATEST, ObjectOutput, Wrenches
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
@@ -88,7 +89,7 @@ class ClothSimNode(Node):
             self.create_service(SetBool, f"~/handles/{name}/attach", attach, callback_group=waiting)
         if values["spare_colliders"]:
             self.create_subscription(MarkerArray, "~/scene", self._on_scene, 10)
-        self._collider_output = CollidersOutput(self, self._frame_id)
+        self._collider_output, self._journal = CollidersOutput(self, self._frame_id), JournalOutput(self)
         self._wrenches = [Wrenches(self, kind, values[kind], self._frame_id) for kind in ("colliders", "handles")]
         world.grasps.told = self._tell_attached
         for name in values["objects"]:
@@ -264,6 +265,7 @@ class ClothSimNode(Node):
             wrenches.publish(stamp)
         if world.sim is not None:
             self._collider_output.publish(world.sim, world.poses(), stamp)
+        self._journal.publish(world, stamp)
         world.finish()  # here, as the other thread may hold the interpreter from now on
         waited = time.monotonic() - begin
         if sum(output.size for output in self._outputs.values()) < WORTH_ANOTHER_THREAD:

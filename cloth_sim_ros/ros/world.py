@@ -15,6 +15,7 @@ from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.feasibility import broken_meshes, check_solver
 from cloth_sim_ros.ros.frames import Followers, Frames
 from cloth_sim_ros.ros.grasps import Grasps
+from cloth_sim_ros.ros.journal import Journal
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
 from cloth_sim_ros.ros.scene_plan import make_plan, placed
 from cloth_sim_ros.ros.state_notes import added_colliders, live_values, notes_of, read_notes
@@ -45,6 +46,7 @@ class World:
         self.in_effect: Mapping[str, Any] = values  # with the live changes since then that the simulation took
         self.estimates: dict[str, float] = {}  # name -> error [m] of the last frame that was judged
         self._unjudged = 0.0  # [s] since then
+        self.journal = Journal()
         self._told = Told(log)
         self._wind: Vector | None = None  # set by topic since the parameter was last set
         self._winches = Winches(log)
@@ -72,6 +74,7 @@ class World:
                 self.trouble = str(error)
             return False
         self._keep_states(sim, values)
+        self.journal.cut()
         self.sim, self.values, self.in_effect, self.trouble = sim, values, values, ""
         if self._wind is not None and sim.scene.wind is not None:
             sim.set_wind(self._wind)
@@ -114,6 +117,7 @@ class World:
 
         False where explicit steps would fly apart with it: nothing has changed then.
         """
+        self.journal.note("set_live", name, value)
         owner, _, field = name.rpartition(".")
         if name in ("estimate_period", "state_file") or field in ("timeout", "follow_frame"):
             pass  # read when it is needed
@@ -146,17 +150,20 @@ class World:
 
     def set_wind(self, velocity: Vector) -> None:
         """Sets the wind [m/s] from a message."""
+        self.journal.note("set_wind", velocity)
         self._wind = velocity
         if self.sim is not None and self.sim.scene.wind is not None:
             self.sim.set_wind(velocity)
 
     def set_pay_out(self, rope: str, rate: float) -> None:
         """Sets the rate of a winch [m/s] from a message."""
+        self.journal.note("set_pay_out", rope, rate)
         self._winches.command(self.sim, rope, rate, self.simulated)
 
     def reset(self) -> None:
         """Objects back to their start and winches to their parameters; colliders stay where the last pose put them, as
         their senders believe."""
+        self.journal.note("reset")
         self.resets += 1
         self._winches.release(self.sim, list(self._winches.rates), self.in_effect)
         if self.sim is None:
@@ -173,6 +180,7 @@ class World:
 
     def put(self, name: str, collider: Collider) -> tuple[bool, str]:
         """Adds a collider, or moves one that was added; whether that can be, and why not."""
+        self.journal.note("put", name, collider)
         before = self.added.get(name)
         try:
             if self.sim is not None and before is not None and replace(before, **placed(collider)) == collider:
@@ -186,6 +194,7 @@ class World:
 
     def take_away(self, name: str) -> None:
         """Takes a collider away that was added, if there is one of this name."""
+        self.journal.note("take_away", name)
         if self.added.pop(name, None) is not None and self.sim is not None:
             self.sim.remove_collider(name)
 
@@ -193,6 +202,7 @@ class World:
         """Has a handle grasp or let go; whether it did, and one sentence about it."""
         if self.sim is None:
             return False, f"no simulation: {self.trouble}"
+        self.journal.note("attach", handle, on)
         done, sentence = self.grasps.set(self.sim, handle, on)
         self.in_effect = {**self.in_effect, f"{handle}.attached": on and done}
         return done, sentence
@@ -207,6 +217,7 @@ class World:
             if name in self.sim.scene.colliders or name in self.sim.scene.handles:
                 pose = track.advance(frame_dt)
                 if pose is not None:
+                    self.journal.note("move", name, pose.position, pose.orientation)
                     move(name, pose.position, pose.orientation)
         if 0.0 < self.in_effect["estimate_period"] <= self._unjudged + 0.5 * frame_dt:
             self.estimates, self._unjudged = self.sim.step_and_estimate(), 0.0
@@ -215,6 +226,7 @@ class World:
         self.grasps.watch(self.sim, self.in_effect)
         self._unjudged += frame_dt
         self.simulated += frame_dt
+        self.journal.note("advance")
         return frame_dt
 
     def save(self, path: Path) -> tuple[bool, str]:
@@ -223,10 +235,14 @@ class World:
             return False, f"no simulation: {self.trouble}"
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self.sim.save(path, notes_of(self._wind, self._winches.rates, self.simulated, self.in_effect))
+            self.sim.save(path, self.notes())
         except (ValueError, OSError) as error:
             return False, str(error)
         return True, f"the state at {self.sim.time:.6g} s is saved in {path}"
+
+    def notes(self) -> dict[str, Any]:
+        """What topics have asked for, to be saved with the state."""
+        return notes_of(self._wind, self._winches.rates, self.simulated, self.in_effect)
 
     def load(self, path: Path) -> tuple[bool, str, dict[str, Any]]:
         """Goes on from a file; whether that can be, one sentence, and the live parameters with the values they have
@@ -244,6 +260,7 @@ class World:
         for name in {*self.sim.scene.colliders, *self.sim.scene.handles} & set(self.tracks):
             self.tracks[name].rest(_pose(self.in_effect, name))
         self.added = added_colliders(self.sim, self.tracks)
+        self.journal.cut()
         self._told.know(self.sim.report())
         self.grasps.look(self.sim)
         self.estimates = {}

@@ -18,6 +18,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from cloth_sim_ros.parameters import CLOTH, row, shown
+from cloth_sim_ros.shared_files import PACKAGE, shared
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -68,6 +69,8 @@ def local_path(path: str, parameter: str) -> Path:
     if scheme == "file":
         return Path("/" + rest.partition("/")[2])
     package, _, inside = rest.partition("/")
+    if package == PACKAGE:  # which also runs where no ROS has installed it
+        return shared(inside)
     try:
         from ament_index_python.packages import get_package_share_directory
 

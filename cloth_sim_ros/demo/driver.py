@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the drivers of scenes share: an ordinary ROS node that sends poses and wind and calls services of cloth_sim.
+
+`cloth_sim_driver SCENE` runs the driver of a scene beside a node that runs already; `-p node:=NAME` names the node.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import sys
+import time
+from collections.abc import Sequence
+
+import rclpy
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+from std_srvs.srv import SetBool, Trigger
+
+RATE = 60.0  # [Hz] of poses and wind
+NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class SceneDriver(Node):
+    """Drives the node that the parameter `node` names, from the moment on that it is there.
+
+    moves: what gets poses, such as "colliders/ball" or "handles/left". A driver of a scene implements `drive`.
+    """
+
+    def __init__(self, scene: str, moves: Sequence[str] = ()):
+        super().__init__(f"{scene}_driver")
+        self._node = self.resolve_service_name(self.declare_parameter("node", "cloth_sim").value)
+        self._poses = {
+            thing: self.create_publisher(PoseStamped, f"{self._node}/{thing}/pose", NEWEST_ONLY) for thing in moves
+        }
+        self._wind = self.create_publisher(Vector3Stamped, f"{self._node}/wind", NEWEST_ONLY)
+        self._attach = {
+            hand: self.create_client(SetBool, f"{self._node}/{hand}/attach")
+            for hand in moves
+            if hand.startswith("handles/")
+        }
+        self._holds: dict[str, bool] = {}  # what was asked for last
+        self._reset = self.create_client(Trigger, f"{self._node}/reset")
+        self._set = self.create_client(SetParameters, f"{self._node}/set_parameters")
+        self.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
+        self._set_by_others: set[str] = set()
+        self._begin: float | None = None  # when the node was there
+        self.create_timer(1.0 / RATE, self._step)
+
+    def drive(self, t: float) -> None:
+        """Says what is to happen at `t` [s] since the beginning; called RATE times a second."""
+        raise NotImplementedError
+
+    def move(self, thing: str, position: Vector, orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)) -> None:
+        """Sends a pose [m]."""
+        message = PoseStamped()
+        self._stamp(message)
+        p, q = message.pose.position, message.pose.orientation
+        p.x, p.y, p.z = position
+        q.x, q.y, q.z, q.w = orientation
+        self._poses[thing].publish(message)
+
+    def hold(self, hand: str, on: bool) -> None:
+        """Has a hand grasp what is within its reach, or let go, where it does not; at first it holds."""
+        if self._holds.get(hand, True) != on:
+            self._holds[hand] = on
+            self._attach[hand].call_async(SetBool.Request(data=on))
+
+    def blow(self, velocity: Vector) -> None:
+        """Sends a wind [m/s], unless somebody has set the parameter wind.velocity, as by a slider of the viewer."""
+        if "wind.velocity" not in self._set_by_others:
+            message = Vector3Stamped()
+            self._stamp(message)
+            message.vector.x, message.vector.y, message.vector.z = velocity
+            self._wind.publish(message)
+
+    def set(self, name: str, value: float) -> None:
+        """Sets a parameter."""
+        self._set.call_async(SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()]))
+
+    def begin_again(self) -> None:
+        """Puts all objects back to their start; `drive` begins at 0 again.
+
+        Hands grasp anew then, and have to be at their start with nothing in them.
+        """
+        self._reset.call_async(Trigger.Request())
+        self._begin = None
+
+    def _step(self) -> None:
+        listened = all(each.get_subscription_count() for each in (self._wind, *self._poses.values()))
+        if not listened or not self._reset.service_is_ready():
+            return
+        if self._begin is None:
+            self._begin = time.monotonic()
+        self.drive(time.monotonic() - self._begin)
+
+    def _stamp(self, message: PoseStamped | Vector3Stamped) -> None:
+        message.header.frame_id = "world"
+        message.header.stamp = self.get_clock().now().to_msg()
+
+    def _on_parameters(self, event: ParameterEvent) -> None:
+        if event.node == self._node:
+            self._set_by_others |= {parameter.name for parameter in event.changed_parameters}
+
+
+def has_driver(scene: str) -> bool:
+    """Whether a scene of config/ has a driver: a module of its name beside this one."""
+    return importlib.util.find_spec(f"cloth_sim_ros.demo.{scene}") is not None
+
+
+def driver_of(scene: str) -> SceneDriver:
+    """The driver of a scene that has one."""
+    return importlib.import_module(f"cloth_sim_ros.demo.{scene}").Driver()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Drives a scene until a signal comes; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene", help="a scene of config/")
+    given = sys.argv if arguments is None else [sys.argv[0], *arguments]
+    options = parser.parse_args(remove_ros_args(given)[1:])
+    if not has_driver(options.scene):
+        print(f"cloth_sim_driver: {options.scene} has no driver", file=sys.stderr)
+        return 1
+    rclpy.init(args=given)
+    driver = driver_of(options.scene)
+    try:
+        rclpy.spin(driver)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    driver.destroy_node()
+    rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag holds for a replay: the journal of a node and its particle clouds, by cloth_sim_record or ros2 bag."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cloth_sim_ros.ros.journal import VERSION
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+MAKE_ONE = "make one with cloth_sim_record or `ros2 bag record -a`"
+
+Stamp = tuple[int, int]  # seconds, nanoseconds
+
+
+class Bag:
+    """A recording of one node. Raises ValueError, in one sentence, for what is none or is damaged.
+
+    node: its full name; journal: its messages, as cloth_sim_ros/ros/journal.py says, from the first start on that
+    clouds belong to; objects: those with clouds.
+    """
+
+    def __init__(self, path: Path):
+        from rosbags.typesys import Stores, get_typestore
+
+        self._path, self._types = path, get_typestore(Stores.ROS2_JAZZY)
+        with self._read() as reader:
+            journals = {each.topic for each in reader.connections if each.topic.endswith("/journal")}
+            clouds = {each.topic for each in reader.connections if each.msgtype == CLOUD}
+        if len(journals) != 1:
+            found = f"topics {', '.join(sorted(journals))}" if journals else "no topic /NODE/journal"
+            raise ValueError(f"{path} has {found}; a replay needs one, which says when inputs acted: {MAKE_ONE}")
+        (topic,) = journals
+        self.node = topic.removesuffix("/journal")
+        self._clouds = {
+            cloud.removeprefix(f"{self.node}/").removesuffix("/particles"): cloud
+            for cloud in sorted(clouds)
+            if cloud.startswith(f"{self.node}/") and cloud.endswith("/particles")
+        }
+        if not self._clouds:
+            raise ValueError(f"{path} has no topic {self.node}/OBJECT/particles to compare with; {MAKE_ONE}")
+        self.objects = tuple(self._clouds)
+        self.journal = self._with_clouds([self._entry(message.data) for message in self._messages(topic)])
+
+    def clouds(self, name: str) -> Iterator[tuple[Stamp, Any]]:
+        """Stamp and cloud of an object, in the order of the bag."""
+        for message in self._messages(self._clouds[name]):
+            yield (message.header.stamp.sec, message.header.stamp.nanosec), message
+
+    def _with_clouds(self, journal: list[dict]) -> list[dict]:
+        """Without what was sent before the start that the first cloud belongs to; late listeners get old messages."""
+        first = min((next(self.clouds(name), ((1 << 62, 0), None))[0] for name in self.objects), default=(0, 0))
+        starts = [at for at, entry in enumerate(journal) if "start" in entry]
+        if not starts:
+            raise ValueError(f"{self._path} has no start in {self.node}/journal; {MAKE_ONE}, and let it run a while")
+        before = [at for at in starts if journal[at]["stamp"] <= first]
+        return journal[before[-1] if before else starts[0] :]
+
+    def _entry(self, text: str) -> dict:
+        try:
+            entry = json.loads(text)
+            entry["stamp"] = tuple(entry["stamp"])
+            version = entry["version"]
+        except (ValueError, KeyError, TypeError):
+            raise ValueError(f"{self._path} has a {self.node}/journal that no cloth_sim node wrote") from None
+        if version != VERSION:
+            raise ValueError(f"{self._path} has a journal of version {version}; allowed is {VERSION}")
+        return entry
+
+    def _messages(self, topic: str) -> Iterator[Any]:
+        with self._read() as reader:
+            chosen = [each for each in reader.connections if each.topic == topic]
+            for connection, _, data in reader.messages(chosen):
+                yield self._types.deserialize_cdr(data, connection.msgtype)
+
+    @contextmanager
+    def _read(self) -> Iterator[Any]:
+        from rosbags.rosbag2 import Reader
+
+        if not self._path.exists():
+            raise ValueError(f"{self._path} is not there; allowed is the folder of a bag")
+        try:
+            with Reader(self._path) as reader:
+                yield reader
+        except (ValueError, GeneratorExit):
+            raise
+        except Exception as error:  # whatever rosbags raises for some damage, the user gets one sentence
+            words = " ".join(str(error).split()) or type(error).__name__
+            raise ValueError(f"{self._path} is no bag, or is damaged or cut short: {words}") from None

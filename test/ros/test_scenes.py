@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every scene of config/ runs, and does what its name says when it is driven as its driver does."""
+
+import math
+
+import numpy as np
+import pytest
+from node_process import ROOT
+
+from cloth_sim_ros.demo import driver, flag, garment, harness, hose, sheet_over_ball, tablecloth
+from cloth_sim_ros.sim import Simulation
+from cloth_sim_ros.study.scene_file import read_plan
+
+FRAME = 1.0 / 60.0  # [s]
+SCENES = sorted(file.stem for file in ROOT.glob("config/*.yaml"))
+
+
+def simulation(scene):
+    plan = read_plan(ROOT / f"config/{scene}.yaml")
+    return Simulation(plan.scene, plan.settings, device="cpu")
+
+
+def run(sim, until, drive):
+    """Simulates up to time `until` [s]; drive(t) comes before each frame, which ends at t."""
+    while sim.time < until - 0.5 * FRAME:
+        drive(sim.time + FRAME)
+        sim.step()
+
+
+def drive_hands(sim, module, place):
+    """What a driver with hands does: place(name, t) is a hand's position."""
+
+    def drive(t):
+        for name in getattr(module, "HANDS", ["hand"]):
+            sim.set_handle_pose(name, place(name, t))
+            if not module.holds(t) and sim.held(name):
+                sim.release(name)
+
+    return drive
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_every_scene_is_commented_runs_and_stays_sound(scene):
+    text = (ROOT / f"config/{scene}.yaml").read_text()
+    assert text.startswith("# ") and "\n/**:\n" in text and (ROOT / f"config/{scene}.rviz").is_file()
+    sim = simulation(scene)
+    sim.step(30)
+    for name, each in sim.report().items():
+        assert each["recoveries"] == 0 and each["bending_share"] == 1.0
+        assert each["max_penetration"] < 0.01 and np.isfinite(sim.positions(name)).all()
+        wanted = sim.settings.error
+        assert each["expected_error"] <= 1.01 * wanted, f"{name} misses solver.error, of which the log would warn"
+
+
+def test_scenes_that_move_have_drivers_and_the_others_none():
+    moved = {"curtain", "flag", "garment", "harness", "hose", "sheet_over_ball", "tablecloth", "towel"}
+    assert {scene for scene in SCENES if driver.has_driver(scene)} == moved
+
+
+def test_the_wind_lifts_the_flag():
+    heights = {}
+    for name, wind in (("calm", lambda t: (0.0, 0.0, 0.0)), ("gusts", flag.gust)):
+        sim = simulation("flag")
+        run(sim, 3.0, lambda t, sim=sim, wind=wind: sim.set_wind(wind(t)))
+        free_end = sim.positions("flag")[:17].mean(axis=0)  # 1.2 m from the pole
+        heights[name] = free_end[2]
+        if name == "gusts":
+            assert math.hypot(*free_end[:2]) > 0.6, "it streams away from the pole"
+    assert heights["calm"] < 0.9 < 1.2 < heights["gusts"]
+
+
+def test_the_ball_stays_under_its_sheet():
+    sim = simulation("sheet_over_ball")
+    for until in (2.0, 3.5, 5.0):
+        run(sim, until, lambda t: sim.set_collider_pose("ball", sheet_over_ball.ball(t)))
+        ball, sheet = np.array(sheet_over_ball.ball(until)), sim.positions("sheet")
+        apart = np.linalg.norm(sheet - ball, axis=1)
+        assert apart.min() > 0.22 + 0.008 - 0.002, "it is not inside"
+        assert sheet[:, 2].max() == pytest.approx(ball[2] + 0.22 + 0.008, abs=0.005), "the sheet lies on top of it"
+        assert np.linalg.norm((sheet.mean(axis=0) - ball)[:2]) < 0.12
+    assert np.linalg.norm(ball[:2]) > 0.2, "it has gone away from where it was"
+
+
+def test_the_tablecloth_leaves_the_table():
+    sim = simulation("tablecloth")
+
+    def place(name, t):
+        x, z = tablecloth.hand(t)
+        return x, tablecloth.HANDS[name], z
+
+    drive = drive_hands(sim, tablecloth, place)
+    run(sim, tablecloth.DRAPE, drive)
+    top = 0.7 + 0.006  # of the table and of a cloth on it
+    middle = sim.positions("tablecloth").reshape(19, 23, 3)[6:13, 6:17]
+    assert np.abs(middle[..., 2] - top).max() < 0.002
+    run(sim, tablecloth.DRAPE + 0.4 * tablecloth.PULL, drive)
+    assert all(sim.handle_wrench(name)[0][0] < -0.05 for name in tablecloth.HANDS), "the hands feel that it rubs"
+    run(sim, tablecloth.END - 0.6 * tablecloth.LIE, drive)
+    cloth = sim.positions("tablecloth")
+    assert cloth[:, 0].min() > 0.45 and np.abs(cloth[:, 2] - 0.006).max() < 0.1, "it lies on the floor beside"
+
+
+def test_the_harness_rests_on_its_pegs():
+    sim = simulation("harness")
+    run(sim, harness.END - harness.AGAIN, drive_hands(sim, harness, lambda name, t: harness.hand(t)))
+    cable = sim.positions("cable")
+    for peg, side in (("first", 1), ("second", -1), ("third", 1)):
+        x, y, _ = sim.get(f"{peg}.position")
+        apart = np.linalg.norm(cable[:, :2] - (x, y), axis=1)
+        assert 0.05 + 0.008 - 1e-3 < apart.min() < 0.05 + 0.008 + 2e-3, "it touches the peg and does not enter it"
+        assert side * (np.interp(x, cable[:, 0], cable[:, 1]) - y) > 0.05, "it goes round the peg's own side"
+    assert np.abs(cable[:, 2] - 0.008).max() < 4e-3, "it lies on the board"
+
+
+def test_the_hose_carries_its_torque():
+    """GJ twist / length, between the inner ends of its clamps, below the torque at which it would buckle:
+    8.99 EI / length (Greenhill 1883, ends clamped), to which its tension adds."""
+    sim, length = simulation("hose"), 1.2 * 46 / 48
+    run(sim, 4.0, lambda t: sim.set("hose.end_turn", 2.0 * math.pi * min(t, 1.0)))
+    torque = 2.0 * math.pi / (120.0 * length)
+    assert torque < 8.99 / (80.0 * length)
+    assert sim.report()["hose"]["torsion"] == pytest.approx(torque, rel=0.01)
+    straight = np.abs(sim.positions("hose")[:, 1]).max()
+    run(sim, 4.0 + 0.5 * hose.PERIOD, lambda t: sim.set("hose.end_turn", max(hose.turn(t - 4.0), 2.0 * math.pi)))
+    assert np.abs(sim.positions("hose")[:, 1]).max() > 0.02 > 3.0 * straight, "then it winds itself up"
+
+
+def test_the_skirt_flares_when_it_turns():
+    sim = simulation("garment")
+
+    def drive(t):
+        sim.set_handle_pose("waist", garment.WAIST, garment.turned(t))
+        sim.set_collider_pose("hips", garment.HIPS, garment.turned(t))
+
+    hem = []
+    start = sim.positions("skirt")
+    waist, bottom = start[:, 2] > 0.999, start[:, 2] < 0.501
+    assert sim.held("waist") == waist.sum() == bottom.sum() == 34
+    for until in (0.25 * garment.PERIOD, 0.55 * garment.PERIOD):  # fastest, and turning back slowly
+        run(sim, until, drive)
+        skirt = sim.positions("skirt")
+        hem.append(np.linalg.norm(skirt[bottom, :2], axis=1).mean())
+        assert np.linalg.norm(skirt - garment.HIPS, axis=1).min() > 0.16, "the hips stay inside"
+        _, _, s, c = garment.turned(until)
+        x, y = start[waist, 0], start[waist, 1]
+        cosine, sine = c * c - s * s, 2.0 * s * c
+        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+        assert np.abs(skirt[waist, :2] - turned).max() < 1e-4
+    assert hem[0] > 0.36 > 1.2 * hem[1]
