@@ -163,13 +163,16 @@ def test_a_knot_holds(device):
         scene = Scene({"it": rope}, handles=hands, gravity=(0, 0, 0))
         sim = Simulation(scene, Settings(substeps=40, iterations=4, global_damping=1.0), device)
         assert sim.attach("left") and sim.attach("right")
-        for frame in range(280):
-            pulled = 0.5 * (1.70 - chord) * min(1.0, frame / 240)
+        borne = []
+        for frame in range(360):
+            pulled = 0.5 * (1.75 - chord) * min(1.0, frame / 240)
             sim.set_handle_pose("left", points[0] - pulled * way)
             sim.set_handle_pose("right", points[-1] + pulled * way)
             sim.step()
-        tensions.append(sim.report()["it"]["max_tension"])
-    assert tensions[0] > 0.2 and tensions[1] < 0.05
+            if frame >= 260 and frame % 10 == 0:
+                borne.append(sim.report()["it"]["max_tension"])
+        tensions.append(np.median(borne))
+    assert tensions[0] > 0.5 and tensions[1] < 0.05
 
 
 def test_the_same_bits_again_and_in_many_worlds(device):
