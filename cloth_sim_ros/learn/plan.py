@@ -6,14 +6,14 @@ from __future__ import annotations
 import numpy as np
 from gymnasium.vector import VectorEnv
 
-_SPREAD, _SHRINKS = 0.5, 0.95  # deviation of the noise, of half the range of actions, and how it shrinks in a round
+_SPREAD, _SHRINKS = 0.5, 0.94  # deviation of the noise, of half the range of actions, and how it shrinks in a round
 _GREED = 8.0
 
 
 def mppi(
     env: VectorEnv,
     horizon: int,
-    rounds: int = 25,
+    rounds: int = 30,
     knots: int = 5,
     seed: int = 0,
 ) -> tuple[np.ndarray, list[float]]:

@@ -85,6 +85,6 @@ def test_hands_that_go_in_half_circles_fold_it(device):
 
 @pytest.mark.long
 def test_a_plan_over_worlds_folds_at_least_95_of_100(device):
-    plan, best = mppi(FoldTowel(128, device), HORIZON - 1)
+    plan, best = mppi(FoldTowel(256, device), HORIZON - 1)
     assert best[-1] > best[0]
     assert run(FoldTowel(100, device), plan)[4]["success"].sum() >= 95
