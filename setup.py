@@ -25,6 +25,7 @@ setup(
         "record": ["rosbags"],
         "viewer": ["viser>=1.1", "scipy"],
         "study": ["scipy", "matplotlib", "pyyaml"],
+        "identify": ["scipy", "matplotlib", "pyyaml"],
         "peers": ["newton==1.8.0", "mujoco", "pypbd"],
         "test": ["pytest", "pytest-xdist", "ruff", "scipy", "trimesh", "matplotlib", "pypbd", "rosbags"],
     },

@@ -73,6 +73,7 @@ _SURFACE = (
 _BODY = (
     _double("mass", 0.2, "Total mass, pinned particles included.", "kg", 1e-9, 1e6, live=False),
     _double("damping", 0.0, "Axial damping: time constant of every spring's dashpot, c = damping x k.", "s", 0, 1e3),
+    Parameter("self_contact", "bool", False, "Whether its parts keep twice the thickness or radius from one another."),
 )
 
 SOLVER = (
@@ -267,6 +268,7 @@ COLLIDER = (
         "File of a closed surface, read by trimesh: a path, file:///PATH or package://NAME/PATH. For signed_distance "
         "that or an .npz of values, origin and spacing.",
     ),
+    _double("compliance", 0, "Depth of a point of contact over the force there; 0 is rigid.", "m/N", 0, 1e6),
     _double("scale", 1, "Length of a unit in the file of a mesh or signed_distance.", "m", 1e-6, 1e6, live=False),
     *_SURFACE,
     *_PLACE,

@@ -54,6 +54,7 @@ def _check_explicit(plan: Plan, name: str) -> None:
             ("a winch on", getattr(thing, "winch", None) is not None),
             ("twist in", getattr(thing, "twist_compliance", None) is not None),
             ("bending by angles of", topology.bends_by_angles),
+            ("self_contact of", thing.self_contact),
         )
         if there
     ]

@@ -19,6 +19,7 @@ class Told:
         self._reasons: dict[str, tuple] = {}
         self._stopped: set[str] = set()
         self._deep: set[str] = set()
+        self._crossed: set[tuple[str, str]] = set()
         self._recoveries: dict[str, float] = {}
 
     def forget_reasons(self) -> None:
@@ -39,6 +40,7 @@ class Told:
         """What of a simulation's report a user should know."""
         self._tell_stopped(report)
         self._tell_deep(report, values)
+        self._tell_crossed(report)
         for name, each in report.items():
             more = each["recoveries"] - self._recoveries.get(name, 0)
             if more > 0:
@@ -56,6 +58,17 @@ class Told:
             limits = "winch.shortest, winch.longest or the rope itself"
             self._log.warning(f"{name}'s winch stopped at {report[name]['paid_out']:.4g} m, a limit set by {limits}")
         self._stopped = stopped
+
+    def _tell_crossed(self, report: Report) -> None:
+        """Which objects go through themselves, and where not all pairs that are near could be looked at."""
+        remedy = "more substeps or a larger thickness help"
+        for key, what in (("crossings", "edges go through it"), ("pairs_lost", "near parts found no room in the list")):
+            for name, each in report.items():
+                if not each.get(key):
+                    self._crossed.discard((name, key))
+                elif (name, key) not in self._crossed:
+                    self._crossed.add((name, key))
+                    self._log.warning(f"{name} is not kept apart from itself: {each[key]} {what}; {remedy}")
 
     def _tell_deep(self, report: Report, values: Mapping[str, Any]) -> None:
         """Which objects colliders enter between particles."""

@@ -10,7 +10,8 @@
 - executors/: how a program runs: a body in a block, a launch a stage, vector rows, subdomains; a frame as a trial;
 - batch: all of that for objects that share kernels; report, tension, twist, winch, wrench, readback: what is read;
 - saving, saved_file: the whole state in a file, and back; live_values: live numbers as they are now;
-- simulation, composed of bodies, queries, rope_queries, hands, live and saving: the public face.
+- tensors, writing: all worlds at once, by arrays and masks; variation: worlds that differ at random;
+- simulation, composed of bodies, queries, rope_queries, hands, live, tensors and saving: the public face.
 """
 
 from cloth_sim_ros.sim.colliders.box import Box
@@ -27,8 +28,9 @@ from cloth_sim_ros.sim.readback import EndReadback, Readback
 from cloth_sim_ros.sim.scene import Scene, Wind
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.simulation import Simulation
+from cloth_sim_ros.sim.variation import Variation
 
 __all__ = [
     "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Handle", "Mesh", "Plane", "Readback", "Rope",
-    "Scene", "Settings", "SignedDistance", "Simulation", "Sphere", "Winch", "Wind"
+    "Scene", "Settings", "SignedDistance", "Simulation", "Sphere", "Variation", "Winch", "Wind"
 ]  # fmt: skip

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.sim import writing
 from cloth_sim_ros.sim.executors.block import Block, capacity, threads_for
 from cloth_sim_ros.sim.executors.graph import Graph
 from cloth_sim_ros.sim.executors.subdomain_plan import Unfit
@@ -20,6 +21,7 @@ from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
 from cloth_sim_ros.sim.methods.limits import outer_steps
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
+from cloth_sim_ros.sim.pair_search import PairSearch
 from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Frame, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
@@ -99,6 +101,9 @@ class Batch:
         self._inverse_mass = {
             name: np.where(topology.pinned, 0.0, 1.0 / topology.masses) for name, topology in topologies.items()
         }
+        self._fixed = {
+            name: wp.array(inverse, dtype=float, device=device) for name, inverse in self._inverse_mass.items()
+        }
         self._reels = {name: _wound(topology) for name, topology in topologies.items() if topology.reel is not None}
         largest = max(len(topology.masses) for topology in topologies.values())
         self._threads = threads_for(features, largest, len(topologies) * worlds, device)
@@ -120,12 +125,12 @@ class Batch:
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self._saved: dict[str, wp.array] | None = None
+        self._search = PairSearch(self.worlds, self.states, device) if features.self_contact else None
         self.executor = self._make_executor(rows, list(topologies.values()))
         self._trial = None
         if features.method == "verlet":
             self._trial = Trial(self.executor, self._make_safe, self.worlds, self.counts, self.lines)
-        for name in topologies:
-            self.reset(name, None)
+        self.restart(wp.array(np.arange(worlds), dtype=int, device=device))
 
     def _world(self, w: int, model: Model, shared: Shared) -> Arrays:
         arrays = Arrays()
@@ -154,11 +159,14 @@ class Batch:
                 f"the executor 'block' is forced on a body of {largest} particles; allowed are up to {limit} on "
                 f"{self.device.alias}"
             )
+        # Each body of a block goes on alone for a frame; a graph stops to look for pairs.
+        if self._search is not None and not self.features.chain and _forced != "block":
+            return Graph(self.features, self.worlds, self.device, self._search)
         # A line solve takes a warp: a launch of all lines on all multiprocessors beats one block, until there are many.
         alone = self.device.is_cuda and self.features.lines and largest > _BLOCK_OF_LINES
         spread = alone and sum(self.counts) * len(self.worlds) < _GRAPH_OF_LINES
         if _forced == "graph" or largest > limit or (spread and _forced is None):
-            return Graph(self.features, self.worlds, self.device)
+            return Graph(self.features, self.worlds, self.device, self._search)
         return Block(self.features, self.worlds, self.device, largest, self._threads)
 
     def _make_safe(self) -> Block | Graph:
@@ -187,41 +195,46 @@ class Batch:
         row = self._bodies[self.index[name]]
         return slice(row["panels"], row["panels_end"])
 
+    def crossings(self, name: str, world: int) -> int:
+        """How many edges of a body go through a triangle of its own; 0 where it is not kept apart from itself."""
+        return self._search.crossings(world, self.panels(name)) if self._search is not None else 0
+
     def segments(self, name: str) -> slice:
         """Where the chain segments of a rope lie; of what has no chain, nowhere."""
         row = self._bodies[self.index[name]]
         return slice(row["segments"], row["segments_end"])
 
-    def reset(self, name: str, world: int | None) -> None:
-        """Back to the rest shape, at rest, in one world or, for None, in all."""
-        if self.features.winch:
-            self.write_body("reels", name, self._reels[name], world)
-        self.write_positions(name, self._rest[name], world)
-        self.write_velocities(name, np.zeros((len(self._rest[name]), 3)), world)
-        b = self.index[name]
-        for array in ("recoveries", "relapses", *(("redone", "strain") if self._trial else ())):
-            self._part(array, slice(b, b + 1), world).zero_()
+    def restart(self, chosen: wp.array) -> None:
+        """All bodies to the rest shape, at rest, in the worlds of these numbers; nothing of what was before is left."""
+        for rows in self.states.values():
+            writing.clear(rows, slice(0, rows.shape[1]), chosen)
+        for name, reel in self._reels.items():
+            for array in ("reels", "good_reels"):
+                writing.put(self.states[array], self.index[name], reel, chosen)
+        for name, rest in self._rest.items():
+            self._put_positions(name, wp.array(rest[None], dtype=wp.float64, device=self.device), chosen)
 
-    def write_positions(self, name: str, positions: np.ndarray, world: int | None) -> None:
-        """Positions (N, 3) float64 [m], kept to more digits than float32 has; history and multipliers start anew.
+    def write_positions(self, name: str, positions: wp.array, chosen: wp.array) -> None:
+        """Positions (worlds, N, 3) [m], or (1, N, 3) for each, into worlds of these numbers; of float64 more digits are
+        kept than float32 has. History and multipliers start anew.
 
         What is on a drum stays there, where the first particle is put.
         """
-        if not self.features.winch:
-            self._write_rows(name, positions, self._inverse_mass[name], world)
-            return
-        for w in range(len(self.worlds)) if world is None else (world,):
-            wound = np.arange(len(positions)) <= int(self.read_body("reels", name, w)["index"][0, 0])
-            rows, inverse = np.where(wound[:, None], positions[0], positions), self._inverse_mass[name]
-            self._write_rows(name, rows, np.where(wound, 0.0, inverse), w)
+        self._put_positions(name, positions, chosen)
+        self._forget(name, chosen)
 
-    def _write_rows(self, name: str, positions: np.ndarray, inverse_mass: np.ndarray, world: int | None) -> None:
-        high, span = positions.astype(np.float32), self.span(name)
-        packed = np.column_stack([high, inverse_mass]).astype(np.float32)
-        self._assign("positions", span, world, packed)
-        self._assign("good_positions", span, world, packed)
-        self._assign("low", span, world, _padded(positions - high.astype(np.float64)))
-        self._forget(name, world)
+    def _put_positions(self, name: str, positions: wp.array, chosen: wp.array) -> None:
+        parts = [self._part(array, self.span(name), None) for array in ("positions", "good_positions", "low")]
+        inputs = [positions, self._fixed[name], chosen, self.states["reels"], self.index[name], *parts]
+        dim = (len(chosen), positions.shape[1])
+        wp.launch(writing.put_positions, dim=dim, inputs=inputs, device=self.device)
+
+    def write_velocities(self, name: str, velocities: wp.array, chosen: wp.array) -> None:
+        """Velocities [m/s] likewise; pinned particles stay at rest."""
+        inputs = [velocities, self._fixed[name], chosen, self._part("velocities", self.span(name), None)]
+        dim = (len(chosen), velocities.shape[1])
+        wp.launch(writing.put_velocities, dim=dim, inputs=inputs, device=self.device)
+        self._forget(name, chosen)
 
     def read_rows(self, array: str, name: str, world: int | None = None) -> np.ndarray:
         """A copy of a body's rows (worlds, N, 4) of an array of particles, of one world (1, N, 4) or of all."""
@@ -229,7 +242,8 @@ class Batch:
 
     def write_rows(self, array: str, name: str, rows: np.ndarray) -> None:
         """Put rows (N, 4) there in all worlds."""
-        self._assign(array, self.span(name), None, rows)
+        part = self._part(array, self.span(name), None)
+        part.assign(np.broadcast_to(rows, (part.shape[0], *rows.shape)))
 
     def write_count(self, array: str, name: str, counts: np.ndarray) -> None:
         """Put a count (worlds,) of a body into an array of bodies."""
@@ -241,20 +255,15 @@ class Batch:
         b = self.index[name]
         return self._part(array, slice(b, b + 1), world).numpy()
 
-    def write_body(self, array: str, name: str, rows: np.ndarray, world: int | None) -> None:
-        """Put a winch or a twist where another was, (worlds, 1) or (1, 1) rows.
+    def write_body(self, array: str, name: str, rows: np.ndarray) -> None:
+        """Put a winch or a twist where another was in all worlds, (worlds, 1) or (1, 1) rows.
 
         Positions are to be written after a winch, and forget a twist, which is to be written after them.
         """
         b = self.index[name]
         for each in (array, f"good_{array}"):
-            part = self._part(each, slice(b, b + 1), world)
+            part = self._part(each, slice(b, b + 1), None)
             part.assign(np.ascontiguousarray(np.broadcast_to(rows, part.shape)))
-
-    def write_velocities(self, name: str, velocities: np.ndarray, world: int | None) -> None:
-        """Velocities (N, 3) [m/s]; history and multipliers start anew."""
-        self._assign("velocities", self.span(name), world, _padded(velocities))
-        self._forget(name, world)
 
     def take(self, name: str) -> BodyState:
         """Everything of a body that outlives its arrays."""
@@ -290,7 +299,7 @@ class Batch:
         for rows, held in zip(self._live, kept.live, strict=True):
             rows.edit()[:, b] = held
         for array, held in kept.bodies.items():
-            self.write_body(array, name, held, None)
+            self.write_body(array, name, held)
 
     def set_substeps(self, substeps: int, iterations: int, safe_substeps: int) -> None:
         """How many of each a frame has from now on, and one that is done again; other substeps have no history."""
@@ -326,6 +335,10 @@ class Batch:
 
     def advance(self, finer: int = 1) -> None:
         """Simulate one frame, as `write_frame` was told last."""
+        if self._search is not None:
+            self._search.begin()
+            if isinstance(self.executor, Block):
+                self._search.find(finer * self.substeps)
         if self._trial is None:
             self.executor.advance(finer * self.substeps, self.iterations, self._outer)
         else:
@@ -360,29 +373,24 @@ class Batch:
         """(worlds, n) elements `span` of an array of the state, of one world or of all."""
         return self.states[array][worlds_of(world), span]
 
-    def _assign(self, array: str, span: slice, world: int | None, rows: np.ndarray) -> None:
-        part = self._part(array, span, world)
-        part.assign(np.broadcast_to(rows, (part.shape[0], *rows.shape)))
-
-    def _forget(self, name: str, world: int | None) -> None:
+    def _forget(self, name: str, chosen: wp.array) -> None:
         segments, b = self.segments(name), self.index[name]
         for _, first, end in self.lines[b]:
-            self._part("line_multipliers", slice(first, end), world).zero_()
+            writing.clear(self.states["line_multipliers"], slice(first, end), chosen)
+        spans = {}
         if segments.stop > segments.start:
-            self._part("tensions", segments, world).zero_()
-            self._part("chain_forces", self.span(name), world).zero_()
+            spans |= {"tensions": segments, "chain_forces": self.span(name)}
             if self.features.beam:
-                self._part("moments", segments, world).zero_()
+                spans["moments"] = segments
             if self.features.twist:
-                self._part("couples", segments, world).zero_()
-                for array in ("twists", "good_twists"):
-                    self._part(array, slice(b, b + 1), world).zero_()
+                spans |= {"couples": segments, "twists": slice(b, b + 1), "good_twists": slice(b, b + 1)}
         if self.features.looks_back:
-            self._part("history", slice(b, b + 1), world).zero_()
+            spans["history"] = slice(b, b + 1)
         if self.features.order == 2:
             # Whether the first substep is smooth is told by the one before it: none, from rest.
-            for array in ("last_displacements", "last_velocities"):
-                self._part(array, self.span(name), world).zero_()
+            spans |= {"last_displacements": self.span(name), "last_velocities": self.span(name)}
+        for array, span in spans.items():
+            writing.clear(self.states[array], span, chosen)
 
 
 def _wound(topology: Topology) -> np.ndarray:
@@ -392,7 +400,3 @@ def _wound(topology: Topology) -> np.ndarray:
     row["index"], row["length"] = index, length
     row["behind"], row["total"] = topology.chain.rest[index + 1 :].sum(), topology.chain.rest.sum()
     return row
-
-
-def _padded(rows: np.ndarray) -> np.ndarray:
-    return np.pad(rows, ((0, 0), (0, 1))).astype(np.float32)

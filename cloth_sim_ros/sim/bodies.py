@@ -7,15 +7,17 @@ import copy
 import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch, Shared, goes_in_rows
+from cloth_sim_ros.sim.checks import on_host
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.forces import name_of
-from cloth_sim_ros.sim.live_array import LiveArray
+from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
 from cloth_sim_ros.sim.methods import choose as choosing
 from cloth_sim_ros.sim.methods.choose import Choice
 from cloth_sim_ros.sim.methods.prices import Surroundings
@@ -31,6 +33,7 @@ from cloth_sim_ros.sim.topology import build as build_topology
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
+_MANY = 16  # materials that are looked at one by one, at most
 
 
 class Bodies:
@@ -71,7 +74,7 @@ class Bodies:
         enters = any(collider.enters(gap, thickness) for collider in self.scene.colliders.values())
         surface = enters or self.scene.spare_colliders > 0
         wind, rows = self.scene.wind is not None, self.colliders.array.shape[1]
-        around = Surroundings(kind, wind, rows, self.worlds, surface)
+        around = Surroundings(kind, wind, rows, self.worlds, surface, self.scene.objects[name].self_contact)
         choice = choosing.choose(self.settings, self.elastic[name], list(materials), name in self.strained, around)
         if surface:
             choice = replace(choice, reason=f"{choice.reason}; colliders touch it between its particles too")
@@ -171,6 +174,7 @@ class Bodies:
                 forces=tuple(map(name_of, self.scene.forces.values())),
                 handles=bool(self.scene.handles),
                 surface=choice.surface,
+                self_contact=self.scene.objects[name].self_contact,
                 listed=self.colliders.array.shape[1] > FEW,
             )
             rows = goes_in_rows(features, topo, self.warp_device)
@@ -191,8 +195,8 @@ class Bodies:
             self._arrays = [wp.array(batch.worlds, dtype=Arrays, device=batch.device) for batch in self.batches]
         return self._arrays
 
-    def materials_of(self, name: str, world: int | None) -> np.ndarray:
-        """The rows of Material of an object as they are now, of one world or of all."""
+    def materials_of(self, name: str, world: Some) -> np.ndarray:
+        """The rows of Material of an object as they are now, of some worlds."""
         batch = self.batch[name]
         return batch.materials.read(batch.index[name], world)
 
@@ -228,9 +232,22 @@ class Bodies:
             raise ValueError(f"world is {world!r}; allowed is a whole number from 0 to {self.worlds - 1}")
         return world
 
-    def some(self, world: int | None) -> int | None:
-        """`world` if it is None, for all, or there is one of that number, else ValueError."""
-        return None if world is None else self.one(world)
+    def some(self, world: Any) -> Some:
+        """`world` if it is None, for all, or there is one of that number; the numbers of those that a mask (worlds,) of
+        bool tells. Else ValueError."""
+        if world is None or not (len(world.shape) if hasattr(world, "shape") else np.ndim(world)):
+            return None if world is None else self.one(world)
+        mask = on_host(world)
+        if mask.shape != (self.worlds,) or mask.dtype != bool:
+            raise ValueError(
+                f"the mask of worlds has shape {mask.shape} of {mask.dtype}; allowed is ({self.worlds},) of bool"
+            )
+        return np.flatnonzero(mask)
+
+    def chosen(self, some: Some) -> wp.array:
+        """The numbers of some worlds on the device, (k,) int32."""
+        numbers = np.arange(self.worlds)[worlds_of(some)]
+        return wp.array(numbers, dtype=int, device=self.warp_device)
 
     def topology(self, name: str) -> Topology:
         """The topology of an object, as it is computed now. Raises ValueError where there is none of that name."""
@@ -251,8 +268,12 @@ def _find_device(name: str) -> wp.Device:
 
 
 def distinct(materials: np.ndarray) -> set[tuple]:
-    """The pairs of compliances and damping that occur in rows of Material."""
-    return {(tuple(row["compliance"].tolist()), float(row["damping"])) for row in materials}
+    """The pairs of compliances and damping that occur in rows of Material; of very many the stiffest and most damped
+    that could be among them, so that nobody looks at each of a thousand worlds."""
+    rows = np.unique(np.column_stack([materials["compliance"], materials["damping"]]), axis=0)
+    if len(rows) > _MANY:
+        rows = np.append(rows[:, :3].min(axis=0), rows[:, 3].max())[None]
+    return {(tuple(row[:3]), row[3]) for row in rows.tolist()}
 
 
 def names_of(names: Iterable[str]) -> str:

@@ -11,19 +11,18 @@ import warp as wp
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.bodies import Bodies, names_of
+from cloth_sim_ros.sim.checks import check_worlds
 from cloth_sim_ros.sim.handles import checked_reach, extents
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
-from cloth_sim_ros.sim.live_array import worlds_of
+from cloth_sim_ros.sim.live_array import Some, worlds_of
 from cloth_sim_ros.sim.loads import Loads
 from cloth_sim_ros.sim.state import Arrays, HandleMotion
+from cloth_sim_ros.sim.writing import clear
 
 
 @wp.kernel(enable_backward=False)
-def grasp(given: wp.array(dtype=Arrays), b: int, h: int, only: int, count: int):
-    w = wp.tid() / count
-    if only >= 0 and w != only:
-        return
-    arrays = given[w]
+def grasp(given: wp.array(dtype=Arrays), b: int, h: int, chosen: wp.array(dtype=int), count: int):
+    arrays = given[chosen[wp.tid() / count]]
     s = arrays.state
     g = arrays.model.bodies[b].particles + wp.tid() % count
     position = load_row(s.positions, g)
@@ -74,13 +73,14 @@ def find_broken(
 class Hands:
     """The handles of a simulation. Raises ValueError for a name, a world or a value that cannot be.
 
-    objects: handle -> the one object that it grasps, "" is any. breaks: how often each let go, (worlds, H).
+    objects: handle -> the one object that it grasps, "" is any. breaks: how often each let go, (worlds, H). loads: what
+    they feel.
     """
 
     def __init__(self, bodies: Bodies) -> None:
         self._bodies = bodies
         shape, device = (bodies.worlds, len(bodies.scene.handles)), bodies.warp_device
-        self._loads = Loads(bodies, "handles", shape[1])
+        self.loads = Loads(bodies, "handles", shape[1])
         self._leaves, self.breaks = (wp.zeros(shape, dtype=int, device=device) for _ in range(2))
         self.objects = {name: handle.object for name, handle in bodies.scene.handles.items()}
         self._breakable = False
@@ -92,7 +92,7 @@ class Hands:
             self._write(name, None, reach=extents(handle.reach), compliance=handle.compliance)
             self._write(name, None, break_force=handle.break_force)
 
-    def _write(self, name: str, world: int | None, **numbers: Any) -> None:
+    def _write(self, name: str, world: Some, **numbers: Any) -> None:
         self._bodies.handles.write(self._row(name), world, **numbers)
         self.find_breakable()
 
@@ -100,7 +100,7 @@ class Hands:
         """Note whether any handle lets go where its load is too large."""
         self._breakable = bool((self._bodies.handles.mirrors()["rows"]["break_force"] > 0.0).any())
 
-    def place(self, name: str, world: int | None) -> None:
+    def place(self, name: str, world: Some) -> None:
         """Where the scene puts it."""
         handle = self._bodies.scene.handles[name]
         self._bodies.handles.place(self._bodies.handle_row[name], world, handle.position, handle.orientation)
@@ -111,16 +111,17 @@ class Hands:
         position: Any,
         orientation: Any = (0.0, 0.0, 0.0, 1.0),
         sweep: bool = True,
-        world: int | None = None,
+        world: Any = None,
     ) -> None:
         """Move a handle: it reaches the pose [m], x y z w, at the end of the next frame, with what it holds.
 
-        Without `sweep` it is there at once: for placing an empty one, as what it holds would be torn along.
+        Arrays whose first axis is all worlds give each its own. Without `sweep` it is there at once: for placing an
+        empty one, as what it holds would be torn along.
         """
         some = self._bodies.some(world)
         self._bodies.handles.reach(self._row(name), some, name, (position, orientation), sweep)
 
-    def set(self, name: str, field: str, value: Any, world: int | None) -> None:
+    def set(self, name: str, field: str, value: Any, world: Some) -> None:
         """Set a live parameter of a handle; `attached` grasps or lets go."""
         try:
             row = table.row(table.HANDLE, field)
@@ -131,9 +132,9 @@ class Hands:
         if field == "reach":
             self._write(name, world, reach=extents(checked_reach(value, where)))
             return
-        value = table.check(row, value, where)
+        value = check_worlds(row, value, where, self._bodies.worlds, world)
         if field == "attached":
-            (self.attach if value else self.release)(name, world)
+            (self._grasp if value else self._let_go)(name, world)
         elif field == "object":
             if value not in ("", *self._bodies.scene.objects):
                 raise ValueError(
@@ -145,28 +146,34 @@ class Hands:
         else:
             raise ValueError(f"{where} is not set while running; allowed is set_handle_pose")
 
-    def attach(self, name: str, world: int | None = None) -> int | np.ndarray:
+    def attach(self, name: str, world: Any = None) -> int | np.ndarray:
         """Grasp what is within reach and nobody holds; how many particles it holds now, see `held`."""
-        h, some = self._row(name), self._bodies.some(world)
-        self._bodies.handles.upload()
-        for body, (batch, given, b, count) in self._each().items():
-            if self.objects[name] in ("", body):
-                inputs = [given, b, h, -1 if some is None else some, count]
-                wp.launch(grasp, dim=self._bodies.worlds * count, inputs=inputs, device=batch.device)
+        self._grasp(name, self._bodies.some(world))
         return self.held(name, world)
 
-    def release(self, name: str, world: int | None = None) -> None:
+    def _grasp(self, name: str, some: Some) -> None:
+        h, chosen = self._row(name), self._bodies.chosen(some)
+        self._bodies.handles.upload()
+        for body, (batch, given, b, count) in self._each().items():
+            if self.objects[name] in ("", body) and len(chosen):
+                inputs = [given, b, h, chosen, count]
+                wp.launch(grasp, dim=len(chosen) * count, inputs=inputs, device=batch.device)
+
+    def release(self, name: str, world: Any = None) -> None:
         """Let go of all that it holds, which goes on with the velocity it has."""
-        h, some = self._row(name), self._bodies.some(world)
-        self._leaves.zero_()
-        self._leaves[worlds_of(some), h : h + 1].fill_(1)
+        self._let_go(name, self._bodies.some(world))
+
+    def _let_go(self, name: str, some: Some) -> None:
+        leaves = np.zeros(self._leaves.shape, dtype=np.int32)
+        leaves[worlds_of(some), self._row(name)] = 1
+        self._leaves.assign(leaves)
         self._drop()
 
-    def held(self, name: str, world: int | None = None) -> int | np.ndarray:
-        """How many particles it holds: in one world, or for None in each of several (worlds,)."""
+    def held(self, name: str, world: Any = None) -> int | np.ndarray:
+        """How many particles it holds: in one world, or in each of several, all for None."""
         h, some = self._row(name), self._bodies.some(world)
-        counts = self._bodies.handle_counts.numpy()[:, h]
-        return int(counts[some or 0]) if some is not None or self._bodies.worlds == 1 else counts.copy()
+        counts = self._bodies.handle_counts.numpy()[worlds_of(some), h]
+        return int(counts[0]) if isinstance(some, int) or self._bodies.worlds == 1 else counts.copy()
 
     def broken(self, name: str, world: int = 0) -> int:
         """How often it has let go because the load was larger than its break_force."""
@@ -186,26 +193,25 @@ class Hands:
 
     def handle_wrenches(self, world: int = 0) -> np.ndarray:
         """The same of all handles (H, 6) float32: force [N], then torque [N m]."""
-        return self._loads.read(world)
+        return self.loads.read(world)
 
     def judge(self) -> None:
         """At the end of a frame: handles whose load is too large let go. On the device alone."""
         if self._breakable:
-            inputs = [self._bodies.handles.array, self._loads.measure(), self._leaves, self.breaks]
+            inputs = [self._bodies.handles.array, self.loads.measure(), self._leaves, self.breaks]
             wp.launch(find_broken, dim=self._leaves.shape, inputs=inputs, device=self._bodies.warp_device)
             self._drop()
 
-    def reset(self, world: int | None) -> None:
-        """Back to where the scene put them, holding what it says."""
+    def reset(self, some: Some) -> None:
+        """Back to where the scene put them, holding what it says of objects that started anew, which nothing holds."""
         if not self._bodies.scene.handles:
             return
-        self._leaves.zero_()
-        self._leaves[worlds_of(world)].fill_(1)
-        self._drop()
+        counts = self._bodies.handle_counts
+        clear(counts, slice(0, counts.shape[1]), self._bodies.chosen(some))
         for name, handle in self._bodies.scene.handles.items():
-            self.place(name, world)
+            self.place(name, some)
             if handle.attached:
-                self.attach(name, world)
+                self._grasp(name, some)
 
     def take_over(self, name: str, other: Hands) -> None:
         """Handles hold an object, in all worlds, as those of the same names do in the first world of another

@@ -10,9 +10,11 @@ import numpy as np
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.bodies import Bodies, distinct, names_of
+from cloth_sim_ros.sim.checks import check_worlds
 from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.hands import Hands
+from cloth_sim_ros.sim.live_array import Some
 from cloth_sim_ros.sim.live_values import COMPLIANCES, OF_FRAME
 from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.objects import Cloth, Rope
@@ -33,11 +35,12 @@ class Live:
         position: Any,
         orientation: Any = (0.0, 0.0, 0.0, 1.0),
         sweep: bool = True,
-        world: int | None = None,
+        world: Any = None,
     ) -> None:
         """Move a collider: it reaches the pose [m], x y z w, at the end of the next frame, swept in between.
 
-        Without `sweep` it is there at once and was never anywhere else: for placing it, not for pushing with it.
+        Arrays whose first axis is all worlds give each its own. Without `sweep` it is there at once and was never
+        anywhere else: for placing it, not for pushing with it.
         """
         if name not in self._bodies.collider_row:
             raise ValueError(f"there is no collider {name!r}; allowed is {names_of(self._bodies.collider_row)}")
@@ -74,17 +77,18 @@ class Live:
         others = {each: collider for each, collider in bodies.scene.colliders.items() if each != name}
         bodies.scene = dataclasses.replace(bodies.scene, colliders=others)
 
-    def set_wind(self, velocity: Any, world: int | None = None) -> None:
+    def set_wind(self, velocity: Any, world: Any = None) -> None:
         """Set the wind velocity [m/s] from the next frame on."""
         self.set("wind.velocity", velocity, world)
 
-    def set(self, name: str, value: Any, world: int | None = None) -> None:
+    def set(self, name: str, value: Any, world: Any = None) -> None:
         """Set a live parameter such as "cloth.stretch_compliance", "solver.substeps", "gravity" or "wind.velocity".
 
-        Those of the solver hold in all worlds.
+        An array whose first axis is all worlds gives each its own number or vector. Those of the solver hold in all
+        worlds.
         """
         owner, _, field = name.rpartition(".")
-        self._bodies.some(world)
+        world = self._bodies.some(world)
         if name == "gravity":
             self._set_frame(table.GRAVITY, name, value, world)
         elif owner == "solver":
@@ -103,16 +107,19 @@ class Live:
             self._set_material(owner, field, name, value, world)
         elif owner in self._bodies.scene.colliders:
             row = _live(table.COLLIDER, field, name)
-            self._bodies.colliders.write(
-                self._bodies.collider_row[owner], world, **{field: table.check(row, value, name)}
-            )
+            value = self._checked(row, value, name, world)
+            self._bodies.colliders.write(self._bodies.collider_row[owner], world, **{field: value})
         else:
             scene = self._bodies.scene
             known = [*scene.objects, *scene.colliders, *scene.handles, "solver", "wind"]
             raise ValueError(f"there is no parameter {name!r}; allowed are 'gravity' and those of {names_of(known)}")
 
-    def _set_frame(self, row: table.Parameter, name: str, value: Any, world: int | None) -> None:
-        self._bodies.frame.write(0, world, **{OF_FRAME.get(row.name, row.name): table.check(row, value, name)})
+    def _checked(self, row: table.Parameter, value: Any, name: str, world: Some) -> Any:
+        return check_worlds(row, value, name, self._bodies.worlds, world)
+
+    def _set_frame(self, row: table.Parameter, name: str, value: Any, world: Some) -> None:
+        value = self._checked(row, value, name, world)
+        self._bodies.frame.write(0, world, **{OF_FRAME.get(row.name, row.name): value})
 
     def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
         value = table.check(row, value, name)
@@ -123,7 +130,7 @@ class Live:
         self.write_settings()
         self._bodies.choose_again()
 
-    def _set_material(self, owner: str, field: str, name: str, value: Any, world: int | None) -> None:
+    def _set_material(self, owner: str, field: str, name: str, value: Any, world: Some) -> None:
         thing = self._bodies.scene.objects[owner]
         if field == "pins":
             self._set_pins(owner, value, world)
@@ -132,7 +139,7 @@ class Live:
         needed = "twist_compliance" if field == "end_turn" else field
         if needed in ("shear_compliance", "bend_compliance", "twist_compliance") and getattr(thing, needed) is None:
             raise ValueError(f"{name} is set but {owner} was built without; allowed is an object built with {needed}")
-        value = table.check(row, value, name)
+        value = self._checked(row, value, name, world)
         if field == "end_turn":
             self._bodies.batch[owner].ends.write(self._bodies.batch[owner].index[owner], world, turn=value)
             return
@@ -150,7 +157,7 @@ class Live:
         if field in ("compliance", "damping", "thickness"):
             self._bodies.choose_again()
 
-    def _set_pins(self, owner: str, value: Any, world: int | None) -> None:
+    def _set_pins(self, owner: str, value: Any, world: Some) -> None:
         """Other particles are fixed where they are, those that were go on from there."""
         if world is not None:
             raise ValueError(f"{owner}.pins is set in world {world} alone; allowed is to set it in all of them")
@@ -171,6 +178,8 @@ class Live:
         topo = self._bodies.elastic[name]
         if topo.bends_by_angles:
             raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
+        if self._bodies.scene.objects[name].self_contact:
+            raise ValueError(f"{name} has self_contact, which method 'verlet' lacks; allowed is 'xpbd' or 'auto'")
         windy = self._bodies.scene.wind is not None
         limits.check_explicit(name, topo, (compliance, damping), substeps, self._bodies.settings.frame_dt, windy)
 
@@ -219,7 +228,7 @@ class Live:
             shape=number_of(shape_of(collider)),
             size=collider.size(),
             reach=collider.reach(),
-            convex=collider.convex,
+            compliance=collider.compliance,
             static_friction=collider.static_friction,
             kinetic_friction=collider.kinetic_friction,
         )
@@ -227,7 +236,7 @@ class Live:
 
     def _write_none(self, row: int) -> None:
         """Nothing is there that anything could touch."""
-        self._bodies.colliders.write(row, None, shape=-1, reach=-_FAR_AWAY, convex=True)
+        self._bodies.colliders.write(row, None, shape=-1, reach=-_FAR_AWAY)
         self._bodies.colliders.place(row, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+Some = int | None | np.ndarray  # worlds: one, all for None, or the numbers (k,) of those that a mask tells
+
 
 class LiveArray:
     """Rows of a struct in every world, on the device and mirrored on the host; `upload()` copies what was changed."""
@@ -24,12 +26,13 @@ class LiveArray:
         """Whether something waits to be uploaded."""
         return self._changed
 
-    def read(self, row: int, world: int | None) -> np.ndarray:
-        """A copy of a row, (1,) of one world or (worlds,) of all for None."""
+    def read(self, row: int, world: Some) -> np.ndarray:
+        """A copy of a row in some worlds (k,): one, (worlds,) of all for None, or those of some numbers."""
         return self._mirror[worlds_of(world), row].copy()
 
-    def write(self, row: int, world: int | None, **values) -> None:
-        """Change fields of a row in one world or, for None, in all; they reach the device with the next upload."""
+    def write(self, row: int, world: Some, **values) -> None:
+        """Change fields of a row in some worlds, to one value or a value for each of these; they reach the device with
+        the next upload."""
         for name, value in values.items():
             self._mirror[name][worlds_of(world), row] = value
         self._changed = True
@@ -54,6 +57,8 @@ class LiveArray:
             self._changed = False
 
 
-def worlds_of(world: int | None) -> slice:
-    """The rows of one world in an array that has one for each, or, for None, of all."""
+def worlds_of(world: Some) -> slice | np.ndarray:
+    """The rows of some worlds in an array that has one for each."""
+    if isinstance(world, np.ndarray):
+        return world
     return slice(None) if world is None else slice(world, world + 1)

@@ -37,6 +37,7 @@ class Features:
     listed: bool = False  # whether there are so many that those near a body are looked for (see stages/near.py)
     handles: bool = False  # whether there are any
     redoes: bool = False  # whether only bodies are computed whose frame is done again
+    self_contact: bool = False  # whether the object is kept apart from itself
     forces: tuple[str, ...] = ()  # of forces.FORCES, in the order of Arrays.forces
     line_slots: int = 1  # particles of a line that a thread of a warp holds
 
@@ -106,6 +107,7 @@ class Body:
     curves: int  # triangles that are curved at rest
     curves_end: int
     yielding: float  # the inverse of its mass [1/kg]
+    is_rope: bool
     width: float  # how far facets reach from their corners at most, stretched threefold [m]
 
 
@@ -144,5 +146,9 @@ class Model:
     curve_entries: wp.array(dtype=wp.vec2i)  # triangle of the batch, and which of its corners a particle is, else 3
     curve_gradients: wp.array(dtype=float)  # of the particle in that triangle [1/m]
     panels: wp.array(dtype=wp.vec3i)  # (P, 3) particles, -1 for none
+    panel_parts: wp.array(
+        dtype=wp.vec2i
+    )  # (P,) body, and bits of what is a panel's own: its three corners, then the sides
+    # behind them. Each particle and each edge belongs to one panel.
     panel_start: wp.array(dtype=int)  # (N + 1,) into particle_panels
     particle_panels: wp.array(dtype=int)  # panels around each particle, counted in the batch

@@ -75,6 +75,7 @@ class ModelArrays:
             "curves": curves,
             "curves_end": self.size["curve_corners"],
             "yielding": 1.0 / float(topology.masses.sum()),
+            "is_rope": not len(topology.triangles),
             "width": 3.0 * topology.widest_gap,
         }
         self.bodies.append(body)
@@ -141,6 +142,9 @@ class ModelArrays:
 
     def _add_panels(self, topology: Topology) -> int:
         start = self._append("panels", topology.panels)
+        parts = np.full((len(topology.panels), 2), len(self.bodies))
+        parts[:, 1] = _own_parts(topology.panels)
+        self._append("panel_parts", parts)
         corner = topology.panels.ravel()
         panel = np.repeat(np.arange(len(topology.panels)), 3) + start
         order = np.argsort(corner, kind="stable")
@@ -188,6 +192,18 @@ class ModelArrays:
         model.bodies = wp.array(np.array(bodies, dtype=Body.numpy_dtype()), dtype=Body, device=device)
         model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 3), dtype=wp.vec3i, device=device)
         return model
+
+
+def _own_parts(panels: np.ndarray) -> np.ndarray:
+    """Bits (P,) of the corners and sides of each panel that no panel before it has; see Model.panel_parts."""
+    bits = np.zeros((len(panels), 6), dtype=bool)
+    sides = np.sort(np.stack([panels, np.roll(panels, -1, axis=1)], axis=-1), axis=-1)
+    for parts, columns in ((panels[..., None], slice(0, 3)), (sides, slice(3, 6))):
+        rows = parts.reshape(-1, parts.shape[-1])
+        first = np.zeros(len(rows), dtype=bool)
+        first[np.unique(rows, axis=0, return_index=True)[1]] = True
+        bits[:, columns] = (first & (rows[:, 0] >= 0)).reshape(-1, 3)  # -1 is no particle
+    return bits @ (1 << np.arange(6))
 
 
 def _spacing(topology: Topology) -> float:

@@ -32,7 +32,8 @@ class Cloth:
     (Bergou et al. 2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of three pinned
     particles is a clamp: two pinned rows hold the sheet at the second one. shear_compliance None means no shear
     springs. Compliance 0 is rigid. mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem).
-    damping [s]: c = damping x constant. thickness [m] is the distance at which the cloth touches a collider.
+    damping [s]: c = damping x constant. thickness [m] is the distance at which the cloth touches a collider. With
+    self_contact its parts keep twice that from one another.
     """
 
     resolution: tuple[int, int] = (32, 32)
@@ -49,6 +50,7 @@ class Cloth:
     thickness: float = 0.005
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
+    self_contact: bool = False
     particle_masses: Any = field(default=None, repr=False, compare=False)
     vertices: np.ndarray | None = field(default=None, repr=False, compare=False)
     triangles: np.ndarray | None = field(default=None, repr=False, compare=False)
@@ -144,7 +146,8 @@ class Rope:
     must be pinned; the end may be. What it has not paid out lies on it. The rest, measured from the end, lies along the
     path from the start. twist_compliance [1/(N m^2)] = 1/GJ or None for no twist. With it both ends are clamped: the
     first two and the last two particles are pinned. end_turn [rad] is by how much the end is turned about its axis
-    against the start. It counts from the shape that positions were last set to.
+    against the start. It counts from the shape that positions were last set to. With self_contact its parts keep twice
+    the radius from one another.
     """
 
     points: Any = field(default=None, repr=False, compare=False)
@@ -160,6 +163,7 @@ class Rope:
     damping: float = 0.0
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
+    self_contact: bool = False
     position: Vector = (0.0, 0.0, 0.0)
     orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
     particle_masses: Any = field(default=None, repr=False, compare=False)

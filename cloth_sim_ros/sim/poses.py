@@ -10,8 +10,9 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
-from cloth_sim_ros.sim.quaternion import unit_quaternion
+from cloth_sim_ros.sim.checks import check_worlds
+from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
+from cloth_sim_ros.sim.quaternion import unit_quaternion, unit_quaternions
 
 
 class Motions(LiveArray):
@@ -21,22 +22,29 @@ class Motions(LiveArray):
         super().__init__(struct, rows, worlds, device)
         self._moving, self._wanted = (np.zeros((worlds, rows), dtype=bool) for _ in range(2))
         self._position, self._orientation = np.zeros((worlds, rows, 3)), np.zeros((worlds, rows, 4))
+        # Bytes in a row to x y z, and then x y z w, at the end of the frame.
+        self.pose_offset = np.dtype(struct.numpy_dtype()).fields["end_position"][1]
         self._at_rest = True  # all of them: asked every frame, for less than NumPy takes to look
 
-    def reach(self, row: int, world: int | None, name: str, pose: tuple[Any, Any], sweep: bool) -> None:
-        """What is called `name` goes to a pose: by `move` with `sweep`, else by `place`. Raises ValueError."""
-        place = table.check(table.row(table.HANDLE, "position"), pose[0], f"{name}.position")
-        orientation = unit_quaternion(pose[1], f"{name}.orientation")
+    def reach(self, row: int, world: Some, name: str, pose: tuple[Any, Any], sweep: bool) -> None:
+        """What is called `name` goes to a pose, or to the one of each world: by `move` with `sweep`, else by `place`.
+        Raises ValueError."""
+        worlds, orientation = len(self._wanted), pose[1]
+        place = check_worlds(table.row(table.HANDLE, "position"), pose[0], f"{name}.position", worlds, world)
+        if np.ndim(orientation) == 2:
+            orientation = unit_quaternions(orientation, f"{name}.orientation", worlds)[worlds_of(world)]
+        else:
+            orientation = unit_quaternion(orientation, f"{name}.orientation")
         (self.move if sweep else self.place)(row, world, place, orientation)
 
-    def move(self, row: int, world: int | None, position: Sequence[float], orientation: Sequence[float]) -> None:
-        """A thing reaches a pose [m], x y z w, at the end of the next frame, in one world or, for None, in all."""
+    def move(self, row: int, world: Some, position: Sequence[float], orientation: Sequence[float]) -> None:
+        """A thing reaches a pose [m], x y z w, at the end of the next frame, in some worlds."""
         worlds = worlds_of(world)
         self._position[worlds, row], self._orientation[worlds, row] = position, orientation
         self._wanted[worlds, row] = True
         self._at_rest = False
 
-    def place(self, row: int, world: int | None, position: Sequence[float], orientation: Sequence[float]) -> None:
+    def place(self, row: int, world: Some, position: Sequence[float], orientation: Sequence[float]) -> None:
         """A thing is at a pose at once and was never anywhere else."""
         worlds = worlds_of(world)
         self._wanted[worlds, row] = self._moving[worlds, row] = False

@@ -22,6 +22,20 @@ def unit_quaternion(value: Any, name: str) -> Quaternion:
     return tuple(unit.tolist())
 
 
+def unit_quaternions(value: Any, name: str, count: int) -> np.ndarray:
+    """Rows (count, 4) of x, y, z, w, each scaled to length 1. Raises ValueError as `unit_quaternion`."""
+    rows = np.asarray(value, dtype=np.float64)
+    if rows.shape != (count, 4):
+        raise ValueError(f"{name} has shape {rows.shape}; allowed is ({count}, 4), x y z w")
+    length = np.sqrt((rows * rows).sum(axis=-1))
+    bad = np.flatnonzero(~(np.isfinite(length) & (length >= 1e-6)))
+    if len(bad):
+        raise ValueError(
+            f"{name} is {rows[bad[0]]} in row {bad[0]}; allowed is a finite quaternion x y z w that is not zero"
+        )
+    return rows / length[:, None]
+
+
 def turn_to(normal: Any, name: str) -> Quaternion:
     """The shortest rotation of local z onto `normal` (x, y, z).
 
@@ -47,7 +61,7 @@ def _unit(value: Any, size: int, shortest: float) -> np.ndarray | None:
     """`value` (size,) scaled to length 1, None where it is not that many finite numbers or shorter than `shortest`."""
     try:
         vector = np.asarray(value, dtype=np.float64)
-        length = float(np.linalg.norm(vector))
+        length = float(np.sqrt((vector * vector).sum()))  # to the same bits as unit_quaternions
     except (TypeError, ValueError):
         return None
     return None if vector.shape != (size,) or not np.isfinite(length) or length < shortest else vector / length

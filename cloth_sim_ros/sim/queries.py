@@ -3,26 +3,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.bodies import Bodies, names_of
+from cloth_sim_ros.sim.live_array import worlds_of
 from cloth_sim_ros.sim.loads import Loads
 from cloth_sim_ros.sim.state import Arrays
 from cloth_sim_ros.sim.topology import KINDS
-
-TENSORS = ("positions", "velocities")
 
 
 class Queries:
     """What can be asked of an object by its name; whatever reads the state waits for the device.
 
-    Raises ValueError for a name or a world that does not exist.
+    Raises ValueError for a name or a world that does not exist. loads: what colliders feel.
     """
 
     def __init__(self, bodies: Bodies) -> None:
         self._bodies = bodies
-        self._loads = Loads(bodies, "colliders", bodies.colliders.array.shape[1])
+        self.loads = Loads(bodies, "colliders", bodies.colliders.array.shape[1])
 
     def masses(self, name: str) -> np.ndarray:
         """Masses (N,) float64 [kg], pinned particles included."""
@@ -51,42 +52,19 @@ class Queries:
             found[kind] = (elements.particles.astype(np.int64), elements.rest.copy(), constant)
         return found
 
-    def positions(self, name: str, world: int | None = 0) -> np.ndarray:
-        """Positions (N, 3) float32 [m] in one world, or (worlds, N, 3) in all for None, in one copy."""
+    def positions(self, name: str, world: Any = 0) -> np.ndarray:
+        """Positions (N, 3) float32 [m] in one world, or (k, N, 3) in several, all for None, in one copy."""
         return self._rows("positions", name, world)
 
-    def velocities(self, name: str, world: int | None = 0) -> np.ndarray:
-        """Velocities (N, 3) float32 [m/s] in one world, or (worlds, N, 3) in all for None, in one copy."""
+    def velocities(self, name: str, world: Any = 0) -> np.ndarray:
+        """Velocities (N, 3) float32 [m/s] in one world, or (k, N, 3) in several, all for None, in one copy."""
         return self._rows("velocities", name, world)
 
-    def _rows(self, what: str, name: str, world: int | None) -> np.ndarray:
+    def _rows(self, what: str, name: str, world: Any) -> np.ndarray:
         self._bodies.topology(name)
-        rows = self._bodies.batch[name].read_rows(what, name, self._bodies.some(world))[:, :, :3]
-        return np.ascontiguousarray(rows if world is None else rows[0])
-
-    def tensor(self, name: str, what: str) -> wp.array:
-        """A view (worlds, N, 3) float32 of the `what` of an object, "positions" [m] or "velocities" [m/s], on the
-        device.
-
-        It is no copy: it shows the state after the last frame that was launched, on Warp's stream of the device. It
-        goes to torch, JAX and CuPy by DLPack, and is for reading. It holds until `builds` changes: method auto may
-        build anew when live parameters or positions are set.
-        """
-        if what not in TENSORS:
-            raise ValueError(f"what is {what!r}; allowed is {' or '.join(TENSORS)}")
-        self._bodies.topology(name)
-        batch = self._bodies.batch[name]
-        rows, span = batch.states[what], batch.span(name)
-        number = wp.types.type_size_in_bytes(wp.float32)
-        view = wp.array(
-            ptr=rows.ptr + span.start * rows.strides[1],
-            shape=(rows.shape[0], span.stop - span.start, 3),
-            strides=(*rows.strides, number),
-            dtype=wp.float32,
-            device=rows.device,
-        )
-        view._ref = rows  # keeps its memory
-        return view
+        some = self._bodies.some(world)
+        rows = self._bodies.batch[name].read_rows(what, name, some if isinstance(some, int) else None)[:, :, :3]
+        return np.ascontiguousarray(rows[0] if isinstance(some, int) else rows[worlds_of(some)])
 
     def wrench(self, collider: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Force (3,) [N] and torque (3,) [N m] about its origin on a collider by all objects, in world axes.
@@ -102,7 +80,7 @@ class Queries:
 
     def wrenches(self, world: int = 0) -> np.ndarray:
         """The same of all rows of colliders (K, 6) float32: force [N], then torque [N m]."""
-        return self._loads.read(world)
+        return self.loads.read(world)
 
     def device_arrays(self, name: str, world: int = 0) -> tuple[Arrays, slice, wp.Device]:
         """The arrays of the batch that holds an object in one world, where its particles lie in them, their device.

@@ -11,6 +11,8 @@ import warp as wp
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.bodies import Bodies
+from cloth_sim_ros.sim.checks import check_worlds
+from cloth_sim_ros.sim.live_array import Some
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.queries import Queries
 from cloth_sim_ros.sim.tension import Tensions, read_tensions
@@ -102,7 +104,8 @@ class Ropes:
         if thing.twist_compliance is not None:
             batch.ends.write(batch.index[name], None, turn=thing.end_turn)
 
-    def set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: int | None) -> None:
+    def set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: Some) -> None:
         if getattr(self._bodies.scene.objects[owner], "winch", None) is None:
             raise ValueError(f"{name} is set but {owner} was built without; allowed is a rope built with a winch")
+        value = check_worlds(row, value, name, self._bodies.worlds, world)
         set_winch(self._bodies.batch[owner], owner, row, value, world)

@@ -2,8 +2,8 @@
 """The public face: a scene and settings on a device, advanced frame by frame and read back by name.
 
 A Simulation is composed of parts: Bodies (how objects are computed, and where), Queries (what is read of them), Ropes
-(the same of ropes alone), Hands (what handles hold), Live (what may change while it runs) and Saving (its state in a
-file). Here are time and state.
+(the same of ropes alone), Hands (what handles hold), Live (what may change while it runs), Tensors (all worlds at once)
+and Saving (its state in a file). Here are time and state.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.checks import finite_array
 from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live import Live, compliances_of
+from cloth_sim_ros.sim.live_array import Some
 from cloth_sim_ros.sim.live_values import live_value
 from cloth_sim_ros.sim.methods.choose import is_strained
 from cloth_sim_ros.sim.objects import Rope
@@ -29,6 +31,7 @@ from cloth_sim_ros.sim.saving import Saving
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.starts import off_symmetry
+from cloth_sim_ros.sim.tensors import Tensors
 
 _FAR = 1e6  # [m] the largest coordinate that positions may be given in
 _FAST = 1e6  # [m/s] the same of velocities
@@ -55,7 +58,7 @@ class Simulation:
     Whatever takes a value raises ValueError with one sentence where the value cannot be, and changes nothing then.
     `step` may return before a GPU is done; whatever reads the state waits. `worlds` copies of the scene run side by
     side in the same launches. Each has its own state, materials, collider poses, wind and gravity. What reads takes the
-    number of a world; what writes takes one or, with None, all of them.
+    number of a world. What writes takes one, a mask (worlds,) of bool or, with None, all of them.
     """
 
     def __init__(self, scene: Scene, settings: Settings | None = None, device: str = "auto", worlds: int = 1) -> None:
@@ -64,6 +67,7 @@ class Simulation:
         self._ropes = Ropes(self._bodies, self._queries)
         self._hands = Hands(self._bodies)
         self._live = Live(self._bodies, self._ropes, self._hands)
+        self._tensors = Tensors(self._bodies, self._queries.loads, self._hands.loads)
         self._saving = Saving(self._bodies, self._hands)
         for name, thing in scene.objects.items():
             self._ropes.check_rope(name, thing)
@@ -87,7 +91,8 @@ class Simulation:
     positions = _of("_queries", Queries.positions)
     velocities = _of("_queries", Queries.velocities)
     device_arrays = _of("_queries", Queries.device_arrays)
-    tensor = _of("_queries", Queries.tensor)
+    tensor, write = _of("_tensors", Tensors.tensor), _of("_tensors", Tensors.write)
+    recovered = _of("_tensors", Tensors.recovered)
     wrench, wrenches = _of("_queries", Queries.wrench), _of("_queries", Queries.wrenches)
     tensions = _of("_ropes", Ropes.tensions)
     tensions_into = _of("_ropes", Ropes.tensions_into)
@@ -167,20 +172,18 @@ class Simulation:
             batch.restore()
         return found
 
-    def reset(self, world: int | None = None) -> None:
+    def reset(self, world: Any = None) -> None:
         """Objects, colliders and handles back to where the scene put them, at rest; live parameters stay as they are.
 
-        Resetting all worlds (None) sets the time to 0; one world alone goes on with the time of the others.
+        Resetting all worlds (None) sets the time to 0; some alone go on with the time of the others.
         """
-        self._bodies.some(world)
+        some = self._bodies.some(world)
+        chosen = self._bodies.chosen(some)
         for batch in self._bodies.batches:
-            for name in batch.index:
-                batch.reset(name, world)
+            batch.restart(chosen)
         for name, collider in self._bodies.scene.colliders.items():
-            self._bodies.colliders.place(
-                self._bodies.collider_row[name], world, collider.position, collider.orientation
-            )
-        self._hands.reset(world)
+            self._bodies.colliders.place(self._bodies.collider_row[name], some, collider.position, collider.orientation)
+        self._hands.reset(some)
         if world is None:
             self._frames = 0
             self._bodies.strained.clear()
@@ -229,17 +232,17 @@ class Simulation:
         have it with the same structure. It keeps positions, velocities, what a winch has paid out and the twist."""
         batch, source = self._bodies.batch[name], other._bodies.batch[name]
         if batch.features.winch:
-            batch.write_body("reels", name, source.read_body("reels", name, 0), None)
+            batch.write_body("reels", name, source.read_body("reels", name, 0))
         rows = other.positions(name)
         self._leave_if_strained(name, rows)
-        self._bodies.batch[name].write_positions(name, rows, None)
+        self._write_positions(name, rows, None)
         self.set_velocities(name, other.velocities(name))
         if batch.features.twist:
-            batch.write_body("twists", name, source.read_body("twists", name, 0), None)
+            batch.write_body("twists", name, source.read_body("twists", name, 0))
         if batch.features.handles and source.features.handles:
             self._hands.take_over(name, other._hands)
 
-    def set_positions(self, name: str, positions: Any, world: int | None = None) -> None:
+    def set_positions(self, name: str, positions: Any, world: Any = None) -> None:
         """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew.
 
         Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
@@ -248,7 +251,11 @@ class Simulation:
         strained = self._leave_if_strained(name, rows)
         if strained and self._bodies.elastic[name].reel is None:  # what is on a drum stays there
             rows = off_symmetry(self._bodies.elastic[name], rows)
-        self._bodies.batch[name].write_positions(name, rows, some)
+        self._write_positions(name, rows, some)
+
+    def _write_positions(self, name: str, rows: np.ndarray, some: Some) -> None:
+        values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
+        self._bodies.batch[name].write_positions(name, values, self._bodies.chosen(some))
 
     def _leave_if_strained(self, name: str, rows: np.ndarray) -> bool:
         """Whether positions strain a spring by more than half; `auto` then leaves the object to implicit steps."""
@@ -257,12 +264,12 @@ class Simulation:
             self._bodies.leave_to_implicit(name)
         return strained
 
-    def set_velocities(self, name: str, velocities: Any, world: int | None = None) -> None:
+    def set_velocities(self, name: str, velocities: Any, world: Any = None) -> None:
         """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start
         anew."""
-        rows = self._rows(name, velocities, "velocities", _FAST)
-        rows[self._bodies.topology(name).pinned] = 0.0
-        self._bodies.batch[name].write_velocities(name, rows, self._bodies.some(world))
+        rows, some = self._rows(name, velocities, "velocities", _FAST), self._bodies.some(world)
+        values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
+        self._bodies.batch[name].write_velocities(name, values, self._bodies.chosen(some))
 
     def _rows(self, name: str, values: Any, what: str, limit: float) -> np.ndarray:
         """`values` as an array (N, 3), a row a particle. Raises ValueError for another shape or beyond `limit`."""
@@ -288,6 +295,9 @@ class Simulation:
         good, because a particle was not finite or ran away. redone counts frames of explicit steps that were done again
         by XPBD. expected_error is meant as solver.error is, for the world where it is largest. bending_share is the
         share of a sheet's bending rigidity that acts.
+
+        Of what is kept apart from itself, pairs is how many corners and triangles, or edges, are near one another.
+        pairs_lost is for how many of them there was no room, and crossings how many edges go through a triangle.
         """
         self._bodies.one(world)
         self._upload()

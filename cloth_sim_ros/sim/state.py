@@ -53,15 +53,15 @@ class ColliderMotion:
     """One collider: shape, size, reach [m] of it around its origin, friction, and poses at both ends of the frame.
 
     data: the address of what a shape has beside its size, of one that three numbers do not describe; 0 for others.
-    convex: whether its signed distance is convex along every line, 1 or 0. It also fills the struct to whole words of
-    eight bytes, so that equal colliders are equal bytes in a file.
+    compliance: of each point of contact [m/N]. The struct is of whole words of eight bytes, so that equal colliders are
+    equal bytes in a file.
     """
 
     shape: int
     size: wp.vec3
     data: wp.uint64
     reach: float
-    convex: int
+    compliance: float
     static_friction: float
     kinetic_friction: float
     start_position: wp.vec3
@@ -234,6 +234,10 @@ class State:
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next two
     close: wp.array(dtype=int)  # (N,) whether facets around a particle may touch a collider in this substep
     pressed: wp.array(dtype=int)  # (N,) and whether one of them asks it to move
+    pairs: wp.array(dtype=wp.vec4i)  # (64 P,) that may meet in this frame, body by body: particles of a corner and a
+    # triangle or, the first as -1 - its number, of two edges, see pair_search.py
+    pair_counts: wp.array(dtype=int)  # (B,) how many were found
+    asked: wp.array(dtype=wp.int64)  # (4 N,) what pairs ask of a particle, see self_contact.py
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
     near: wp.array(dtype=wp.uint64)  # (B K/64,) bits of the colliders that a body may meet in this frame, see near.py
     extents: wp.array(dtype=float)  # (8 B,)

@@ -5,8 +5,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.live_array import Some
 from cloth_sim_ros.sim.objects import Winch, check_lengths
 
 LIVE = tuple(row.name for row in table.WINCH if row.live)
@@ -17,16 +20,14 @@ def write_winch(batch: Batch, name: str, winch: Winch) -> None:
     batch.drives.write(batch.index[name], None, **{field: getattr(winch, field) for field in LIVE})
 
 
-def set_winch(batch: Batch, name: str, row: table.Parameter, value: Any, world: int | None) -> None:
-    """Change one live number in one world or, for None, in all. Raises ValueError."""
-    full = f"{name}.winch.{row.name}"
-    value = table.check(row, value, full)
+def set_winch(batch: Batch, name: str, row: table.Parameter, value: Any, world: Some) -> None:
+    """Change one live number in some worlds to a checked value, or one for each. Raises ValueError."""
     b = batch.index[name]
-    held = batch.drives.read(b, world)
-    if row.name == "shortest":
-        check_lengths(value, float(held["longest"].min()), full)
-    if row.name == "longest":
-        check_lengths(float(held["shortest"].max()), value, f"{name}.winch.shortest")
+    lengths = batch.drives.read(b, world)
+    if row.name in ("shortest", "longest"):
+        lengths[row.name] = value
+        for k in np.flatnonzero(lengths["shortest"] > lengths["longest"])[:1]:
+            check_lengths(float(lengths["shortest"][k]), float(lengths["longest"][k]), f"{name}.winch.shortest")
     batch.drives.write(b, world, **{row.name: value})
 
 

@@ -40,11 +40,11 @@ def read_plan(path: Path) -> Plan:
     return plan
 
 
-def with_solver(path: Path, settings: Mapping[str, Any]) -> str:
-    """The text of the file with these rows of the solver in place; comments and everything else stay."""
+def with_values(path: Path, values: Mapping[str, Any]) -> str:
+    """The text of the file with these parameters in place; comments and everything else stay."""
     text = _text(path)
-    for name, value in settings.items():
-        text = _replaced(text, f"solver.{name}", str(value), path)
+    for name, value in values.items():
+        text = _replaced(text, name, str(value), path)
     return text
 
 

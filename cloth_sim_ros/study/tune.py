@@ -20,7 +20,7 @@ from cloth_sim_ros.study.convergence import Converged, Trial, converge, frames_o
 from cloth_sim_ros.study.error import finite, mark_front, table
 from cloth_sim_ros.study.figures import draw_error
 from cloth_sim_ros.study.norms import rms
-from cloth_sim_ros.study.scene_file import read_plan, with_solver
+from cloth_sim_ros.study.scene_file import read_plan, with_values
 from cloth_sim_ros.study.timing import machine
 
 METHODS = {  # label -> the settings that make it
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"nothing is within {arguments.budget_ms:g} ms a frame; no settings are written")
         return 1
     path = stem.with_suffix(".yaml")
-    path.write_text(with_solver(arguments.scene, {key: chosen["settings"][key] for key in TUNED}))
+    path.write_text(with_values(arguments.scene, {f"solver.{key}": chosen["settings"][key] for key in TUNED}))
     again = measure("chosen", trial, read_plan(path).settings, exact)
     kept = "meets" if again["position"] <= arguments.error else "does not meet"
     print(f"chosen: {chosen['method']}, {_words(chosen)}")

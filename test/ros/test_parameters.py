@@ -48,11 +48,22 @@ def test_structural_changes_rebuild_and_others_keep_their_state(node, client):
     client.until(lambda: [f.name for f in node.clouds[-1].fields] == ["x", "y", "z", "vx", "vy", "vz"])
 
 
-def method(client) -> str:
-    """What computes now, by the next diagnostics."""
+def diagnostics(client) -> dict[str, str]:
+    """What the node says next but one."""
     told = client.listen(DiagnosticArray, "/diagnostics", 1)
     client.until(lambda: len(told) > 1, timeout=60.0)
-    return {value.key: value.value for value in told[-1].status[0].values}["method"]
+    return {value.key: value.value for value in told[-1].status[0].values}
+
+
+def method(client) -> str:
+    """What computes now."""
+    return diagnostics(client)["method"]
+
+
+def test_a_cloth_is_kept_apart_from_itself_from_now_on(node, client):
+    assert client.set("cloth.self_contact", True).successful
+    client.until(lambda: "cloth.crossings" in diagnostics(client), timeout=60.0)
+    assert diagnostics(client)["cloth.crossings"] == "0"
 
 
 def test_what_cannot_be_is_refused_with_the_reason_and_what_is_taken_acts(node, client):

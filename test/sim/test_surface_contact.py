@@ -88,7 +88,7 @@ def test_a_thin_fast_pole_takes_the_sheet_along(device):
         sim.step()
     rows = sim.positions("sheet")[:, 2].reshape(6, 6)
     beside = rows[:, 2:4].mean(axis=1)  # of the two rows that the pole came up between
-    assert np.median(beside) > 0.56 and beside.min() > 0.45
+    assert np.median(beside) > 0.55 and beside.min() > 0.45
 
 
 def test_an_edge_is_pushed_as_by_a_force_at_the_point_of_contact(device):

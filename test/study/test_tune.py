@@ -92,7 +92,7 @@ def test_bad_files_give_one_sentence(scene, old, new, word):
 def test_solver_settings_are_put_in_place(scene, old, new):
     text = SCENE.replace(old, new) if old else SCENE
     scene.write_text(text)
-    changed = scene_file.with_solver(scene, {"order": 2, "substeps": 7, "iterations": 4})
+    changed = scene_file.with_values(scene, {"solver.order": 2, "solver.substeps": 7, "solver.iterations": 4})
     scene.write_text(changed.replace("    x:\n      iterations: 2\n", ""))
     settings = scene_file.read_plan(scene).settings
     assert (settings.order, settings.substeps, settings.iterations) == (2, 7, 4)

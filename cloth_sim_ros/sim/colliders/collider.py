@@ -19,7 +19,10 @@ _DIMENSIONS = table.row(table.COLLIDER, "dimensions")
 
 @dataclass(frozen=True, kw_only=True)
 class Collider:
-    """A pose and Coulomb coefficients; a pair's are the geometric mean of its two sides.
+    """A pose, Coulomb coefficients and a compliance; a pair's friction is the geometric mean of its two sides.
+
+    compliance [m/N]: how deep a point of contact lies in it for the force there; 0 is rigid. What two colliders squeeze
+    has a force only where they are not rigid.
 
     A shape adds its lengths as fields, their rows in `dimensions`, and two methods: `size()`, what its
     `signed_distance` takes as size [m], and `reach()`, from its origin to the farthest of it [m]. One that needs more
@@ -31,6 +34,7 @@ class Collider:
     orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
+    compliance: float = 0.0
     dimensions: ClassVar[tuple[table.Parameter, ...]] = ()
     convex: ClassVar[bool] = True
 

@@ -5,6 +5,7 @@ The same program as the block executor, on plain device arrays: both give the sa
 compiler's choices.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import warp as wp
@@ -12,6 +13,7 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import OPTIONS
 from cloth_sim_ros.sim.methods.program import Program, Stage, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.model import Body, Features
+from cloth_sim_ros.sim.pair_search import PairSearch, searches_of
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 
 GRAPHS = 4  # frames kept at a time, for as many triples of substeps, iterations and outer steps
@@ -20,7 +22,11 @@ GRAPHS = 4  # frames kept at a time, for as many triples of substeps, iterations
 class Graph:
     """The launches of one batch. `advance()` simulates one frame of every body in every world of it."""
 
-    def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device):
+    def __init__(
+        self, features: Features, worlds: list[Arrays], device: wp.Device, search: PairSearch | None = None
+    ) -> None:
+        """search: of the pairs of objects that are kept apart from themselves."""
+        self._search = search
         self._features, self._device = features, device
         self._program, self._kernels = make_kernels(features, device.is_cpu)
         self._worlds, self._given = len(worlds), gathered(worlds, device)
@@ -29,7 +35,7 @@ class Graph:
         self._bodies = [dict(zip(Body.vars, body, strict=True)) for body in arrays.model.bodies.numpy().tolist()]
         self._groups = arrays.model.groups.numpy().tolist()
         self._recorded: dict[tuple, wp.Launch] = {}
-        self._frame: list[wp.Launch] = []
+        self._frame: list[wp.Launch | Search] = []
         self._frames: dict[tuple[int, int, int], list[wp.Launch] | wp.Graph] = {}
 
     def advance(self, substeps: int, iterations: int, outer: int) -> None:
@@ -69,8 +75,13 @@ class Graph:
 
     def _launch_frame(self, substeps: int, iterations: int, outer: int) -> None:
         outer_ends = {j * substeps // outer for j in range(outer + 1)}
-        bodies = list(enumerate(self._bodies))
+        bodies, ahead = (
+            list(enumerate(self._bodies)),
+            -(-substeps // searches_of(min(body["spacing"] for body in self._bodies))),
+        )
         for substep in range(substeps):
+            if self._search is not None and substep % ahead == 0:
+                self._frame.append(Search(self._search, min(ahead, substeps - substep)))
             for b, body in bodies:
                 self._launch_substep(b, body, substep, (substeps, iterations), substep in outer_ends)
         for b, body in bodies:
@@ -109,6 +120,18 @@ class Graph:
                     self._kernels[stage.name], dim=dim, inputs=inputs, device=self._device, record_cmd=True
                 )
             self._frame.append(self._recorded[key])
+
+
+@dataclass(frozen=True)
+class Search:
+    """A launch like others: it looks for the pairs of `ahead` substeps to come."""
+
+    pairs: PairSearch
+    ahead: int
+
+    def launch(self) -> None:
+        """Look for them."""
+        self.pairs.find(self.ahead)
 
 
 @lru_cache

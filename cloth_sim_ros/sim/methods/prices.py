@@ -29,7 +29,8 @@ _BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7
 class Surroundings:
     """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind, colliders and worlds.
 
-    surface: whether colliders are kept out between particles too.
+    surface: whether colliders are kept out between particles too. self_contact: whether the object is kept apart from
+    itself.
     """
 
     device: str
@@ -37,6 +38,7 @@ class Surroundings:
     colliders: int
     worlds: int = 1
     surface: bool = False
+    self_contact: bool = False
 
     @property
     def near(self) -> int:

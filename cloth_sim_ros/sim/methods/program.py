@@ -45,6 +45,7 @@ from cloth_sim_ros.sim.stages.motion import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.stages.near import list_colliders, make_forget_contacts, measure_extent
+from cloth_sim_ros.sim.stages.self_contact import PASSES, THREADS, avoid, make_come_apart
 from cloth_sim_ros.sim.stages.surface_contact import make_carry_presses, make_press, make_yield
 from cloth_sim_ros.sim.state import Arrays
 
@@ -82,15 +83,7 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     program = Program()
     before, explicit = program.before, features.method == "verlet"
     if features.shapes:
-        many = lambda body, _: min(body["count"], _THREADS)  # noqa: E731
-        if features.surface:
-            before.append(Stage("carry_presses", make_carry_presses(features), many, every=_A_FRAME))
-        before.append(Stage("forget_contacts", make_forget_contacts(features.listed), many, every=_A_FRAME))
-        if features.listed:
-            before.append(Stage("measure_extent", measure_extent, many, every=_A_FRAME))
-            before.append(Stage("list_colliders", list_colliders, lambda _, colliders: colliders, every=_A_FRAME))
-        swept = lambda body, colliders: SWEPT * colliders  # noqa: E731
-        before.append(Stage("sweep", _sweep, swept, every=SWEPT))
+        before += _look_around(features)
     if features.winch:
         before.append(Stage("reel", _make_reel(features), lambda *_: 1))
     slow = program.outer if explicit else before
@@ -115,6 +108,9 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
         program.iterated.append(Stage("chain", _make_chain(features, threads, stored), lambda *_: 1))
     if features.lines:
         program.iterated.append(_make_lines(features, on_cpu))
+    if features.self_contact:
+        look = Stage("avoid", avoid, lambda *_: 1 if on_cpu else THREADS)
+        program.iterated += [look, _over_particles("come_apart", make_come_apart(features))] * PASSES
     if features.shapes:
         met_in, contact = make_met_in(features), make_contact(features)
         if features.surface:
@@ -133,6 +129,19 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
         Stage("count", _once(make_count(features)), lambda *_: 1),
     ]
     return program
+
+
+def _look_around(features: Features) -> list[Stage]:
+    """What begins a frame and some of its substeps where there are colliders."""
+    stages, many = [], lambda body, _: min(body["count"], _THREADS)
+    if features.surface:
+        stages.append(Stage("carry_presses", make_carry_presses(features), many, every=_A_FRAME))
+    stages.append(Stage("forget_contacts", make_forget_contacts(features.listed), many, every=_A_FRAME))
+    if features.listed:
+        stages.append(Stage("measure_extent", measure_extent, many, every=_A_FRAME))
+        stages.append(Stage("list_colliders", list_colliders, lambda _, colliders: colliders, every=_A_FRAME))
+    stages.append(Stage("sweep", _sweep, lambda body, colliders: SWEPT * colliders, every=SWEPT))
+    return stages
 
 
 def make_begin(features: Features):

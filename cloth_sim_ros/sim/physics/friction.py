@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Coulomb friction on displacements, with a static and a kinetic coefficient."""
+"""Contact on displacements: what a compliant collider gives, and Coulomb friction."""
 
 import warp as wp
 
@@ -17,3 +17,13 @@ def friction_correction(slip: wp.vec3, before: wp.vec3, pressed: float, static: 
     if size > static * pressed:
         wanted *= wp.min(1.0, kinetic * pressed / wp.max(size, 1.0e-20))
     return wanted
+
+
+@wp.func
+def pressed_more(gap: float, before: float, softness: float) -> float:
+    """By how much farther a point in contact is pressed [m], that lies `-gap` [m] deep and was pressed by `before`.
+
+    softness: compliance of the collider over inverse mass of the point x h^2. The force is what it is pressed in all,
+    over the same inverse mass x h^2 (Macklin et al. 2016, eq. 18). At 0 it is pressed out. No contact ever pulls.
+    """
+    return wp.max(-(gap + softness * before) / (1.0 + softness), -before)

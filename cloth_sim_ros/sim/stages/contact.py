@@ -6,7 +6,7 @@ import warp as wp
 from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.friction import friction_correction
+from cloth_sim_ros.sim.physics.friction import friction_correction, pressed_more
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.stages.grasp import HELD
 from cloth_sim_ros.sim.stages.here import Here
@@ -45,6 +45,12 @@ def lost_motion(displacement: wp.vec3, velocity: wp.vec3, step: Step) -> wp.vec3
 def length_of(step: Step) -> float:
     """The length of a substep [s], which in order 2 is more than its effective step."""
     return step.effective / wp.where(step.second, 2.0 / 3.0, 1.0)
+
+
+@wp.func
+def pace(collider: ColliderMotion, step: Step) -> float:
+    """How far an overlap may come apart in a substep [m]; a compliant collider flings nothing by itself."""
+    return wp.where(collider.compliance > 0.0, 1.0e9, SEPARATION * step.effective)
 
 
 @wp.struct
@@ -208,18 +214,19 @@ def make_touch(features: Features):
                 # Relative motion in the collider's axes, without the difference of two large positions.
                 slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
                 p = sweep.to_local * offset
-                apart = SEPARATION * step.effective
+                apart = pace(collider, step)
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, material.thickness, apart)
                 gap = touching[3]
                 if gap < 0.0:
                     n = xyz(touching)
-                    pressed = before[3] - gap
+                    more = pressed_more(gap, before[3], collider.compliance * step.inverse_square / w)
+                    pressed = before[3] + more
                     tangential = slip - wp.dot(slip, n) * n
                     rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n
                     mu_s = wp.sqrt(material.static_friction * collider.static_friction)
                     mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
                     rubbed = friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
-                    correction = wp.transpose(sweep.to_local) * (-gap * n + rubbed - rubbed_before)
+                    correction = wp.transpose(sweep.to_local) * (more * n + rubbed - rubbed_before)
                     displacement += correction
                     add_force(met.forces, entry, (met.share / w) * correction)
                     after = pack(rubbed, pressed)

@@ -9,16 +9,16 @@ import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.friction import friction_correction
+from cloth_sim_ros.sim.physics.friction import friction_correction, pressed_more
 from cloth_sim_ros.sim.stages.contact import (
     NOISE,
-    SEPARATION,
     Met,
     add_force,
     forget,
     least_mass,
     make_meet,
     make_touch,
+    pace,
 )
 from cloth_sim_ros.sim.stages.facet import Facet, make_touched, point_of, slip_at
 from cloth_sim_ros.sim.stages.here import Here
@@ -136,7 +136,7 @@ def make_press_on(features: Features):
         if wp.max(weights) > CORNER or w == 0.0:
             return press
         slip = slip_at(facet, weights)
-        apart = SEPARATION * here.step.effective
+        apart = pace(collider, here.step)
         touching = meet(collider.shape, collider.size, collider.data, point_of(facet, weights), slip, thickness, apart)
         if touching[3] >= -NOISE:  # its corners are outside; what is left may be rounding
             return press
@@ -144,7 +144,8 @@ def make_press_on(features: Features):
         if last.when == here.substep:
             before = last.so_far
         n = xyz(touching)
-        pressed = before[3] - touching[3]
+        more = pressed_more(touching[3], before[3], collider.compliance * here.step.inverse_square / w)
+        pressed = before[3] + more
         mu_s = wp.sqrt(here.material.static_friction * collider.static_friction)
         mu_k = wp.sqrt(here.material.kinetic_friction * collider.kinetic_friction)
         rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n
@@ -159,7 +160,7 @@ def make_press_on(features: Features):
         if wp.length_sq(rubbed - (rubbed_before - slid)) > 0.0:
             press.stuck = wp.vec3(0.0)
         press.weights = weights
-        press.push = wp.transpose(sweep.to_local) * (-touching[3] * n + rubbed - rubbed_before) / w
+        press.push = wp.transpose(sweep.to_local) * (more * n + rubbed - rubbed_before) / w
         press.normal = wp.transpose(sweep.to_local) * n
         press.so_far = pack(rubbed, pressed)
         return press

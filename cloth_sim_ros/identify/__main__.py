@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m cloth_sim_ros.identify RECORDING --scene SCENE.yaml --fit cloth.stretch_compliance ...`"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import warp as wp
+
+from cloth_sim_ros.identify.candidates import Candidates
+from cloth_sim_ros.identify.fit import MOST_STEPS, Estimate, identify
+from cloth_sim_ros.identify.recording import Recording
+from cloth_sim_ros.identify.report import draw, sentences
+from cloth_sim_ros.study.scene_file import read_plan, with_values
+
+
+def main() -> int:
+    """Parse the command line, identify, print and write; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m cloth_sim_ros.identify", description="find values of a recording")
+    parser.add_argument("recording", type=Path, help="an .npz file, see docs/identify.md")
+    parser.add_argument("--scene", type=Path, required=True, help="the node's YAML file, with first guesses")
+    parser.add_argument("--fit", nargs="+", required=True, metavar="NAME[=LOW:HIGH]", help="live numbers to be found")
+    parser.add_argument("--worlds", type=int, default=64, help="candidates at a time")
+    parser.add_argument("--device", help="cpu, cuda:0 or auto; else the file's")
+    parser.add_argument("--seed", type=int, default=0, help="of the first candidates")
+    parser.add_argument("--output", type=Path, help="YAML with what was found; else SCENE_identified.yaml; .png beside")
+    arguments = parser.parse_args()
+    wp.config.log_level = wp.LOG_WARNING
+    try:
+        run(arguments)
+    except ValueError as problem:
+        print(f"error: {problem}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def run(arguments: argparse.Namespace) -> Estimate:
+    """Find, tell, draw and write. Raises ValueError in one sentence."""
+    plan, recording = read_plan(arguments.scene), Recording.read(arguments.recording)
+    device = arguments.device or plan.device
+    candidates = Candidates(plan.scene, plan.settings, recording, arguments.fit, arguments.worlds, device)
+    if sys.stderr.isatty():
+        candidates.told = _Progress(candidates)
+    start, found = identify(candidates, arguments.seed)
+    candidates.told = lambda frames: None
+    path = arguments.output or arguments.scene.with_name(f"{arguments.scene.stem}_identified.yaml")
+    values = {each.name: float(f"{value:.6g}") for each, value in zip(candidates.sought, found.values, strict=True)}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(with_values(arguments.scene, values))
+    draw(candidates, start, found, path.with_suffix(".png"))
+    print(f"\33[2K{candidates.sim.method}" if sys.stderr.isatty() else candidates.sim.method)
+    print(*sentences(candidates, found), f"written: {path} and {path.with_suffix('.png')}", sep="\n")
+    return found
+
+
+class _Progress:
+    """Says on a terminal how far it is and how long it takes at most, from the frames that are done."""
+
+    def __init__(self, candidates: Candidates) -> None:
+        self._began, self._told = time.monotonic(), 0.0
+        self._most = candidates.frames + MOST_STEPS * candidates.length
+
+    def __call__(self, frames: int) -> None:
+        now = time.monotonic()
+        if now - self._told > 0.5:
+            self._told = now
+            left = (now - self._began) * max(self._most / frames - 1.0, 0.0)
+            print(f"\33[2K{frames} frames, at most {left:.0f} s left", end="\r", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

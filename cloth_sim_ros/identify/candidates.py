@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Candidates: values of parameters -> how far the scene with them is from a recording, a batch of worlds at a time."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from cloth_sim_ros.identify.observe import Observer
+from cloth_sim_ros.identify.recording import Recording
+from cloth_sim_ros.sim import Scene, Settings, Simulation
+
+_RANGES = (30.0, 10.0, 3.0, 1.0)  # a parameter is looked for within the first factor of its value that is allowed
+
+
+@dataclasses.dataclass(frozen=True)
+class Sought:
+    """A live number of a scene that is to be found between `low` and `high`, both above 0, on a logarithmic scale."""
+
+    name: str
+    low: float
+    high: float
+
+    @staticmethod
+    def of(text: str, sim: Simulation) -> Sought:
+        """From NAME or NAME=LOW:HIGH. Raises ValueError in one sentence."""
+        name, _, bounds = text.partition("=")
+        value = sim.get(name)
+        if np.ndim(value) or isinstance(value, (str, bool)) or name.startswith("solver."):
+            raise ValueError(f"--fit names {name}, which is {value!r}; allowed is a live number of the scene")
+        if not bounds:
+            factor = next(factor for factor in _RANGES if _allows(sim, name, value * factor))
+            low, high = value / factor, value * factor
+        else:
+            low, high = _numbers(bounds)
+        if not 0.0 < low < high < np.inf:
+            raise ValueError(f"--fit {text} is looked for from {low:g} to {high:g}; allowed is NAME=LOW:HIGH above 0")
+        for bound in (low, high, value):
+            sim.set(name, bound)
+        return Sought(name, low, high)
+
+
+def _numbers(bounds: str) -> tuple[float, float]:
+    try:
+        low, high = map(float, bounds.split(":"))
+    except ValueError:
+        return 0.0, 0.0
+    return low, high
+
+
+def _allows(sim: Simulation, name: str, value: float) -> bool:
+    try:
+        sim.set(name, value)
+    except ValueError:
+        return False
+    return True
+
+
+class Candidates:
+    """A scene in `worlds` worlds, each with values of its own for what is `sought`.
+
+    It is computed in the same substeps for all values, those that the stiffest need. frames: simulated so far, in all
+    worlds; told: called with it after each.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        settings: Settings,
+        recording: Recording,
+        fit: Sequence[str],
+        worlds: int,
+        device: str,
+    ) -> None:
+        pair = Simulation(scene, settings, device, worlds=2)
+        recording.check(pair)
+        self.sought = [Sought.of(text, pair) for text in fit]
+        self.settings = _pinned(pair, self.sought)
+        self.sim = Simulation(scene, self.settings, device, worlds=worlds)
+        self.recording, self.frames = recording, 0
+        self.told: Callable[[int], None] = lambda frames: None
+        seen = [(name, rows, True) for name, rows in recording.positions.items()]
+        seen += [(name, rows, False) for name, rows in recording.points.items()]
+        self._observers = [Observer(self.sim, *each) for each in seen]
+        self.length = int(np.ceil(recording.times[-1] / self.settings.frame_dt - 1e-6))
+        self.count = sum(int(np.isfinite(rows).all(axis=2).sum()) * (3 if ordered else 1) for _, rows, ordered in seen)
+
+    def values(self, units: np.ndarray) -> np.ndarray:
+        """Values of what is sought, from places (K, P) between its bounds in 0 to 1, on a logarithmic scale."""
+        low, high = (np.log([getattr(each, end) for each in self.sought]) for end in ("low", "high"))
+        return np.exp(low + np.asarray(units) * (high - low))
+
+    def squares(self, units: np.ndarray) -> np.ndarray:
+        """(K,) sums of squared residuals [m^2] of candidates (K, P); infinite where a world was put back."""
+        return np.concatenate([self._run(units[k : k + self.sim.worlds], False) for k in self._starts(units)])
+
+    def residuals(self, units: np.ndarray) -> np.ndarray:
+        """(K, n) residuals [m] of candidates (K, P), over all frames of the recording."""
+        return np.concatenate([self._run(units[k : k + self.sim.worlds], True) for k in self._starts(units)])
+
+    def error(self, units: np.ndarray) -> np.ndarray:
+        """(n,) by how much the residuals of one candidate (P,) change towards ever more substeps, by Richardson."""
+        order = 1 if self.settings.method == "xpbd" and self.settings.order == 1 else 2
+        coarse = self.residuals(units[None])[0]
+        self.sim.set("solver.substeps", 2 * self.settings.substeps)
+        fine = self.residuals(units[None])[0]
+        self.sim.set("solver.substeps", self.settings.substeps)
+        return (fine - coarse) / (1.0 - 0.5**order)
+
+    def by_frame(self, rows: np.ndarray) -> list[np.ndarray]:
+        """Residuals (n,) of a candidate, observer by observer (F, size)."""
+        rows = rows.reshape(len(self.recording.times), -1)
+        return np.split(rows, np.cumsum([each.size for each in self._observers])[:-1], axis=1)
+
+    def settle(self, units: np.ndarray) -> None:
+        """Judge by a good candidate (P,) what the distances of unordered points are worth."""
+        for observer, rows in zip(self._observers, self.by_frame(self.residuals(units[None])[0]), strict=True):
+            observer.settle(rows)
+
+    def _starts(self, units: np.ndarray) -> range:
+        return range(0, len(units), self.sim.worlds)
+
+    def _run(self, units: np.ndarray, keep: bool) -> np.ndarray:
+        """Simulate at most `worlds` candidates side by side; those that are fewer are filled up by the last."""
+        values = self.values(units)
+        rows = np.minimum(np.arange(self.sim.worlds), len(values) - 1)
+        self.sim.reset()
+        for k, each in enumerate(self.sought):
+            self.sim.set(each.name, values[rows, k])
+        found, squares, bad = [], np.zeros(self.sim.worlds), np.zeros(self.sim.worlds, dtype=bool)
+        frame = 0
+        for f, time in enumerate(self.recording.times):
+            wanted = time / self.settings.frame_dt
+            while frame < wanted - 1e-6 or frame == 0:
+                self._step(frame)
+                bad |= self.sim.recovered()
+                frame += 1
+            for observer in self._observers:
+                residuals = observer.residuals(f, wanted - (frame - 1))
+                squares += (residuals.astype(np.float64) ** 2).sum(axis=1)
+                if keep:
+                    found.append(residuals[: len(values)])
+        squares[bad] = np.inf
+        return np.concatenate(found, axis=1).astype(np.float64) if keep else squares[: len(values)]
+
+    def _step(self, frame: int) -> None:
+        """One frame, to the end of which colliders and handles go as was recorded."""
+        time = (frame + 1) * self.settings.frame_dt
+        for name, rows in self.recording.pose.items():
+            pose = [np.interp(time, self.recording.times, column) for column in rows.T]
+            owner = self.sim.set_collider_pose if name in self.sim.scene.colliders else self.sim.set_handle_pose
+            owner(name, pose[:3], pose[3:])
+        for observer in self._observers:
+            observer.keep()
+        self.sim.step()
+        self.frames += 1
+        self.told(self.frames)
+
+
+def _pinned(pair: Simulation, sought: Sequence[Sought]) -> Settings:
+    """Settings that compute all candidates alike: as is chosen where the stiffest and the softest are a pair of
+    worlds."""
+    for each in sought:
+        pair.set(each.name, np.array([each.low, each.high]))
+    settings, chosen = pair.settings, list(pair.choices.values())
+    method = chosen[0].method if len({choice.method for choice in chosen}) == 1 else "xpbd"
+    if method == "verlet":
+        return dataclasses.replace(
+            settings, method="verlet", order=0, iterations=0, substeps=max(choice.substeps for choice in chosen)
+        )
+    chosen = [choice for choice in chosen if choice.method == "xpbd"]
+    order = chosen[0].order if len({choice.order for choice in chosen}) == 1 else 1
+    substeps, iterations = (max(getattr(choice, part) for choice in chosen) for part in ("substeps", "iterations"))
+    return dataclasses.replace(settings, method="xpbd", order=order, substeps=substeps, iterations=iterations)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The values that fit a recording best, and how well they are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import qmc
+
+from cloth_sim_ros.identify.candidates import Candidates
+
+STEP = 0.02  # of a logarithm, to either side, by which slopes are found: far above float32, far below what bends
+_MOST_POINTS = 20  # of a descent
+MOST_STEPS = 2 * _MOST_POINTS + 5  # batches of worlds, where one holds a point and its neighbours
+_SPREAD = 1.96  # standard deviations of an interval that holds 95 %
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """units (P,): the best place between bounds. values (P,); low, high (P,): where the value is, with 95 %.
+
+    noise [m]: RMS of what is left. felt (P,) [m]: RMS of how the motion changes where a value doubles. alike (P, P):
+    correlations of the errors.
+    """
+
+    units: np.ndarray
+    values: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    noise: float
+    felt: np.ndarray
+    alike: np.ndarray
+
+
+def identify(candidates: Candidates, seed: int = 0) -> tuple[np.ndarray, Estimate]:
+    """The first good place (P,) between bounds, and the estimate. Raises ValueError where no candidate can be seen
+    through."""
+    start = best_of(candidates, max(candidates.sim.worlds, 16 * len(candidates.sought)), seed)
+    candidates.settle(start)
+    units = by_least_squares(candidates, start)
+    if candidates.recording.points:  # what the points are worth is known better now
+        candidates.settle(units)
+        units = by_least_squares(candidates, units)
+    return start, estimate(candidates, units)
+
+
+def best_of(candidates: Candidates, count: int, seed: int = 0) -> np.ndarray:
+    """The best (P,) of about `count` places that lie evenly between the bounds."""
+    sobol = qmc.Sobol(len(candidates.sought), seed=seed)
+    units = sobol.random_base2(max(1, int(np.ceil(np.log2(count)))))
+    squares = candidates.squares(units)
+    if not np.isfinite(squares).any():
+        raise ValueError("every candidate ran away; allowed are ranges in which the scene can be simulated")
+    return units[np.argmin(squares)]
+
+
+def by_least_squares(candidates: Candidates, start: np.ndarray, tolerance: float = 1e-4) -> np.ndarray:
+    """From a start (P,) downhill by scipy's trust region (Branch, Coleman and Li 1999); slopes are by differences, each
+    point with all its neighbours in one batch of worlds."""
+    known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+
+    def both(units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if units.tobytes() not in known:
+            known.clear()
+            known[units.tobytes()] = slopes(candidates, units)
+        return known[units.tobytes()]
+
+    found = least_squares(
+        lambda units: both(units)[0],
+        start,
+        lambda units: both(units)[1],
+        bounds=(0.0, 1.0),
+        x_scale="jac",
+        xtol=tolerance,
+        ftol=1e-8,
+        gtol=None,
+        max_nfev=_MOST_POINTS,
+    )
+    return found.x
+
+
+def slopes(candidates: Candidates, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (n,) [m] of one candidate (P,), and their slopes (n, P) by its place between the bounds."""
+    count = len(units)
+    width = np.log([each.high / each.low for each in candidates.sought])
+    steps = np.concatenate([np.zeros((1, count)), np.diag(STEP / width), -np.diag(STEP / width)])
+    rows = candidates.residuals(units + steps)
+    return rows[0], ((rows[1 : 1 + count] - rows[1 + count :]) / (2.0 * STEP / width)[:, None]).T
+
+
+def estimate(candidates: Candidates, units: np.ndarray) -> Estimate:
+    """What is known of the values at the best place.
+
+    The slopes of the misfit tell it, as by Gauss and Newton, where what is left is noise on its own at every number. It
+    may be shared within a frame, which the sum of each frame's slopes tells (Liang and Zeger 1986). The larger counts.
+    To that comes by how much other values would fit with ever more substeps.
+    """
+    width = np.log([each.high / each.low for each in candidates.sought])
+    left, jacobian = slopes(candidates, units)
+    jacobian = jacobian / width  # by the logarithm of a value
+    noise2 = (left**2).sum() / max(candidates.count - len(units), 1)
+    information = jacobian.T @ jacobian
+    inverse = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
+    pulls = (jacobian * left[:, None]).reshape(len(candidates.recording.times), -1, len(units)).sum(axis=1)
+    by_frames = inverse @ (pulls.T @ pulls) @ inverse
+    covariance = np.maximum(noise2 * np.diag(inverse), np.diag(by_frames))
+    deviation = np.where(np.diag(information) > 0.0, np.sqrt(covariance), np.inf)
+    scale = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+    values = candidates.values(units)
+    with np.errstate(over="ignore"):
+        factor = np.exp(_SPREAD * deviation + np.abs(inverse @ jacobian.T @ candidates.error(units)))
+    felt = np.log(2.0) * np.sqrt(np.diag(information) / candidates.count)
+    alike = inverse / np.outer(scale, scale)
+    return Estimate(units, values, values / factor, values * factor, float(np.sqrt(noise2)), felt, alike)

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far every world is from what was seen of one object, on the device."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim import Simulation
+
+_AXES = 3.0**0.5  # times a distance from the surface is one from a particle, for the same noise along three axes
+_FAR = 3.0  # times the median distance of particles from points, beyond which nothing was seen of them
+
+
+@wp.kernel(enable_backward=False)
+def between(
+    x0: wp.array3d(dtype=float),
+    v0: wp.array3d(dtype=float),
+    x1: wp.array3d(dtype=float),
+    v1: wp.array3d(dtype=float),
+    t: float,
+    dt: float,
+    places: wp.array2d(dtype=wp.vec3),
+):
+    """Where particles are at the share t of a frame of dt [s]: the cubic through places and velocities at its ends."""
+    w, i = wp.tid()
+    a = t * t * (3.0 - 2.0 * t)
+    b = dt * t * (1.0 - t) * (1.0 - t)
+    c = dt * t * t * (1.0 - t)
+    place = wp.vec3(0.0)
+    for k in range(3):
+        place[k] = x0[w, i, k] + (a * (x1[w, i, k] - x0[w, i, k]) + b * v0[w, i, k] - c * v1[w, i, k])
+    places[w, i] = place
+
+
+@wp.kernel(enable_backward=False)
+def apart(places: wp.array2d(dtype=wp.vec3), seen: wp.array(dtype=wp.vec3), out: wp.array2d(dtype=float)):
+    """By how much each particle is from where it was seen, 0 where it was not."""
+    w, i = wp.tid()
+    for k in range(3):
+        d = places[w, i][k] - seen[i][k]
+        out[w, 3 * i + k] = wp.where(wp.isfinite(d), d, 0.0)
+
+
+@wp.func
+def to_segment(p: wp.vec3, a: wp.vec3, b: wp.vec3) -> float:
+    edge = b - a
+    t = wp.clamp(wp.dot(p - a, edge) / wp.max(wp.dot(edge, edge), 1.0e-20), 0.0, 1.0)
+    return wp.length(p - a - t * edge)
+
+
+@wp.func
+def to_triangle(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> float:
+    """The distance of p from a triangle: from its plane where it is above it, else from its edges."""
+    n = wp.cross(b - a, c - a)
+    inside = (
+        wp.dot(wp.cross(b - a, p - a), n) >= 0.0
+        and wp.dot(wp.cross(c - b, p - b), n) >= 0.0
+        and wp.dot(wp.cross(a - c, p - c), n) >= 0.0
+    )
+    if inside and wp.dot(n, n) > 0.0:
+        return wp.abs(wp.dot(p - a, wp.normalize(n)))
+    return wp.min(to_segment(p, a, b), wp.min(to_segment(p, b, c), to_segment(p, c, a)))
+
+
+@wp.kernel(enable_backward=False)
+def off_surface(
+    places: wp.array2d(dtype=wp.vec3),
+    seen: wp.array(dtype=wp.vec3),
+    elements: wp.array(dtype=wp.vec3i),
+    start: wp.array(dtype=int),
+    around: wp.array(dtype=int),
+    out: wp.array2d(dtype=float),
+):
+    """How far each seen point is from the elements around the particle that is nearest to it, 0 where nothing was."""
+    w, m = wp.tid()
+    p = seen[m]
+    if not wp.isfinite(p[0]):
+        out[w, m] = 0.0
+        return
+    nearest = int(0)
+    least = float(1.0e30)
+    for i in range(places.shape[1]):
+        d = wp.length_sq(places[w, i] - p)
+        if d < least:
+            least = d
+            nearest = i
+    found = wp.sqrt(least)
+    for k in range(start[nearest], start[nearest + 1]):
+        e = elements[around[k]]
+        if e[2] < 0:
+            found = wp.min(found, to_segment(p, places[w, e[0]], places[w, e[1]]))
+        else:
+            found = wp.min(found, to_triangle(p, places[w, e[0]], places[w, e[1]], places[w, e[2]]))
+    out[w, m] = found
+
+
+@wp.kernel(enable_backward=False)
+def off_points(
+    places: wp.array2d(dtype=wp.vec3),
+    seen: wp.array(dtype=wp.vec3),
+    cap: float,
+    weight: float,
+    first: int,
+    out: wp.array2d(dtype=float),
+):
+    """How far each particle is from the nearest seen point, up to a cap, times a weight."""
+    w, i = wp.tid()
+    least = float(1.0e30)
+    for m in range(seen.shape[0]):
+        d = wp.length_sq(places[w, i] - seen[m])
+        if d < least:  # which what was not seen is not
+            least = d
+    out[w, first + i] = weight * wp.min(wp.sqrt(least), cap)
+
+
+class Observer:
+    """Compares one object in all worlds with what was seen of it, frame by frame.
+
+    ordered: whether `seen` (F, M, 3) are its particles in order, or points anywhere on it. Those are compared both
+    ways: each point with the surface, and each particle with the points. Without the second a sheet that is too large
+    would do. It counts as far as points lie close, and not at all where nothing was seen, see `settle`.
+    """
+
+    def __init__(self, sim: Simulation, name: str, seen: np.ndarray, ordered: bool) -> None:
+        self._sim, self._name, self._ordered = sim, name, ordered
+        self._device = wp.get_device(sim.device)
+        self._shape = (sim.worlds, len(sim.masses(name)))
+        self._last = [wp.zeros((*self._shape, 3), dtype=float, device=self._device) for _ in range(2)]
+        self._places = wp.zeros(self._shape, dtype=wp.vec3, device=self._device)
+        self._seen = wp.array(seen.astype(np.float32), dtype=wp.vec3, device=self._device)
+        self._count, self._cap, self._weight = seen.shape[1], 1e15, 1.0
+        self.size = 3 * self._count if ordered else self._count + self._shape[1]
+        self._out = wp.zeros((sim.worlds, self.size), dtype=float, device=self._device)
+        self._elements, self._start, self._around = (
+            wp.array(rows, dtype=dtype, device=self._device)
+            for rows, dtype in zip(_surface(sim, name), (wp.vec3i, int, int), strict=True)
+        )
+
+    def settle(self, residuals: np.ndarray) -> None:
+        """Judge by residuals (F, size) of a good candidate how much distances of particles from points are worth."""
+        if self._ordered:
+            return
+        there = np.isfinite(self._seen.numpy()[:, :, 0])
+        points = residuals[:, : self._count][there]
+        particles = residuals[:, self._count :][there.any(axis=1)] / self._weight
+        self._cap = min(self._cap, _FAR * float(np.median(particles)))
+        rms = [float(np.sqrt((rows**2).mean())) for rows in (points, np.minimum(particles, self._cap))]
+        self._weight = min(1.0, _AXES * rms[0] / max(rms[1], 1e-30))
+
+    def _now(self) -> list[wp.array]:
+        return [self._sim.tensor(self._name, what) for what in ("positions", "velocities")]
+
+    def keep(self) -> None:
+        """Remember the state at the beginning of a frame."""
+        for last, now in zip(self._last, self._now(), strict=True):
+            wp.copy(last, now)
+
+    def residuals(self, frame: int, share: float) -> np.ndarray:
+        """(worlds, size) float32 [m] from what was seen at `frame` of the recording, at this share of the last frame of
+        the simulation."""
+        inputs = [*self._last, *self._now(), share, self._sim.settings.frame_dt, self._places]
+        self._launch(between, self._shape[1], inputs)
+        seen = self._seen[frame]
+        if self._ordered:
+            self._launch(apart, self._count, [self._places, seen, self._out])
+        else:
+            surface = [self._elements, self._start, self._around]
+            self._launch(off_surface, self._count, [self._places, seen, *surface, self._out])
+            inputs = [self._places, seen, self._cap, self._weight, self._count, self._out]
+            self._launch(off_points, self._shape[1], inputs)
+        return self._out.numpy().copy()
+
+    def _launch(self, kernel: wp.Kernel, count: int, inputs: list) -> None:
+        wp.launch(kernel, dim=(self._shape[0], count), inputs=inputs, device=self._device)
+
+
+def _surface(sim: Simulation, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Elements (E, 3) of an object, segments with -1; where in the third array those around a particle begin (N + 1,);
+    and which they are."""
+    elements, count = sim.triangles(name), len(sim.masses(name))
+    if not len(elements):
+        first = np.arange(count - 1)
+        elements = np.column_stack([first, first + 1, np.full(len(first), -1)])
+    corner = elements.ravel()
+    order = np.argsort(corner, kind="stable")
+    order = order[corner[order] >= 0]
+    return elements, np.searchsorted(corner[order], np.arange(count + 1)), order // 3

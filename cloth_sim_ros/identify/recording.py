@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was seen of a scene: particles or points over time, and how colliders and handles moved meanwhile."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from cloth_sim_ros.sim import Simulation
+
+_KINDS = {"positions": 3, "points": 3, "pose": 7}  # kind -> columns
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Observations at `times` (F,) [s], which rise; the scene starts at 0.
+
+    positions: object -> (F, N, 3) [m], its particles in order, not a number where they were not seen. points: object ->
+    (F, M, 3) [m], points anywhere on it in any order, likewise. pose: collider or handle -> (F, 7), x y z [m] and x y z
+    w of its orientation, reached at these times. Raises ValueError for what cannot be.
+    """
+
+    times: np.ndarray
+    positions: dict[str, np.ndarray] = field(default_factory=dict)
+    points: dict[str, np.ndarray] = field(default_factory=dict)
+    pose: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        times = np.asarray(self.times, dtype=np.float64)
+        object.__setattr__(self, "times", times)
+        if times.ndim != 1 or not len(times) or not (np.diff(times) > 0).all() or not times[0] >= 0:
+            raise ValueError(f"times have shape {times.shape}; allowed are seconds from 0 on that rise")
+        for kind, columns in _KINDS.items():
+            for name, rows in getattr(self, kind).items():
+                wanted = (len(times), 7) if columns == 7 else (len(times), "any number", 3)
+                if len(np.shape(rows)) != len(wanted) or np.shape(rows)[0] != len(times) or rows.shape[-1] != columns:
+                    raise ValueError(f"{kind}/{name} has shape {np.shape(rows)}; allowed is {wanted}")
+        if not any(np.isfinite(rows).any() for seen in (self.positions, self.points) for rows in seen.values()):
+            raise ValueError("the recording shows no object; allowed are positions/NAME or points/NAME")
+
+    @staticmethod
+    def read(path: Path) -> Recording:
+        """The recording in an .npz file with the arrays times, positions/NAME, points/NAME and pose/NAME."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
+        except (OSError, ValueError, zipfile.BadZipFile) as error:
+            raise ValueError(f"{path} cannot be read as .npz: {error}") from None
+        found: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in _KINDS}
+        for name, rows in arrays.items():
+            kind, _, owner = name.partition("/")
+            if owner and kind in _KINDS:
+                found[kind][owner] = rows
+            elif name != "times":
+                raise ValueError(f"{path} has {name!r}; allowed are times and {', '.join(f'{k}/NAME' for k in _KINDS)}")
+        if "times" not in arrays:
+            raise ValueError(f"{path} has no times; allowed is an array of seconds from 0 on that rise")
+        return Recording(arrays["times"], **found)
+
+    def write(self, path: Path) -> None:
+        """Into an .npz file."""
+        arrays = {f"{kind}/{name}": rows for kind in _KINDS for name, rows in getattr(self, kind).items()}
+        np.savez_compressed(path, times=self.times, **arrays)
+
+    def check(self, sim: Simulation) -> None:
+        """Raise ValueError where it does not belong to a simulation's scene."""
+        scene = sim.scene
+        for kind, known in (("positions", scene.objects), ("points", scene.objects), ("pose", None)):
+            known = {**scene.colliders, **scene.handles} if known is None else known
+            for name in getattr(self, kind):
+                if name not in known:
+                    raise ValueError(f"the recording has {kind}/{name}; allowed of this scene is {', '.join(known)}")
+        for name, rows in self.positions.items():
+            if rows.shape[1] != len(sim.masses(name)):
+                raise ValueError(
+                    f"positions/{name} has {rows.shape[1]} particles; allowed are the {len(sim.masses(name))} of the "
+                    f"scene, or points/{name} in any order"
+                )

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was found, in words and as a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cloth_sim_ros.identify.candidates import Candidates
+from cloth_sim_ros.identify.fit import Estimate
+
+_WIDE = 2.0  # a value that may be twice or half of what fits best is not known
+_ALIKE = 0.95  # correlation of errors beyond which two values are known together only
+_MATTERS = 1.05  # an interval that is narrower needs no such words
+
+
+def sentences(candidates: Candidates, found: Estimate) -> list[str]:
+    """One for each value, and what the recording cannot tell."""
+    sought, said = candidates.sought, []
+    for k, each in enumerate(sought):
+        value, low, high = found.values[k], found.low[k], found.high[k]
+        if high > _WIDE * value:
+            said.append(
+                f"The recording cannot tell {each.name}, {value:.3g} fits best: where it doubles, the motion changes "
+                f"by {found.felt[k]:.2g} m RMS, and the recording is {found.noise:.2g} m RMS off."
+            )
+        else:
+            said.append(f"{each.name} is {value:.4g}, with 95 % from {low:.4g} to {high:.4g}.")
+        if not 1e-3 < found.units[k] < 1.0 - 1e-3:
+            said.append(
+                f"{each.name} lies at the end of where it was looked for, {each.low:.3g} to {each.high:.3g}: allowed "
+                f"is a wider range, --fit {each.name}=LOW:HIGH."
+            )
+    factors = found.high / found.values
+    for a in range(len(sought)):
+        for b in range(a):
+            if abs(found.alike[a, b]) > _ALIKE and min(factors[a], factors[b]) > _MATTERS:
+                what = "ratio" if found.alike[a, b] > 0 else "product"
+                said.append(
+                    f"The recording tells the {what} of {sought[b].name} and {sought[a].name} better than each of them."
+                )
+    return said
+
+
+def draw(candidates: Candidates, start: np.ndarray, found: Estimate, path: Path) -> None:
+    """A PNG: how far the motion is from the recording before and after, and around each value with its interval."""
+    count = len(candidates.sought)
+    figure = Figure(figsize=(5.5 * (1 + count), 4.5), layout="constrained")
+    left, *others = figure.subplots(1, 1 + count, squeeze=False)[0]
+    for label, units in (("first guess", start), ("best", found.units)):
+        rows = np.concatenate(candidates.by_frame(candidates.residuals(units[None])[0]), axis=1)
+        left.plot(candidates.recording.times, np.sqrt((rows**2).mean(axis=1)), label=label)
+    left.set(xlabel="time [s]", ylabel="off the recording, RMS [m]", yscale="log")
+    left.legend()
+    for k, (axes, each) in enumerate(zip(others, candidates.sought, strict=True)):
+        units = np.tile(found.units, (candidates.sim.worlds, 1))
+        units[:, k] = np.linspace(0.0, 1.0, len(units))
+        squares = candidates.squares(units)
+        values = candidates.values(units)[:, k]
+        axes.plot(values, np.sqrt(squares / candidates.count), ".-")
+        axes.axvspan(max(found.low[k], each.low), min(found.high[k], each.high), alpha=0.3, label="95 %")
+        axes.axvline(found.values[k], color="black", lw=0.8)
+        axes.set(xlabel=each.name, xscale="log", yscale="log", ylabel="off the recording, RMS [m]")
+        axes.legend()
+    figure.savefig(path, dpi=110)

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All worlds at once, as arrays whose first axis is the world: views of the state on the device, and writing of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.bodies import Bodies, names_of
+from cloth_sim_ros.sim.checks import on_host
+from cloth_sim_ros.sim.loads import Loads
+from cloth_sim_ros.sim.poses import Motions
+from cloth_sim_ros.sim.writing import are_bad
+
+_MOST = {"positions": 1e6, "velocities": 1e6}  # [m], [m/s] the largest coordinate that can be written
+_OF_OBJECTS, _OF_POSES = (*_MOST, "recoveries"), ("pose", "wrench")
+
+
+class Tensors:
+    """The tensors of a simulation. Raises ValueError for a name, a word or an array that cannot be."""
+
+    def __init__(self, bodies: Bodies, collider_loads: Loads, handle_loads: Loads) -> None:
+        self._bodies, self._loads = bodies, (collider_loads, handle_loads)
+
+    def tensor(self, name: str, what: str) -> wp.array:
+        """A view of the `what` of an object, collider or handle in all worlds, on the device.
+
+        Of an object "positions" [m] and "velocities" [m/s], (worlds, N, 3) float32, and "recoveries", (worlds,) int32:
+        how often it was put back. Of a collider or handle "pose", (worlds, 7) float32: x y z [m], then x y z w of the
+        orientation; and "wrench", (worlds, 6) float32: force [N], then torque [N m] about its origin.
+
+        It is no copy: it shows the state after the last frame that was launched, on Warp's stream of the device. A
+        wrench is computed when it is asked for, and shows that until any is again. A tensor goes to torch, JAX and CuPy
+        by DLPack, and is for reading. It holds until `builds` changes: method auto may build anew when live parameters
+        or positions are set.
+        """
+        if name in self._bodies.scene.objects:
+            _check_word(name, what, _OF_OBJECTS)
+            batch = self._bodies.batch[name]
+            if what == "recoveries":
+                return _view(batch.states[what], 4 * batch.index[name], (), wp.int32)
+            rows, span = batch.states[what], batch.span(name)
+            return _view(rows, span.start * rows.strides[1], (span.stop - span.start, 3), wp.float32, rows.strides[1])
+        motions, row, loads = self._mover(name)
+        _check_word(name, what, _OF_POSES)
+        if what == "wrench":
+            rows = loads.measure()
+            return _view(rows, row * rows.strides[1], (6,), wp.float32)
+        motions.upload()
+        rows = motions.array
+        return _view(rows, row * rows.strides[1] + motions.pose_offset, (7,), wp.float32)
+
+    def write(self, name: str, what: str, array: Any, mask: Any = None, sweep: bool = True) -> None:
+        """Write the `what` of a whole tensor into the worlds of a mask (worlds,) of bool, or for None into all.
+
+        Of an object "positions" or "velocities" (worlds, N, 3), of a collider or handle "pose" (worlds, 7), which it
+        reaches at the end of the next frame; without `sweep` it is there at once. Arrays are NumPy's, Warp's or what
+        DLPack takes. Pinned particles move and stay at rest; history and multipliers of the object start anew. It waits
+        for the device, to see that all numbers are allowed; otherwise nothing changes.
+        """
+        some = self._bodies.some(mask)
+        if name not in self._bodies.scene.objects:
+            motions, row, _ = self._mover(name)
+            _check_word(name, what, _OF_POSES[:1])
+            poses = self._shaped(on_host(array), name, what, (7,))
+            motions.reach(row, some, name, (poses[:, :3], poses[:, 3:]), sweep)
+            return
+        _check_word(name, what, tuple(_MOST))
+        values = self._shaped(self._on_device(array), name, what, (len(self._bodies.topology(name).masses), 3))
+        chosen = self._bodies.chosen(some)
+        if not len(chosen):
+            return
+        if are_bad(values, _MOST[what], chosen):
+            raise ValueError(
+                f"{name} {what} hold a number that is not finite or too large; allowed is up to {_MOST[what]:g}"
+            )
+        batch = self._bodies.batch[name]
+        (batch.write_positions if what == "positions" else batch.write_velocities)(name, values, chosen)
+
+    def recovered(self) -> np.ndarray:
+        """(worlds,) bool: in which worlds an object was put back at the end of the last frame, see `report`."""
+        found = np.zeros(self._bodies.worlds, dtype=bool)
+        for batch in self._bodies.batches:
+            found |= (batch.states["relapses"].numpy() > 0).any(axis=1)
+        return found
+
+    def _mover(self, name: str) -> tuple[Motions, int, Loads]:
+        """The motions among which a collider or handle is, its row in them, and what they feel."""
+        bodies = self._bodies
+        for motions, rows, loads in zip(
+            (bodies.colliders, bodies.handles), (bodies.collider_row, bodies.handle_row), self._loads, strict=True
+        ):
+            if name in rows:
+                return motions, rows[name], loads
+        known = [*bodies.scene.objects, *bodies.collider_row, *bodies.handle_row]
+        raise ValueError(f"there is no object {name!r}, nor a collider or handle; allowed is {names_of(known)}")
+
+    def _on_device(self, array: Any) -> wp.array:
+        """`array` as float32 or float64 on the device of the simulation; one that is there is not copied."""
+        device = self._bodies.warp_device
+        if not isinstance(array, wp.array):
+            array = wp.from_dlpack(array) if _is_foreign(array) else np.asarray(array, dtype=np.float64)
+        if isinstance(array, np.ndarray):
+            return wp.array(array, dtype=wp.float64, device=device)
+        if array.dtype not in (wp.float32, wp.float64):
+            array = wp.array(array.numpy(), dtype=wp.float64, device=device)
+        return array.to(device)
+
+    def _shaped(self, array: Any, name: str, what: str, shape: tuple[int, ...]) -> Any:
+        wanted = (self._bodies.worlds, *shape)
+        if tuple(array.shape) != wanted:
+            raise ValueError(f"{name} {what} have shape {tuple(array.shape)}; allowed is {wanted}, a row a world")
+        return array
+
+
+def _is_foreign(array: Any) -> bool:
+    """Whether an array is of another library than NumPy, which DLPack brings without a copy."""
+    return hasattr(array, "__dlpack__") and not isinstance(array, np.ndarray)
+
+
+def _check_word(name: str, what: Any, allowed: tuple[str, ...]) -> None:
+    if what not in allowed:
+        raise ValueError(f"what is {what!r}; allowed of {name} is {' or '.join(allowed)}")
+
+
+def _view(rows: wp.array, offset: int, shape: tuple[int, ...], dtype: type, inner: int = 0) -> wp.array:
+    """(worlds, *shape) of `dtype`, from `offset` bytes on in each row of an array; `inner`: bytes from one (3,) of
+    several to the next."""
+    number = wp.types.type_size_in_bytes(dtype)
+    strides = {0: (), 1: (number,), 2: (inner, number)}[len(shape)]
+    view = wp.array(
+        ptr=rows.ptr + offset,
+        shape=(rows.shape[0], *shape),
+        strides=(rows.strides[0], *strides),
+        dtype=dtype,
+        device=rows.device,
+    )
+    view._ref = rows  # keeps its memory
+    return view

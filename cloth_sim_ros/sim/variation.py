@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Worlds that differ: live parameters and poses drawn from distributions, the same for the same seed."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros.sim.simulation import Simulation
+
+_POSE = ("position", "orientation")
+
+
+def _normal(first: np.ndarray, second: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """By Box and Muller (1958), which takes the same number of draws for every value."""
+    return first + second * np.sqrt(-2.0 * np.log1p(-u[..., 0])) * np.cos(2.0 * np.pi * u[..., 1])
+
+
+# Name -> values from two numbers or vectors and two uniform draws in [0, 1) each.
+DISTRIBUTIONS: dict[str, Callable] = {
+    "uniform": lambda low, high, u: low + (high - low) * u[..., 0],  # low, high
+    "log_uniform": lambda low, high, u: low * (high / low) ** u[..., 0],  # low, high
+    "normal": _normal,  # mean, standard deviation
+    "log_normal": lambda median, spread, u: median * np.exp(_normal(0.0, spread, u)),  # median, deviation of the log
+}
+
+
+class Variation:
+    """What varies: name of a live parameter, or "position" or "orientation" of a collider or handle -> distribution.
+
+    vary: such as {"cloth.stretch_compliance": {"log_uniform": [1e-4, 1e-2]}, "wind.velocity": {"normal": [[1, 0, 0],
+    0.5]}}; a name of DISTRIBUTIONS with its two numbers, or vectors as long as the parameter. Orientations are scaled
+    to length 1: normal of mean 0 is any. Raises ValueError for what cannot be.
+    """
+
+    def __init__(self, vary: Mapping[str, Mapping[str, Any]], seed: int = 0) -> None:
+        if not isinstance(vary, Mapping):
+            raise ValueError(f"vary is {vary!r}; allowed is a mapping of name to distribution")
+        if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+            raise ValueError(f"seed is {seed!r}; allowed is a whole number of at least 0")
+        self.seed, self._vary = seed, {name: _checked(name, spec) for name, spec in vary.items()}
+
+    def draw(self, lengths: Mapping[str, int], worlds: int, episode: int = 0) -> dict[str, np.ndarray]:
+        """Name -> values (worlds, length) float64. Those of a world depend on the seed, the name, the episode and the
+        number of the world alone: neither on what else varies nor on how many worlds there are."""
+        found = {}
+        for name, (kind, first, second) in self._vary.items():
+            seed = np.random.SeedSequence([self.seed, episode, zlib.crc32(name.encode())])
+            u = np.random.default_rng(seed).random((worlds, lengths[name], 2))
+            if any(part.ndim and part.shape != (lengths[name],) for part in (first, second)):
+                raise ValueError(f"vary.{name} has vectors of another length; allowed are {lengths[name]} numbers")
+            found[name] = DISTRIBUTIONS[kind](first, second, u)
+        return found
+
+    def apply(self, sim: Simulation, mask: Any = None, episode: int = 0) -> dict[str, np.ndarray]:
+        """Draw for all worlds and set what is drawn in those of a mask (worlds,) of bool, or for None in all; returns
+        name -> (worlds,) or (worlds, length). Colliders and handles are at their poses at once, so a reset comes first.
+
+        Raises ValueError for a name that the scene has not, and values that are not allowed.
+        """
+        is_vector = {name: np.ndim(sim.get(name)) > 0 for name in self._vary}
+        drawn = self.draw({name: np.size(sim.get(name)) for name in self._vary}, sim.worlds, episode)
+        values = {name: rows if is_vector[name] else rows[:, 0] for name, rows in drawn.items()}
+        moved = {name.rpartition(".")[0] for name in values if name.rpartition(".")[2] in _POSE}
+        for name, rows in values.items():
+            if name.rpartition(".")[0] not in moved or name.rpartition(".")[2] not in _POSE:
+                sim.set(name, rows, mask)
+        for owner in moved:
+            described = {**sim.scene.colliders, **sim.scene.handles}[owner]
+            parts = [values.get(f"{owner}.{part}", getattr(described, part)) for part in _POSE]
+            pose = np.column_stack([np.broadcast_to(part, (sim.worlds, np.shape(part)[-1])) for part in parts])
+            sim.write(owner, "pose", pose, mask, sweep=False)
+        return values
+
+
+def _checked(name: str, spec: Any) -> tuple[str, np.ndarray, np.ndarray]:
+    """The distribution of a parameter and its two numbers or vectors; YAML takes 1e-3 for text."""
+    try:
+        ((kind, parts),) = spec.items()
+        first, second = (np.asarray(part, dtype=np.float64) for part in parts)
+        logs = kind.startswith("log")
+        fits = kind in DISTRIBUTIONS and max(first.ndim, second.ndim) < 2
+        fits = fits and bool(np.isfinite(first).all() and np.isfinite(second).all())
+        if kind.endswith("uniform"):
+            fits = fits and bool((first <= second).all())
+        else:
+            fits = fits and bool((second >= 0.0).all())
+        if not fits or (logs and not (first > 0.0).all()):
+            raise ValueError
+    except (AttributeError, TypeError, ValueError):
+        raise ValueError(
+            f"vary.{name} is {spec!r}; allowed is one of {', '.join(DISTRIBUTIONS)} with [low, high] or [middle, "
+            f"spread], above 0 for logarithms"
+        ) from None
+    return kind, first, second

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is kept apart from itself: layers rest on one another, rub, and do not come through."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim.batch import forced_executor
+
+GRAVITY, THICKNESS = 9.81, 0.004
+WAYS = [
+    {},
+    {"order": 1, "substeps": 20, "iterations": 2},
+    pytest.param({"order": 2, "substeps": 60}, marks=pytest.mark.long),
+]
+
+
+def crumpled(count, device, worlds=1, **settings):
+    """A sheet of 1 m that falls on its edge."""
+    upright = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
+    sheet = Cloth(
+        resolution=(count, count),
+        pins="none",
+        orientation=upright,
+        position=(0, 0, 0.52),
+        thickness=0.003,
+        self_contact=True,
+    )
+    sim = Simulation(Scene({"it": sheet}, {"floor": Plane()}), Settings(**settings), device, worlds)
+    x = sim.positions("it")
+    x[:, 1] += 1e-3 * np.sin(7.0 * x[:, 0]) * np.cos(5.0 * x[:, 2])
+    sim.set_positions("it", x)
+    return sim
+
+
+def layers(device, gap, friction=0.0, **settings):
+    """Two sheets of one mesh, 0.2 m and 0.1 kg each: the lower lies on a floor that it sticks to, the upper over it."""
+    side = np.linspace(-0.1, 0.1, 6)
+    flat = np.stack(np.meshgrid(side, side, indexing="ij"), -1).reshape(-1, 2)
+    row = np.arange(36).reshape(6, 6)
+    squares = [row[:-1, :-1], row[1:, :-1], row[1:, 1:], row[:-1, 1:]]
+    quads = np.stack(squares, -1).reshape(-1, 4)
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    vertices = np.concatenate([np.c_[flat, np.full(36, THICKNESS)], np.c_[0.83 * flat + 0.003, np.full(36, gap)]])
+    cloth = Cloth.from_mesh(
+        vertices,
+        np.concatenate([faces, faces + 36]),
+        mass=0.2,
+        pins=tuple(range(36)),
+        thickness=THICKNESS,
+        static_friction=friction,
+        kinetic_friction=friction,
+        self_contact=True,
+    )
+    return Simulation(Scene({"it": cloth}, {"floor": Plane()}), Settings(**settings), device)
+
+
+@pytest.mark.parametrize("settings", WAYS)
+def test_a_layer_rests_on_another_at_twice_the_thickness(device, settings):
+    sim = layers(device, 0.03, 0.3, **settings)
+    sim.step(90)
+    upper = sim.positions("it")[36:]
+    assert np.allclose(upper[:, 2], 3.0 * THICKNESS, atol=0.02 * THICKNESS)
+    assert np.linalg.norm(sim.velocities("it")[36:], axis=1).max() < 2e-3
+    assert sim.report()["it"]["crossings"] == 0
+
+
+@pytest.mark.parametrize("settings", WAYS)
+def test_layers_rub_by_coulombs_law(device, settings):
+    """Weight at an angle: below the friction's angle the upper layer stays, above it slides as a block does."""
+    mu, settle, time = 0.5, 20, 0.25
+    for angle, slides in ((0.6 * np.arctan(mu), False), (1.4 * np.arctan(mu), True)):
+        sim = layers(device, 0.022, mu, **settings)
+        sim.step(settle)
+        before = sim.positions("it")[36:].mean(axis=0)
+        sim.set("gravity", (GRAVITY * np.sin(angle), 0.0, -GRAVITY * np.cos(angle)))
+        sim.step(round(60 * time))
+        moved = (sim.positions("it")[36:].mean(axis=0) - before)[0]
+        wanted = 0.5 * GRAVITY * (np.sin(angle) - mu * np.cos(angle)) * time**2 if slides else 0.0
+        assert moved == pytest.approx(wanted, rel=0.1, abs=2e-4)
+
+
+@pytest.mark.parametrize("settings", WAYS)
+def test_a_fast_layer_does_not_come_through(device, settings):
+    """At 20 m/s it comes 0.33 m in a frame."""
+    sim = layers(device, 0.2, **settings)
+    v = np.zeros((72, 3))
+    v[36:, 2] = -20.0
+    sim.set_velocities("it", v)
+    for _ in range(30):
+        sim.step()
+        assert sim.report()["it"]["crossings"] == 0
+
+
+@pytest.mark.parametrize("count", [16, pytest.param(32, marks=pytest.mark.long)])
+def test_a_sheet_that_falls_on_its_edge_does_not_come_through_itself(device, count):
+    sim = crumpled(count, device)
+    fall = 0.2 * GRAVITY * 0.52
+    crossings = []
+    for _ in range(16):
+        sim.step(6)
+        told = sim.report()["it"]
+        crossings.append(told["crossings"])
+        assert told["kinetic_energy"] < fall and told["recoveries"] == 0 and told["pairs_lost"] == 0
+    assert max(crossings) == 0
+    assert told["kinetic_energy"] < 0.01 * fall
+    alone = dataclasses.replace(sim.scene.objects["it"], self_contact=False)
+    through = Simulation(Scene({"it": alone}, {"floor": Plane()}), device=device)
+    through.set_positions("it", crumpled(count, device).positions("it"))
+    through.step(48)
+    sim.set_positions("it", through.positions("it"))
+    assert sim.report()["it"]["crossings"] > count, "without it, it comes through"
+
+
+def test_crossings_are_told(device):
+    """A start in which one layer stands upright through the other."""
+    sim = layers(device, 0.03, 0.3)
+    assert sim.report()["it"]["crossings"] == 0
+    x = sim.positions("it")
+    x[36:] = x[36:, [2, 1, 0]] - (0.03, 0.0, 0.0)
+    sim.set_positions("it", x)
+    # It goes through the five rows of squares and the diagonals between, and they through it.
+    assert sim.report()["it"]["crossings"] >= 5
+
+
+@pytest.mark.parametrize(("settings", "share"), [({}, 0.4), ({"substeps": 40, "iterations": 4}, 0.9)])
+def test_a_rope_piles_up_on_itself(device, settings, share):
+    """No two parts of a rope that falls on a floor come nearer than a share of its thickness, and none at its end."""
+    radius = 0.01
+    rope = Rope(start=(0, 0, 1.2), end=(0, 0, 0.02), segments=100, pins="none", radius=radius, self_contact=True)
+    sim = Simulation(Scene({"it": rope}, {"floor": Plane()}), Settings(**settings), device)
+    x = sim.positions("it")
+    x[:, 0] += 2e-3 * np.cos(9.0 * x[:, 2])
+    x[:, 1] += 2e-3 * np.sin(7.0 * x[:, 2])
+    sim.set_positions("it", x)
+    nearest = []
+    for _ in range(12):
+        sim.step(8)
+        x = sim.positions("it").astype(float)
+        middles = 0.5 * (x[1:] + x[:-1])
+        apart = np.linalg.norm(middles[:, None] - middles[None], axis=-1)
+        i, j = np.triu_indices(100, 4)
+        nearest.append(apart[i, j].min())
+    assert min(nearest) > share * 2.0 * radius
+    assert nearest[-1] > 0.99 * 2.0 * radius
+    assert x[:, 2].max() > 4.0 * radius, "it is a pile"
+
+
+def test_the_same_bits_again_and_in_many_worlds(device):
+    sims = [crumpled(8, device), crumpled(8, device), crumpled(8, device, worlds=3)]
+    for sim in sims:
+        sim.step(50)
+    first = sims[0].positions("it")
+    assert np.array_equal(first, sims[1].positions("it"))
+    assert all(np.array_equal(first, sims[2].positions("it", w)) for w in range(3))
+
+
+def test_what_meets_nothing_moves_as_without(device):
+    hung = Cloth(resolution=(10, 10), pins="corners")
+    with forced_executor("graph"):
+        sims = [
+            Simulation(Scene({"it": dataclasses.replace(hung, self_contact=on)}), Settings(method="xpbd"), device)
+            for on in (False, True)
+        ]
+    for sim in sims:
+        sim.step(30)
+    assert np.abs(sims[0].positions("it") - sims[1].positions("it")).max() < 1e-6
+
+
+def test_explicit_steps_refuse_it():
+    scene = Scene({"it": Cloth(resolution=(4, 4), self_contact=True)})
+    with pytest.raises(
+        ValueError, match="it has self_contact, which method 'verlet' lacks; allowed is 'xpbd' or 'auto'"
+    ):
+        Simulation(scene, Settings(method="verlet"), "cpu")
+    assert Simulation(scene, device="cpu").choices["it"].method == "xpbd"
