@@ -265,8 +265,8 @@ COLLIDER = (
         "mesh",
         "string",
         "",
-        "File of a closed surface, read by trimesh: a path, file:///PATH or package://NAME/PATH. For signed_distance "
-        "that or an .npz of values, origin and spacing.",
+        "File of a closed surface, read by trimesh: a path, file:///PATH or package://NAME/PATH. FILE.urdf#LINK is a "
+        "robot's link, as far as it collides. For signed_distance that or an .npz of values, origin and spacing.",
     ),
     _double("compliance", 0, "Depth of a point of contact over the force there; 0 is rigid.", "m/N", 0, 1e6),
     _double("scale", 1, "Length of a unit in the file of a mesh or signed_distance.", "m", 1e-6, 1e6, live=False),

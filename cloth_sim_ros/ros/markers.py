@@ -31,6 +31,7 @@ from cloth_sim_ros.sim import (
     Sphere,
 )
 from cloth_sim_ros.sim.colliders.collider import Collider, Tube
+from cloth_sim_ros.sim.mesh_file import LINK
 from cloth_sim_ros.sim.quaternion import rotate
 
 ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
@@ -90,7 +91,7 @@ def markers_of(name: str, collider: Collider, pose: Pose) -> list[Marker]:
 
 def _of_points(name: str, collider: Mesh | SignedDistance, pose: Pose) -> Marker:
     """The file of a mesh, which viewers read themselves; or the triangles, or the cells along the surface."""
-    if collider.file:
+    if collider.file and LINK not in collider.file:
         marker = _marker(name, Marker.MESH_RESOURCE, pose, (collider.scale,) * 3)
         marker.mesh_resource = collider.file
         if "://" not in collider.file:

@@ -13,6 +13,7 @@ import subprocess
 import sys
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -22,6 +23,8 @@ from cloth_sim_ros.shared_files import PACKAGE, shared
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
+URDF = ".urdf"
+LINK = f"{URDF}#"  # between a robot's description and the name of a link
 MOST_BYTES = 64 << 20
 APART_BYTES = 4 << 20  # beyond this another process reads it
 FARTHEST = row(CLOTH, "position").high  # [m] of a vertex from the origin, along an axis
@@ -34,14 +37,16 @@ _readers: set[subprocess.Popen] = set()
 def load_mesh(path: str, parameter: str) -> Mesh:
     """Vertices (N, 3) [m] and triangles (T, 3) of a mesh file, read again only when the file has changed.
 
-    path: as `local_path` takes it. Raises ValueError, in one sentence about `parameter`.
+    path: as `local_path` takes it. FILE.urdf#LINK is what of a robot's link collides, in the axes of the link. Raises
+    ValueError, in one sentence about `parameter`.
     """
     try:
-        file = local_path(path, parameter)
+        name, _, link = path.partition(LINK) if LINK in path else (path, "", "")
+        name += URDF if link else ""
+        file = local_path(name, parameter)
         status = file.stat()
-        found = (
-            _load(str(file), status.st_size, status.st_mtime_ns) if stat.S_ISREG(status.st_mode) else "is no mesh file"
-        )
+        known = (status.st_size, status.st_mtime_ns)
+        found = _load(str(file), link, *known) if stat.S_ISREG(status.st_mode) else "is no mesh file"
     except (FileNotFoundError, NotADirectoryError):
         raise ValueError(f"{parameter} is {shown(path)}; no such file is there") from None
     except _Unresolved:
@@ -83,13 +88,13 @@ def local_path(path: str, parameter: str) -> Path:
 
 
 @lru_cache(maxsize=32)
-def _load(path: str, size: int, modified_ns: int) -> Mesh | str:
+def _load(path: str, link: str, size: int, modified_ns: int) -> Mesh | str:
     """The mesh, or what is wrong with it in words that follow its name."""
     if size > MOST_BYTES:
         return f"has {size / 1e6:.0f} MB; allowed are at most {MOST_BYTES / 1e6:.0f} MB"
     if size <= APART_BYTES:
-        return _read(path)
-    command = [sys.executable, "-m", "cloth_sim_ros.sim.mesh_file", path]
+        return _read(path, link)
+    command = [sys.executable, "-m", "cloth_sim_ros.sim.mesh_file", path, link]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as reader:
         _readers.add(reader)
         output, _ = reader.communicate()
@@ -106,7 +111,7 @@ def stop_reading() -> None:
         reader.kill()
 
 
-def _read(path: str) -> Mesh | str:
+def _read(path: str, link: str) -> Mesh | str:
     try:
         import trimesh
     except ImportError:
@@ -115,7 +120,9 @@ def _read(path: str) -> Mesh | str:
         with open(path, "rb") as file:
             if _DECIMAL_INDICES.search(file.read(4096)):
                 return "names its vertices by decimals; allowed are whole numbers"
-        mesh = trimesh.load(path, force="mesh", process=False)
+        mesh = _read_link(path, link) if link else trimesh.load(path, force="mesh", process=False)
+        if isinstance(mesh, str):
+            return mesh
         wrong = _wrong(np.asarray(mesh.vertices), np.asarray(mesh.faces))
         if wrong:
             return wrong
@@ -125,6 +132,36 @@ def _read(path: str) -> Mesh | str:
     except Exception as error:  # whatever a reader of some format raises, the user gets one sentence
         return f"cannot be read as a triangle mesh: {shown(' '.join(str(error).split()))}"
     return _short(vertices, triangles) or (vertices, triangles)
+
+
+def _read_link(path: str, link: str) -> Any:
+    """All that collides of a link of a robot as one mesh, or what is wrong in words that follow the file's name."""
+    import trimesh
+
+    try:
+        import yourdfpy
+    except ImportError:
+        return "needs yourdfpy to be read: pip install yourdfpy"
+    unread = {"build_scene_graph": False, "load_meshes": False}
+    links = yourdfpy.URDF.load(path, **unread).link_map
+    if link not in links:
+        return f"has no link {link!r}; allowed are {shown(', '.join(links))}"
+    parts = []
+    for collision in links[link].collisions:
+        shape = collision.geometry
+        if shape.box is not None:
+            part = trimesh.creation.box(shape.box.size)
+        elif shape.sphere is not None:
+            part = trimesh.creation.icosphere(subdivisions=3, radius=shape.sphere.radius)
+        elif shape.cylinder is not None:
+            part = trimesh.creation.cylinder(shape.cylinder.radius, shape.cylinder.length)
+        else:
+            name = shape.mesh.filename
+            beside = name if "://" in name else str(Path(path).parent / name)
+            part = trimesh.Trimesh(*load_mesh(beside, f"the mesh of {link}"), process=False)
+            part.apply_scale(1.0 if shape.mesh.scale is None else shape.mesh.scale)
+        parts.append(part if collision.origin is None else part.apply_transform(collision.origin))
+    return trimesh.util.concatenate(parts) if parts else f"has nothing that collides in link {link!r}"
 
 
 def _wrong(vertices: np.ndarray, triangles: np.ndarray) -> str:
@@ -151,7 +188,7 @@ def _short(vertices: np.ndarray, triangles: np.ndarray) -> str:
 
 
 if __name__ == "__main__":
-    mesh_or_words = _read(sys.argv[1])
+    mesh_or_words = _read(*sys.argv[1:])
     if isinstance(mesh_or_words, str):
         print(mesh_or_words)
         sys.exit(1)

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Cloth, Handle, Plane, Rope, Scene, Settings, Simulation
 from cloth_sim_ros.sim.batch import forced_executor
 
 GRAVITY, THICKNESS = 9.81, 0.004
@@ -146,6 +146,33 @@ def test_a_rope_piles_up_on_itself(device, settings, share):
     assert min(nearest) > share * 2.0 * radius
     assert nearest[-1] > 0.99 * 2.0 * radius
     assert x[:, 2].max() > 4.0 * radius, "it is a pile"
+
+
+def test_a_knot_holds(device):
+    """A trefoil (x, y, z = t^3 - 3t, t^4 - 4t^2, t^5/5 - 2t) is pulled tight: it bears a load, and is none without."""
+    t = np.linspace(-2.3, 2.3, 2000)
+    curve = np.stack([0.05 * (t**3 - 3 * t), 0.05 * (t**4 - 4 * t**2), 0.03 * (t**5 / 5 - 2 * t)], 1)
+    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
+    points = np.stack([np.interp(np.linspace(0.0, along[-1], 121), along, axis) for axis in curve.T], 1)
+    apart = points[-1] - points[0]
+    way, chord = apart / np.linalg.norm(apart), np.linalg.norm(apart)
+    tensions = []
+    for on in (True, False):
+        rope = Rope(points=points, pins=None, radius=0.008, mass=0.1, damping=1e-3, self_contact=on)
+        hands = {name: Handle(reach=0.02, position=points[end]) for name, end in (("left", 0), ("right", -1))}
+        scene = Scene({"it": rope}, handles=hands, gravity=(0, 0, 0))
+        sim = Simulation(scene, Settings(substeps=40, iterations=4, global_damping=1.0), device)
+        assert sim.attach("left") and sim.attach("right")
+        borne = []
+        for frame in range(360):
+            pulled = 0.5 * (1.75 - chord) * min(1.0, frame / 240)
+            sim.set_handle_pose("left", points[0] - pulled * way)
+            sim.set_handle_pose("right", points[-1] + pulled * way)
+            sim.step()
+            if frame >= 260 and frame % 10 == 0:
+                borne.append(sim.report()["it"]["max_tension"])
+        tensions.append(np.median(borne))
+    assert tensions[0] > 0.5 and tensions[1] < 0.05
 
 
 def test_the_same_bits_again_and_in_many_worlds(device):
