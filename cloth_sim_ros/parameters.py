@@ -320,7 +320,12 @@ NODE = (
         60,
     ),
     _double(
-        "estimate_period", 1.0, "A frame in so many seconds also has its error estimated; 0 is never.", "s", 0, 3600
+        "estimate_period",
+        1.0,
+        "A frame in so many seconds also has its error estimated, while /diagnostics has a subscriber; 0 is never.",
+        "s",
+        0,
+        3600,
     ),
     Parameter(
         "state_file",

@@ -9,8 +9,9 @@ from cloth_sim_ros.demo.driver import SceneDriver
 
 START = (0.0, 0.0, 0.4)  # [m]
 FALL = 1.5  # [s] in which the sheet comes to rest
-ROUND, PERIOD = 0.2, 6.0  # [m] and [s] of the circle
-BOB = 0.08  # [m] up and down, twice a round
+ROUND, PERIOD = 0.2, 8.0  # [m] and [s] of the circle
+END = FALL + 4.0 * PERIOD  # [s] until all begins again
+BOB = 0.05  # [m] up and down, twice a round
 
 
 def ball(t: float) -> tuple[float, float, float]:
@@ -23,7 +24,7 @@ def ball(t: float) -> tuple[float, float, float]:
 
 
 class Driver(SceneDriver):
-    """Moves the ball."""
+    """Moves the ball, and begins again where the sheet was."""
 
     def __init__(self):
         super().__init__("sheet_over_ball", moves=["colliders/ball"])
@@ -31,3 +32,5 @@ class Driver(SceneDriver):
     def drive(self, t: float) -> None:
         """The ball's pose of this moment."""
         self.move("colliders/ball", ball(t))
+        if t > END:
+            self.begin_again()

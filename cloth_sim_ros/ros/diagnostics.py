@@ -3,15 +3,43 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
 
 from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.world import World
 
 SLOW = 0.95  # a real-time factor below this is worth a warning
+LOOK = 10  # [s] between looks at a world while nobody listens
 OVER_ALL = ("max_strain", "max_penetration", "residual")
+
+
+class DiagnosticsOutput:
+    """The topic /diagnostics. What costs time is computed while somebody listens."""
+
+    def __init__(self, node: Node):
+        self._clock = node.get_clock()
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._unheard = 0  # seconds
+
+    def is_wanted(self, world: World) -> bool:
+        """Whether somebody listens; to be asked once a second. The world's frames are judged then, and else it is
+        looked at now and then, for what the log should warn of."""
+        world.is_judged = self._publisher.get_subscription_count() > 0
+        self._unheard = 0 if world.is_judged else self._unheard + 1
+        if self._unheard % LOOK == LOOK - 1 and world.sim is not None:
+            world.report()
+        return world.is_judged
+
+    def publish(self, array: DiagnosticArray) -> None:
+        """Sends `array`, stamped."""
+        stamp = self._clock.now().nanoseconds or time.time_ns()  # 0 where a clock is waited for
+        array.header.stamp = Time(sec=stamp // 1_000_000_000, nanosec=stamp % 1_000_000_000)
+        self._publisher.publish(array)
 
 
 def busy(node_name: str, what: str) -> DiagnosticArray:

@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as SteadyClock
@@ -27,7 +26,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.ros import inputs
 from cloth_sim_ros.ros.clock_follower import ClockFollower
-from cloth_sim_ros.ros.diagnostics import busy, diagnostics
+from cloth_sim_ros.ros.diagnostics import DiagnosticsOutput, busy, diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.frames import Frames, Refused
 from cloth_sim_ros.ros.journal import JournalOutput
@@ -66,7 +65,7 @@ class ClothSimNode(Node):
         self._outputs = {
             name: ObjectOutput(self, name, values[f"{name}.type"], self._frame_id) for name in values["objects"]
         }
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = DiagnosticsOutput(self)
         self._clock_out = None
         if values["publish_clock"] and self.get_parameter("use_sim_time").value:
             log.error("publish_clock is true with use_sim_time; a node cannot follow its own clock, and sends none")
@@ -75,6 +74,7 @@ class ClothSimNode(Node):
         self._sender = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sending")
         self._sending: Future | None = None
         world = World(values, log, self._frames)
+        world.is_judged = False  # before anybody listens
         self._follower = ClockFollower(self.get_clock(), world.forget_stamps, log)
         self._loop = SimulationLoop(
             world, lambda: self._bridge.values, self._built, self._send, self._tell, log, self._follower
@@ -200,12 +200,7 @@ class ClothSimNode(Node):
         if seconds > 2.0 * self._watched:
             self._watched = seconds
             self.get_logger().warning(told)
-        self._publish_diagnostics(busy(self.get_fully_qualified_name(), told))
-
-    def _publish_diagnostics(self, array: DiagnosticArray) -> None:
-        stamp = self.get_clock().now().nanoseconds or time.time_ns()  # 0 where a clock is waited for
-        array.header.stamp = Time(sec=stamp // 1_000_000_000, nanosec=stamp % 1_000_000_000)
-        self._diagnostics.publish(array)
+        self._diagnostics.publish(busy(self.get_fully_qualified_name(), told))
 
     async def _answer(self, response: Any, command: Callable, message: str = "") -> Any:
         """Answers with what `command` gives in the loop's thread, success and a sentence, or where it gives nothing
@@ -285,9 +280,11 @@ class ClothSimNode(Node):
             output.publish()
 
     def _tell(self, world: World, pace: Pace) -> None:
+        if not self._diagnostics.is_wanted(world):
+            return
         name, by_clock = self.get_fully_qualified_name(), self._follower.trouble if self._follower.active else None
         refused = self._complaints.refused
-        self._publish_diagnostics(diagnostics(name, world, pace, self._loop.paused, refused, by_clock))
+        self._diagnostics.publish(diagnostics(name, world, pace, self._loop.paused, refused, by_clock))
 
     def _now(self, world: World) -> int:
         """Nanoseconds for stamps: simulated ones where this node is the source of time, which never run backwards, and

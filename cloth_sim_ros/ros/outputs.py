@@ -98,7 +98,8 @@ class Wrenches:
 
 
 class ObjectOutput:
-    """The topics of one object. Nothing is computed, copied or sent that nobody subscribes to.
+    """The topics of one object. Nothing is computed, copied or sent that nobody subscribes to. Particles and mesh share
+    one copy; for a mesh alone it has positions and no more.
 
     Made in the executor's thread; attach(), request() and wait() belong to the thread that simulates. publish() may
     run in another one, if it ends before the next request().
@@ -116,7 +117,7 @@ class ObjectOutput:
 
     def detach(self) -> None:
         """Sends nothing until the next attach(): the object does not exist."""
-        self._cloud = self._marker = None
+        self._cloud = self._marker = self._source = None
         for ends in self._ends:
             ends.detach()
 
@@ -125,12 +126,12 @@ class ObjectOutput:
         name, frame = self._name, self._frame_id
         thing, rest, triangles = sim.scene.objects[name], sim.rest_positions(name), sim.triangles(name)
         tensions = tensions and isinstance(thing, Rope)
-        self._cloud_readback = Readback(sim, name, normals=normals, velocities=velocities, tensions=tensions)
+        columns = {"normals": normals, "velocities": velocities, "tensions": tensions}
+        self._readback, self._positions = Readback(sim, name, mesh=mesh, **columns), Readback(sim, name, mesh=mesh)
         self._cloud = cdr.particle_cloud(frame, len(rest), cdr.cloud_fields(normals, velocities, tensions))
         self._marker = None
         if mesh:
             width = 2 * thing.radius if isinstance(thing, Rope) else None
-            self._mesh_readback = Readback(sim, name, mesh=True)
             self._marker = cdr.mesh_marker(frame, name, width, 3 * len(triangles) if len(triangles) else len(rest))
         for ends in self._ends:
             ends.attach(sim)
@@ -140,20 +141,17 @@ class ObjectOutput:
         """Starts the writing and copying of what is wanted; the device does it while other objects are asked."""
         self._cloud_wanted = self._cloud is not None and self._particles.get_subscription_count() > 0
         self._mesh_wanted = self._marker is not None and self._mesh.get_subscription_count() > 0
-        if self._cloud_wanted:
-            self._cloud_readback.request()
-        if self._mesh_wanted:
-            self._mesh_readback.request()
+        self._source = self._readback if self._cloud_wanted else self._positions if self._mesh_wanted else None
+        if self._source is not None:
+            self._source.request()
         for ends in self._ends:
             ends.request()
 
     def wait(self, stamp: tuple[int, int]) -> None:
         """Waits for what was requested; it will be sent stamped (seconds, nanoseconds)."""
         self._stamp = stamp
-        if self._cloud_wanted:
-            self._cloud_readback.wait()
-        if self._mesh_wanted:
-            self._mesh_readback.wait()
+        if self._source is not None:
+            self._source.wait()
         for ends in self._ends:
             ends.wait(stamp)
 
@@ -166,10 +164,10 @@ class ObjectOutput:
     def publish(self) -> None:
         """Sends it."""
         if self._cloud_wanted:
-            self._cloud.payload[:] = self._cloud_readback.particles()
+            self._cloud.payload[:] = self._source.particles()
             self._particles.publish(self._cloud.stamped(self._stamp))
         if self._mesh_wanted:
-            self._marker.payload[:] = self._mesh_readback.mesh()
+            self._marker.payload[:] = self._source.mesh()
             self._mesh.publish(self._marker.stamped(self._stamp))
         for ends in self._ends:
             ends.publish()

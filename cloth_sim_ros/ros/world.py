@@ -45,7 +45,7 @@ class World:
         self.values: Mapping[str, Any] = values  # as they were when the simulation was built
         self.in_effect: Mapping[str, Any] = values  # with the live changes since then that the simulation took
         self.estimates: dict[str, float] = {}  # name -> error [m] of the last frame that was judged
-        self._unjudged = 0.0  # [s] since then
+        self.is_judged, self._unjudged = True, 0.0  # whether frames are to be judged, and [s] since one was
         self.journal = Journal()
         self._told = Told(log)
         self._wind: Vector | None = None  # set by topic since the parameter was last set
@@ -219,7 +219,7 @@ class World:
                 if pose is not None:
                     self.journal.note("move", name, pose.position, pose.orientation)
                     move(name, pose.position, pose.orientation)
-        if 0.0 < self.in_effect["estimate_period"] <= self._unjudged + 0.5 * frame_dt:
+        if self.is_judged and 0.0 < self.in_effect["estimate_period"] <= self._unjudged + 0.5 * frame_dt:
             self.estimates, self._unjudged = self.sim.step_and_estimate(), 0.0
         else:
             self.sim.step()

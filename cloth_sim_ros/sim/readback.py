@@ -43,18 +43,10 @@ def write_particles(arrays: Arrays, first: int, normals: bool, velocities: bool,
             out[i, column + c] = v[c]
 
 
-@wp.kernel(enable_backward=False)
-def write_points(
-    positions: wp.array(dtype=wp.vec4), first: int, order: wp.array(dtype=int), out: wp.array2d(dtype=wp.float64)
-):
-    i = wp.tid()
-    position = positions[first + order[i]]
-    for c in range(3):
-        out[i, c] = wp.float64(position[c])
-
-
 class Readback:
     """One object's particles in a world, and with `mesh` its triangle list or line strip, as messages want them.
+
+    A particle has six corners in a list, which the host makes of the one copy of the particles.
 
     With `tensions`, which a rope alone has, a particle carries that of the segment behind it, from it to the next one;
     the last particle that of the last segment.
@@ -80,9 +72,8 @@ class Readback:
         self._mesh = None
         if mesh:
             triangles = sim.triangles(name)
-            order = triangles.ravel() if len(triangles) else np.arange(count)
-            self._order = wp.array(order, dtype=int, device=device)
-            self._mesh = _Buffer((len(order), 3), wp.float64, device)
+            self._order = triangles.ravel() if len(triangles) else np.arange(count)
+            self._mesh = np.zeros((len(self._order), 3))
         self._record()
         self._done = wp.Event(device) if device.is_cuda else None
         self._under_way = False
@@ -96,11 +87,6 @@ class Readback:
         if self._tensions:
             out = self._particles.device_array
             self._commands.append(self._sim.tensions_into(out, out.shape[1] - 1, *self._object))
-        if self._mesh is not None:
-            inputs = [arrays.state.positions, span.start, self._order, self._mesh.device_array]
-            self._commands.append(
-                wp.launch(write_points, dim=len(self._order), inputs=inputs, device=device, record_cmd=True)
-            )
         self._build = self._sim.builds
 
     def request(self) -> None:
@@ -110,8 +96,6 @@ class Readback:
         for command in self._commands:
             command.launch()
         self._particles.copy()
-        if self._mesh is not None:
-            self._mesh.copy()
         if self._done is not None:
             wp.record_event(self._done)
             self._under_way = True
@@ -131,8 +115,8 @@ class Readback:
         """(3T, 3) float64 corners of the triangles [m] of a cloth, (N, 3) points of a rope."""
         if self._mesh is None:
             raise ValueError("this Readback was made without a mesh; allowed is Readback(..., mesh=True)")
-        self.wait()
-        return self._mesh.view
+        self._mesh[:] = self.particles()[self._order, :3]
+        return self._mesh
 
 
 class EndReadback:

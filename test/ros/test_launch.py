@@ -17,7 +17,8 @@ FILE = ROOT / "launch" / "cloth_sim.launch.py"
 PROGRAMS = dict(re.findall(r'"(\w+) = ([\w.]+):main"', (ROOT / "setup.py").read_text()))
 
 LAUNCH = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell has its background jobs ignore
 from launch import LaunchDescription, LaunchService
 from launch.actions import IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
@@ -75,7 +76,7 @@ def launched(installed, tmp_path):
     yield launch
     for process in processes:
         process.send_signal(signal.SIGINT)
-        process.wait(20.0)
+        process.wait(60.0)
 
 
 def test_a_scene_starts_in_a_namespace_with_its_driver_and_viewer(launched, client):

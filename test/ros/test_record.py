@@ -39,16 +39,21 @@ class Recording:
     """cloth_sim_record in a process of its own."""
 
     def __init__(self, bag):
-        self._bag = bag
+        self._bag, self._said = bag, bag.with_suffix(".txt")
         command = [sys.executable, "-m", "cloth_sim_ros.record.recorder", str(bag)]
-        self._process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
-        assert self._process.stdout.readline() == "Waiting for /cloth_sim ...\n"
-        assert "Recording into" in self._process.stdout.readline()
+        with self._said.open("w") as said:
+            self.process = subprocess.Popen(command, cwd=ROOT, stdout=said)
+
+    def wait_for(self, text):
+        end = time.monotonic() + 60.0
+        while text not in self._said.read_text():
+            assert time.monotonic() < end, f"it never said {text!r}"
+            time.sleep(0.02)
 
     def end(self):
-        self._process.send_signal(signal.SIGINT)
-        said, _ = self._process.communicate(timeout=20.0)
-        assert self._process.returncode == 0 and f" messages are in {self._bag}" in said
+        self.process.send_signal(signal.SIGINT)
+        assert self.process.wait(20.0) == 0
+        self.wait_for(f" messages are in {self._bag}")
 
 
 def replayed(bag, status=0):
@@ -102,19 +107,32 @@ def bag(tmp_path_factory, ros):
     from node_process import NodeProcess
 
     folder = tmp_path_factory.mktemp("record")
-    node, client = NodeProcess(SCENE, (), folder / "node").ready(), Client()
-    before = Recording(folder / "before")
-    client.spin(0.3)
-    before.end()
-    client.spin(0.3)
-    recording = Recording(folder / "bag")
-    say_everything(client)
-    other = Recording(folder / "other")
-    client.spin(0.3)
-    other.end()
-    recording.end()
-    client.destroy()
-    assert node.end() == 0 and "[ERROR]" not in node.log
+    node, client = NodeProcess(SCENE, (), folder / "node"), Client()
+    recordings = []
+
+    def record(name):
+        recordings.append(Recording(folder / name))
+        recordings[-1].wait_for("Recording into ")
+        return recordings[-1]
+
+    try:
+        node.ready()
+        before = record("before")
+        client.spin(0.3)
+        before.end()
+        client.spin(0.3)
+        recording = record("bag")
+        say_everything(client)
+        other = record("other")
+        client.spin(0.3)
+        other.end()
+        recording.end()
+    finally:
+        client.destroy()
+        for each in recordings:
+            each.process.kill()
+        ended = node.end()
+    assert ended == 0 and "[ERROR]" not in node.log
     return folder / "bag"
 
 
@@ -187,7 +205,7 @@ def test_a_changed_input_is_told_from_its_frame_on(bag, tmp_path):
     for entry in journal_of(bag):
         acts = entry.get("acts", [])
         frames += sum(act == "advance" for act, *_ in acts)
-        if ["set_wind", [0.0, 3.0, 0.0]] in acts:
+        if frames > 20 and ["set_wind", [0.0, 3.0, 0.0]] in acts:
             break
     number = b'"sequence": %d,' % entry["sequence"]
 

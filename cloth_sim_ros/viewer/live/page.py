@@ -164,8 +164,8 @@ class LivePage(Page):
             self._look_at_all()
 
     def _look_at_all(self) -> None:
-        """Puts the camera where all objects are in view."""
-        points = np.concatenate(list(self.scene.positions.values()))
+        """Puts the camera where all objects are in view, and where they began."""
+        points = np.concatenate([*self.scene.positions.values(), *self.scene.starts.values()])
         middle, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), np.linalg.norm(np.ptp(points, axis=0))
         away = max(1.9 * size, 0.5) * np.array([0.45, -0.85, 0.3])
         look_from(self.server, tuple(middle + away), tuple(middle))

@@ -24,34 +24,34 @@ WIDE = 10.0  # [m] from which a box stands for a plane, which is drawn in place 
 class LiveScene:
     """What is drawn of the scene `known`.
 
-    positions: by object its newest particles (N, 3) [m], and stamps the time of each [ns]. places: by collider and
-    handle its position (3,) [m]. bodies: what is drawn of each marker, by namespace/id.
+    positions: by object its newest particles (N, 3) [m], starts where they began, by its topology, and stamps the time
+    of each [ns]. places: by collider and handle its position (3,) [m]. bodies: what is drawn of each marker, by namespace/id.
     """
 
     def __init__(self, server: viser.ViserServer, drawing: Drawing, known: Known):
         self._server, self._drawing, self._known = server, drawing, known
         self._triangles: dict[str, np.ndarray] = {}
-        self._counts: dict[str, int] = {}  # particles of each object by its topology
         self._shapes: dict[str, tuple] = {}  # of each marker: what cannot be moved
         self._corners: dict[str, np.ndarray] = {}  # of a body at the origin (N, 3) [m]
         self._labels: dict[str, Any] = {}
         self.bodies: dict[str, Any] = {}
         self._ground = server.scene.get_handle_by_name("/ground")
         self.positions: dict[str, np.ndarray] = {}
+        self.starts: dict[str, np.ndarray] = {}
         self.stamps: dict[str, int] = {}
         self.places: dict[str, np.ndarray] = {}
 
     def topology(self, name: str, mesh: Mesh) -> None:
         """An object has other particles or triangles from now on; its next cloud is drawn with them."""
         self._triangles[name] = np.array([each.vertex_indices for each in mesh.triangles], np.uint32).reshape(-1, 3)
-        self._counts[name] = len(mesh.vertices)
+        self.starts[name] = np.array([(each.x, each.y, each.z) for each in mesh.vertices]).reshape(-1, 3)
         if name in self._drawing.handles:
             self._drawing.remove(name)
 
     def cloud(self, name: str, cloud: PointCloud2) -> None:
         """An object's particles are there now. A cloud that the topology is not of is late or early, and left out."""
         positions = positions_of(cloud)
-        if len(positions) != self._counts.get(name):
+        if len(positions) != len(self.starts.get(name, ())):
             return
         self.positions[name] = positions
         self.stamps[name] = cloud.header.stamp.sec * 1_000_000_000 + cloud.header.stamp.nanosec
