@@ -6,28 +6,32 @@ from __future__ import annotations
 import numpy as np
 from gymnasium.vector import VectorEnv
 
-_SPREAD, _SHRINKS = 0.5, 0.94  # deviation of the noise, of half the range of actions, and how it shrinks in a round
+_SHRINKS = 0.95  # the noise, in a round
 _GREED = 8.0
 
 
 def mppi(
     env: VectorEnv,
     horizon: int,
-    rounds: int = 30,
+    rounds: int = 25,
     knots: int = 5,
+    spread: float = 0.5,
+    guess: np.ndarray | None = None,
     seed: int = 0,
 ) -> tuple[np.ndarray, list[float]]:
     """Actions (horizon, A) that earn much in worlds as those of `env`, and the best return of each of `rounds`.
 
+    It starts from a `guess` (horizon, A), or from no action, with noise whose deviation is `spread`, of half the range.
+
     In a round every world tries the plan so far with noise of its own, which is linear between `knots`; the noise
     shrinks. The plan then becomes the mean of all that were tried, each weighed by the exponential of its return, in
-    units of an eighth of the deviation of all returns. As worlds vary from round to round, it does not rely on one.
+    units of an eighth of the deviation of all returns. What varies is drawn anew in every round.
     """
     random, low, high = np.random.default_rng(seed), env.single_action_space.low, env.single_action_space.high
-    plan, best = np.zeros((knots, len(low))), []
-    basis = _hats(horizon, knots)
+    basis, best = _hats(horizon, knots), []
+    plan = np.zeros((knots, len(low))) if guess is None else np.linalg.pinv(basis) @ guess
     for each in range(rounds):
-        width = _SPREAD * (high - low) / 2.0 * _SHRINKS**each
+        width = spread * (high - low) / 2.0 * _SHRINKS**each
         tried = plan + width * random.standard_normal((env.num_envs, *plan.shape))
         tried[0] = plan
         tried = np.clip(tried, low, high)

@@ -83,8 +83,11 @@ def test_hands_that_go_in_half_circles_fold_it(device):
     assert still[1] == pytest.approx(-still[4]["distance"] / SIDE)
 
 
-@pytest.mark.long
-def test_a_plan_over_worlds_folds_at_least_95_of_100(device):
-    plan, best = mppi(FoldTowel(256, device), HORIZON - 1)
-    assert best[-1] > best[0]
-    assert run(FoldTowel(100, device), plan)[4]["success"].sum() >= 95
+def test_a_plan_over_worlds_folds_at_least_95_of_100_better_than_its_guess(device):
+    """The guess are half circles that are too wide, as of a towel that is a quarter larger."""
+    guess = np.clip(1.25 * half_circles(), -1.0, 1.0)
+    plan, _ = mppi(FoldTowel(64, device), HORIZON - 1, rounds=12, spread=0.2, guess=guess)
+    env = FoldTowel(100, device)
+    before, after = (run(env, each)[4] for each in (guess, plan))
+    assert after["success"].sum() >= 95
+    assert after["distance"].mean() < 0.8 * before["distance"].mean()
