@@ -25,7 +25,8 @@ class LiveScene:
     """What is drawn of the scene `known`.
 
     positions: by object its newest particles (N, 3) [m], starts where they began, by its topology, and stamps the time
-    of each [ns]. places: by collider and handle its position (3,) [m]. bodies: what is drawn of each marker, by namespace/id.
+    of each [ns]. places: by collider and handle its position (3,) [m]. bodies: what is drawn of each marker, by
+    namespace/id.
     """
 
     def __init__(self, server: viser.ViserServer, drawing: Drawing, known: Known):
