@@ -12,11 +12,13 @@ import importlib.util
 import sys
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import rclpy
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import SetParameters
+from rclpy.client import Client
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -25,6 +27,7 @@ from rclpy.utilities import remove_ros_args
 from std_srvs.srv import SetBool, Trigger
 
 RATE = 60.0  # [Hz] of poses and wind
+PATIENCE = 5.0  # [s] with which it waits for answers before it asks again
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 Vector = tuple[float, float, float]
@@ -51,6 +54,8 @@ class SceneDriver(Node):
         }
         self._holds: dict[str, bool] = {}  # what was asked for last
         self._reset = self.create_client(Trigger, f"{self._node}/reset")
+        self._pause = self.create_client(SetBool, f"{self._node}/pause")
+        self._asked: float | None = None  # when it asked to begin again, until that is done
         self._set = self.create_client(SetParameters, f"{self._node}/set_parameters")
         self.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
         self._set_by_others: set[str] = set()
@@ -91,14 +96,30 @@ class SceneDriver(Node):
     def begin_again(self) -> None:
         """Puts all objects back to their start; `drive` begins at 0 again.
 
-        Hands grasp anew then, and have to be at their start with nothing in them.
+        Hands grasp anew, and have to be at their start with nothing in them. The node is paused meanwhile, so that
+        nothing has fallen from them.
         """
-        self._reset.call_async(Trigger.Request())
-        self._begin = None
+        self._begin, self._asked = None, time.monotonic()
+        self._holds = dict.fromkeys(self._holds, True)
+        grasps = [(self._attach[hand], SetBool.Request(data=True)) for hand in self._holds]
+        stop, go_on = ((self._pause, SetBool.Request(data=on)) for on in (True, False))
+        self._call_in_turn([stop, (self._reset, Trigger.Request()), *grasps, go_on])
+
+    def _call_in_turn(self, calls: Sequence[tuple[Client, Any]]) -> None:
+        """Calls services, each when the one before has answered."""
+        if not calls:
+            self._asked = None
+            return
+        (service, request), *others = calls
+        service.call_async(request).add_done_callback(lambda _: self._call_in_turn(others))
 
     def _step(self) -> None:
         listened = all(each.get_subscription_count() for each in (self._wind, *self._poses.values()))
         if not listened or not self._reset.service_is_ready():
+            return
+        if self._asked is not None:
+            if time.monotonic() - self._asked > PATIENCE:
+                self.begin_again()
             return
         if self._begin is None:
             self._begin = time.monotonic()

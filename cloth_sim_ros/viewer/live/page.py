@@ -164,8 +164,9 @@ class LivePage(Page):
             self._look_at_all()
 
     def _look_at_all(self) -> None:
-        """Puts the camera where all objects are in view, and where they began."""
-        points = np.concatenate([*self.scene.positions.values(), *self.scene.starts.values()])
+        """Puts the camera where all objects are in view, where they began, and colliders and handles."""
+        places = np.array(list(self.scene.places.values())).reshape(-1, 3)
+        points = np.concatenate([*self.scene.positions.values(), *self.scene.starts.values(), places])
         middle, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), np.linalg.norm(np.ptp(points, axis=0))
         away = max(1.9 * size, 0.5) * np.array([0.45, -0.85, 0.3])
         look_from(self.server, tuple(middle + away), tuple(middle))
