@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Vector3Stamped
 from node_process import ROOT
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -86,6 +87,8 @@ def say_everything(client):
     assert client.set("cloth.stretch_compliance", 2e-3).successful and client.set("cloth.pins", [35, 39]).successful
     scene.publish(MarkerArray(markers=[box]))
     client.spin(0.5, meanwhile=swing)
+    clouds = client.listen(PointCloud2, "/cloth_sim/cloth/particles", 1)
+    client.until(lambda: len(clouds) > 4, timeout=90.0)  # what was set may need kernels that are compiled first
     assert client.call(Trigger, "/cloth_sim/reset").success
     client.spin(0.3)
     assert client.call(SetBool, "/cloth_sim/pause", SetBool.Request(data=True)).success

@@ -20,7 +20,7 @@ def friction_correction(slip: wp.vec3, before: wp.vec3, pressed: float, static: 
 
 
 @wp.func
-def pressed_more(gap: float, before: float, softness: float) -> float:
+def outward(gap: float, before: float, softness: float) -> float:
     """By how much farther a point in contact is pressed [m], that lies `-gap` [m] deep and was pressed by `before`.
 
     softness: compliance of the collider over inverse mass of the point x h^2. The force is what it is pressed in all,

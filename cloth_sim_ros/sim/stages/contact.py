@@ -6,7 +6,7 @@ import warp as wp
 from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.friction import friction_correction, pressed_more
+from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.stages.grasp import HELD
 from cloth_sim_ros.sim.stages.here import Here
@@ -219,7 +219,7 @@ def make_touch(features: Features):
                 gap = touching[3]
                 if gap < 0.0:
                     n = xyz(touching)
-                    more = pressed_more(gap, before[3], collider.compliance * step.inverse_square / w)
+                    more = outward(gap, before[3], collider.compliance * step.inverse_square / w)
                     pressed = before[3] + more
                     tangential = slip - wp.dot(slip, n) * n
                     rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n

@@ -9,7 +9,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.friction import friction_correction, pressed_more
+from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.stages.contact import (
     NOISE,
     Met,
@@ -144,7 +144,7 @@ def make_press_on(features: Features):
         if last.when == here.substep:
             before = last.so_far
         n = xyz(touching)
-        more = pressed_more(touching[3], before[3], collider.compliance * here.step.inverse_square / w)
+        more = outward(touching[3], before[3], collider.compliance * here.step.inverse_square / w)
         pressed = before[3] + more
         mu_s = wp.sqrt(here.material.static_friction * collider.static_friction)
         mu_k = wp.sqrt(here.material.kinetic_friction * collider.kinetic_friction)
