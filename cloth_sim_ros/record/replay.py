@@ -139,7 +139,7 @@ def compared(bag: Bag, device: str = "") -> Iterator[tuple[int, str, str]]:
     Frames are counted from the start of the bag, which is frame 0. Raises ValueError as Replay does.
     """
     replay = Replay(device)
-    coming = {name: _Clouds(bag.clouds(name)) for name in bag.objects}
+    coming, seen = {name: _Clouds(bag.clouds(name)) for name in bag.objects}, set()
     for at, entry in enumerate(bag.journal):
         lost = replay.follow(entry)
         if lost:
@@ -152,10 +152,15 @@ def compared(bag: Bag, device: str = "") -> Iterator[tuple[int, str, str]]:
             found = clouds.between(now, then)
             if replay.world is None or name not in replay.world.sim.scene.objects:
                 continue
-            if not found and following:  # of the last frame it may still have been under way
+            # Before the first, nobody listened yet; of the last frame it may still have been under way.
+            if not found and following and name in seen:
                 yield replay.frames, name, NONE
+            if found:
+                seen.add(name)
             for cloud in found:
                 yield replay.frames, name, replay.difference(name, cloud)
+    for name in coming.keys() - seen:
+        yield replay.frames, name, NONE
     replay.close()
 
 
