@@ -2,6 +2,20 @@
 """What tests of several folders share."""
 
 import pytest
+import warp as wp
+
+
+def pytest_generate_tests(metafunc):
+    """Tests that take a device run on every one that there is."""
+    if "device" in metafunc.fixturenames:
+        wp.init()
+        metafunc.parametrize("device", ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])], scope="session")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def quiet():
+    """Warp reports every kernel that it compiles; a test's output is for what fails."""
+    wp.config.quiet = True
 
 
 @pytest.fixture(scope="session")
