@@ -1,6 +1,7 @@
 # make demo   the node on config/curtain.yaml, its driver, a status line and a page to look at; SCENE=towel takes another
 #             one of config/, ARGS=--headless leaves the page out, ARGS="--seconds 10" ends it by itself
 # make test   ruff and the tests, but for those marked `long`, which `make test-long` runs
+# make dist   the wheel and the sdist in dist/, checked for what the Python registry asks
 # All set up .venv first; the second time that takes no time. PYTHON=/path/to/python3 chooses an interpreter.
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
@@ -10,7 +11,7 @@ RUN := $(VENV)/bin/python
 TESTS := $(RUN) -m pytest -n 2 --dist loadfile
 SOURCES := setup.py setup.cfg pyproject.toml Makefile
 
-.PHONY: demo test test-long format docs clean
+.PHONY: demo test test-long format docs dist clean
 
 demo: $(VENV)/ready-to-run
 	@exec $(RUN) -m cloth_sim_ros.demo $(SCENE) $(ARGS)
@@ -30,8 +31,13 @@ format: $(VENV)/ready-to-test
 docs: $(VENV)/ready-to-run
 	$(RUN) -m cloth_sim_ros.ros.reference > docs/parameters.md
 
+dist: $(VENV)/ready-to-test
+	rm -rf dist
+	$(RUN) -m build
+	$(RUN) -m twine check --strict dist/*
+
 clean:
-	rm -rf $(VENV) build install log *.egg-info
+	rm -rf $(VENV) build dist install log *.egg-info
 
 # Where rclpy is installed already, as by apt, it is used; elsewhere it comes as wheels from the Python registry.
 $(VENV)/ready-to-run: $(SOURCES)

@@ -2,6 +2,7 @@
 """Installs cloth_sim_ros with colcon (ament_python) or with pip."""
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -40,6 +41,11 @@ setup(
             "pypbd",
             "rosbags",
             "gymnasium>=1.1",
+            "build",
+            "twine",
+            "catkin_pkg",
+            "colcon-common-extensions",
+            "pyyaml",
         ],
     },
     python_requires=">=3.10",
@@ -47,15 +53,17 @@ setup(
     maintainer="cloth_sim_ros maintainers",
     maintainer_email="cloth_sim_ros@users.noreply.github.com",
     description="Cloth and ropes, simulated live in ROS 2 with XPBD on NVIDIA Warp.",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "cloth_sim_node = cloth_sim_ros.ros.__main__:main",
-            "cloth_sim_viewer = cloth_sim_ros.viewer.__main__:main",
-            "cloth_sim_record = cloth_sim_ros.record.recorder:main",
-            "cloth_sim_replay = cloth_sim_ros.record.replay:main",
-            "cloth_sim_driver = cloth_sim_ros.demo.driver:main",
-            "cloth_sim_demo = cloth_sim_ros.demo.__main__:main",
+            "cloth_sim_node = cloth_sim_ros.programs:node",
+            "cloth_sim_viewer = cloth_sim_ros.programs:viewer",
+            "cloth_sim_record = cloth_sim_ros.programs:record",
+            "cloth_sim_replay = cloth_sim_ros.programs:replay",
+            "cloth_sim_driver = cloth_sim_ros.programs:driver",
+            "cloth_sim_demo = cloth_sim_ros.programs:demo",
         ],
     },
 )

@@ -2,7 +2,6 @@
 """The launch file: run by the real launch package where there is one, and read as source elsewhere."""
 
 import ast
-import importlib.util
 import re
 import signal
 import subprocess
@@ -13,8 +12,10 @@ from client import fields
 from node_process import ROOT
 from sensor_msgs.msg import PointCloud2
 
+from cloth_sim_ros import programs
+
 FILE = ROOT / "launch" / "cloth_sim.launch.py"
-PROGRAMS = dict(re.findall(r'"(\w+) = ([\w.]+):main"', (ROOT / "setup.py").read_text()))
+PROGRAMS = dict(re.findall(r'"(\w+) = cloth_sim_ros.programs:(\w+)"', (ROOT / "setup.py").read_text()))
 
 LAUNCH = """
 import signal, sys
@@ -40,7 +41,7 @@ def test_its_arguments_have_defaults_and_its_programs_exist():
     words = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
     started = {word for word in words if re.fullmatch("cloth_sim_(?!ros)\\w+", word)}
     assert started == {"cloth_sim_node", "cloth_sim_viewer", "cloth_sim_driver"} and started <= set(PROGRAMS)
-    assert all(importlib.util.find_spec(PROGRAMS[program]) for program in started)
+    assert all(callable(getattr(programs, PROGRAMS[program])) for program in started)
 
 
 @pytest.fixture
@@ -52,9 +53,11 @@ def installed(tmp_path, monkeypatch):
         folder.mkdir(parents=True)
     (index / "cloth_sim_ros").touch()
     (share / "cloth_sim_ros" / "config").symlink_to(ROOT / "config")
-    for name, module in PROGRAMS.items():
+    for name, function in PROGRAMS.items():
         program = programs / name
-        program.write_text(f"#!{sys.executable}\nimport sys\nfrom {module} import main\nsys.exit(main())\n")
+        program.write_text(
+            f"#!{sys.executable}\nimport sys\nfrom cloth_sim_ros.programs import {function}\nsys.exit({function}())\n"
+        )
         program.chmod(0o755)
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", ":".join([str(ROOT), *sys.path]))

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The programs that are installed. Where ROS is missing, one sentence says how to get it, and the status is 1."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+
+NO_ROS = "ROS 2 was not found: source /opt/ros/jazzy/setup.bash, or pip install 'cloth_sim_ros[ros]'"
+
+
+def _run(module: str) -> int:
+    if importlib.util.find_spec("rclpy") is None:
+        print(f"{sys.argv[0].rpartition('/')[2]}: {NO_ROS}", file=sys.stderr)
+        return 1
+    return importlib.import_module(f"cloth_sim_ros.{module}").main()
+
+
+def node() -> int:
+    """cloth_sim_node: the node."""
+    return _run("ros.__main__")
+
+
+def viewer() -> int:
+    """cloth_sim_viewer: the page in a browser."""
+    return _run("viewer.__main__")
+
+
+def record() -> int:
+    """cloth_sim_record BAG: records a node."""
+    return _run("record.recorder")
+
+
+def replay() -> int:
+    """cloth_sim_replay BAG: computes a recording again."""
+    return _run("record.replay")
+
+
+def driver() -> int:
+    """cloth_sim_driver SCENE: moves a scene."""
+    return _run("demo.driver")
+
+
+def demo() -> int:
+    """cloth_sim_demo SCENE: node, driver and viewer."""
+    return _run("demo.__main__")
