@@ -29,7 +29,7 @@ format: $(VENV)/ready-to-test
 	$(RUN) -m ruff format .
 
 docs: $(VENV)/ready-to-run
-	$(RUN) -m cloth_sim_ros.ros.reference > docs/parameters.md
+	$(RUN) -m cloth_sim_ros.ros.reference > docs/reference/parameters.md
 
 dist: $(VENV)/ready-to-test
 	rm -rf dist

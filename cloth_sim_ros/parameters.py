@@ -2,7 +2,7 @@
 """THE table of every parameter: name, type, default, unit, range, live or structural, one sentence.
 
 `sim` checks its dataclasses against it, `ros` declares ROS parameters from it, and the parameter reference in
-docs/parameters.md is printed from it. To add a parameter, add its row here; nothing else declares one.
+docs/reference/parameters.md is printed from it. To add a parameter, add its row here; nothing else declares one.
 Imports the standard library only.
 """
 

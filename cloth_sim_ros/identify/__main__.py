@@ -20,7 +20,7 @@ from cloth_sim_ros.study.scene_file import read_plan, with_values
 def main() -> int:
     """Parse the command line, identify, print and write; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m cloth_sim_ros.identify", description="find values of a recording")
-    parser.add_argument("recording", type=Path, help="an .npz file, see docs/identify.md")
+    parser.add_argument("recording", type=Path, help="an .npz file, see docs/how-to/identify.md")
     parser.add_argument("--scene", type=Path, required=True, help="the node's YAML file, with first guesses")
     parser.add_argument("--fit", nargs="+", required=True, metavar="NAME[=LOW:HIGH]", help="live numbers to be found")
     parser.add_argument("--worlds", type=int, default=64, help="candidates at a time")

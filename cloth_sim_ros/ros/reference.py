@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prints docs/parameters.md from the table: `make docs`."""
+"""Prints docs/reference/parameters.md from the table: `make docs`."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 """Forces on particles beside weight, springs, bending and air: what a scene adds, each from its place and velocity.
 
 A force is a frozen class with `numbers()`, and a Warp function of a particle; `FORCES` brings both together, also from
-outside of this package (docs/extending.md).
+outside of this package (docs/how-to/extending.md).
 """
 
 from __future__ import annotations

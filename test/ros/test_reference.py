@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/parameters.md is what the table says, and nothing but ros/ imports ROS."""
+"""docs/reference/parameters.md is what the table says, and nothing but ros/ imports ROS."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ from cloth_sim_ros.ros.reference import reference
 
 
 def test_the_parameter_reference_is_up_to_date():
-    assert (ROOT / "docs/parameters.md").read_text() == reference(), "run: make docs"
+    assert (ROOT / "docs/reference/parameters.md").read_text() == reference(), "run: make docs"
 
 
 def test_the_solver_core_imports_without_ros():

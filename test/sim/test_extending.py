@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A collider shape and a force from outside the package, as docs/extending.md writes them."""
+"""A collider shape and a force from outside the package, as docs/how-to/extending.md writes them."""
 
 from dataclasses import dataclass
 

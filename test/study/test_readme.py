@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameter files in README and docs/ros.md are what the node takes, and do what the text says."""
+"""The parameter files in README and docs/reference/ros.md are what the node takes, and do what the text says."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 def simulations(tmp_path):
     """Object name -> a simulation of each file in the pages."""
     found = {}
-    pages = "".join((ROOT / page).read_text() for page in ("README.md", "docs/ros.md"))
+    pages = "".join((ROOT / page).read_text() for page in ("README.md", "docs/reference/ros.md"))
     for text in re.findall(r"```yaml\n(.*?)```", pages, flags=re.DOTALL):
         file = tmp_path / "example.yaml"
         file.write_text(text)

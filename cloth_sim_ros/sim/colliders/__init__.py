@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Collider shapes. A new shape: a file with its scene class and its `signed_distance`, and its line in SHAPES, which
-may also come from outside of this package (docs/extending.md)."""
+may also come from outside of this package (docs/how-to/extending.md)."""
 
 from collections.abc import Iterable
 
