@@ -142,8 +142,8 @@ class Simulation:
         """One frame as by `step`, to the same bits, and name -> by how much it goes astray in world 0 [m].
 
         That is the RMS error over the particles of this frame alone, as it would be from the exact state. It comes by
-        Richardson from two trials, one with twice the substeps. docs/explanation/study.md says how well it tracks the true error.
-        Takes four frames' time, and memory for a second state.
+        Richardson from two trials, one with twice the substeps. docs/explanation/study.md says how well it tracks the
+        true error. Takes four frames' time, and memory for a second state.
         """
         self._begin()
         for batch in self._bodies.batches:
