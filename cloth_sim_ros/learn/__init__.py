@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environments for learning and planning: worlds as a `gymnasium.vector.VectorEnv`; extra [learn], docs/how-to/learn.md.
+"""Environments for learning and planning: worlds as a `gymnasium.vector.VectorEnv`, see docs/how-to/learn.md.
 
 fold: a towel to be folded in half; plan: a planner over worlds that folds it.
 """
