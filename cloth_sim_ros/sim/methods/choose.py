@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What computes each object where the settings leave it open, and why: the cheapest way to the wanted error.
 
-The error of both methods and their prices were measured (docs/explanation/study.md, `study error`). What is chosen depends
-on these constants and the scene alone, never on a clock. So the same scene is computed alike every time.
+Error and prices of both methods were measured (docs/explanation/study.md, `study error`). What is chosen depends on
+these constants and the scene alone, never on a clock. So the same scene is computed alike every time.
 """
 
 from __future__ import annotations
