@@ -1,6 +1,7 @@
 # make demo   the node on config/curtain.yaml, its driver, a status line and a page to look at; SCENE=towel takes another
 #             one of config/, ARGS=--headless leaves the page out, ARGS="--seconds 10" ends it by itself
 # make test   ruff and the tests, but for those marked `long`, which `make test-long` runs
+# make docs   the reference of parameters from the code, and all documents as pages in docs/_build
 # make dist   the wheel and the sdist in dist/, checked for what the Python registry asks
 # All set up .venv first; the second time that takes no time. PYTHON=/path/to/python3 chooses an interpreter.
 SHELL := /bin/bash
@@ -28,8 +29,9 @@ format: $(VENV)/ready-to-test
 	$(RUN) -m ruff check --fix .
 	$(RUN) -m ruff format .
 
-docs: $(VENV)/ready-to-run
+docs: $(VENV)/ready-to-test
 	$(RUN) -m cloth_sim_ros.ros.reference > docs/reference/parameters.md
+	$(RUN) -m sphinx -W -n --keep-going -b html docs docs/_build
 
 dist: $(VENV)/ready-to-test
 	rm -rf dist
@@ -37,7 +39,7 @@ dist: $(VENV)/ready-to-test
 	$(RUN) -m twine check --strict dist/*
 
 clean:
-	rm -rf $(VENV) build dist install log *.egg-info
+	rm -rf $(VENV) docs/_build build dist install log *.egg-info
 
 # Where rclpy is installed already, as by apt, it is used; elsewhere it comes as wheels from the Python registry.
 $(VENV)/ready-to-run: $(SOURCES)

@@ -29,6 +29,7 @@ setup(
         "study": ["scipy", "matplotlib", "pyyaml"],
         "identify": ["scipy", "matplotlib", "pyyaml"],
         "learn": ["gymnasium>=1.1"],
+        "docs": ["sphinx", "myst-parser", "furo"],
         "peers": ["newton==1.8.0", "mujoco", "pypbd"],
         "test": [
             "pytest",
@@ -43,6 +44,9 @@ setup(
             "gymnasium>=1.1",
             "build",
             "twine",
+            "sphinx",
+            "myst-parser",
+            "furo",
             "catkin_pkg",
             "colcon-common-extensions",
             "pyyaml",
