@@ -16,3 +16,12 @@ html_theme = "furo"
 myst_heading_anchors = 4  # as GitHub has them, so that links lead to headings in both
 autodoc_typehints = "none"  # docstrings say units and shapes, which types do not
 autodoc_member_order = "bysource"
+
+
+def setup(app):
+    """Docstrings are plain text, in which stars and bars are multiplication and magnitude."""
+
+    def escape(app, what, name, thing, options, lines):
+        lines[:] = [line.replace("*", r"\*").replace("|", r"\|") for line in lines]
+
+    app.connect("autodoc-process-docstring", escape)

@@ -24,15 +24,15 @@ class Cloth:
 
     Particle (ix, iy) is index iy*nx + ix at local (ix*w/(nx-1) - w/2, iy*h/(ny-1) - h/2, 0). stretch_compliance,
     shear_compliance [m/N]: 1/constant of every spring of a square grid, borders twice as compliant. On a mesh the edge
-    between triangles of area A1, A2 has constant (A1 + A2) / (compliance l^2) at length l, which is the same on a grid
-    (Van Gelder 1998). bend_compliance is None for no bending. With bending="springs" [m/N] it is 1/constant of the
-    distance springs over two edges. With "dihedral" [1/(N m)] it is 1/flexural rigidity B of a sheet whose Poisson
-    ratio is 0 in bending. Its energy is B/2 times the integral of the squared curvatures (kxx^2 + 2 kxy^2 + kyy^2). A
-    strip of width w bends with B w and twists with 2 B w, in any direction of any mesh. The energy is quadratic in the
-    positions (Bergou et al. 2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of
-    three pinned particles is a clamp: two pinned rows hold the sheet at the second one. shear_compliance None means no
-    shear springs. Compliance 0 is rigid. mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy
-    hem). damping [s]: c = damping x constant. thickness [m] is the distance at which the cloth touches a collider. With
+    between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same on a grid (Van
+    Gelder 1998). bend_compliance is None for no bending. With bending="springs" [m/N] it is 1/constant of the distance
+    springs over two edges. With "dihedral" [1/(N m)] it is 1/flexural rigidity B of a sheet whose Poisson ratio is 0 in
+    bending. Its energy is B/2 times the integral of the squared curvatures (kxx^2 + 2 kxy^2 + kyy^2). A strip of width
+    w bends with B w and twists with 2 B w, in any direction of any mesh. The energy is quadratic in the positions
+    (Bergou et al. 2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of three pinned
+    particles is a clamp: two pinned rows hold the sheet at the second one. shear_compliance None means no shear
+    springs. Compliance 0 is rigid. mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem).
+    damping [s]: c = damping x constant. thickness [m] is the distance at which the cloth touches a collider. With
     self_contact its parts keep twice that from one another.
     """
 

@@ -289,7 +289,7 @@ class Simulation:
         [m], pay_out [m/s] and winch_stopped, whether a limit of length holds it back. One that resists twist has twist
         [rad] from start to end and torsion [N m].
 
-        residual is the largest violation, of C + compliance x force, of a spring that the iterations left in the last
+        residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep. max_penetration is how much deeper than the thickness the surface lies, and particle_penetration how
         much deeper a particle does. recoveries counts how often the object was put back, at rest, to where it was last
         good, because a particle was not finite or ran away. redone counts frames of explicit steps that were done again
