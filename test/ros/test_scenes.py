@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from node_process import ROOT
 
-from cloth_sim_ros.demo import driver, flag, garment, harness, hose, sheet_over_ball, tablecloth
+from cloth_sim_ros.demo import driver, flag, garment, harness, hose, rope_swing, sheet_over_ball, tablecloth
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.study.scene_file import read_plan
 
@@ -53,7 +53,7 @@ def test_every_scene_is_commented_runs_and_stays_sound(scene):
 
 
 def test_scenes_that_move_have_drivers_and_the_others_none():
-    moved = {"curtain", "flag", "garment", "harness", "hose", "sheet_over_ball", "tablecloth", "towel"}
+    moved = {"curtain", "flag", "garment", "harness", "hose", "rope_swing", "sheet_over_ball", "tablecloth", "towel"}
     assert {scene for scene in SCENES if driver.has_driver(scene)} == moved
 
 
@@ -123,6 +123,33 @@ def test_the_hose_carries_its_torque():
     straight = np.abs(sim.positions("hose")[:, 1]).max()
     run(sim, 4.0 + 0.5 * hose.PERIOD, lambda t: sim.set("hose.end_turn", max(hose.turn(t - 4.0), 2.0 * math.pi)))
     assert np.abs(sim.positions("hose")[:, 1]).max() > 0.02 > 3.0 * straight, "then it winds itself up"
+
+
+def test_the_load_swings_as_a_pendulum():
+    """Load and rope as one stiff pendulum, at its amplitude: the period by the arithmetic-geometric mean (Gauss)."""
+    sim, gravity, length, load, rope, amplitude = simulation("rope_swing"), 9.81, 2.0, 3.0, 0.15, math.radians(30.0)
+    drive = drive_hands(sim, rope_swing, lambda name, t: rope_swing.HAND)
+    run(sim, rope_swing.WAIT - FRAME, drive)
+    assert np.abs(sim.positions("rope")[-1] - rope_swing.HAND).max() < 1e-6 and sim.held("hand") == 1
+    places = []
+
+    def watch(t):
+        places.append(sim.positions("rope")[-1])
+        drive(t)
+
+    run(sim, rope_swing.WAIT + rope_swing.SWING, watch)
+    assert sim.held("hand") == 0
+    x = np.array(places)[:, 0]
+    (crossed,) = np.nonzero((x[:-1] < 0.0) & (x[1:] >= 0.0))
+    times = FRAME * (crossed + x[crossed] / (x[crossed] - x[crossed + 1]))
+    a, b = 1.0, math.cos(0.5 * amplitude)
+    for _ in range(10):
+        a, b = 0.5 * (a + b), math.sqrt(a * b)
+    inertia, moment = (load + rope / 3.0) * length**2, (load + 0.5 * rope) * length
+    assert len(times) >= 6 and np.diff(times) == pytest.approx(
+        2.0 * math.pi * math.sqrt(inertia / (gravity * moment)) / a, rel=1e-3
+    )
+    assert np.abs(x[-200:]).max() == pytest.approx(1.0, rel=1e-3), "it swings as far as at first"
 
 
 def test_the_skirt_flares_when_it_turns():

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Holds the load of config/rope_swing.yaml aside, lets it swing, and begins again."""
+
+from __future__ import annotations
+
+from cloth_sim_ros.demo.driver import SceneDriver
+
+HAND = (1.0, 0.0, 0.7679492)  # [m]
+WAIT, SWING = 1.0, 20.0  # [s] before it lets go, and until it begins again
+
+
+def holds(t: float) -> bool:
+    """Whether the hand holds the load at time t [s]."""
+    return t < WAIT
+
+
+class Driver(SceneDriver):
+    """Lets go, and begins again."""
+
+    def __init__(self):
+        super().__init__("rope_swing", moves=["handles/hand"])
+
+    def drive(self, t: float) -> None:
+        """The hand stays where it is."""
+        self.move("handles/hand", HAND)
+        self.hold("handles/hand", holds(t))
+        if t > WAIT + SWING:
+            self.begin_again()
