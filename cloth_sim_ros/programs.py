@@ -37,6 +37,11 @@ def replay() -> int:
     return _run("record.replay")
 
 
+def export() -> int:
+    """cloth_sim_export BAG OUT: a recording as glTF, movie or pictures."""
+    return _run("record.export")
+
+
 def driver() -> int:
     """cloth_sim_driver SCENE: moves a scene."""
     return _run("demo.driver")

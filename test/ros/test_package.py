@@ -7,7 +7,9 @@ import xml.etree.ElementTree as ElementTree
 
 from node_process import ROOT
 
-FOREIGN = {"numpy", "yaml", "warp", "trimesh", "scipy", "pytest", "rosbags", "viser"}  # with a rosdep key or by pip
+# With a rosdep key or by pip.
+FOREIGN = {"numpy", "yaml", "warp", "trimesh", "scipy", "pytest", "rosbags", "viser"}
+FOREIGN |= {"matplotlib", "pygltflib", "imageio_ffmpeg", "tqdm"}
 
 
 def imported(folder: str) -> set[str]:

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exports a recording: `cloth_sim_export BAG OUT.glb`, or OUT.mp4, OUT.gif, or a folder of PNGs."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import sys
+from pathlib import Path
+
+NEEDED = {".glb": ("rosbags", "pygltflib", "trimesh"), "": ("rosbags", "matplotlib", "trimesh", "tqdm")}
+KINDS = (".glb", ".mp4", ".gif", "")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Writes the first run of a bag; returns the exit status, 1 with one sentence where that cannot be."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("bag", type=Path, help="folder of a bag")
+    parser.add_argument("out", type=Path, help="a file .glb, .mp4 or .gif; without a suffix a folder of PNGs")
+    parser.add_argument("--rate", type=float, default=30.0, help="frames a second, from 1 to 1000 (default 30)")
+    options = parser.parse_args(arguments)
+    try:
+        frames = export(options.bag, options.out, options.rate)
+    except (ValueError, OSError) as error:
+        print(f"cloth_sim_export: {error}", file=sys.stderr)
+        return 1
+    print(f"{options.out} has {frames} frames")
+    return 0
+
+
+def export(bag: Path, out: Path, rate: float) -> int:
+    """Writes it, says what is left out, and returns the number of frames. Raises ValueError in one sentence."""
+    if out.suffix not in KINDS:
+        raise ValueError(f"{out} ends in {out.suffix}; allowed are .glb, .mp4, .gif and a folder without a suffix")
+    if not 1.0 <= rate <= 1000.0:
+        raise ValueError(f"--rate is {rate:g}; allowed is a number from 1 to 1000")
+    for needed in NEEDED.get(out.suffix, NEEDED[""]):
+        if importlib.util.find_spec(needed) is None:
+            raise ValueError(f"{needed} is not installed: pip install 'cloth_sim_ros[export]'")
+    from cloth_sim_ros.record.bag import Bag
+    from cloth_sim_ros.record.film import film_of
+
+    film = film_of(Bag(bag), rate)
+    for sentence in film.left_out:
+        print(sentence)
+    if out.suffix == ".glb":
+        from cloth_sim_ros.record.gltf import write_glb
+
+        write_glb(film, out)
+    else:
+        from cloth_sim_ros.record.movie import write_movie
+
+        write_movie(film, out, rate)
+    return len(film.times)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording of a real node, exported and read back: the vertices of the bag, and pictures that show them."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from node_process import ROOT
+from std_srvs.srv import Trigger
+
+from cloth_sim_ros.record.bag import Bag
+from cloth_sim_ros.viewer.tube import SIDES
+
+for needed in ("rosbags", "pygltflib", "imageio_ffmpeg"):
+    pytest.importorskip(needed)
+
+SCENE = """
+/**:
+  ros__parameters:
+    objects: [cloth, cable]
+    colliders: [ball, floor]
+    publish: {velocities: true}
+    cloth: {type: cloth, resolution: [7, 6], size: [0.6, 0.5], pins: corners, position: [0, 0, 1]}
+    cable: {type: rope, segments: 8, start: [1, 0, 2], end: [1, 0.4, 2], radius: 0.02}
+    ball: {shape: sphere, dimensions: [0.15], position: [0, 0, 0.7]}
+    floor: {shape: plane}
+"""
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory, ros):
+    """A second of a node whose ball goes up, from its start on."""
+    from client import Client
+    from node_process import NodeProcess
+
+    folder = tmp_path_factory.mktemp("export")
+    node, client = NodeProcess(SCENE, (), folder / "node"), Client()
+    try:
+        node.ready()
+        command = [sys.executable, "-m", "cloth_sim_ros.record.recorder", str(folder / "bag"), "--seconds", "1.5"]
+        recorder = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
+        client.spin(1.0)
+        assert client.call(Trigger, "/cloth_sim/reset").success
+        height = [0.7]
+
+        def rise():
+            height[0] += 0.001
+            client.move("ball", (0.0, 0.0, height[0]))
+
+        client.until(lambda: recorder.poll() is not None, timeout=60.0, meanwhile=rise)
+    finally:
+        client.destroy()
+        assert node.end() == 0
+    assert recorder.returncode == 0
+    return folder / "bag"
+
+
+def export(bag, out, *options, status=0):
+    command = [sys.executable, "-m", "cloth_sim_ros.record.export", str(bag), str(out), *options]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == status and "Traceback" not in done.stderr, done.stderr
+    return done.stdout + done.stderr
+
+
+def clouds(bag, name):
+    """The positions (N, 3) of an object in each of its clouds."""
+    found = [cloud for _, cloud in Bag(bag).clouds(name)]
+    return [np.frombuffer(bytes(cloud.data), "<f4").reshape(-1, len(cloud.fields))[:, :3] for cloud in found]
+
+
+def array(file, accessor):
+    """The numbers of an accessor of a glTF file."""
+    import pygltflib
+
+    accessor = file.accessors[accessor]
+    view = file.bufferViews[accessor.bufferView]
+    width = {pygltflib.SCALAR: 1, pygltflib.VEC3: 3, pygltflib.VEC4: 4}[accessor.type]
+    kind = np.uint32 if accessor.componentType == pygltflib.UNSIGNED_INT else np.float32
+    found = np.frombuffer(file.binary_blob(), kind, accessor.count * width, view.byteOffset)
+    return found.reshape(accessor.count, width).squeeze()
+
+
+def channels(file, node):
+    """Path -> values of the keyframes of a node, and the times."""
+    motion = file.animations[0]
+    found = {each.target.path: motion.samplers[each.sampler] for each in motion.channels if each.target.node == node}
+    times = array(file, next(iter(found.values())).input)
+    return {path: array(file, sampler.output) for path, sampler in found.items()}, times
+
+
+def test_gltf_has_the_vertices_of_the_bag(bag, tmp_path):
+    import pygltflib
+    import trimesh
+
+    out = tmp_path / "cloth.glb"
+    assert "frames" in export(bag, out, "--rate", "20")
+    file = pygltflib.GLTF2().load(str(out))
+    nodes = {node.name: at for at, node in enumerate(file.nodes)}
+    assert {"cloth", "cable", "ball", "floor", "world"} == set(nodes)
+    part = file.meshes[file.nodes[nodes["cloth"]].mesh].primitives[0]
+    base = array(file, part.attributes.POSITION)
+    frames = np.stack([base, *(base + array(file, target["POSITION"]) for target in part.targets)])
+    values, times = channels(file, nodes["cloth"])
+    weights = values["weights"].reshape(len(times), -1)
+    assert len(frames) == len(times) == weights.shape[1] + 1 and np.allclose(np.diff(times), 0.05, atol=1e-4)
+    shown = base + np.einsum("tk,kij->tij", weights, frames[1:] - base)  # as glTF defines it
+    recorded = clouds(bag, "cloth")
+    far = [min(np.abs(frame - each).max() for each in recorded) for frame in shown]
+    assert max(far) < 1e-6 and np.abs(shown[-1] - shown[0]).max() > 0.01, "each frame is one of the bag, and it moves"
+
+    ball, times = channels(file, nodes["ball"])
+    heights = ball["translation"][:, 2]
+    assert (np.diff(heights) >= 0.0).all() and heights[-1] > 0.72 and np.allclose(ball["rotation"], (0, 0, 0, 1))
+    scene = trimesh.load(out)  # another reader, of the first frame: y is up
+    assert len(scene.geometry["cloth"].faces) == 2 * 6 * 5
+    assert scene.bounds[0][1] == pytest.approx(-0.01, abs=1e-5) and scene.bounds[1][1] == pytest.approx(2.02, abs=0.01)
+    assert scene.geometry["cable"].is_watertight
+    tube = array(file, file.meshes[file.nodes[nodes["cable"]].mesh].primitives[0].attributes.POSITION)
+    rings = tube[: 9 * SIDES].reshape(9, SIDES, 3)
+    middles = rings.mean(axis=1)
+    assert np.allclose(np.linalg.norm(rings - middles[:, None], axis=2), 0.02, atol=1e-5), "of the rope's radius"
+    assert min(np.abs(middles - each).max() for each in clouds(bag, "cable")) < 1e-5, "around its particles"
+
+
+def test_movies_show_what_moves(bag, tmp_path):
+    from PIL import Image
+
+    assert "frames" in export(bag, tmp_path / "pictures", "--rate", "4")
+    pictures = sorted((tmp_path / "pictures").glob("*.png"))
+    first, last = (np.asarray(Image.open(each).convert("RGB"), float) for each in (pictures[0], pictures[-1]))
+    assert first.shape == (480, 640, 3) and (first != 255).any(axis=2).mean() > 0.02, "something is drawn"
+    assert (np.abs(first - last).max(axis=2) > 60).sum() > 100, "and it moves"
+    export(bag, tmp_path / "cloth.gif", "--rate", "4")
+    assert Image.open(tmp_path / "cloth.gif").n_frames == len(pictures)
+    export(bag, tmp_path / "cloth.mp4", "--rate", "4")
+    assert b"ftyp" in (tmp_path / "cloth.mp4").read_bytes()[:12]
+
+
+def test_what_cannot_be_exported_is_told_in_a_sentence(bag, tmp_path):
+    assert "ends in .obj; allowed are .glb, .mp4, .gif" in export(bag, tmp_path / "cloth.obj", status=1)
+    assert "is not there" in export(tmp_path / "none", tmp_path / "cloth.glb", status=1)
+    assert "--rate is 0; allowed is" in export(bag, tmp_path / "cloth.glb", "--rate", "0", status=1)
