@@ -302,6 +302,13 @@ SPARE_COLLIDERS = Parameter(
     fixed=True,
 )
 
+OBJECT_CONTACT = Parameter(
+    "object_contact",
+    "bool",
+    False,
+    "Whether objects keep the sum of their thicknesses, or radii, from one another.",
+)
+
 GRAVITY = _vector("gravity", (0, 0, -9.81), "Acceleration of gravity.", "m/s^2", -1e4, 1e4, live=True)
 
 NODE = (
@@ -336,6 +343,7 @@ NODE = (
     ),
     Parameter("publish_clock", "bool", False, "Whether to send /clock and to stamp with simulated time.", fixed=True),
     SPARE_COLLIDERS,
+    OBJECT_CONTACT,
     GRAVITY,
 )
 

@@ -55,6 +55,7 @@ def _check_explicit(plan: Plan, name: str) -> None:
             ("twist in", getattr(thing, "twist_compliance", None) is not None),
             ("bending by angles of", topology.bends_by_angles),
             ("self_contact of", thing.self_contact),
+            ("object_contact of", plan.scene.object_contact),
         )
         if there
     ]

@@ -79,6 +79,7 @@ def make_plan(values: Values) -> Plan:
             gravity=values["gravity"],
             handles=handles,
             spare_colliders=values["spare_colliders"],
+            object_contact=values["object_contact"],
         ),
         settings=Settings(frame_dt=1.0 / values["rate"], **group(values, "solver")),
         device=values["device"],

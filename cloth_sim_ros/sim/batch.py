@@ -12,7 +12,7 @@ import warp as wp
 
 from cloth_sim_ros.sim import writing
 from cloth_sim_ros.sim.executors.block import Block, capacity, threads_for
-from cloth_sim_ros.sim.executors.graph import Graph
+from cloth_sim_ros.sim.executors.graph import Graph, Member
 from cloth_sim_ros.sim.executors.subdomain_plan import Unfit
 from cloth_sim_ros.sim.executors.subdomains import Subdomains
 from cloth_sim_ros.sim.executors.trial import Trial
@@ -21,7 +21,6 @@ from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
 from cloth_sim_ros.sim.methods.limits import outer_steps
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
-from cloth_sim_ros.sim.pair_search import PairSearch
 from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Frame, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
@@ -125,8 +124,8 @@ class Batch:
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self._saved: dict[str, wp.array] | None = None
-        self._search = PairSearch(self.worlds, self.states, device) if features.self_contact else None
-        self.executor = self._make_executor(rows, list(topologies.values()))
+        # What meets advances together, see meeting/together.py.
+        self.executor = None if features.meets else self._make_executor(rows, list(topologies.values()))
         self._trial = None
         if features.method == "verlet":
             self._trial = Trial(self.executor, self._make_safe, self.worlds, self.counts, self.lines)
@@ -159,15 +158,15 @@ class Batch:
                 f"the executor 'block' is forced on a body of {largest} particles; allowed are up to {limit} on "
                 f"{self.device.alias}"
             )
-        # Each body of a block goes on alone for a frame; a graph stops to look for pairs.
-        if self._search is not None and not self.features.chain and _forced != "block":
-            return Graph(self.features, self.worlds, self.device, self._search)
         # A line solve takes a warp: a launch of all lines on all multiprocessors beats one block, until there are many.
         alone = self.device.is_cuda and self.features.lines and largest > _BLOCK_OF_LINES
         spread = alone and sum(self.counts) * len(self.worlds) < _GRAPH_OF_LINES
         if _forced == "graph" or largest > limit or (spread and _forced is None):
-            return Graph(self.features, self.worlds, self.device, self._search)
+            return self._graph(self.features, self.worlds)
         return Block(self.features, self.worlds, self.device, largest, self._threads)
+
+    def _graph(self, features: Features, worlds: list[Arrays]) -> Graph:
+        return Graph([Member(features, worlds, self.device)], self.device)
 
     def _make_safe(self) -> Block | Graph:
         """XPBD of first order for bodies whose explicit frame is rejected, in substeps of its own."""
@@ -181,7 +180,7 @@ class Batch:
             worlds.append(arrays)
         largest = max(self.counts)
         if largest > capacity(self.device, features):
-            return Graph(features, worlds, self.device)
+            return self._graph(features, worlds)
         threads = threads_for(features, largest, len(self.counts) * len(worlds), self.device)
         return Block(features, worlds, self.device, largest, threads)
 
@@ -194,10 +193,6 @@ class Batch:
         """Where the triangles of a sheet, or the segments of a rope, lie in Model.panels."""
         row = self._bodies[self.index[name]]
         return slice(row["panels"], row["panels_end"])
-
-    def crossings(self, name: str, world: int) -> int:
-        """How many edges of a body go through a triangle of its own; 0 where it is not kept apart from itself."""
-        return self._search.crossings(world, self.panels(name)) if self._search is not None else 0
 
     def segments(self, name: str) -> slice:
         """Where the chain segments of a rope lie; of what has no chain, nowhere."""
@@ -335,10 +330,6 @@ class Batch:
 
     def advance(self, finer: int = 1) -> None:
         """Simulate one frame, as `write_frame` was told last."""
-        if self._search is not None:
-            self._search.begin()
-            if isinstance(self.executor, Block):
-                self._search.find(finer * self.substeps)
         if self._trial is None:
             self.executor.advance(finer * self.substeps, self.iterations, self._outer)
         else:

@@ -18,6 +18,7 @@ from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.forces import name_of
 from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
+from cloth_sim_ros.sim.meeting.together import Together
 from cloth_sim_ros.sim.methods import choose as choosing
 from cloth_sim_ros.sim.methods.choose import Choice
 from cloth_sim_ros.sim.methods.prices import Surroundings
@@ -74,7 +75,7 @@ class Bodies:
         enters = any(collider.enters(gap, thickness) for collider in self.scene.colliders.values())
         surface = enters or self.scene.spare_colliders > 0
         wind, rows = self.scene.wind is not None, self.colliders.array.shape[1]
-        around = Surroundings(kind, wind, rows, self.worlds, surface, self.scene.objects[name].self_contact)
+        around = Surroundings(kind, wind, rows, self.worlds, surface, self._meets(name))
         choice = choosing.choose(self.settings, self.elastic[name], list(materials), name in self.strained, around)
         if surface:
             choice = replace(choice, reason=f"{choice.reason}; colliders touch it between its particles too")
@@ -96,14 +97,31 @@ class Bodies:
         }
         self.batches = self._make_batches()
         self.batch = {name: batch for batch in self.batches for name in batch.index}
+        together = [batch for batch in self.batches if batch.features.meets]
+        itself = [name for name, thing in self.scene.objects.items() if thing.self_contact]
+        self.together = Together(together, itself, self.scene.object_contact) if together else None
         self._arrays: list[wp.array] = []
         self._write_substeps()
         self.builds += 1
 
-    def _write_substeps(self) -> None:
-        """Every batch takes the most substeps and iterations that are chosen for an object in it."""
+    def _meets(self, name: str) -> bool:
+        """Whether an object is kept apart from itself or from others."""
+        return self.scene.objects[name].self_contact or (self.scene.object_contact and len(self.scene.objects) > 1)
+
+    def advance(self, finer: int) -> None:
+        """One frame of all objects, in `finer` times the substeps that are set."""
         for batch in self.batches:
-            chosen = [self._choices[name] for name in batch.index]
+            if not batch.features.meets:
+                batch.advance(finer)
+        if self.together is not None:
+            self.together.advance(finer)
+
+    def _write_substeps(self) -> None:
+        """Every batch takes the most substeps and iterations that are chosen for an object in it; of those that advance
+        together, for an object of any."""
+        together = [name for name in self.batch if self._meets(name)]
+        for batch in self.batches:
+            chosen = [self._choices[name] for name in (together if batch.features.meets else batch.index)]
             most = [
                 max(numbers)
                 for numbers in zip(*((c.substeps, c.iterations, c.safe_substeps) for c in chosen), strict=True)
@@ -174,7 +192,7 @@ class Bodies:
                 forces=tuple(map(name_of, self.scene.forces.values())),
                 handles=bool(self.scene.handles),
                 surface=choice.surface,
-                self_contact=self.scene.objects[name].self_contact,
+                meets=self._meets(name),
                 listed=self.colliders.array.shape[1] > FEW,
             )
             rows = goes_in_rows(features, topo, self.warp_device)

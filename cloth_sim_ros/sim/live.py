@@ -180,6 +180,8 @@ class Live:
             raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
         if self._bodies.scene.objects[name].self_contact:
             raise ValueError(f"{name} has self_contact, which method 'verlet' lacks; allowed is 'xpbd' or 'auto'")
+        if self._bodies.scene.object_contact:
+            raise ValueError("the scene has object_contact, which method 'verlet' lacks; allowed is 'xpbd' or 'auto'")
         windy = self._bodies.scene.wind is not None
         limits.check_explicit(name, topo, (compliance, damping), substeps, self._bodies.settings.frame_dt, windy)
 

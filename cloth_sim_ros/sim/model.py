@@ -37,7 +37,7 @@ class Features:
     listed: bool = False  # whether there are so many that those near a body are looked for (see stages/near.py)
     handles: bool = False  # whether there are any
     redoes: bool = False  # whether only bodies are computed whose frame is done again
-    self_contact: bool = False  # whether the object is kept apart from itself
+    meets: bool = False  # whether it is kept apart from itself or from other objects
     forces: tuple[str, ...] = ()  # of forces.FORCES, in the order of Arrays.forces
     line_slots: int = 1  # particles of a line that a thread of a warp holds
 

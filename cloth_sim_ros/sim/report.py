@@ -12,7 +12,6 @@ from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.physics.integrate import effective_step
-from cloth_sim_ros.sim.stages.self_contact import PAIRS_A_PANEL
 from cloth_sim_ros.sim.state import Arrays
 
 # Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.
@@ -167,18 +166,8 @@ class Reporter:
             "max_penetration": float(max(result[PARTICLES], result[SURFACE])),
             "particle_penetration": float(result[PARTICLES]),
             "residual": float(result[RESIDUAL]),
-            **self._of_itself(batch, name, world),
             "recoveries": recoveries,
             "redone": redone,
             "substeps": batch.substeps,
             "iterations": batch.iterations,
         }
-
-    def _of_itself(self, batch: Batch, name: str, world: int) -> dict[str, int]:
-        """What is told of an object that is kept apart from itself."""
-        if not batch.features.self_contact:
-            return {}
-        found = int(batch.worlds[world].state.pair_counts.numpy()[batch.index[name]])
-        panels = batch.panels(name)
-        room = PAIRS_A_PANEL * (panels.stop - panels.start)
-        return {"pairs": found, "pairs_lost": max(0, found - room), "crossings": batch.crossings(name, world)}

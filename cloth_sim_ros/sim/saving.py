@@ -144,6 +144,7 @@ def structure_of(bodies: Bodies) -> dict[str, str]:
         "worlds": str(bodies.worlds),
         "wind": "there" if scene.wind is not None else "not there",
         "spare_colliders": str(scene.spare_colliders),
+        "object_contact": str(scene.object_contact),
         **{f"solver.{name}": repr(getattr(settings, name)) for name in _FIXED_SETTINGS},
     }
     for name, thing in scene.objects.items():

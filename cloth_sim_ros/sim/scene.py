@@ -41,8 +41,9 @@ class Wind:
 class Scene:
     """Named objects, colliders and handles, wind (None: no air), forces by any name and gravity [m/s^2].
 
-    spare_colliders: how many colliders of SPARE_SHAPES may be added while a simulation runs. Names of objects,
-    colliders and handles are shared by topics and parameters. Raises ValueError for what cannot be.
+    spare_colliders: how many colliders of SPARE_SHAPES may be added while a simulation runs. object_contact: whether
+    objects keep both their thicknesses from one another. Names of objects, colliders and handles are shared by topics
+    and parameters. Raises ValueError for what cannot be.
     """
 
     objects: Mapping[str, Cloth | Rope] = field(default_factory=dict)
@@ -52,6 +53,7 @@ class Scene:
     gravity: Vector = (0.0, 0.0, -9.81)
     handles: Mapping[str, Handle] = field(default_factory=dict)
     spare_colliders: int = 0
+    object_contact: bool = False
 
     def __post_init__(self) -> None:
         _check_names(self.objects, (Cloth, Rope), "objects")
@@ -72,7 +74,7 @@ class Scene:
             raise ValueError(f"Scene.wind is {self.wind!r}; allowed is a Wind or None")
         for force in self.forces.values():
             name_of(force)
-        check_fields(self, (table.GRAVITY, table.SPARE_COLLIDERS))
+        check_fields(self, (table.GRAVITY, table.SPARE_COLLIDERS, table.OBJECT_CONTACT))
 
 
 def _check_names(things: Any, kinds: tuple[type, ...], where: str) -> None:

@@ -213,8 +213,7 @@ class Simulation:
     def _advance(self, finer: int = 1) -> None:
         """One frame in `finer` times the substeps that are set, with the live numbers as they are now."""
         self._upload(finer)
-        for batch in self._bodies.batches:
-            batch.advance(finer)
+        self._bodies.advance(finer)
 
     def _upload(self, finer: int = 1) -> None:
         if finer != self._finer or self._bodies.frame.is_changed:
@@ -296,12 +295,16 @@ class Simulation:
         by XPBD. expected_error is meant as solver.error is, for the world where it is largest. bending_share is the
         share of a sheet's bending rigidity that acts.
 
-        Of what is kept apart from itself, pairs is how many corners and triangles, or edges, are near one another.
-        pairs_lost is for how many of them there was no room, and crossings how many edges go through a triangle.
+        Of what is kept apart from itself or others, pairs is how many corners and triangles, or edges, are near one
+        another in the whole world. pairs_lost is for how many of them there was no room. crossings is how many edges of
+        the object go through a triangle of what it is kept apart from.
         """
         self._bodies.one(world)
         self._upload()
         found = {name: self._reporter.measure(batch, name, world) for name, batch in self._bodies.batch.items()}
+        if self._bodies.together is not None:
+            for name in found:
+                found[name] |= self._bodies.together.report(name, world)
         for name, choice in self._bodies.choices.items():
             found[name] |= {"expected_error": choice.error, "bending_share": choice.bending_share}
         for name, thing in self._bodies.scene.objects.items():

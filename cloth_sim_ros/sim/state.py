@@ -234,10 +234,7 @@ class State:
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next two
     close: wp.array(dtype=int)  # (N,) whether facets around a particle may touch a collider in this substep
     pressed: wp.array(dtype=int)  # (N,) and whether one of them asks it to move
-    pairs: wp.array(dtype=wp.vec4i)  # (64 P,) that may meet in this frame, body by body: particles of a corner and a
-    # triangle or, the first as -1 - its number, of two edges, see pair_search.py
-    pair_counts: wp.array(dtype=int)  # (B,) how many were found
-    asked: wp.array(dtype=wp.int64)  # (4 N,) what pairs ask of a particle, see self_contact.py
+    asked: wp.array(dtype=wp.int64)  # (7 N,) what pairs ask of a particle, see meeting/apart.py
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
     near: wp.array(dtype=wp.uint64)  # (B K/64,) bits of the colliders that a body may meet in this frame, see near.py
     extents: wp.array(dtype=float)  # (8 B,)

@@ -11,12 +11,12 @@ import os
 import warp as wp
 
 from cloth_sim_ros.sim.lines.solve import scratch_of
+from cloth_sim_ros.sim.meeting.apart import ASKED
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.model_arrays import ModelArrays
 from cloth_sim_ros.sim.ropes.elimination import NUMBERS
 from cloth_sim_ros.sim.stages.motion import SWEPT
 from cloth_sim_ros.sim.stages.near import EXTENT, words_of
-from cloth_sim_ros.sim.stages.self_contact import PAIRS_A_PANEL
 from cloth_sim_ros.sim.state import State
 
 
@@ -62,9 +62,7 @@ def make_states(
         "presses": arrays.size["panels"] * colliders if features.surface else 0,
         "close": particles if features.surface else 0,
         "pressed": particles if features.surface else 0,
-        "pairs": PAIRS_A_PANEL * arrays.size["panels"] if features.self_contact else 0,
-        "pair_counts": bodies if features.self_contact else 0,
-        "asked": 4 * particles if features.self_contact else 0,
+        "asked": ASKED * particles if features.meets else 0,
         "sweeps": SWEPT * bodies * colliders,
         "near": bodies * words_of(colliders),
         "extents": EXTENT * bodies if colliders else 0,

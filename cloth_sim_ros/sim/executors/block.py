@@ -119,7 +119,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
 def _make_substeps(features: Features, program: Program):
     """A Warp function: the threads of a block run all substeps of a frame."""
     enter, outer = make_enter(features), in_turn(program.outer, "outer")
-    before, iterated = in_turn(program.before, "before"), in_turn(program.iterated, "iterated")
+    before, iterated = in_turn(program.before, "before"), in_turn([*program.solved, *program.touched], "iterated")
     after = in_turn(program.after, "after")
 
     @wp.func

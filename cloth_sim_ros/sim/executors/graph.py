@@ -1,42 +1,112 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One launch a stage, for bodies too large for a block; on a GPU a frame is captured in one CUDA graph.
+"""One launch a stage, for bodies that touch one another or are too large for a block; on a GPU one CUDA graph a frame.
 
 The same program as the block executor, on plain device arrays: both give the same state but for the rounding of the
 compiler's choices.
 """
 
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import OPTIONS
+from cloth_sim_ros.sim.meeting.apart import PASSES, Apart
+from cloth_sim_ros.sim.meeting.search import Search
 from cloth_sim_ros.sim.methods.program import Program, Stage, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.model import Body, Features
-from cloth_sim_ros.sim.pair_search import PairSearch, searches_of
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 
 GRAPHS = 4  # frames kept at a time, for as many triples of substeps, iterations and outer steps
 
 
+class Launch(Protocol):
+    """What a frame is made of."""
+
+    def launch(self) -> None: ...
+
+
+class Member:
+    """The stages of a batch as launches, recorded once."""
+
+    def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device) -> None:
+        self.features, self._device = features, device
+        self.program, self._kernels = make_kernels(features, device.is_cpu)
+        self._worlds, self._given = len(worlds), gathered(worlds, device)
+        self._colliders = worlds[0].colliders.shape[0]
+        bodies = worlds[0].model.bodies.numpy().tolist()
+        self._bodies = [dict(zip(Body.vars, body, strict=True)) for body in bodies]
+        self._groups = worlds[0].model.groups.numpy().tolist()
+        self._recorded: dict[tuple, wp.Launch] = {}
+
+    def load(self) -> None:
+        """Have all kernels on the device."""
+        for kernel in self._kernels.values():
+            kernel.module.load(self._device)
+
+    def begin(self, substep: int, begins_outer: bool) -> list[Launch]:
+        """What begins a substep."""
+        found = self.run(self.program.outer, substep) if begins_outer else []
+        for stage in self.program.before:
+            if substep % stage.every == 0:
+                found += self.run([stage], substep if stage.every > 1 else self._at(substep))
+        return found
+
+    def iterate(self, stages: Sequence[Stage], substep: int, iteration: int, most: tuple[int, int]) -> list[Launch]:
+        """Stages of an iteration; most: substeps and iterations."""
+        substeps, iterations = most
+        store, last = iterations > 1 or substep == substeps - 1, iteration + 1 == iterations
+        return self.run(stages, self._at(substep), min(iteration, 1), int(store), int(last))
+
+    def finish(self, substep: int, iterations: int) -> list[Launch]:
+        """What ends a substep."""
+        return self.run(self.program.after, self._at(substep), min(iterations - 1, 1))
+
+    def end(self, substeps: int) -> list[Launch]:
+        """What ends a frame."""
+        return self.run((*self.program.outer, *self.program.ending), substeps)
+
+    def _at(self, substep: int) -> int:
+        # What looks at no substep is one launch, packed once.
+        return substep if self.features.looks_back or self._colliders else 0
+
+    def run(
+        self, stages: Sequence[Stage], substep: int, iteration: int = 0, store: int = 0, last: int = 1
+    ) -> list[Launch]:
+        """The launches of stages, for each body; those that are alike are one."""
+        found = []
+        for b, body in enumerate(self._bodies):
+            for stage in stages:
+                for g in range(body["groups"], body["groups_end"]) if stage.rounds else (0,):
+                    size = self._groups[g][2] - self._groups[g][1] if stage.rounds else body
+                    numbers = (stage.threads(size, self._colliders), b, substep, iteration, store, last, g)
+                    found.append(self._record(stage.name, numbers))
+        return found
+
+    def _record(self, name: str, numbers: tuple) -> wp.Launch:
+        key = (name, *numbers)
+        if key not in self._recorded:
+            inputs, dim = [self._given, *numbers], self._worlds * numbers[0]
+            self._recorded[key] = wp.launch(
+                self._kernels[name], dim=dim, inputs=inputs, device=self._device, record_cmd=True
+            )
+        return self._recorded[key]
+
+
 class Graph:
-    """The launches of one batch. `advance()` simulates one frame of every body in every world of it."""
+    """The launches of batches that advance together. `advance()` simulates a frame of every body in every world.
+
+    meeting: what finds, and what keeps apart, the parts of bodies that may touch one another.
+    """
 
     def __init__(
-        self, features: Features, worlds: list[Arrays], device: wp.Device, search: PairSearch | None = None
+        self, members: Sequence[Member], device: wp.Device, meeting: tuple[Search, Apart] | None = None
     ) -> None:
-        """search: of the pairs of objects that are kept apart from themselves."""
-        self._search = search
-        self._features, self._device = features, device
-        self._program, self._kernels = make_kernels(features, device.is_cpu)
-        self._worlds, self._given = len(worlds), gathered(worlds, device)
-        arrays = worlds[0]
-        self._colliders = arrays.colliders.shape[0]
-        self._bodies = [dict(zip(Body.vars, body, strict=True)) for body in arrays.model.bodies.numpy().tolist()]
-        self._groups = arrays.model.groups.numpy().tolist()
-        self._recorded: dict[tuple, wp.Launch] = {}
-        self._frame: list[wp.Launch | Search] = []
-        self._frames: dict[tuple[int, int, int], list[wp.Launch] | wp.Graph] = {}
+        self._members, self._device, self._meeting = members, device, meeting
+        self._frames: dict[tuple[int, int, int], list[Launch] | wp.Graph] = {}
 
     def advance(self, substeps: int, iterations: int, outer: int) -> None:
         """Launch one frame; new numbers are recorded, on a GPU in a graph; a few are kept."""
@@ -49,89 +119,66 @@ class Graph:
         if isinstance(frame, wp.Graph):
             wp.capture_launch(frame)
             return
-        for launch in frame:
-            launch.launch()
+        for each in frame:
+            each.launch()
 
     def prepare(self, substeps: int, iterations: int) -> None:
         """Make the launches of such a frame, outside of a capture."""
-        self._frame = []
-        self._launch_frame(substeps, iterations, 1)
-        for kernel in self._kernels.values():
-            kernel.module.load(self._device)
+        self._frame = self._launches(substeps, iterations, 1)
+        for member in self._members:
+            member.load()
 
-    def launches(self, substeps: int, iterations: int) -> list[wp.Launch]:
+    def launches(self, substeps: int, iterations: int) -> list[Launch]:
         """The launches of a frame, which `prepare` has made."""
         return self._frame
 
-    def _record(self, substeps: int, iterations: int, outer: int) -> list[wp.Launch] | wp.Graph:
-        self._frame = []
-        self._launch_frame(substeps, iterations, outer)
+    def _record(self, substeps: int, iterations: int, outer: int) -> list[Launch] | wp.Graph:
+        frame = self._launches(substeps, iterations, outer)
         if not self._device.is_cuda:
-            return self._frame
+            return frame
         with wp.ScopedCapture(device=self._device) as capture:
-            for launch in self._frame:
-                launch.launch()
+            for each in frame:
+                each.launch()
         return capture.graph
 
-    def _launch_frame(self, substeps: int, iterations: int, outer: int) -> None:
+    def _launches(self, substeps: int, iterations: int, outer: int) -> list[Launch]:
+        frame, members = [], self._members
         outer_ends = {j * substeps // outer for j in range(outer + 1)}
-        bodies, ahead = (
-            list(enumerate(self._bodies)),
-            -(-substeps // searches_of(min(body["spacing"] for body in self._bodies))),
-        )
         for substep in range(substeps):
-            if self._search is not None and substep % ahead == 0:
-                self._frame.append(Search(self._search, min(ahead, substeps - substep)))
-            for b, body in bodies:
-                self._launch_substep(b, body, substep, (substeps, iterations), substep in outer_ends)
-        for b, body in bodies:
-            for stage in (*self._program.outer, *self._program.ending):
-                self._launch(stage, b, body, substeps)
+            if self._meeting is not None:
+                frame.append(Call(self._meeting[0].look))
+            for member in members:
+                frame += member.begin(substep, substep in outer_ends)
+            for iteration in range(iterations):
+                now = (substep, iteration, (substeps, iterations))
+                for member in members:
+                    frame += member.iterate(member.program.solved, *now)
+                if self._meeting is not None:
+                    frame += self._part(*now)
+                for member in members:
+                    frame += member.iterate(member.program.touched, *now)
+            for member in members:
+                frame += member.finish(substep, iterations)
+        for member in members:
+            frame += member.end(substeps)
+        return frame
 
-    def _launch_substep(self, b: int, body: dict, substep: int, most: tuple[int, int], begins_outer: bool) -> None:
-        substeps, iterations = most
-        # What looks at no substep is one launch, packed once.
-        at = substep if self._features.looks_back or self._colliders else 0
-        for stage in self._program.outer if begins_outer else ():
-            self._launch(stage, b, body, substep)
-        for stage in self._program.before:
-            if substep % stage.every == 0:
-                self._launch(stage, b, body, substep if stage.every > 1 else at)
-        for iteration in range(iterations):
-            store, last = iterations > 1 or substep == substeps - 1, iteration + 1 == iterations
-            mode = (min(iteration, 1), int(store), int(last))
-            for stage in self._program.iterated:
-                self._launch(stage, b, body, at, *mode)
-        for stage in self._program.after:
-            self._launch(stage, b, body, at, min(iterations - 1, 1))
-
-    def _launch(
-        self, stage: Stage, b: int, body: dict, substep: int, iteration: int = 0, store: int = 0, last: int = 1
-    ) -> None:
-        """Append the launches of a stage to the frame; those that are alike are one."""
-        groups = range(body["groups"], body["groups_end"]) if stage.rounds else (0,)
-        for g in groups:
-            size = self._groups[g][2] - self._groups[g][1] if stage.rounds else body
-            numbers = (stage.threads(size, self._colliders), b, substep, iteration, store, last, g)
-            key = (stage.name, *numbers)
-            if key not in self._recorded:
-                inputs, dim = [self._given, *numbers], self._worlds * numbers[0]
-                self._recorded[key] = wp.launch(
-                    self._kernels[stage.name], dim=dim, inputs=inputs, device=self._device, record_cmd=True
-                )
-            self._frame.append(self._recorded[key])
+    def _part(self, *now: int) -> list[Launch]:
+        """What keeps bodies apart in an iteration."""
+        apart = self._meeting[1]
+        frame: list[Launch] = [Call(apart.look)]
+        for _ in range(PASSES):
+            frame.append(Call(apart.part))
+            for member in self._members:
+                frame += member.iterate(member.program.parted, *now)
+        return frame
 
 
 @dataclass(frozen=True)
-class Search:
-    """A launch like others: it looks for the pairs of `ahead` substeps to come."""
+class Call:
+    """A launch like others, of several kernels."""
 
-    pairs: PairSearch
-    ahead: int
-
-    def launch(self) -> None:
-        """Look for them."""
-        self.pairs.find(self.ahead)
+    launch: Callable[[], None]
 
 
 @lru_cache
@@ -141,7 +188,8 @@ def make_kernels(features: Features, on_cpu: bool) -> tuple[Program, dict[str, w
     module = wp.get_module(f"cloth_sim_ros.graph.{features.key()}.{'cpu' if on_cpu else 'cuda'}")
     wp.set_module_options(OPTIONS, module)
     begin, enter = make_begin(features), make_enter(features)
-    stages = (*program.outer, *program.before, *program.iterated, *program.after, *program.ending)
+    each = (program.outer, program.before, program.solved, program.parted, program.touched)
+    stages = itertools.chain(*each, program.after, program.ending)
     return program, {stage.name: _make_kernel(stage, features, begin, enter, module) for stage in stages}
 
 

@@ -121,7 +121,7 @@ def make_frame(features: Features):
     begin, enter = make_begin(features), make_enter(features)
     outer, end = in_turn(program.outer, "outer"), in_turn(program.ending, "ending")
     before = in_turn([stage for stage in program.before if stage.name != "predict"], "before")
-    iterated = in_turn(program.iterated, "iterated")
+    iterated = in_turn(program.touched, "iterated")
     argument = given_type(features)
 
     @wp.func

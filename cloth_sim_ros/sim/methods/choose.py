@@ -23,7 +23,7 @@ STRAINED = 0.5  # Strain of a spring beyond which explicit steps may heat an obj
 _MOST_STIFF = 6.0  # times as many substeps as sweeps of BDF2 on a mesh are what leapfrog would need, at most
 _SAFE = 40  # substeps of a frame that is done again, at least
 FEWEST = 6  # substeps a frame that are chosen at least: contact and gusts need them
-_FEWEST_LAYERS = 40  # where what is fast has to be kept apart from itself
+_FEWEST_LAYERS = 40  # where what is fast has to be kept apart
 _SIDE = 10.0  # particles along a sheet to a substep of xpbd, at most: fewer do not carry shape across it
 _MOST_LINES = 2000  # substeps of xpbd that are chosen at most
 _LEAST_ROPE = 20  # of a rope at an error of 1e-3
@@ -87,8 +87,8 @@ def choose(
     if settings.method == "verlet":
         return verlet
     because = _not_explicit(settings, topology, needed, strained)
-    if around.self_contact:
-        because = "it is kept apart from itself, which explicit steps lack"
+    if around.meets:
+        because = "it is kept apart from itself or others, which explicit steps lack"
     if because:
         return replace(xpbd, reason=f"{xpbd.reason}; {because}")
     cost = verlet.substeps * prices.verlet(topology, around)
@@ -160,7 +160,7 @@ def _xpbd(
     bending = effective * math.sqrt(_bending_rate(topology, materials) / _BENDING)
     wanted = max((constant / settings.error) ** (1.0 / power), bending)
     fewest = FEWEST if xpbd_is_direct(topology) else max(FEWEST, math.ceil(math.sqrt(len(topology.masses)) / _SIDE))
-    fewest = max(fewest, _FEWEST_LAYERS) if around.self_contact else fewest
+    fewest = max(fewest, _FEWEST_LAYERS) if around.meets else fewest
     affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
     substeps = settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), fewest, _MOST_LINES))
     error = constant / substeps**power

@@ -29,8 +29,8 @@ _BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7
 class Surroundings:
     """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind, colliders and worlds.
 
-    surface: whether colliders are kept out between particles too. self_contact: whether the object is kept apart from
-    itself.
+    surface: whether colliders are kept out between particles too. meets: whether the object is kept apart
+    from itself or others.
     """
 
     device: str
@@ -38,7 +38,7 @@ class Surroundings:
     colliders: int
     worlds: int = 1
     surface: bool = False
-    self_contact: bool = False
+    meets: bool = False
 
     @property
     def near(self) -> int:

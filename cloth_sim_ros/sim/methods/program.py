@@ -5,7 +5,8 @@ The contract of an executor (block.py: a body in a block; graph.py: a launch a s
 
 1. It gives every stage a `Here` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
 2. It runs `outer` before each substep that begins a step of slow forces, and once more behind the last. Each substep
-   runs `before`, `iterated` in each iteration, and `after`. `ending` runs at the end of the frame.
+   runs `before`, then `solved` and `touched` in each iteration, and `after`. `ending` runs at the end of the frame.
+   Where objects meet, they are told what to do between `solved` and `touched`, and `parted` does it.
 3. A stage is run(t, width, here), called by `width` threads of numbers t. What they store is seen by all threads of the
    body before the next stage begins.
 4. A stage with `rounds` is run once for each family of lines, in order, with `here.group` set and a barrier between.
@@ -25,6 +26,7 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import array_address, sync
 from cloth_sim_ros.sim.lines.layout import WARP
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
+from cloth_sim_ros.sim.meeting.apart import make_come_apart
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import make_step, outer_weight
 from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
@@ -45,7 +47,6 @@ from cloth_sim_ros.sim.stages.motion import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.stages.near import list_colliders, make_forget_contacts, measure_extent
-from cloth_sim_ros.sim.stages.self_contact import PASSES, THREADS, avoid, make_come_apart
 from cloth_sim_ros.sim.stages.surface_contact import make_carry_presses, make_press, make_yield
 from cloth_sim_ros.sim.state import Arrays
 
@@ -73,7 +74,9 @@ class Program:
 
     outer: list[Stage] = field(default_factory=list)
     before: list[Stage] = field(default_factory=list)
-    iterated: list[Stage] = field(default_factory=list)
+    solved: list[Stage] = field(default_factory=list)
+    parted: list[Stage] = field(default_factory=list)
+    touched: list[Stage] = field(default_factory=list)
     after: list[Stage] = field(default_factory=list)
     ending: list[Stage] = field(default_factory=list)
 
@@ -105,22 +108,21 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
             slow.append(_over_particles("take_kick", store_velocity))
         before.append(_over_particles("predict", predict))
     if features.chain:
-        program.iterated.append(Stage("chain", _make_chain(features, threads, stored), lambda *_: 1))
+        program.solved.append(Stage("chain", _make_chain(features, threads, stored), lambda *_: 1))
     if features.lines:
-        program.iterated.append(_make_lines(features, on_cpu))
-    if features.self_contact:
-        look = Stage("avoid", avoid, lambda *_: 1 if on_cpu else THREADS)
-        program.iterated += [look, _over_particles("come_apart", make_come_apart(features))] * PASSES
+        program.solved.append(_make_lines(features, on_cpu))
+    if features.meets:
+        program.parted.append(_over_particles("come_apart", make_come_apart(features)))
     if features.shapes:
         met_in, contact = make_met_in(features), make_contact(features)
         if features.surface:
-            program.iterated.append(_over_meeting("contact", met_in, contact))
+            program.touched.append(_over_meeting("contact", met_in, contact))
             panels = lambda body, _: body["panels_end"] - body["panels"]  # noqa: E731
-            program.iterated.append(Stage("press", make_press(features), panels))
+            program.touched.append(Stage("press", make_press(features), panels))
             contact = make_yield(features)
         # With what ends the substep behind it: a GPU waits once for both, and reads contact's many instructions once.
         name = "give_way" if features.surface else "contact"
-        program.iterated.append(_over_meeting(name, met_in, contact, finish))
+        program.touched.append(_over_meeting(name, met_in, contact, finish))
     else:
         program.after.append(_over_particles("finish", finish))
     program.ending += [

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What keeps objects apart: corners against triangles, and edges against edges.
+
+search.py lists the pairs that may meet. In each substep the nearest points of two parts, where they were when it began,
+tell from which side they come: along the line between them the two stay apart by both thicknesses. A part that would
+come through within a substep is put back on its side, as the line does not turn.
+
+Each pair finds by itself what it asks of its particles, and each particle then does it. A particle of several pairs is
+split between them (mass splitting, Tonge et al. 2012), so that all together do not ask too much and momentum is kept.
+What is asked is summed in whole numbers, so that the order of pairs decides no bit.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
+from cloth_sim_ros.sim.meeting.nearest import nearest
+from cloth_sim_ros.sim.meeting.search import THREADS, Pairs, apart_by
+from cloth_sim_ros.sim.meeting.surfaces import Members, place, velocity
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.physics.friction import friction_correction
+from cloth_sim_ros.sim.stages.contact import NOISE, least_mass, length_of
+from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.stages.motion import pack
+
+PASSES = 4  # of all pairs in an iteration: each finds what the one before left of layers upon layers
+_METRE = wp.constant(wp.float64(1 << 44))  # units of it in sums of moves
+ASKED = 7  # numbers of a particle: where to move, what its pairs lack, and where to move by hits alone
+_PARTING = wp.constant(0.1)  # [m/s] at which parts that are too near to one another come apart
+
+
+@wp.struct
+class Close:
+    """Of pairs that may touch in this substep: which, the weights of their particles in the line between the nearest
+    points, that line's direction, and what they lack of being apart when it begins [m]. counts: (W,)."""
+
+    which: wp.array2d(dtype=int)
+    weights: wp.array2d(dtype=wp.vec4)
+    lines: wp.array2d(dtype=wp.vec4)
+    counts: wp.array(dtype=int)
+
+
+@wp.struct
+class Pair:
+    """Particles, and of each the arrays that it is in."""
+
+    particles: wp.vec4i
+    surfaces: wp.vec4i
+
+
+@wp.func
+def _pair_of(members: Members, pairs: Pairs, w: int, k: int) -> Pair:
+    parts, sides = pairs.parts[w, k], pairs.sides[w, k]
+    a = members.bodies[sides[0]][0] * members.worlds + w
+    b = members.bodies[sides[1]][0] * members.worlds + w
+    pair = Pair()
+    pair.particles = wp.vec4i(wp.where(parts[0] >= 0, parts[0], -1 - parts[0]), parts[1], parts[2], parts[3])
+    pair.surfaces = wp.vec4i(a, wp.where(parts[0] >= 0, b, a), b, b)
+    return pair
+
+
+@wp.kernel(enable_backward=False)
+def _look(members: Members, pairs: Pairs, close: Close, width: int):
+    """List the pairs that are close: `width` threads a world."""
+    w = wp.tid() / width
+    for k in range(wp.tid() - w * width, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
+        is_corner = pairs.parts[w, k][0] >= 0
+        pair, sides = _pair_of(members, pairs, w, k), pairs.sides[w, k]
+        of_a, of_b = members.surfaces[pair.surfaces[0]], members.surfaces[pair.surfaces[3]]
+        a, c = place(of_a, pair.particles[0]), place(of_b, pair.particles[2])
+        b, d = place(of_b, pair.particles[1]), place(of_b, pair.particles[3])
+        if not is_corner:
+            b = place(of_a, pair.particles[1])
+        m = nearest(is_corner, a, b, c, d)
+        start = m.weights[0] * a + m.weights[1] * b + m.weights[2] * c + m.weights[3] * d
+        apart = wp.length(start)
+        body_a, body_b = members.bodies[sides[0]][1], members.bodies[sides[1]][1]
+        seen = m.inside or (of_a.bodies[body_a].is_rope and of_b.bodies[body_b].is_rope)
+        if seen and apart >= NOISE:  # what lies in one place has no sides
+            n = start / apart
+            moved = float(0.0)
+            for q in range(4):
+                moves = load_row(members.surfaces[pair.surfaces[q]].displacements, pair.particles[q])
+                moved += m.weights[q] * wp.dot(n, xyz(moves))
+            kept = apart_by(members, of_a, of_b, sides[0], sides[1])
+            if apart + moved < 2.0 * kept:  # others may move it by as much as it is kept apart
+                # What was nearer comes apart at a pace that flings nothing.
+                wanted = wp.min(kept, apart + _PARTING * of_a.frames[0].dt)
+                place_in_list = wp.atomic_add(close.counts, w, 1)
+                close.which[w, place_in_list] = k
+                close.weights[w, place_in_list] = m.weights
+                close.lines[w, place_in_list] = wp.vec4(n[0], n[1], n[2], wanted - apart)
+
+
+@wp.struct
+class Touch:
+    """What a pair lacks of being apart [m], 0 where it is, along a direction n, and how far it has slipped [m].
+
+    faster: how much faster it parts in this substep than it did before [m].
+    """
+
+    lacks: float
+    n: wp.vec3
+    slip: wp.vec3
+    faster: float
+
+
+@wp.func
+def _touch_of(members: Members, pair: Pair, weights: wp.vec4, line: wp.vec4) -> Touch:
+    touch = Touch()
+    touch.n = xyz(line)
+    moved, slip, before = wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0)
+    for q in range(4):
+        surface = members.surfaces[pair.surfaces[q]]
+        d = xyz(load_row(surface.displacements, pair.particles[q]))
+        moved += weights[q] * d
+        slip += weights[q] * (d - xyz(load_row(surface.low, pair.particles[q])))
+        before += weights[q] * surface.frames[0].dt * velocity(surface, pair.particles[q])
+    touch.lacks = wp.max(line[3] - wp.dot(touch.n, moved), 0.0)
+    touch.slip = slip - wp.dot(slip, touch.n) * touch.n
+    touch.faster = wp.dot(touch.n, slip - before) + touch.lacks
+    return touch
+
+
+@wp.func
+def _units(lacks: float, weight: float) -> wp.int64:
+    """What a pair asks of a particle, in whole numbers."""
+    return wp.int64(wp.float64(wp.min(lacks, 1.0) * wp.abs(weight)) * _METRE)
+
+
+@wp.kernel(enable_backward=False)
+def _claim(members: Members, pairs: Pairs, close: Close, width: int):
+    """Sum what pairs lack at each particle: it is split between them in proportion."""
+    w = wp.tid() / width
+    for j in range(wp.tid() - w * width, close.counts[w], width):
+        pair, weights = _pair_of(members, pairs, w, close.which[w, j]), close.weights[w, j]
+        touch = _touch_of(members, pair, weights, close.lines[w, j])
+        if touch.lacks > 0.0:
+            for q in range(4):
+                asked = members.surfaces[pair.surfaces[q]].asked
+                wp.atomic_add(asked, wp.static(ASKED) * pair.particles[q] + 3, _units(touch.lacks, weights[q]))
+
+
+@wp.kernel(enable_backward=False)
+def _part(members: Members, pairs: Pairs, close: Close, width: int):
+    """Ask the particles of close pairs to move so that these stay apart, with friction."""
+    w = wp.tid() / width
+    for j in range(wp.tid() - w * width, close.counts[w], width):
+        k = close.which[w, j]
+        pair, weights = _pair_of(members, pairs, w, k), close.weights[w, j]
+        touch = _touch_of(members, pair, weights, close.lines[w, j])
+        yielding = float(0.0)
+        inverse = wp.vec4(0.0)
+        for q in range(4):
+            surface = members.surfaces[pair.surfaces[q]]
+            units = _units(touch.lacks, weights[q])
+            if units > wp.int64(0):
+                inverse[q] = load_row(surface.displacements, pair.particles[q])[3]
+                split = float(wp.float64(surface.asked[wp.static(ASKED) * pair.particles[q] + 3]) / wp.float64(units))
+                yielding += weights[q] * weights[q] * inverse[q] * split
+        if yielding > 0.0:
+            sides = pairs.sides[w, k]
+            of_a = members.surfaces[pair.surfaces[0]].materials[members.bodies[sides[0]][1]]
+            of_b = members.surfaces[pair.surfaces[3]].materials[members.bodies[sides[1]][1]]
+            sticking = wp.sqrt(of_a.static_friction * of_b.static_friction)
+            sliding = wp.sqrt(of_a.kinetic_friction * of_b.kinetic_friction)
+            move = touch.lacks * touch.n
+            move += friction_correction(touch.slip, wp.vec3(0.0), touch.lacks, sticking, sliding)
+            for q in range(4):
+                share = weights[q] * inverse[q] / yielding
+                asked = members.surfaces[pair.surfaces[q]].asked
+                first = wp.static(ASKED) * pair.particles[q]
+                for c in range(3):
+                    units = wp.int64(wp.float64(wp.clamp(share * move[c], -1.0, 1.0)) * _METRE)
+                    wp.atomic_add(asked, first + c, units)
+                    if touch.faster > NOISE:
+                        wp.atomic_add(asked, first + 4 + c, units)
+
+
+class Apart:
+    """The launches that keep the pairs of a search apart."""
+
+    def __init__(self, members: Members, pairs: Pairs, device: wp.Device) -> None:
+        worlds, room = pairs.parts.shape
+        self._close = Close()
+        self._close.which = wp.zeros((worlds, room), dtype=int, device=device)
+        self._close.weights = wp.zeros((worlds, room), dtype=wp.vec4, device=device)
+        self._close.lines = wp.zeros((worlds, room), dtype=wp.vec4, device=device)
+        self._close.counts = wp.zeros(worlds, dtype=int, device=device)
+        width = 1 if device.is_cpu else THREADS
+        inputs, dim = [members, pairs, self._close, width], worlds * width
+        self._look = wp.launch(_look, dim=dim, inputs=inputs, device=device, record_cmd=True)
+        self._claim = wp.launch(_claim, dim=dim, inputs=inputs, device=device, record_cmd=True)
+        self._part = wp.launch(_part, dim=dim, inputs=inputs, device=device, record_cmd=True)
+
+    def look(self) -> None:
+        """Find which pairs are close, where particles would go now."""
+        self._close.counts.zero_()
+        self._look.launch()
+
+    def part(self) -> None:
+        """Ask their particles to move."""
+        self._claim.launch()
+        self._part.launch()
+
+
+def make_come_apart(features: Features):
+    """The stage that moves particle i as its pairs ask."""
+    least = least_mass(features)
+
+    @wp.func
+    def come_apart(i: int, here: Here):
+        slot = here.body.particles + i
+        first = wp.static(ASKED) * slot
+        if here.state.asked[first + 3] == wp.int64(0):
+            return
+        move, hit = _asked(here.state.asked, first), _asked(here.state.asked, first + 4)
+        for k in range(wp.static(ASKED)):
+            here.state.asked[first + k] = wp.int64(0)
+        packed = load4(here.d, i)
+        if packed[3] <= wp.static(least) * load4(here.x, i)[3]:
+            return
+        store4(here.d, i, pack(xyz(packed) + move, packed[3]))
+        if wp.static(features.order == 2):
+            # A hit changes the velocity at once. As if it had moved like that before, BDF2 carries just that on.
+            here.state.last_displacements[slot] = here.state.last_displacements[slot] + hit
+            v = load_row(here.state.velocities, slot)
+            store_row(here.state.velocities, slot, v + pack(hit / length_of(here.step), 0.0))
+
+    return come_apart
+
+
+@wp.func
+def _asked(asked: wp.array(dtype=wp.int64), first: int) -> wp.vec3:
+    """A sum of moves [m]."""
+    sum = wp.vec3(0.0)
+    for k in range(3):
+        sum[k] = float(wp.float64(asked[first + k]) / _METRE)
+    return sum

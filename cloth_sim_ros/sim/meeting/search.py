@@ -1,0 +1,363 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which parts of objects may meet soon, and which have come through one another.
+
+Each panel has a box around its way to come at the speed that it has, with some slack. Warp's tree of boxes finds panels
+whose boxes overlap, and of these the corners, triangles and edges that may meet are listed. Of one object, what is
+nearer at rest than it would be kept apart is left out.
+
+A list holds for a time ahead, and while no particle is off its way by more than the slack. So no pair is missed,
+however particles are pushed, and what rests is hardly ever looked at.
+"""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.meeting.nearest import crosses, nearest
+from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, may_touch, panel_of, place, velocity
+
+PAIRS_A_PANEL = 64  # room in the list of pairs
+_COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
+_TESTS = 15  # of two triangles: three corners of each against the other, and nine pairs of sides
+_EVERY = 64  # frames after which the tree is built anew; until then its boxes are fitted
+_SLACK = 0.05  # of the mean length of springs, that a particle may be off its way
+_LONGEST = 400  # substeps that a list holds at most
+THREADS = 16384  # of a launch over all pairs of a world, on a GPU
+
+
+@wp.struct
+class Pairs:
+    """Lists of one frame, world by world. couples: panels near one another. parts: the particles of a corner and a
+    triangle or, the first as -1 - its number, of two edges. sides: the two bodies. counts: (W, 2) couples and pairs.
+
+    clock: (3,) substeps since the last search and for how many it holds, and whether one is due. seen, going: where the
+    corners that are a panel's own were then, and their velocities.
+    """
+
+    couples: wp.array2d(dtype=wp.vec2i)
+    parts: wp.array2d(dtype=wp.vec4i)
+    sides: wp.array2d(dtype=wp.vec2i)
+    counts: wp.array2d(dtype=int)
+    clock: wp.array(dtype=int)
+    seen: wp.array2d(dtype=wp.vec3)
+    going: wp.array2d(dtype=wp.vec3)
+
+
+@wp.func
+def _slack(members: Members, surface: Surface, body: int) -> float:
+    """How far a particle of a body may be off its way [m]."""
+    return wp.static(_SLACK) * surface.bodies[members.bodies[body][1]].spacing
+
+
+@wp.func
+def _time(pairs: Pairs, surface: Surface) -> float:
+    """For how long the next list holds [s]."""
+    return float(pairs.clock[1]) * surface.frames[0].dt
+
+
+@wp.kernel(enable_backward=False)
+def _watch(members: Members, pairs: Pairs):
+    """A search is due where a particle is off its way."""
+    panels = members.panels.shape[0]
+    w = wp.tid() / panels
+    panel = panel_of(members, wp.tid() - w * panels, w)
+    surface = members.surfaces[panel.surface]
+    time = float(pairs.clock[0]) * surface.frames[0].dt
+    for q in range(3):
+        if (panel.own >> q) & 1 == 1:
+            on_its_way = pairs.seen[wp.tid(), q] + time * pairs.going[wp.tid(), q]
+            off = wp.length(place(surface, panel.corners[q]) - on_its_way)
+            if not off <= _slack(members, surface, panel.body):
+                pairs.clock[2] = 1
+
+
+@wp.kernel(enable_backward=False)
+def _decide(pairs: Pairs):
+    """Whether to search now, and for how many substeps: twice as many as the last list held."""
+    age, holds = pairs.clock[0], pairs.clock[1]
+    if age >= holds:
+        pairs.clock[2] = 1
+    if pairs.clock[2] == 1:
+        pairs.clock[1] = wp.clamp(2 * age, 4, wp.static(_LONGEST))
+
+
+@wp.kernel(enable_backward=False)
+def _age(pairs: Pairs):
+    """A substep later."""
+    pairs.clock[0] = wp.where(pairs.clock[2] == 1, 1, pairs.clock[0] + 1)
+    pairs.clock[2] = 0
+
+
+@wp.kernel(enable_backward=False)
+def _enclose(
+    members: Members, pairs: Pairs, ahead: bool, lowers: wp.array(dtype=wp.vec3), uppers: wp.array(dtype=wp.vec3)
+):
+    """The boxes of all panels as they are or, ahead, for as long as the next list holds."""
+    panels = members.panels.shape[0]
+    w = wp.tid() / panels
+    panel = panel_of(members, wp.tid() - w * panels, w)
+    surface = members.surfaces[panel.surface]
+    time, margin = float(0.0), float(0.0)
+    if ahead:
+        time = _time(pairs, surface)
+        thickness = surface.materials[members.bodies[panel.body][1]].thickness
+        margin = thickness + _slack(members, surface, panel.body)
+    low, high = wp.vec3(1.0e30), wp.vec3(-1.0e30)
+    for q in range(3):
+        x = place(surface, panel.corners[q])
+        v = velocity(surface, panel.corners[q])
+        low = wp.min(low, wp.min(x, x + time * v))
+        high = wp.max(high, wp.max(x, x + time * v))
+        if ahead:
+            pairs.seen[wp.tid(), q] = x
+            pairs.going[wp.tid(), q] = v
+    lowers[wp.tid()] = low - wp.vec3(margin)
+    uppers[wp.tid()] = high + wp.vec3(margin)
+
+
+@wp.func
+def _balls_meet(members: Members, a: Panel, b: Panel, time: float) -> bool:
+    """Whether the balls around two panels come nearer than they are kept apart within a time [s]."""
+    of_a, of_b = members.surfaces[a.surface], members.surfaces[b.surface]
+    middle_a, middle_b, speed_a, speed_b = wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0)
+    for k in range(3):
+        middle_a += place(of_a, a.corners[k]) / 3.0
+        middle_b += place(of_b, b.corners[k]) / 3.0
+        speed_a += velocity(of_a, a.corners[k]) / 3.0
+        speed_b += velocity(of_b, b.corners[k]) / 3.0
+    radius_a, radius_b = float(0.0), float(0.0)
+    for k in range(3):
+        off = wp.length(place(of_a, a.corners[k]) - middle_a)
+        radius_a = wp.max(radius_a, off + time * wp.length(velocity(of_a, a.corners[k]) - speed_a))
+        off = wp.length(place(of_b, b.corners[k]) - middle_b)
+        radius_b = wp.max(radius_b, off + time * wp.length(velocity(of_b, b.corners[k]) - speed_b))
+    reach = _reach(members, of_a, of_b, a.body, b.body) + time * wp.length(speed_a - speed_b)
+    return wp.length(middle_a - middle_b) < radius_a + radius_b + reach
+
+
+@wp.func
+def apart_by(members: Members, of_a: Surface, of_b: Surface, a: int, b: int) -> float:
+    """How far two bodies are kept apart [m]."""
+    return of_a.materials[members.bodies[a][1]].thickness + of_b.materials[members.bodies[b][1]].thickness
+
+
+@wp.func
+def _reach(members: Members, of_a: Surface, of_b: Surface, a: int, b: int) -> float:
+    """How near the ways of parts of two bodies have to come, so that they may meet [m]."""
+    return apart_by(members, of_a, of_b, a, b) + _slack(members, of_a, a) + _slack(members, of_b, b)
+
+
+@wp.kernel(enable_backward=False)
+def _couple(
+    members: Members,
+    pairs: Pairs,
+    tree: wp.uint64,
+    lowers: wp.array(dtype=wp.vec3),
+    uppers: wp.array(dtype=wp.vec3),
+):
+    """List the panels that may meet, each couple once."""
+    tid = wp.tid()
+    panels = members.panels.shape[0]
+    w = tid / panels
+    panel = panel_of(members, tid - w * panels, w)
+    time = _time(pairs, members.surfaces[panel.surface])
+    query = wp.bvh_query_aabb(tree, lowers[tid], uppers[tid], wp.bvh_get_group_root(tree, w))
+    found = int(0)
+    while wp.bvh_query_next(query, found):
+        if found > tid:
+            other = panel_of(members, found - w * panels, w)
+            if may_touch(members, panel.body, other.body) and _balls_meet(members, panel, other, time):
+                n = wp.atomic_add(pairs.counts, w, 0, 1)
+                if n < pairs.couples.shape[1]:
+                    pairs.couples[w, n] = wp.vec2i(tid - w * panels, found - w * panels)
+
+
+@wp.func
+def _parts(test: int, a: Panel, b: Panel) -> wp.vec4i:
+    """The particles of a test of two panels: a corner of a and the triangle b or, with -1 - the first of them, two
+    edges. The last is -1 where another couple has this test, or there is no such triangle."""
+    place = test % 3
+    if test < 6:
+        has = (a.own >> place) & 1 == 1 and b.corners[1] != b.corners[2]
+        return wp.vec4i(a.corners[place], b.corners[0], b.corners[1], wp.where(has, b.corners[2], -1))
+    side = (test - 6) / 3
+    has = (a.own >> (3 + side)) & 1 == 1 and (b.own >> (3 + place)) & 1 == 1
+    end = wp.where(has, b.corners[(place + 1) % 3], -1)
+    return wp.vec4i(-1 - a.corners[side], a.corners[(side + 1) % 3], b.corners[place], end)
+
+
+@wp.func
+def _share(parts: wp.vec4i) -> bool:
+    """Whether two parts of one body have a particle in common."""
+    if parts[0] >= 0:
+        return parts[0] == parts[1] or parts[0] == parts[2] or parts[0] == parts[3]
+    first = -1 - parts[0]
+    return first == parts[2] or first == parts[3] or parts[1] == parts[2] or parts[1] == parts[3]
+
+
+@wp.func
+def _gap(of_a: Surface, of_b: Surface, parts: wp.vec4i) -> wp.vec2:
+    """How far two parts are apart [m], and how fast a particle of one moves from one of the other at most [m/s]."""
+    is_corner = parts[0] >= 0
+    first = wp.where(is_corner, parts[0], -1 - parts[0])
+    a, v = place(of_a, first), velocity(of_a, first)
+    b, v_b = place(of_b, parts[1]), velocity(of_b, parts[1])
+    if not is_corner:
+        b, v_b = place(of_a, parts[1]), velocity(of_a, parts[1])
+    c, d = place(of_b, parts[2]), place(of_b, parts[3])
+    w = nearest(is_corner, a, b, c, d).weights
+    v_c, v_d = velocity(of_b, parts[2]), velocity(of_b, parts[3])
+    apart = wp.max(wp.length(v_c - v), wp.length(v_d - v))
+    if is_corner:
+        apart = wp.max(apart, wp.length(v_b - v))
+    else:
+        apart = wp.max(apart, wp.max(wp.length(v_c - v_b), wp.length(v_d - v_b)))
+    return wp.vec2(wp.length(w[0] * a + w[1] * b + w[2] * c + w[3] * d), apart)
+
+
+@wp.func
+def _are_neighbours(rest: wp.array(dtype=wp.vec3), parts: wp.vec4i, near: float) -> bool:
+    """Whether two parts of one body are nearer than `near` [m] in its rest shape."""
+    first = wp.where(parts[0] >= 0, parts[0], -1 - parts[0])
+    a, b = rest[first], rest[parts[1]]
+    c, d = rest[parts[2]], rest[parts[3]]
+    w = nearest(parts[0] >= 0, a, b, c, d).weights
+    return wp.length(w[0] * a + w[1] * b + w[2] * c + w[3] * d) < near
+
+
+@wp.kernel(enable_backward=False)
+def _pair(members: Members, pairs: Pairs, width: int, team: int):
+    """List the parts of couples that may meet: `width` threads a world, `team` of them a couple."""
+    w = wp.tid() / width
+    t = wp.tid() - w * width
+    for item in range(t / team, wp.min(pairs.counts[w, 0], pairs.couples.shape[1]), width / team):
+        couple = pairs.couples[w, item]
+        a, b = panel_of(members, couple[0], w), panel_of(members, couple[1], w)
+        for test in range(t % team, wp.static(_TESTS), team):
+            if test >= 3 and test < 6:
+                _test(members, pairs, w, test, b, a)
+            else:
+                _test(members, pairs, w, test, a, b)
+
+
+@wp.func
+def _test(members: Members, pairs: Pairs, w: int, test: int, a: Panel, b: Panel):
+    """List the parts of one test of two panels where they may meet."""
+    parts = _parts(test, a, b)
+    if parts[3] < 0 or (a.body == b.body and _share(parts)):
+        return
+    of_a, of_b = members.surfaces[a.surface], members.surfaces[b.surface]
+    gap = _gap(of_a, of_b, parts)
+    if gap[0] >= _reach(members, of_a, of_b, a.body, b.body) + _time(pairs, of_a) * gap[1]:
+        return
+    if a.body == b.body:
+        near = 1.01 * apart_by(members, of_a, of_b, a.body, b.body)
+        if _are_neighbours(of_a.rest, parts, near + 1.0e-3 * of_a.bodies[members.bodies[a.body][1]].spacing):
+            return
+    n = wp.atomic_add(pairs.counts, w, 1, 1)
+    if n < pairs.parts.shape[1]:
+        pairs.parts[w, n] = parts
+        pairs.sides[w, n] = wp.vec2i(a.body, b.body)
+
+
+@wp.kernel(enable_backward=False)
+def _cross(
+    members: Members,
+    w: int,
+    body: int,
+    tree: wp.uint64,
+    lowers: wp.array(dtype=wp.vec3),
+    uppers: wp.array(dtype=wp.vec3),
+    count: wp.array(dtype=int),
+):
+    """Count the edges of a body that go through a triangle that it is kept apart from."""
+    panels = members.panels.shape[0]
+    tid = w * panels + wp.tid()
+    panel = panel_of(members, wp.tid(), w)
+    if panel.body != body:
+        return
+    own = members.surfaces[panel.surface]
+    query = wp.bvh_query_aabb(tree, lowers[tid], uppers[tid], wp.bvh_get_group_root(tree, w))
+    found = int(0)
+    while wp.bvh_query_next(query, found):
+        other = panel_of(members, found - w * panels, w)
+        if may_touch(members, body, other.body):
+            of_other = members.surfaces[other.surface]
+            a, b = place(of_other, other.corners[0]), place(of_other, other.corners[1])
+            c = place(of_other, other.corners[2])
+            for side in range(3):
+                p, q = panel.corners[side], panel.corners[(side + 1) % 3]
+                shared = bool(False)
+                for k in range(3):
+                    shared = shared or p == other.corners[k] or q == other.corners[k]
+                apart = other.body != body or not shared
+                if apart and (panel.own >> (3 + side)) & 1 == 1 and crosses(place(own, p), place(own, q), a, b, c):
+                    wp.atomic_add(count, 0, 1)
+
+
+class Search:
+    """Looks for pairs in all worlds; `pairs` are what was found last."""
+
+    def __init__(self, members: Members, device: wp.Device) -> None:
+        self._members, self._device = members, device
+        self._panels, worlds = members.panels.shape[0], members.worlds
+        total = worlds * self._panels
+        self._boxes = [wp.zeros(total, dtype=wp.vec3, device=device) for _ in range(2)]
+        groups = np.repeat(np.arange(worlds, dtype=np.int32), self._panels)
+        self._groups = wp.array(groups, dtype=int, device=device)
+        self._count = wp.zeros(1, dtype=int, device=device)
+        self._tree = wp.Bvh(*self._boxes, groups=self._groups)
+        self._age = 0
+        self.pairs = Pairs()
+        self.pairs.couples = wp.zeros((worlds, _COUPLES_A_PANEL * self._panels), dtype=wp.vec2i, device=device)
+        room = (worlds, PAIRS_A_PANEL * self._panels)
+        self.pairs.parts = wp.zeros(room, dtype=wp.vec4i, device=device)
+        self.pairs.sides = wp.zeros(room, dtype=wp.vec2i, device=device)
+        self.pairs.counts = wp.zeros((worlds, 2), dtype=int, device=device)
+        self.pairs.clock = wp.zeros(3, dtype=int, device=device)
+        self._due = self.pairs.clock[2:]
+        self.pairs.seen = wp.zeros((total, 3), dtype=wp.vec3, device=device)
+        self.pairs.going = wp.zeros((total, 3), dtype=wp.vec3, device=device)
+
+    def begin(self) -> None:
+        """Before a frame: now and then the tree is built anew, as its boxes have moved."""
+        if self._age % _EVERY == 0:
+            self._enclose_all(False)
+            self._tree.rebuild()
+        self._age += 1
+
+    def look(self) -> None:
+        """Before a substep: list the pairs that may meet, where the last list does not hold."""
+        self._launch(_watch, len(self._groups), self._members, self.pairs)
+        self._launch(_decide, 1, self.pairs)
+        wp.capture_if(self._due, self._find)
+        self._launch(_age, 1, self.pairs)
+
+    def _find(self) -> None:
+        self._enclose_all(True)
+        self._tree.refit()
+        self.pairs.counts.zero_()
+        self._launch(_couple, len(self._groups), self._members, self.pairs, self._tree.id, *self._boxes)
+        width, team = (1, 1) if self._device.is_cpu else (THREADS, 16)
+        self._launch(_pair, self._members.worlds * width, self._members, self.pairs, width, team)
+
+    def _launch(self, kernel: wp.Kernel, dim: int, *inputs: Any) -> None:
+        wp.launch(kernel, dim=dim, inputs=list(inputs), device=self._device)
+
+    def found(self, world: int) -> tuple[int, int]:
+        """How many pairs are listed in a world, and how many couples and pairs found no room."""
+        couples, pairs = self.pairs.counts.numpy()[world].tolist()
+        room = self.pairs.parts.shape[1]
+        return min(pairs, room), max(0, pairs - room) + max(0, couples - self.pairs.couples.shape[1])
+
+    def crossings(self, world: int, body: int) -> int:
+        """How many edges of a body go through a triangle that it is kept apart from now, in one world."""
+        self._enclose_all(False)
+        self._tree.refit()
+        self._count.zero_()
+        self._launch(_cross, self._panels, self._members, world, body, self._tree.id, *self._boxes, self._count)
+        return int(self._count.numpy()[0])
+
+    def _enclose_all(self, ahead: bool) -> None:
+        self._launch(_enclose, len(self._groups), self._members, self.pairs, ahead, *self._boxes)

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Objects that touch one another, or themselves, advance together: all end a substep before any begins the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.executors.graph import Graph, Member
+from cloth_sim_ros.sim.meeting.apart import Apart
+from cloth_sim_ros.sim.meeting.search import Search
+from cloth_sim_ros.sim.meeting.surfaces import members_of
+
+
+class Together:
+    """Batches of such objects.
+
+    itself: names of those that are kept apart from themselves. among: whether all are kept apart from one another.
+    """
+
+    def __init__(self, batches: Sequence[Batch], itself: Sequence[str], among: bool) -> None:
+        self.batches, device = batches, batches[0].device
+        names = [name for batch in batches for name in batch.index]
+        self._bodies = {name: number for number, name in enumerate(names)}
+        members = members_of([batch.worlds for batch in batches], [name in itself for name in names], among, device)
+        self._search = Search(members, device)
+        apart = Apart(members, self._search.pairs, device)
+        each = [Member(batch.features, batch.worlds, device) for batch in batches]
+        self._graph = Graph(each, device, (self._search, apart))
+        for batch in batches:
+            batch.executor = self._graph
+
+    def advance(self, finer: int = 1) -> None:
+        """Simulate one frame of all, as their `write_frame` was told last."""
+        self._search.begin()
+        self._graph.advance(finer * self.batches[0].substeps, self.batches[0].iterations, 1)
+
+    def report(self, name: str, world: int) -> dict[str, int]:
+        """pairs and pairs_lost of all objects of a world, and crossings of this one; nothing of any other object."""
+        if name not in self._bodies:
+            return {}
+        pairs, lost = self._search.found(world)
+        return {"pairs": pairs, "pairs_lost": lost, "crossings": self._search.crossings(world, self._bodies[name])}
