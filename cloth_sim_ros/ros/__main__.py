@@ -14,7 +14,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-SPIN_PERIOD = 0.1  # [s] at most between a signal and its effect: the middleware's wait is not interrupted by it
+SPIN_PERIOD = 0.5  # [s] at most between a signal and its effect: the middleware's wait is not interrupted by it
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.clock import JumpThreshold, ROSClock
+from rclpy.clock import ClockChange, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 
 
@@ -30,16 +30,12 @@ class ClockFollower:
             min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1), on_clock_change=True
         )
         # The clock keeps no reference to the handle, and forgets a callback whose handle is gone.
-        self._handle = clock.create_jump_callback(threshold, post_callback=lambda _: self._ticked.set())
+        self._handle = clock.create_jump_callback(threshold, post_callback=self._jumped)
+        self.active = clock.ros_time_is_active  # whether use_sim_time is set; asked twice a frame, so it is kept
         self._start: int | None = None  # [ns] on /clock, where frames are counted from
         self._frames, self._frame_dt = 0, 0.0
         self._newest = 0
         self._asked: float | None = None  # when a clock was first waited for, or last warned of
-
-    @property
-    def active(self) -> bool:
-        """Whether use_sim_time is set."""
-        return self._clock.ros_time_is_active
 
     @property
     def time(self) -> int:
@@ -72,6 +68,10 @@ class ClockFollower:
     def wait(self) -> None:
         """Sleeps until the clock may have moved on, or for a moment."""
         self._ticked.wait(0.05)
+
+    def _jumped(self, jump: TimeJump) -> None:
+        self.active = jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_NO_CHANGE)
+        self._ticked.set()
 
     def _count_from(self, now: int, frame_dt: float) -> None:
         """Has frames counted anew, where the count of before does not lead to `now` [ns]."""

@@ -61,6 +61,11 @@ class JournalOutput:
         self._publisher = node.create_publisher(String, "~/journal", JOURNAL)
         self._sequence = self._listeners = 0
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether somebody subscribes, or did when something was sent last."""
+        return self._listeners > 0 or self._publisher.get_subscription_count() > 0
+
     def publish(self, world: World, stamp: tuple[int, int]) -> None:
         """Sends what acted before the frame that is sent with `stamp` (seconds, nanoseconds)."""
         journal, before = world.journal, self._listeners

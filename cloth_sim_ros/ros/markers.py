@@ -15,7 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from cloth_sim_ros.ros.frames import Frames, Refused
 from cloth_sim_ros.ros.inputs import read_pose
-from cloth_sim_ros.ros.outputs import LATCHED
+from cloth_sim_ros.ros.outputs import LATCHED, is_any_heard
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.ros.scene_plan import placed
 from cloth_sim_ros.sim import (
@@ -132,6 +132,11 @@ class CollidersOutput:
         self._header = Header(frame_id=frame_id)
         self._sent: tuple = ()
         self._listeners = -1
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether somebody subscribes, or did when they were sent last."""
+        return self._listeners > 0 or is_any_heard((self._publisher,))
 
     def publish(self, sim: Simulation, poses: Mapping[str, Pose], stamp: tuple[int, int]) -> None:
         """Sends them stamped (seconds, nanoseconds), if there is anything new and somebody subscribes, or came."""

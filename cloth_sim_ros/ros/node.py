@@ -31,7 +31,7 @@ from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.frames import Frames, Refused
 from cloth_sim_ros.ros.journal import JournalOutput
 from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
-from cloth_sim_ros.ros.outputs import LATEST, ObjectOutput, Wrenches
+from cloth_sim_ros.ros.outputs import LATEST, Audience, ObjectOutput, Wrenches
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
 from cloth_sim_ros.ros.parameter_services import ParameterServices, settled
 from cloth_sim_ros.ros.scene_plan import group
@@ -91,6 +91,8 @@ class ClothSimNode(Node):
             self.create_subscription(MarkerArray, "~/scene", self._on_scene, 10)
         self._collider_output, self._journal = CollidersOutput(self, self._frame_id), JournalOutput(self)
         self._wrenches = [Wrenches(self, kind, values[kind], self._frame_id) for kind in ("colliders", "handles")]
+        sent = (*self._outputs.values(), *self._wrenches, self._collider_output, self._journal)
+        self._audience = Audience(sent, always=self._clock_out is not None)
         world.grasps.told = self._tell_attached
         for name in values["objects"]:
             if values[f"{name}.type"] == "rope":
@@ -247,6 +249,10 @@ class ClothSimNode(Node):
                 output.detach()
 
     def _send(self, world: World) -> float:
+        if not self._audience.is_there:
+            begin = time.monotonic()
+            world.finish()
+            return time.monotonic() - begin
         self._end_sending()
         for output in self._outputs.values():
             output.request()

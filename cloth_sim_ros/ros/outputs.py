@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
@@ -21,6 +24,31 @@ LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
+def is_any_heard(publishers: Iterable[Publisher]) -> bool:
+    """Whether one of them has a subscriber."""
+    return any(publisher.get_subscription_count() > 0 for publisher in publishers)
+
+
+class Audience:
+    """Whether somebody listens to one of `outputs`, or `always`. Where nobody did, it looks again every HEARING, as
+    asking the middleware takes its time."""
+
+    HEARING = 0.1  # [s]
+
+    def __init__(self, outputs: Sequence[Any], always: bool):
+        self._outputs, self._always = outputs, always
+        self._was_there, self._looked = False, -self.HEARING
+
+    @property
+    def is_there(self) -> bool:
+        """To be asked once a frame."""
+        now = time.monotonic()
+        if self._was_there or now >= self._looked + self.HEARING:
+            self._looked = now
+            self._was_there = self._always or any(output.is_heard for output in self._outputs)
+        return self._was_there
+
+
 class RopeEnds:
     """The wrenches of a rope on what holds its ends, in world axes, about the end; sent where somebody subscribes."""
 
@@ -32,6 +60,11 @@ class RopeEnds:
         self._wanted = False
         self._wrenches: list[list[float]] = []
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether somebody subscribes."""
+        return is_any_heard(self._publishers)
+
     def detach(self) -> None:
         """Sends nothing until the next attach()."""
         self._readback = None
@@ -42,8 +75,7 @@ class RopeEnds:
 
     def request(self) -> None:
         """Starts the computing and copying if it is wanted."""
-        listened = any(publisher.get_subscription_count() > 0 for publisher in self._publishers)
-        self._wanted = self._readback is not None and listened
+        self._wanted = self._readback is not None and self.is_heard
         if self._wanted:
             self._readback.request()
 
@@ -74,6 +106,11 @@ class Wrenches:
         }
         self._message = WrenchStamped(header=Header(frame_id=frame_id))
         self._sim: Simulation | None = None
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether somebody subscribes."""
+        return is_any_heard(self._publishers.values())
 
     def attach(self, sim: Simulation | None) -> None:
         """Reads from this simulation from now on."""
@@ -114,6 +151,11 @@ class ObjectOutput:
         self._cloud_wanted = self._mesh_wanted = False
         self._stamp = (0, 0)
         self.detach()
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether somebody subscribes to what changes every frame."""
+        return is_any_heard((self._particles, self._mesh)) or any(ends.is_heard for ends in self._ends)
 
     def detach(self) -> None:
         """Sends nothing until the next attach(): the object does not exist."""

@@ -39,6 +39,8 @@ class Winches:
 
     def end_old_commands(self, sim: Simulation, values: Mapping[str, Any], now: float) -> None:
         """Stops winches whose sender has fallen silent, and says so once."""
+        if not self.rates:
+            return
         # A timeout of whole frames is over at the same frame however the two times were rounded.
         ends = {rope: since + values[f"{rope}.winch.timeout"] + _ROUNDING for rope, (_, since) in self.rates.items()}
         old = [rope for rope, end in ends.items() if now > end]

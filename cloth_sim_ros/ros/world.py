@@ -212,9 +212,10 @@ class World:
         frame_dt = self.sim.settings.frame_dt
         self._winches.end_old_commands(self.sim, self.in_effect, self.simulated)
         self._followers.advance(self.tracks, self.in_effect)
+        scene = self.sim.scene
         for name, track in self.tracks.items():
-            move = self.sim.set_handle_pose if name in self.sim.scene.handles else self.sim.set_collider_pose
-            if name in self.sim.scene.colliders or name in self.sim.scene.handles:
+            move = self.sim.set_handle_pose if name in scene.handles else self.sim.set_collider_pose
+            if name in scene.colliders or name in scene.handles:
                 pose = track.advance(frame_dt)
                 if pose is not None:
                     self.journal.note("move", name, pose.position, pose.orientation)
