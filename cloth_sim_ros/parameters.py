@@ -170,6 +170,9 @@ ROPE = (
     _integer("segments", 32, "Straight segments from start to end.", 1, 65535, anew=True),
     _vector("start", (0, 0, 1), "First end, in the local axes.", "m", -_FAR, _FAR, anew=True),
     _vector("end", (1, 0, 1), "Last end, in the local axes.", "m", -_FAR, _FAR, anew=True),
+    _vector(
+        "path", (), "x y z of each corner of its way, in place of start and end.", "m", -_FAR, _FAR, length=0, anew=True
+    ),
     Parameter("pins", "pins", "start", "Fixed particles: start, end, both, none, or indices.", live=True),
     _double("radius", 0.005, "Radius of the rope.", "m", 1e-6, 10.0),
     _double("end_mass", 0, "Mass of a load at the end, beside that of the rope.", "kg", 0, 1e6, live=False),

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.sim import (
@@ -114,7 +116,11 @@ def _of_material(values: Values, name: str, given: Container[str]) -> dict[str, 
     if own["type"] == "rope":
         radius = own["radius"] if f"{name}.radius" in given else None
         bends = not own["winch.enabled"]
-        fields = rope_fields(own["material"], math.dist(own["start"], own["end"]), radius, bends)
+        length = math.dist(own["start"], own["end"])
+        if own["path"]:
+            points = along_path(own["path"], own["segments"], f"{name}.path")
+            length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        fields = rope_fields(own["material"], length, radius, bends)
         return {**fields, "bending": "angle" if bends else "none"}
     bending = own["bending"] if f"{name}.bending" in given else "dihedral"
     path = own["mesh"]
@@ -137,6 +143,10 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
         winch = group(own, "winch")
         del winch["timeout"]
         own = {field: value for field, value in own.items() if not field.startswith("winch.")}
+        path = own.pop("path")
+        if path:
+            del own["start"], own["end"]
+            own["points"] = along_path(path, own.pop("segments"), f"{name}.path")
         return Rope(**own, winch=Winch(**winch) if winch.pop("enabled") else None)
     path, shear = own.pop("mesh"), own.pop("shear")
     if not shear:
@@ -146,6 +156,23 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
     for absent in ("resolution", "size", "shear_compliance"):
         del own[absent]
     return Cloth.from_mesh(*load_mesh(path, f"{name}.mesh"), **own)
+
+
+def along_path(path: Sequence[float], segments: int, name: str) -> np.ndarray:
+    """Points (segments + 1, 3) [m] at equal distances along straight lines between corners, x y z of each in `path`.
+
+    Raises ValueError where there are fewer than two corners, or one has not three numbers or repeats the one before.
+    """
+    if len(path) % 3 or len(path) < 6:
+        raise ValueError(f"{name} has {len(path)} numbers; allowed are x y z of two corners or more")
+    corners = np.reshape(path, (-1, 3))
+    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    if not lengths.all():
+        at = np.flatnonzero(lengths == 0.0)[0]
+        raise ValueError(f"{name} has the corner {corners[at].tolist()} twice in a row; allowed are corners apart")
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    wanted = np.linspace(0.0, along[-1], segments + 1)
+    return np.stack([np.interp(wanted, along, axis) for axis in corners.T], axis=1)
 
 
 def make_collider(values: Values, name: str) -> Collider:

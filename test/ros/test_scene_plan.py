@@ -11,7 +11,7 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.markers import markers_of
 from cloth_sim_ros.ros.pose_track import Pose
-from cloth_sim_ros.ros.scene_plan import make_plan
+from cloth_sim_ros.ros.scene_plan import make_plan, material_values
 from cloth_sim_ros.sim import (
     Box,
     Capsule,
@@ -146,9 +146,37 @@ def test_what_is_no_mesh_is_said_in_one_sentence(tmp_path, content):
         load_mesh(str(file), "sheet.mesh")
 
 
+def test_a_path_lays_a_rope_along_its_corners():
+    """Three sides of a square of 1 m in six segments; a material weighs its whole length."""
+    corners = (0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0)
+    plan = make_plan(values(line__path=corners, line__segments=6))
+    points = plan.scene.objects["line"].points
+    wanted = [(0, 0), (0.5, 0), (1, 0), (1, 0.5), (1, 1), (0.5, 1), (0, 1)]
+    assert not plan.problems and np.allclose(points, [(x, y, 1.0) for x, y in wanted])
+    of = [
+        values(line__material="steel cable", line__path=corners, line__segments=6),
+        values(line__material="steel cable", line__start=(0.0, 0.0, 0.0), line__end=(3.0, 0.0, 0.0)),
+    ]
+    masses = [material_values(each, ())["line.mass"] for each in of]
+    assert masses[0] == pytest.approx(masses[1])
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ((0.0, 0.0, 1.0), "has 3 numbers; allowed are x y z of two corners or more"),
+        ((0.0, 0.0, 1.0, 1.0), "has 4 numbers; allowed are x y z of two corners or more"),
+        ((0.0,) * 6, "has the corner [0.0, 0.0, 0.0] twice in a row; allowed are corners apart"),
+    ],
+)
+def test_a_path_that_is_none_leaves_the_rope_out(path, said):
+    plan = make_plan(values(line__path=path))
+    assert plan.problems == {"line": f"line.path {said}"} and "line" not in plan.scene.objects
+
+
 def test_the_rows_are_the_fields_of_the_scene():
     """Every row of the table under an object or collider ends up in the scene, or this test names it."""
-    ours = {"type", "material", "mesh", "shear", "bending", "twist", "shape", "dimensions"}
+    ours = {"type", "material", "mesh", "path", "shear", "bending", "twist", "shape", "dimensions"}
     for kind, description in (("cloth", Cloth), ("rope", Rope)):
         fields = {field.name for field in dataclasses.fields(description)}
         assert {row.name.partition(".")[0] for row in names.object_rows(kind)} - ours <= fields

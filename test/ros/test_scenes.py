@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every scene of config/ runs, and does what its name says when it is driven as its driver does."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 from node_process import ROOT
 
-from cloth_sim_ros.demo import driver, flag, garment, harness, hose, rope_swing, sheet_over_ball, tablecloth
+from cloth_sim_ros.demo import driver, flag, garment, harness, hose, knot, rope_swing, sheet_over_ball, tablecloth
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.study.scene_file import read_plan
 
@@ -53,7 +54,18 @@ def test_every_scene_is_commented_runs_and_stays_sound(scene):
 
 
 def test_scenes_that_move_have_drivers_and_the_others_none():
-    moved = {"curtain", "flag", "garment", "harness", "hose", "rope_swing", "sheet_over_ball", "tablecloth", "towel"}
+    moved = {
+        "curtain",
+        "flag",
+        "garment",
+        "harness",
+        "hose",
+        "knot",
+        "rope_swing",
+        "sheet_over_ball",
+        "tablecloth",
+        "towel",
+    }
     assert {scene for scene in SCENES if driver.has_driver(scene)} == moved
 
 
@@ -150,6 +162,25 @@ def test_the_load_swings_as_a_pendulum():
         2.0 * math.pi * math.sqrt(inertia / (gravity * moment)) / a, rel=1e-3
     )
     assert np.abs(x[-200:]).max() == pytest.approx(1.0, rel=1e-3), "it swings as far as at first"
+
+
+def test_the_knot_is_pulled_tight():
+    """The tightest open trefoil takes 10.1 diameters of rope (Pieranski, Przybyl and Stasiak 2001)."""
+    plan = read_plan(ROOT / "config/knot.yaml")
+    bare = {"rope": dataclasses.replace(plan.scene.objects["rope"], self_contact=False)}
+    through = dataclasses.replace(plan.scene, objects=bare)
+    diameter, felt = 0.016, []
+    for scene in (plan.scene, through):
+        sim = Simulation(scene, plan.settings, device="cpu")
+        assert [sim.held(hand) for hand in knot.HANDS] == [1, 1]
+        run(sim, knot.WAIT + knot.PULL + 0.5 * knot.STAY, drive_hands(sim, knot, knot.hand))
+        rope = sim.positions("rope").astype(float)
+        spare = np.linalg.norm(np.diff(rope, axis=0), axis=1).sum() - np.linalg.norm(rope[-1] - rope[0])
+        assert 10.1 < spare / diameter < 11.5
+        felt.append([sim.handle_wrench(hand)[0] for hand in knot.HANDS])
+    left, right = felt[0]
+    assert np.linalg.norm(left) > 0.5 and np.linalg.norm(left + right) < 0.1 * np.linalg.norm(left)
+    assert np.abs(felt[1]).max() < 0.05, "where the rope comes through itself, there is no knot"
 
 
 def test_the_skirt_flares_when_it_turns():
