@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.journal import VERSION
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -57,8 +58,23 @@ class Bag:
         starts = [at for at, entry in enumerate(journal) if "start" in entry]
         if not starts:
             raise ValueError(f"{self._path} has no start in {self.node}/journal; {MAKE_ONE}, and let it run a while")
+        for at in starts:
+            self._check(journal[at]["start"]["parameters"])
         before = [at for at in starts if journal[at]["stamp"] <= first]
         return journal[before[-1] if before else starts[0] :]
+
+    def _check(self, parameters: dict[str, Any]) -> None:
+        """Raises ValueError where a version with other parameters recorded them."""
+        rows = names.fixed_rows()
+        if all(name in parameters for name in rows):
+            kinds = {name: parameters[f"{name}.type"] for name in parameters["objects"]}
+            rows |= names.scene_rows(kinds, parameters["colliders"], parameters["handles"])
+        lacks = sorted(set(rows) - set(parameters))
+        if lacks:
+            raise ValueError(
+                f"{self._path} was recorded by another version of cloth_sim_ros, as it lacks the parameter {lacks[0]}; "
+                "allowed are bags of this version"
+            )
 
     def _entry(self, text: str) -> dict:
         try:
