@@ -106,7 +106,6 @@ def test_a_hit_keeps_momentum_in_any_order_of_objects(device):
         momentum = sum((sim.masses(name)[:, None] * sim.velocities(name)).sum(0) for name in each)
         assert np.allclose(momentum, [0.05, 0.0, -0.3], atol=1e-6)
         assert sim.velocities("slow")[:, 2].mean() < -0.5, "they met"
-    print([np.abs(found[0][name] - found[1][name]).max() for name in each])
     assert all(np.abs(found[0][name] - found[1][name]).max() < 1e-4 for name in each)
 
 

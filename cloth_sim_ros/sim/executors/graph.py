@@ -153,10 +153,10 @@ class Graph:
                 now = (substep, iteration, (substeps, iterations))
                 for member in members:
                     frame += member.iterate(member.program.solved, *now)
-                if self._meeting is not None:
-                    frame += self._part(*now)
                 for member in members:
                     frame += member.iterate(member.program.touched, *now)
+                if self._meeting is not None:
+                    frame += self._part(*now)
             for member in members:
                 frame += member.finish(substep, iterations)
         for member in members:

@@ -22,7 +22,7 @@ from cloth_sim_ros.sim.stages.contact import NOISE, least_mass, length_of
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
 
-PASSES = 4  # of all pairs in an iteration: each finds what the one before left of layers upon layers
+PASSES = 5  # of all pairs in an iteration: each finds what the one before left of layers upon layers
 _METRE = wp.constant(wp.float64(1 << 44))  # units of it in sums of moves
 ASKED = 7  # numbers of a particle: where to move, what its pairs lack, and where to move by hits alone
 _PARTING = wp.constant(0.1)  # [m/s] at which parts that are too near to one another come apart
@@ -31,11 +31,13 @@ _PARTING = wp.constant(0.1)  # [m/s] at which parts that are too near to one ano
 @wp.struct
 class Close:
     """Of pairs that may touch in this substep: which, the weights of their particles in the line between the nearest
-    points, that line's direction, and what they lack of being apart when it begins [m]. counts: (W,)."""
+    points, that line's direction, how far they are apart when it begins, and how far they shall be [m]. counts: (W,).
+    """
 
     which: wp.array2d(dtype=int)
     weights: wp.array2d(dtype=wp.vec4)
-    lines: wp.array2d(dtype=wp.vec4)
+    lines: wp.array2d(dtype=wp.vec3)
+    gaps: wp.array2d(dtype=wp.vec2)
     counts: wp.array(dtype=int)
 
 
@@ -88,7 +90,8 @@ def _look(members: Members, pairs: Pairs, close: Close, width: int):
                 place_in_list = wp.atomic_add(close.counts, w, 1)
                 close.which[w, place_in_list] = k
                 close.weights[w, place_in_list] = m.weights
-                close.lines[w, place_in_list] = wp.vec4(n[0], n[1], n[2], wanted - apart)
+                close.lines[w, place_in_list] = n
+                close.gaps[w, place_in_list] = wp.vec2(apart, wanted)
 
 
 @wp.struct
@@ -105,9 +108,9 @@ class Touch:
 
 
 @wp.func
-def _touch_of(members: Members, pair: Pair, weights: wp.vec4, line: wp.vec4) -> Touch:
+def _touch_of(members: Members, pair: Pair, weights: wp.vec4, n: wp.vec3, gap: wp.vec2) -> Touch:
     touch = Touch()
-    touch.n = xyz(line)
+    touch.n = n
     moved, slip, before = wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0)
     for q in range(4):
         surface = members.surfaces[pair.surfaces[q]]
@@ -115,9 +118,9 @@ def _touch_of(members: Members, pair: Pair, weights: wp.vec4, line: wp.vec4) -> 
         moved += weights[q] * d
         slip += weights[q] * (d - xyz(load_row(surface.low, pair.particles[q])))
         before += weights[q] * surface.frames[0].dt * velocity(surface, pair.particles[q])
-    touch.lacks = wp.max(line[3] - wp.dot(touch.n, moved), 0.0)
+    touch.lacks = wp.max(gap[1] - gap[0] - wp.dot(n, moved), 0.0)
     touch.slip = slip - wp.dot(slip, touch.n) * touch.n
-    touch.faster = wp.dot(touch.n, slip - before) + touch.lacks
+    touch.faster = wp.dot(n, slip - before) + touch.lacks
     return touch
 
 
@@ -133,7 +136,7 @@ def _claim(members: Members, pairs: Pairs, close: Close, width: int):
     w = wp.tid() / width
     for j in range(wp.tid() - w * width, close.counts[w], width):
         pair, weights = _pair_of(members, pairs, w, close.which[w, j]), close.weights[w, j]
-        touch = _touch_of(members, pair, weights, close.lines[w, j])
+        touch = _touch_of(members, pair, weights, close.lines[w, j], close.gaps[w, j])
         if touch.lacks > 0.0:
             for q in range(4):
                 asked = members.surfaces[pair.surfaces[q]].asked
@@ -147,7 +150,7 @@ def _part(members: Members, pairs: Pairs, close: Close, width: int):
     for j in range(wp.tid() - w * width, close.counts[w], width):
         k = close.which[w, j]
         pair, weights = _pair_of(members, pairs, w, k), close.weights[w, j]
-        touch = _touch_of(members, pair, weights, close.lines[w, j])
+        touch = _touch_of(members, pair, weights, close.lines[w, j], close.gaps[w, j])
         yielding = float(0.0)
         inverse = wp.vec4(0.0)
         for q in range(4):
@@ -184,7 +187,8 @@ class Apart:
         self._close = Close()
         self._close.which = wp.zeros((worlds, room), dtype=int, device=device)
         self._close.weights = wp.zeros((worlds, room), dtype=wp.vec4, device=device)
-        self._close.lines = wp.zeros((worlds, room), dtype=wp.vec4, device=device)
+        self._close.lines = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
+        self._close.gaps = wp.zeros((worlds, room), dtype=wp.vec2, device=device)
         self._close.counts = wp.zeros(worlds, dtype=int, device=device)
         width = 1 if device.is_cpu else THREADS
         inputs, dim = [members, pairs, self._close, width], worlds * width

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.sim.intrinsics import xyz
 from cloth_sim_ros.sim.meeting.nearest import crosses, nearest
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, may_touch, panel_of, place, velocity
 
@@ -32,7 +33,8 @@ class Pairs:
     triangle or, the first as -1 - its number, of two edges. sides: the two bodies. counts: (W, 2) couples and pairs.
 
     clock: (3,) substeps since the last search and for how many it holds, and whether one is due. seen, going: where the
-    corners that are a panel's own were then, and their velocities.
+    corners of a panel were then, and their velocities. balls, drifts: middle and radius of the ball around a panel and
+    all that it may meet, and its mean velocity.
     """
 
     couples: wp.array2d(dtype=wp.vec2i)
@@ -42,6 +44,8 @@ class Pairs:
     clock: wp.array(dtype=int)
     seen: wp.array2d(dtype=wp.vec3)
     going: wp.array2d(dtype=wp.vec3)
+    balls: wp.array(dtype=wp.vec4)
+    drifts: wp.array(dtype=wp.vec3)
 
 
 @wp.func
@@ -75,18 +79,27 @@ def _watch(members: Members, pairs: Pairs):
 @wp.kernel(enable_backward=False)
 def _decide(pairs: Pairs):
     """Whether to search now, and for how many substeps: twice as many as the last list held."""
-    age, holds = pairs.clock[0], pairs.clock[1]
-    if age >= holds:
-        pairs.clock[2] = 1
-    if pairs.clock[2] == 1:
+    age = pairs.clock[0]
+    if pairs.clock[2] == 1 or age >= pairs.clock[1]:
         pairs.clock[1] = wp.clamp(2 * age, 4, wp.static(_LONGEST))
+        pairs.clock[2] = 1
+        age = 0
+    pairs.clock[0] = age + 1
 
 
-@wp.kernel(enable_backward=False)
-def _age(pairs: Pairs):
-    """A substep later."""
-    pairs.clock[0] = wp.where(pairs.clock[2] == 1, 1, pairs.clock[0] + 1)
-    pairs.clock[2] = 0
+@wp.func
+def _wrap(t: int, panel: Panel, surface: Surface, time: float, margin: float, pairs: Pairs):
+    """The ball around panel t of all worlds, for a time [s] and with a margin [m]."""
+    middle, drift = wp.vec3(0.0), wp.vec3(0.0)
+    for q in range(3):
+        middle += place(surface, panel.corners[q]) / 3.0
+        drift += velocity(surface, panel.corners[q]) / 3.0
+    radius = float(0.0)
+    for q in range(3):
+        off = wp.length(place(surface, panel.corners[q]) - middle)
+        radius = wp.max(radius, off + time * wp.length(velocity(surface, panel.corners[q]) - drift))
+    pairs.balls[t] = wp.vec4(middle[0], middle[1], middle[2], radius + margin)
+    pairs.drifts[t] = drift
 
 
 @wp.kernel(enable_backward=False)
@@ -100,9 +113,11 @@ def _enclose(
     surface = members.surfaces[panel.surface]
     time, margin = float(0.0), float(0.0)
     if ahead:
+        pairs.clock[2] = 0
         time = _time(pairs, surface)
         thickness = surface.materials[members.bodies[panel.body][1]].thickness
         margin = thickness + _slack(members, surface, panel.body)
+        _wrap(wp.tid(), panel, surface, time, margin, pairs)
     low, high = wp.vec3(1.0e30), wp.vec3(-1.0e30)
     for q in range(3):
         x = place(surface, panel.corners[q])
@@ -114,26 +129,6 @@ def _enclose(
             pairs.going[wp.tid(), q] = v
     lowers[wp.tid()] = low - wp.vec3(margin)
     uppers[wp.tid()] = high + wp.vec3(margin)
-
-
-@wp.func
-def _balls_meet(members: Members, a: Panel, b: Panel, time: float) -> bool:
-    """Whether the balls around two panels come nearer than they are kept apart within a time [s]."""
-    of_a, of_b = members.surfaces[a.surface], members.surfaces[b.surface]
-    middle_a, middle_b, speed_a, speed_b = wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0)
-    for k in range(3):
-        middle_a += place(of_a, a.corners[k]) / 3.0
-        middle_b += place(of_b, b.corners[k]) / 3.0
-        speed_a += velocity(of_a, a.corners[k]) / 3.0
-        speed_b += velocity(of_b, b.corners[k]) / 3.0
-    radius_a, radius_b = float(0.0), float(0.0)
-    for k in range(3):
-        off = wp.length(place(of_a, a.corners[k]) - middle_a)
-        radius_a = wp.max(radius_a, off + time * wp.length(velocity(of_a, a.corners[k]) - speed_a))
-        off = wp.length(place(of_b, b.corners[k]) - middle_b)
-        radius_b = wp.max(radius_b, off + time * wp.length(velocity(of_b, b.corners[k]) - speed_b))
-    reach = _reach(members, of_a, of_b, a.body, b.body) + time * wp.length(speed_a - speed_b)
-    return wp.length(middle_a - middle_b) < radius_a + radius_b + reach
 
 
 @wp.func
@@ -160,14 +155,16 @@ def _couple(
     tid = wp.tid()
     panels = members.panels.shape[0]
     w = tid / panels
-    panel = panel_of(members, tid - w * panels, w)
-    time = _time(pairs, members.surfaces[panel.surface])
+    owner, drift = members.owners[tid - w * panels], pairs.drifts[tid]
+    time = _time(pairs, members.surfaces[w])
     query = wp.bvh_query_aabb(tree, lowers[tid], uppers[tid], wp.bvh_get_group_root(tree, w))
     found = int(0)
     while wp.bvh_query_next(query, found):
         if found > tid:
-            other = panel_of(members, found - w * panels, w)
-            if may_touch(members, panel.body, other.body) and _balls_meet(members, panel, other, time):
+            apart = pairs.balls[tid] - pairs.balls[found]
+            near = pairs.balls[tid][3] + pairs.balls[found][3] + time * wp.length(drift - pairs.drifts[found])
+            other = members.owners[found - w * panels]
+            if wp.length(xyz(apart)) < near and may_touch(members, owner, other):
                 n = wp.atomic_add(pairs.counts, w, 0, 1)
                 if n < pairs.couples.shape[1]:
                     pairs.couples[w, n] = wp.vec2i(tid - w * panels, found - w * panels)
@@ -319,6 +316,8 @@ class Search:
         self._due = self.pairs.clock[2:]
         self.pairs.seen = wp.zeros((total, 3), dtype=wp.vec3, device=device)
         self.pairs.going = wp.zeros((total, 3), dtype=wp.vec3, device=device)
+        self.pairs.balls = wp.zeros(total, dtype=wp.vec4, device=device)
+        self.pairs.drifts = wp.zeros(total, dtype=wp.vec3, device=device)
 
     def begin(self) -> None:
         """Before a frame: now and then the tree is built anew, as its boxes have moved."""
@@ -332,7 +331,6 @@ class Search:
         self._launch(_watch, len(self._groups), self._members, self.pairs)
         self._launch(_decide, 1, self.pairs)
         wp.capture_if(self._due, self._find)
-        self._launch(_age, 1, self.pairs)
 
     def _find(self) -> None:
         self._enclose_all(True)

@@ -35,13 +35,14 @@ class Members:
     """Who may meet whom. Panels and bodies are counted through all batches.
 
     surfaces: (batches x worlds,), all worlds of the first batch first. panels: (P,) batch and number there. bodies:
-    (B,) batch, number there, and whether it is kept apart from itself. among: whether bodies meet one another.
+    (B,) batch, number there, and whether it is kept apart from itself. owners: (P,) the body of a panel. among: whether
+    bodies meet one another.
     """
 
     surfaces: wp.array(dtype=Surface)
     panels: wp.array(dtype=wp.vec2i)
     bodies: wp.array(dtype=wp.vec3i)
-    first_bodies: wp.array(dtype=int)  # of each batch
+    owners: wp.array(dtype=int)
     worlds: int
     among: bool
 
@@ -65,7 +66,7 @@ def panel_of(members: Members, k: int, w: int) -> Panel:
     panel.surface = home[0] * members.worlds + w
     surface = members.surfaces[panel.surface]
     parts = surface.panel_parts[home[1]]
-    panel.body = members.first_bodies[home[0]] + parts[0]
+    panel.body = members.owners[k]
     panel.own = parts[1]
     corners = surface.panels[home[1]]
     first = surface.bodies[parts[0]].particles
@@ -101,17 +102,17 @@ def members_of(batches: Sequence[Sequence[Arrays]], itself: Sequence[bool], amon
     itself: of each body whether it is kept apart from itself. among: whether bodies are kept apart from one another.
     """
     members = Members()
-    surfaces, panels, bodies, first = [], [], [], []
+    surfaces, panels, bodies, owners = [], [], [], []
     for number, worlds in enumerate(batches):
         surfaces += [_surface_of(arrays) for arrays in worlds]
         own = np.arange(worlds[0].model.panels.shape[0])
         panels.append(np.column_stack([np.full_like(own, number), own]))
-        first.append(len(bodies))
+        owners.append(len(bodies) + worlds[0].model.panel_parts.numpy()[:, 0])
         bodies += [(number, b, int(itself[len(bodies) + b])) for b in range(worlds[0].model.bodies.shape[0])]
     members.surfaces = wp.array(surfaces, dtype=Surface, device=device)
     members.panels = wp.array(np.concatenate(panels).astype(np.int32), dtype=wp.vec2i, device=device)
     members.bodies = wp.array(np.array(bodies, np.int32), dtype=wp.vec3i, device=device)
-    members.first_bodies = wp.array(first, dtype=int, device=device)
+    members.owners = wp.array(np.concatenate(owners).astype(np.int32), dtype=int, device=device)
     members.worlds, members.among = len(batches[0]), among
     return members
 

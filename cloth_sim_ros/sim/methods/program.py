@@ -6,7 +6,8 @@ The contract of an executor (block.py: a body in a block; graph.py: a launch a s
 1. It gives every stage a `Here` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
 2. It runs `outer` before each substep that begins a step of slow forces, and once more behind the last. Each substep
    runs `before`, then `solved` and `touched` in each iteration, and `after`. `ending` runs at the end of the frame.
-   Where objects meet, they are told what to do between `solved` and `touched`, and `parted` does it.
+   Where objects meet, they are told behind `touched` what to do, and `parted` does it: who came through a collider is
+   put out of it later too, but who came through a sheet is not.
 3. A stage is run(t, width, here), called by `width` threads of numbers t. What they store is seen by all threads of the
    body before the next stage begins.
 4. A stage with `rounds` is run once for each family of lines, in order, with `here.group` set and a barrier between.
@@ -122,8 +123,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
             contact = make_yield(features)
         # With what ends the substep behind it: a GPU waits once for both, and reads contact's many instructions once.
         name = "give_way" if features.surface else "contact"
-        program.touched.append(_over_meeting(name, met_in, contact, finish))
-    else:
+        program.touched.append(_over_meeting(name, met_in, contact, None if features.meets else finish))
+    if features.meets or not features.shapes:
         program.after.append(_over_particles("finish", finish))
     program.ending += [
         _over_particles("find_faults", find_fault),
