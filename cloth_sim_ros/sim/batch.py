@@ -96,7 +96,10 @@ class Batch:
         self.features, self.device = features, device
         self.index = {name: b for b, name in enumerate(topologies)}
         self._own = [array for array, has in (("reels", features.winch), ("twists", features.twist)) if has]
-        self._rest = {name: topology.rest for name, topology in topologies.items()}
+        self._rest = {
+            name: wp.array(topology.rest[None], dtype=wp.float64, device=device)
+            for name, topology in topologies.items()
+        }
         self._inverse_mass = {
             name: np.where(topology.pinned, 0.0, 1.0 / topology.masses) for name, topology in topologies.items()
         }
@@ -119,6 +122,7 @@ class Batch:
         self.frame, self._shared_frame = LiveArray(Frame, 1, worlds, device), frame
         self.safe_frame = LiveArray(Frame, 1, worlds, device)
         self.substeps = self.iterations = self.safe_substeps = self._outer = 1
+        self._frame_is: tuple[float, int, int, int, int] | None = None  # as it was written last
         self._live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         self.states = make_states(collected, features, shared.colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
@@ -207,7 +211,7 @@ class Batch:
             for array in ("reels", "good_reels"):
                 writing.put(self.states[array], self.index[name], reel, chosen)
         for name, rest in self._rest.items():
-            self._put_positions(name, wp.array(rest[None], dtype=wp.float64, device=self.device), chosen)
+            self._put_positions(name, rest, chosen)
 
     def write_positions(self, name: str, positions: wp.array, chosen: wp.array) -> None:
         """Positions (worlds, N, 3) [m], or (1, N, 3) for each, into worlds of these numbers; of float64 more digits are
@@ -304,24 +308,34 @@ class Batch:
 
     def write_frame(self, frame_dt: float, finer: int = 1) -> None:
         """What all objects share, and a frame of `frame_dt` [s] in `finer` times as many substeps."""
-        substeps = finer * self.substeps
+        self._frame_is = self._frame_of(frame_dt, finer)
+        (substeps, iterations, self._outer), safe = self._frame_is[1:4], self._frame_is[4]
         self.frame.edit()[:] = self._shared_frame.read(0, None)[:, None]
-        self._outer = max(self._outer_steps(b, frame_dt, substeps) for b in range(len(self._bodies)))
-        numbers = {"substeps": substeps, "iterations": self.iterations, "outer": self._outer}
+        numbers = {"substeps": substeps, "iterations": iterations, "outer": self._outer}
         self.frame.write(0, None, dt=frame_dt / substeps, **numbers)
-        safe = finer * self.safe_substeps
         self.safe_frame.edit()[:] = self._shared_frame.read(0, None)[:, None]
         self.safe_frame.write(0, None, dt=frame_dt / safe, substeps=safe, iterations=1)
+
+    def refresh_frame(self, frame_dt: float) -> None:
+        """The same where a number of the batch's own changed; what all objects share is left to the next frame."""
+        if self._frame_is != self._frame_of(frame_dt, 1):
+            self.write_frame(frame_dt)
+
+    def _frame_of(self, frame_dt: float, finer: int) -> tuple[float, int, int, int, int]:
+        """The length of a frame [s], its substeps, iterations and steps of slow forces, and substeps done again."""
+        substeps = finer * self.substeps
+        outer = max(self._outer_steps(b, frame_dt, substeps) for b in range(len(self._bodies)))
+        return frame_dt, substeps, self.iterations, outer, finer * self.safe_substeps
 
     def _outer_steps(self, b: int, frame_dt: float, substeps: int) -> int:
         """The steps of slow forces that body b needs in a frame, in the world that needs most."""
         if not self.features.has_outer:
             return 1
-        rate = self._bodies[b]["plate_rate"]
+        rows = self.materials.read(b, None)
+        rate, softness = self._bodies[b]["plate_rate"], rows["compliance"][:, 2].astype(np.float64)
+        rates = np.divide(rate, softness, out=np.zeros(len(rows)), where=(softness > 0.0) & (rate > 0.0))
         drag = float(self.frame.read(0, 0)["global_damping"][0])
-        found = {(float(row["compliance"][2]), float(row["damping"])) for row in self.materials.read(b, None)}
-        rates = {(rate / c if rate and c else 0.0, damping) for c, damping in found}
-        return max(outer_steps(substeps, frame_dt / substeps, *each, drag) for each in rates)
+        return outer_steps(substeps, frame_dt / substeps, rates, rows["damping"].astype(np.float64), drag)
 
     def make_ready(self) -> None:
         """Compile what only a rejected frame needs; another thread may do so meanwhile."""

@@ -127,7 +127,7 @@ class Bodies:
                 for numbers in zip(*((c.substeps, c.iterations, c.safe_substeps) for c in chosen), strict=True)
             ]
             batch.set_substeps(*most)
-            batch.write_frame(self.settings.frame_dt)
+            batch.refresh_frame(self.settings.frame_dt)
 
     def choose_again(self) -> None:
         """Where method auto now takes another for an object, the device's side is built anew around the state."""
@@ -288,10 +288,23 @@ def _find_device(name: str) -> wp.Device:
 def distinct(materials: np.ndarray) -> set[tuple]:
     """The pairs of compliances and damping that occur in rows of Material; of very many the stiffest and most damped
     that could be among them, so that nobody looks at each of a thousand worlds."""
-    rows = np.unique(np.column_stack([materials["compliance"], materials["damping"]]), axis=0)
-    if len(rows) > _MANY:
-        rows = np.append(rows[:, :3].min(axis=0), rows[:, 3].max())[None]
-    return {(tuple(row[:3]), row[3]) for row in rows.tolist()}
+    columns = np.column_stack([materials["compliance"], materials["damping"]])
+    codes = np.zeros(len(columns), dtype=int)
+    for column in columns.T:  # one by one: to sort rows of several numbers is slow
+        if (column == column[0]).all():
+            continue
+        if len(set(column[: 4 * _MANY].tolist())) > _MANY:
+            break
+        found, where = np.unique(column, return_inverse=True)
+        if len(found) > _MANY:
+            break
+        codes = codes * len(found) + where
+    else:
+        rows = columns[np.unique(codes, return_index=True)[1]]
+        if len(rows) <= _MANY:
+            return {(tuple(row[:3]), row[3]) for row in rows.tolist()}
+    *stiffest, damped = [*columns[:, :3].min(axis=0).tolist(), float(columns[:, 3].max())]
+    return {(tuple(stiffest), damped)}
 
 
 def names_of(names: Iterable[str]) -> str:

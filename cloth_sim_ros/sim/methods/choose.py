@@ -79,10 +79,10 @@ def choose(
     was `strained` beyond all rest.
     """
     limit = partial(_explicit_substeps, topology, settings, around)
-    needed = max(limit(compliance, damping) for compliance, damping in materials)
     xpbd = _xpbd(settings, topology, materials, max(limit(compliance, 0.0) for compliance, _ in materials), around)
     if settings.method == "xpbd":
         return xpbd
+    needed = max(limit(compliance, damping) for compliance, damping in materials)
     verlet = replace(_verlet(settings, needed, around.surface), safe_substeps=max(xpbd.substeps, _SAFE))
     if settings.method == "verlet":
         return verlet
@@ -177,7 +177,7 @@ def _xpbd(
 
 def _error_law(topology: Topology, limit: float, order: int) -> tuple[float, int]:
     """The constant and the power of substeps by which XPBD misses; `limit` are the substeps of leapfrog."""
-    if _hangs(topology):
+    if topology.hangs:
         constant, power = _HUNG, 1
     elif xpbd_is_direct(topology):
         constant, power = _LEAST_ROPE**2 * 1e-3, 2
@@ -190,17 +190,6 @@ def _error_law(topology: Topology, limit: float, order: int) -> tuple[float, int
 def _boils(topology: Topology, limit: float, sweeps: int) -> bool:
     """Whether sweeps of second order leave so much of the stiff springs of a mesh that they shake it for ever."""
     return bool(len(topology.triangles)) and topology.grid is None and limit > _MOST_STIFF * sweeps
-
-
-def _hangs(topology: Topology) -> bool:
-    """Whether a sheet is held along a line and nowhere else, so that it swings more than it stretches."""
-    held = topology.layout[topology.pinned]
-    if xpbd_is_direct(topology):
-        return False
-    if len(held) < 0.5 * math.sqrt(len(topology.masses)):
-        return False
-    spread = np.linalg.svd(held - held.mean(axis=0), compute_uv=False)
-    return bool(len(spread) > 1 and spread[1] < 1e-6 * max(spread[0], 1e-300))
 
 
 def _bending_rate(topology: Topology, materials: Collection[tuple[Sequence[float], float]]) -> float:

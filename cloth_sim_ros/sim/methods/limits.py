@@ -29,22 +29,26 @@ _OUTER_PHASE = 0.5  # omega times that between impulses of bending, omega of its
 _GROWTH = 0.1  # [1/s] at which resonance may feed the energy of a mode
 
 
-def outer_steps(substeps: int, h: float, rate: float, damping: float, drag: float) -> int:
-    """How many steps of slow forces a frame of `substeps` of h [s] has, see `integrate.outer_weight`.
+def outer_steps(substeps: int, h: float, rate: np.ndarray, damping: np.ndarray, drag: float) -> int:
+    """How many steps of slow forces a frame of `substeps` of h [s] has, in the world that needs most, see
+    `integrate.outer_weight`.
 
-    rate: omega^2 [1/s^2] of the fastest bending mode, 0 for none; damping tau [s] of dashpots, drag [1/s]. Steps last
-    at most 1/600 s, 0.5 / omega and 0.5 / (tau omega^2), or one substep where that is longer. Impulses in resonance
-    with a spring mode of frequency Omega = n pi / step feed its energy at omega_b^2 / Omega. There omega_b is the
-    bending frequency of the same mode (Ma, Izaguirre and Skeel 2003). Two substeps reach no such mode, which is all
-    that is taken unless dashpots, tau Omega^2, and drag take out more than that.
+    rate (worlds,): omega^2 [1/s^2] of the fastest bending mode, 0 for none; damping (worlds,): tau [s] of dashpots,
+    drag [1/s]. Steps last at most 1/600 s, 0.5 / omega and 0.5 / (tau omega^2), or one substep where that is longer.
+    Impulses in resonance with a spring mode of frequency Omega = n pi / step feed its energy at omega_b^2 / Omega.
+    There omega_b is the bending frequency of the same mode (Ma, Izaguirre and Skeel 2003). Two substeps reach no such
+    mode, which is all that is taken unless dashpots, tau Omega^2, and drag take out more than that.
     """
-    longest = _LONGEST_OUTER
-    if rate > 0.0:
-        fed = rate * h - drag - _GROWTH
-        if fed > 0.0:
-            longest = min(longest, max(2.0 * h, math.pi * math.sqrt(damping / fed)))
-        longest = min(longest, _OUTER_PHASE / math.sqrt(rate), _OUTER_PHASE / max(damping * rate, 1e-300))
-    return math.ceil(substeps / max(1, math.floor(longest / h * (1.0 + 1e-9))))
+    longest = np.full(np.shape(rate), _LONGEST_OUTER)
+    bends = rate > 0.0
+    fed = rate * h - drag - _GROWTH
+    unfed = np.maximum(2.0 * h, math.pi * np.sqrt(damping / np.where(fed > 0.0, fed, 1.0)))
+    longest = np.where(bends & (fed > 0.0), np.minimum(longest, unfed), longest)
+    phase = np.minimum(
+        _OUTER_PHASE / np.sqrt(np.where(bends, rate, 1.0)), _OUTER_PHASE / np.maximum(damping * rate, 1e-300)
+    )
+    longest = np.where(bends, np.minimum(longest, phase), longest)
+    return math.ceil(substeps / max(1, math.floor(longest.min() / h * (1.0 + 1e-9))))
 
 
 # (omega h_e)^2 of the stiffest bending mode that XPBD takes; beyond it, the sheet is computed as softer.
@@ -100,31 +104,28 @@ def explicit_substeps(
     """
     if topology.reel is not None:
         return math.inf
-    kinds = [(elements, float(compliance[KINDS.index(kind)])) for kind, elements in topology.springs.items()]
-    if any(value == 0.0 for _, value in kinds) or (topology.plate is not None and compliance[2] == 0.0):
+    values = [float(compliance[KINDS.index(kind)]) for kind in topology.springs]
+    if 0.0 in values or (topology.plate is not None and compliance[2] == 0.0):
         return math.inf
-    if not kinds:
+    if not values:
         return 1
-    pairs = np.concatenate([elements.particles for elements, _ in kinds])
-    constant = np.concatenate([1.0 / (value * elements.scale) for elements, value in kinds])
-    edge = topology.rest[pairs[:, 1]] - topology.rest[pairs[:, 0]]
-    n = np.ones((len(edge), 1)) if crumples else edge / np.linalg.norm(edge, axis=1, keepdims=True)
-    inverse_mass = np.where(topology.pinned, 0.0, 1.0 / topology.masses)
-    x = np.random.default_rng(3).standard_normal((len(inverse_mass), n.shape[1])) * (inverse_mass > 0.0)[:, None]
-    largest = 0.0
-    for _ in range(60):
-        x /= max(np.linalg.norm(x), 1e-300)
-        pull = (constant * ((x[pairs[:, 1]] - x[pairs[:, 0]]) * n).sum(1))[:, None] * n
-        force = np.zeros_like(x)
-        for axis in range(n.shape[1]):
-            force[:, axis] -= np.bincount(pairs[:, 0], pull[:, axis], minlength=len(x))
-            force[:, axis] += np.bincount(pairs[:, 1], pull[:, axis], minlength=len(x))
-        x, largest = force * inverse_mass[:, None], float(np.linalg.norm(force * inverse_mass[:, None]))
-    if topology.plate is not None:
-        largest += topology.plate_rate / float(compliance[2])
+    found, constants = topology.frequencies(crumples), tuple(1.0 / value for value in values)
+    plate = 0.0 if topology.plate is None else topology.plate_rate / float(compliance[2])
+    about, margin = found.near(constants)
+    least, most = (
+        _substeps_for(topology, share * about + plate, found.mean_length, damping, frame_dt)
+        for share in (1.0 - margin, 1.0 + margin)
+    )
+    if least == most:
+        return least
+    return _substeps_for(topology, found.exact(constants) + plate, found.mean_length, damping, frame_dt)
+
+
+def _substeps_for(topology: Topology, largest: float, length: float, damping: float, frame_dt: float) -> float:
+    """The least substeps of a frame where omega^2 of the fastest mode is `largest` and springs have a mean `length`."""
     if largest == 0.0:
         return 1.0
-    if (float(np.linalg.norm(edge, axis=1).mean()) * _ROUNDING) ** 2 * largest**1.5 / 8.0 > _HEAT:
+    if (length * _ROUNDING) ** 2 * largest**1.5 / 8.0 > _HEAT:
         return math.inf
     longest = 4.0 / largest / (damping + math.sqrt(damping**2 + 4.0 / largest))
     share = _SHARE if len(topology.triangles) else _SHARE_OF_LINES

@@ -7,12 +7,14 @@ live change of the material never touches these arrays. Nothing here knows of a 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from cloth_sim_ros.sim.topology.frequencies import Frequencies
 from cloth_sim_ros.sim.topology.lines import Family, families
 from cloth_sim_ros.sim.topology.springs import Elements
 
@@ -81,6 +83,25 @@ class Topology:
         acute = sides[:, 0] ** 2 + sides[:, 1] ** 2 > sides[:, 2] ** 2
         circle = sides.prod(axis=1) / np.maximum(2.0 * across, 1e-300)
         return float(np.where(acute & ~segment, circle, 0.5 * sides[:, 2]).max())
+
+    def frequencies(self, crumples: bool) -> Frequencies:
+        """How fast its springs can shake, at rest or where it `crumples`; there have to be springs."""
+        if crumples not in self._frequencies:
+            self._frequencies[crumples] = Frequencies(self.springs, self.rest, self.masses, self.pinned, crumples)
+        return self._frequencies[crumples]
+
+    @cached_property
+    def _frequencies(self) -> dict[bool, Frequencies]:
+        return {}
+
+    @cached_property
+    def hangs(self) -> bool:
+        """Whether a sheet is held along a line and nowhere else, so that it swings more than it stretches."""
+        held = self.layout[self.pinned]
+        if not len(self.triangles) or len(held) < 0.5 * math.sqrt(len(self.masses)):
+            return False
+        spread = np.linalg.svd(held - held.mean(axis=0), compute_uv=False)
+        return bool(len(spread) > 1 and spread[1] < 1e-6 * max(spread[0], 1e-300))
 
     @property
     def bends_by_angles(self) -> bool:
