@@ -22,8 +22,9 @@ from cloth_sim_ros.sim.stages.contact import NOISE, least_mass, length_of
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
 
-PASSES = 5  # of all pairs in an iteration: each finds what the one before left of layers upon layers
+PASSES = 4  # of all pairs in an iteration: each finds what the one before left of layers upon layers
 _METRE = wp.constant(wp.float64(1 << 44))  # units of it in sums of moves
+_CLAIM = wp.constant(wp.float64(1 << 34))  # the same in sums of claims
 ASKED = 7  # numbers of a particle: where to move, what its pairs lack, and where to move by hits alone
 _PARTING = wp.constant(0.1)  # [m/s] at which parts that are too near to one another come apart
 
@@ -31,13 +32,14 @@ _PARTING = wp.constant(0.1)  # [m/s] at which parts that are too near to one ano
 @wp.struct
 class Close:
     """Of pairs that may touch in this substep: which, the weights of their particles in the line between the nearest
-    points, that line's direction, how far they are apart when it begins, and how far they shall be [m]. counts: (W,).
+    points, that line's direction, how far they are apart when it begins, how far they shall be [m], and how urgent that
+    is. counts: (W,).
     """
 
     which: wp.array2d(dtype=int)
     weights: wp.array2d(dtype=wp.vec4)
     lines: wp.array2d(dtype=wp.vec3)
-    gaps: wp.array2d(dtype=wp.vec2)
+    gaps: wp.array2d(dtype=wp.vec3)
     counts: wp.array(dtype=int)
 
 
@@ -84,14 +86,16 @@ def _look(members: Members, pairs: Pairs, close: Close, width: int):
                 moves = load_row(members.surfaces[pair.surfaces[q]].displacements, pair.particles[q])
                 moved += m.weights[q] * wp.dot(n, xyz(moves))
             kept = apart_by(members, of_a, of_b, sides[0], sides[1])
-            if apart + moved < 2.0 * kept:  # others may move it by as much as it is kept apart
+            if apart + moved < 1.25 * kept:  # others may yet push it
                 # What was nearer comes apart at a pace that flings nothing.
                 wanted = wp.min(kept, apart + _PARTING * of_a.frames[0].dt)
                 place_in_list = wp.atomic_add(close.counts, w, 1)
                 close.which[w, place_in_list] = k
                 close.weights[w, place_in_list] = m.weights
                 close.lines[w, place_in_list] = n
-                close.gaps[w, place_in_list] = wp.vec2(apart, wanted)
+                # Of many that ask the same particle, those who have nearly come through are heard first.
+                urgency = kept / wp.max(apart, 1.0e-3 * kept)
+                close.gaps[w, place_in_list] = wp.vec3(apart, wanted, urgency * urgency)
 
 
 @wp.struct
@@ -108,7 +112,7 @@ class Touch:
 
 
 @wp.func
-def _touch_of(members: Members, pair: Pair, weights: wp.vec4, n: wp.vec3, gap: wp.vec2) -> Touch:
+def _touch_of(members: Members, pair: Pair, weights: wp.vec4, n: wp.vec3, gap: wp.vec3) -> Touch:
     touch = Touch()
     touch.n = n
     moved, slip, before = wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0)
@@ -125,9 +129,9 @@ def _touch_of(members: Members, pair: Pair, weights: wp.vec4, n: wp.vec3, gap: w
 
 
 @wp.func
-def _units(lacks: float, weight: float) -> wp.int64:
-    """What a pair asks of a particle, in whole numbers."""
-    return wp.int64(wp.float64(wp.min(lacks, 1.0) * wp.abs(weight)) * _METRE)
+def _units(lacks: float, urgency: float, weight: float) -> wp.int64:
+    """How much of a particle a pair claims, in whole numbers."""
+    return wp.int64(wp.float64(wp.min(lacks, 1.0) * urgency * wp.abs(weight)) * _CLAIM)
 
 
 @wp.kernel(enable_backward=False)
@@ -140,7 +144,11 @@ def _claim(members: Members, pairs: Pairs, close: Close, width: int):
         if touch.lacks > 0.0:
             for q in range(4):
                 asked = members.surfaces[pair.surfaces[q]].asked
-                wp.atomic_add(asked, wp.static(ASKED) * pair.particles[q] + 3, _units(touch.lacks, weights[q]))
+                wp.atomic_add(
+                    asked,
+                    wp.static(ASKED) * pair.particles[q] + 3,
+                    _units(touch.lacks, close.gaps[w, j][2], weights[q]),
+                )
 
 
 @wp.kernel(enable_backward=False)
@@ -155,7 +163,7 @@ def _part(members: Members, pairs: Pairs, close: Close, width: int):
         inverse = wp.vec4(0.0)
         for q in range(4):
             surface = members.surfaces[pair.surfaces[q]]
-            units = _units(touch.lacks, weights[q])
+            units = _units(touch.lacks, close.gaps[w, j][2], weights[q])
             if units > wp.int64(0):
                 inverse[q] = load_row(surface.displacements, pair.particles[q])[3]
                 split = float(wp.float64(surface.asked[wp.static(ASKED) * pair.particles[q] + 3]) / wp.float64(units))
@@ -188,7 +196,7 @@ class Apart:
         self._close.which = wp.zeros((worlds, room), dtype=int, device=device)
         self._close.weights = wp.zeros((worlds, room), dtype=wp.vec4, device=device)
         self._close.lines = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
-        self._close.gaps = wp.zeros((worlds, room), dtype=wp.vec2, device=device)
+        self._close.gaps = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
         self._close.counts = wp.zeros(worlds, dtype=int, device=device)
         width = 1 if device.is_cpu else THREADS
         inputs, dim = [members, pairs, self._close, width], worlds * width

@@ -19,10 +19,12 @@ _NS = 1e-6  # [ms]
 _GRID, _MESH, _MOTION, _AIR, _PLATE, _COLLIDER, _FACETS = (n * _NS for n in (6.0, 60.0, 5.0, 18.0, 10.0, 9.0, 20.0))
 _SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
 _SEGMENT = 45.0 * _NS  # of a rope
+_LAYERS = 900.0 * _NS  # of what is kept apart from itself or others, where it lies in layers
 # Of an H200: a substep of subdomains, and for each particle of all worlds. A launch of one stage, likewise. A rope in a
 # block. Lines in a block, for each particle of all worlds.
 _TILES, _TILES_PARTICLE, _LAUNCH, _LAUNCH_PARTICLE, _ROPE = 6.0e-4, 5.5e-8, 4.0e-3, 2.5e-8, 5.0e-3
 _BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7
+_LAYERS_LAUNCHED, _LAYERS_PARTICLE = 0.14, 1.2e-5
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,17 @@ def verlet(topology: Topology, around: Surroundings) -> float:
 
 def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
     """Of XPBD, by one iteration."""
+    return _alone(topology, materials, around) + _meeting(topology, around) * around.meets
+
+
+def _meeting(topology: Topology, around: Surroundings) -> float:
+    """What keeps an object that lies in layers apart from itself and others."""
+    count = len(topology.masses) * around.worlds
+    return _LAYERS_LAUNCHED + _LAYERS_PARTICLE * count if around.device == "cuda" else _LAYERS * count
+
+
+def _alone(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
+    """The same of an object that meets no other."""
     count, plate = len(topology.masses), topology.plate is not None
     if not len(topology.triangles):
         return _ROPE if around.device == "cuda" else around.worlds * count * _SEGMENT
