@@ -56,6 +56,7 @@ def _check_explicit(plan: Plan, name: str) -> None:
             ("bending by angles of", topology.bends_by_angles),
             ("self_contact of", thing.self_contact),
             ("object_contact of", plan.scene.object_contact),
+            ("tear_strain of", topology.tear_strain > 0.0),
         )
         if there
     ]

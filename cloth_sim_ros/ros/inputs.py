@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable
 
-from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from geometry_msgs.msg import PolygonStamped, PoseStamped, Vector3Stamped
 from rclpy.time import Time
 from std_msgs.msg import Float64
 from visualization_msgs.msg import Marker
@@ -15,6 +15,7 @@ from visualization_msgs.msg import Marker
 from cloth_sim_ros import parameters
 from cloth_sim_ros.ros.frames import Frames, Refused
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
+from cloth_sim_ros.sim.cuts import plane_of
 
 FARTHEST = parameters.row(parameters.COLLIDER, "position").high  # [m]
 STRONGEST_WIND = parameters.row(parameters.WIND, "velocity").high  # [m/s]
@@ -48,6 +49,19 @@ def read_rate(message: Float64) -> float:
     if not math.isfinite(message.data):
         raise Refused("finite", f"its rate {message.data:g} is not finite")
     return message.data
+
+
+def read_polygon(message: PolygonStamped, frames: Frames) -> list[Vector]:
+    """The corners of the message's polygon [m] in our frame. Raises Refused."""
+    stamp, frame, corners = Time.from_msg(message.header.stamp), message.header.frame_id, []
+    for p in message.polygon.points:
+        corner = Pose(_bounded((p.x, p.y, p.z), FARTHEST, "corner", "m"), (0.0, 0.0, 0.0, 1.0))
+        corners.append(_bounded(frames.pose(corner, frame, stamp).position, FARTHEST, "corner", "m"))
+    try:
+        plane_of(corners)
+    except ValueError as error:
+        raise Refused("polygon", str(error)) from None
+    return corners
 
 
 def follow(track: PoseTrack, message: PoseStamped, frames: Frames) -> None:

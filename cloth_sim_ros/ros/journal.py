@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 # Late listeners get what was sent before they came, as far as it goes back: discovery takes longer than a frame.
 JOURNAL = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 VERSION = 1
-ACTS = ("advance", "attach", "move", "put", "reset", "set_live", "set_pay_out", "set_wind", "take_away")
+ACTS = ("advance", "attach", "cut", "move", "put", "reset", "set_live", "set_pay_out", "set_wind", "take_away")
 
 
 class Journal:

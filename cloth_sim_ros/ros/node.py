@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from geometry_msgs.msg import PolygonStamped, PoseStamped, Vector3Stamped
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock import ClockType
@@ -98,6 +98,7 @@ class ClothSimNode(Node):
             if values[f"{name}.type"] == "rope":
                 self.create_subscription(Float64, f"~/{name}/winch", partial(self._on_winch, name), NEWEST_ONLY)
         self.create_subscription(Vector3Stamped, "~/wind", self._on_wind, NEWEST_ONLY)
+        self.create_subscription(PolygonStamped, "~/cut", self._on_cut, 10)
         self.create_service(Trigger, "~/reset", self._on_reset, callback_group=waiting)
         self.create_service(Trigger, "~/step", self._on_step, callback_group=waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -139,6 +140,16 @@ class ClothSimNode(Node):
             self._loop.submit(lambda: self._loop.world.set_wind(velocity))
         except Refused as reason:
             self._complaints.refuse("wind", reason)
+
+    def _on_cut(self, message: PolygonStamped) -> None:
+        try:
+            values = self._bridge.values
+            if not any(values.get(f"{name}.tear_strain") for name in values["objects"]):
+                raise Refused("disabled", "no object tears; set the parameter tear_strain of a cloth to more than 0")
+            polygon = inputs.read_polygon(message, self._frames)
+            self._loop.submit(lambda: self._loop.world.cut(polygon))
+        except Refused as reason:
+            self._complaints.refuse("cut", reason)
 
     def _on_winch(self, rope: str, message: Float64) -> None:
         values, topic = self._bridge.values, f"{rope}/winch"

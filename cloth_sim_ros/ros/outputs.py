@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -17,7 +18,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from cloth_sim_ros.ros import cdr
-from cloth_sim_ros.sim import EndReadback, Readback, Rope, Simulation
+from cloth_sim_ros.sim import EndReadback, Readback, Rope, Simulation, Surface
 
 ENDS = ("start", "end")  # of a rope
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -159,25 +160,30 @@ class ObjectOutput:
 
     def detach(self) -> None:
         """Sends nothing until the next attach(): the object does not exist."""
-        self._cloud = self._marker = self._source = None
+        self._cloud = self._marker = self._source = self._surface = None
         for ends in self._ends:
             ends.detach()
 
     def attach(self, sim: Simulation, normals: bool, velocities: bool, tensions: bool, mesh: bool) -> None:
         """Prepares messages and readbacks for a new simulation and sends the topology. A cloth has no tensions."""
         name, frame = self._name, self._frame_id
-        thing, rest, triangles = sim.scene.objects[name], sim.rest_positions(name), sim.triangles(name)
+        thing, rest = sim.scene.objects[name], sim.rest_positions(name)
         tensions = tensions and isinstance(thing, Rope)
         columns = {"normals": normals, "velocities": velocities, "tensions": tensions}
         self._readback, self._positions = Readback(sim, name, mesh=mesh, **columns), Readback(sim, name, mesh=mesh)
         self._cloud = cdr.particle_cloud(frame, len(rest), cdr.cloud_fields(normals, velocities, tensions))
-        self._marker = None
-        if mesh:
-            width = 2 * thing.radius if isinstance(thing, Rope) else None
-            self._marker = cdr.mesh_marker(frame, name, width, 3 * len(triangles) if len(triangles) else len(rest))
+        width = 2 * thing.radius if isinstance(thing, Rope) else None
+        self._make_marker = lambda count: cdr.mesh_marker(frame, name, width, count)
+        triangles = sim.triangles(name)
+        self._marker = self._make_marker(len(rest) if width else 3 * len(triangles)) if mesh else None
         for ends in self._ends:
             ends.attach(sim)
-        self._topology.publish(cdr.topology_mesh(triangles, rest))
+        self._surface, self._rest = Surface(sim, name), rest
+        self._send_topology(triangles)
+
+    def _send_topology(self, triangles: np.ndarray) -> None:
+        self._triangles = len(triangles)
+        self._topology.publish(cdr.topology_mesh(triangles, self._rest))
 
     def request(self) -> None:
         """Starts the writing and copying of what is wanted; the device does it while other objects are asked."""
@@ -186,6 +192,8 @@ class ObjectOutput:
         self._source = self._readback if self._cloud_wanted else self._positions if self._mesh_wanted else None
         if self._source is not None:
             self._source.request()
+        if self._surface is not None:
+            self._surface.request()
         for ends in self._ends:
             ends.request()
 
@@ -194,6 +202,10 @@ class ObjectOutput:
         self._stamp = stamp
         if self._source is not None:
             self._source.wait()
+        if self._surface is not None:
+            triangles = self._surface.triangles()
+            if len(triangles) != self._triangles:
+                self._send_topology(triangles)
         for ends in self._ends:
             ends.wait(stamp)
 
@@ -209,7 +221,10 @@ class ObjectOutput:
             self._cloud.payload[:] = self._source.particles()
             self._particles.publish(self._cloud.stamped(self._stamp))
         if self._mesh_wanted:
-            self._marker.payload[:] = self._source.mesh()
+            corners = self._source.mesh()
+            if len(corners) != len(self._marker.payload):
+                self._marker = self._make_marker(len(corners))
+            self._marker.payload[:] = corners
             self._mesh.publish(self._marker.stamped(self._stamp))
         for ends in self._ends:
             ends.publish()

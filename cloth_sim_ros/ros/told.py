@@ -21,6 +21,7 @@ class Told:
         self._deep: set[str] = set()
         self._crossed: set[tuple[str, str]] = set()
         self._recoveries: dict[str, float] = {}
+        self._torn: dict[str, float] = {}
 
     def forget_reasons(self) -> None:
         """A new simulation says of every object how it is computed."""
@@ -32,8 +33,10 @@ class Told:
             softer = choice.bending_share < 1.0
             told = (choice.words, choice.substeps, softer)
             if self._reasons.get(name) != told and (softer or sim.settings.method == "auto"):
-                say = self._log.warning if softer else self._log.info
-                say(f"{name} {choice.reason}")
+                if softer:  # a line of code logs with one severity alone
+                    self._log.warning(f"{name} {choice.reason}")
+                else:
+                    self._log.info(f"{name} {choice.reason}")
             self._reasons[name] = told
 
     def report(self, report: Report, values: Mapping[str, Any]) -> None:
@@ -41,6 +44,7 @@ class Told:
         self._tell_stopped(report)
         self._tell_deep(report, values)
         self._tell_crossed(report)
+        self._tell_torn(report)
         for name, each in report.items():
             more = each["recoveries"] - self._recoveries.get(name, 0)
             if more > 0:
@@ -69,6 +73,14 @@ class Told:
                 elif (name, key) not in self._crossed:
                     self._crossed.add((name, key))
                     self._log.warning(f"{name} is not kept apart from itself: {each[key]} {what}; {remedy}")
+
+    def _tell_torn(self, report: Report) -> None:
+        """Which objects have torn, and how far, where that is more than it was."""
+        for name, each in report.items():
+            torn = each.get("torn", 0)
+            if torn > self._torn.get(name, 0):
+                self._log.info(f"{name} is torn: {torn} of its springs have failed")
+            self._torn[name] = torn
 
     def _tell_deep(self, report: Report, values: Mapping[str, Any]) -> None:
         """Which objects colliders enter between particles."""

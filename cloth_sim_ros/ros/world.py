@@ -136,7 +136,10 @@ class World:
             try:
                 if owner in self.sim.scene.handles and field == "attached":
                     done, sentence = self.grasps.set(self.sim, owner, value)
-                    (self._log.info if done else self._log.warning)(sentence)
+                    if done:  # a line of code logs with one severity alone
+                        self._log.info(sentence)
+                    else:
+                        self._log.warning(sentence)
                 else:
                     self.sim.set(name, value)
                 self._told.reasons(self.sim)
@@ -206,6 +209,15 @@ class World:
         done, sentence = self.grasps.set(self.sim, handle, on)
         self.in_effect = {**self.in_effect, f"{handle}.attached": on and done}
         return done, sentence
+
+    def cut(self, polygon: list[Vector]) -> None:
+        """Cuts all that tears along a flat polygon [m], and says in the log what that cuts."""
+        self.journal.note("cut", polygon)
+        if self.sim is None:
+            return
+        cuts = {name: self.sim.cut(name, polygon) for name in self.sim.scene.objects if self.sim.tears(name)}
+        told = " and ".join(f"{count} springs of {name}" for name, count in cuts.items() if count)
+        self._log.info(f"a cut goes through {told or 'nothing'}")
 
     def advance(self) -> float:
         """Simulates one frame and returns its length [s]. On a GPU the frame may still be under way."""

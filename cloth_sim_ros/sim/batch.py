@@ -24,6 +24,7 @@ from cloth_sim_ros.sim.model_arrays import ModelArrays
 from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Frame, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
+from cloth_sim_ros.sim.torn import Torn, own_model
 
 Executor = Block | Graph | Subdomains | VectorRows
 _forced: str | None = None
@@ -56,13 +57,14 @@ def goes_in_rows(features: Features, topology: Topology, device: wp.Device) -> b
 class BodyState:
     """One body in all worlds: rows of its particles (worlds, N, 4), counts (worlds, 1) and its rows of the live arrays
     (worlds,). Where it has them, also rows of Reel and Twist (worlds, 1). past: order and substeps a frame, which its
-    history is of."""
+    history is of. torn: see Torn.read; None where it does not tear."""
 
     past: tuple[int, int]
     particles: dict[str, np.ndarray]
     counts: dict[str, np.ndarray]
     live: list[np.ndarray]
     bodies: dict[str, np.ndarray]
+    torn: dict[str, np.ndarray] | None
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,7 @@ class Batch:
         self.states = make_states(collected, features, shared.colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
+        self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None
         self._saved: dict[str, wp.array] | None = None
         # What meets advances together, see meeting/together.py.
         self.executor = None if features.meets else self._make_executor(rows, list(topologies.values()))
@@ -137,7 +140,8 @@ class Batch:
 
     def _world(self, w: int, model: Model, shared: Shared) -> Arrays:
         arrays = Arrays()
-        arrays.model, arrays.state = model, state_of(self.states, w)
+        arrays.state = state_of(self.states, w)
+        arrays.model = own_model(model, arrays.state) if self.features.tears else model
         arrays.frames, arrays.materials = self.frame.array[w], self.materials.array[w]
         arrays.colliders, arrays.drives = row_of(shared.colliders.array, w), row_of(self.drives.array, w)
         arrays.handles, arrays.handle_counts = row_of(shared.handles.array, w), row_of(shared.handle_counts, w)
@@ -207,6 +211,8 @@ class Batch:
         """All bodies to the rest shape, at rest, in the worlds of these numbers; nothing of what was before is left."""
         for rows in self.states.values():
             writing.clear(rows, slice(0, rows.shape[1]), chosen)
+        if self.torn is not None:
+            self.torn.mend(chosen)
         for name, reel in self._reels.items():
             for array in ("reels", "good_reels"):
                 writing.put(self.states[array], self.index[name], reel, chosen)
@@ -274,7 +280,7 @@ class Batch:
         live = [rows.read(b, None) for rows in self._live]
         past = (self.features.order, self.substeps)
         bodies = {array: self.read_body(array, name, None) for array in self._own}
-        return BodyState(past, particles, counts, live, bodies)
+        return BodyState(past, particles, counts, live, bodies, self.torn and self.torn.read(b))
 
     def give(self, name: str, kept: BodyState) -> None:
         """What another batch took of a body, whose pins may be others now; multipliers start anew, and so does history
@@ -299,6 +305,8 @@ class Batch:
             rows.edit()[:, b] = held
         for array, held in kept.bodies.items():
             self.write_body(array, name, held)
+        if self.torn is not None:
+            self.torn.write(b, kept.torn)
 
     def set_substeps(self, substeps: int, iterations: int, safe_substeps: int) -> None:
         """How many of each a frame has from now on, and one that is done again; other substeps have no history."""

@@ -75,7 +75,8 @@ class Bodies:
         enters = any(collider.enters(gap, thickness) for collider in self.scene.colliders.values())
         surface = enters or self.scene.spare_colliders > 0
         wind, rows = self.scene.wind is not None, self.colliders.array.shape[1]
-        around = Surroundings(kind, wind, rows, self.worlds, surface, self._meets(name))
+        tears = self.elastic[name].tear_strain > 0.0
+        around = Surroundings(kind, wind, rows, self.worlds, surface, self._meets(name), tears)
         choice = choosing.choose(self.settings, self.elastic[name], list(materials), name in self.strained, around)
         if surface:
             choice = replace(choice, reason=f"{choice.reason}; colliders touch it between its particles too")

@@ -182,6 +182,8 @@ class Live:
             raise ValueError(f"{name} has self_contact, which method 'verlet' lacks; allowed is 'xpbd' or 'auto'")
         if self._bodies.scene.object_contact:
             raise ValueError("the scene has object_contact, which method 'verlet' lacks; allowed is 'xpbd' or 'auto'")
+        if topo.tear_strain > 0.0:
+            raise ValueError(f"{name} has tear_strain, which method 'verlet' lacks; allowed is 'xpbd' or 'auto'")
         windy = self._bodies.scene.wind is not None
         limits.check_explicit(name, topo, (compliance, damping), substeps, self._bodies.settings.frame_dt, windy)
 

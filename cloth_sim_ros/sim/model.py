@@ -38,6 +38,7 @@ class Features:
     handles: bool = False  # whether there are any
     redoes: bool = False  # whether only bodies are computed whose frame is done again
     meets: bool = False  # whether it is kept apart from itself or from other objects
+    tears: bool = False  # whether its springs fail
     forces: tuple[str, ...] = ()  # of forces.FORCES, in the order of Arrays.forces
     line_slots: int = 1  # particles of a line that a thread of a warp holds
 
@@ -82,6 +83,7 @@ class Features:
             plate=topology.plate is not None,
             curved=topology.plate is not None and topology.plate.stencil is not None,
             line_slots=slots_a_thread(topology.families),
+            tears=topology.tear_strain > 0.0,
         )
 
 
@@ -109,6 +111,18 @@ class Body:
     yielding: float  # the inverse of its mass [1/kg]
     is_rope: bool
     width: float  # how far facets reach from their corners at most, stretched threefold [m]
+
+
+@wp.struct
+class Seams:
+    """Where the slots of lines of a body that tears begin: of bending springs, of all others, and where these end."""
+
+    bends: int
+    others: int
+    end: int
+    needs: int  # in Model.line_needs
+    needs_width: int
+    strain: float  # beyond which springs fail
 
 
 @wp.struct
@@ -152,3 +166,12 @@ class Model:
     # behind them. Each particle and each edge belongs to one panel.
     panel_start: wp.array(dtype=int)  # (N + 1,) into particle_panels
     particle_panels: wp.array(dtype=int)  # panels around each particle, counted in the batch
+    seams: wp.array(dtype=Seams)  # (B,) of objects that tear, as all that follows
+    line_needs: wp.array(dtype=int)  # slots of the springs that each bending spring lies over, -1 for none
+    panel_sides: wp.array(dtype=wp.vec3i)  # (P,) slots of the springs along the sides of panels, -1 for none
+    panel_needs: wp.array(dtype=int)  # (13 P,) panels without which a panel does not bend
+    plate_sums: wp.array(dtype=int)  # (N W,) where the parts of a weight begin in plate_starts, -1 for none
+    plate_starts: wp.array(dtype=int)
+    plate_part_panels: wp.array(dtype=int)  # the panel that a part of a weight is of
+    plate_parts: wp.array(dtype=float)  # [1/m^2]
+    curve_panels: wp.array(dtype=int)  # (C,) of triangles that are curved at rest

@@ -12,11 +12,12 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.lines.layout import in_lanes, in_warps, slots_a_thread
-from cloth_sim_ros.sim.model import Body, Model
+from cloth_sim_ros.sim.model import Body, Model, Seams
 from cloth_sim_ros.sim.topology import KINDS, Topology
 from cloth_sim_ros.sim.topology.elements import Plate
+from cloth_sim_ros.sim.topology.tears import at_triangles, under_bends
 
-_NOT_ROWS = ("bodies", "groups", "plate_strides", "curve_width")
+_NOT_ROWS = ("bodies", "groups", "plate_strides", "curve_width", "seams")
 
 
 class ModelArrays:
@@ -25,6 +26,7 @@ class ModelArrays:
     bodies[b]: the fields of Body; groups: the rows of Model.groups; size: name of an array in Model -> rows so far;
     particles: of all bodies so far. lines[b]: (kind, first, end) of the slots of every family of body b.
     With `spokes` every particle knows its springs. Lines lie as a CPU's lanes or a GPU's warps take them.
+    spring_slots[b]: kind -> (S,) the slots of the springs of body b.
     """
 
     def __init__(self, spokes: bool, lanes: bool) -> None:
@@ -34,6 +36,8 @@ class ModelArrays:
         self._rows: dict[str, list[np.ndarray]] = {name: [] for name in Model.vars if name not in _NOT_ROWS}
         self.particles, self.size = 0, dict.fromkeys(self._rows, 0)
         self.lines: list[list[tuple[int, int, int]]] = []
+        self.spring_slots: list[dict[str, np.ndarray]] = []
+        self._seams: list[tuple] = []
         self.longest_row = 0  # slots
         self.curve_width = 0
 
@@ -56,6 +60,8 @@ class ModelArrays:
         spokes, spoke_width = self._add_spokes(topology) if self._with_spokes else (0, 0)
         curves = self.size["curve_corners"]
         plate, plate_width = self._add_plate(topology, first)
+        if topology.tear_strain > 0.0:
+            self._add_seams(topology, panels)
         body = {
             "index": len(self.bodies),
             "spacing": _spacing(topology),
@@ -84,16 +90,47 @@ class ModelArrays:
         """The springs of a sheet, and of a rope that is not solved as a whole, family by family."""
         slots = slots_a_thread(topology.families)
         self.lines.append([])
+        slots_of = {kind: np.full(len(springs.rest), -1) for kind, springs in topology.springs.items()}
         for family in topology.families:
             springs, kind = topology.springs[family.kind], KINDS.index(family.kind)
             rows = in_lanes(family, springs) if self._lanes else in_warps(family, springs, slots)
             lanes, first = rows.nodes.shape[1], self.size["line_nodes"]
+            numbers = rows.numbers.ravel()
+            slots_of[family.kind][numbers[numbers >= 0]] = first + np.flatnonzero(numbers >= 0)
             for name in ("nodes", "others", "rests", "scales"):
                 self._append(f"line_{name}", getattr(rows, name).ravel())
             start = self._append("line_rows", rows.table + [first // lanes, 0, 0])
             self.longest_row = max(self.longest_row, int(rows.table[:, 1].max()))
             self.lines[-1].append((kind, first, self.size["line_nodes"]))
             self.groups.append((kind, start, start + len(rows.table)))
+        self.spring_slots.append(slots_of)
+
+    def _add_seams(self, topology: Topology, first_panel: int) -> None:
+        """What goes with a spring that fails, of a body whose panels begin at `first_panel`."""
+        slots_of, lines = self.spring_slots[-1], self.lines[-1]
+        bending = KINDS.index("bending")
+        others = next(first for kind, first, _ in lines if kind != bending)
+        bends = lines[0][1]
+        under = under_bends(topology)
+        needs = np.full((others - bends, under.shape[1]), -1)
+        if len(under):
+            needs[slots_of["bending"] - bends] = np.where(under >= 0, slots_of["structural"][under], -1)
+        start = self._append("line_needs", needs.ravel())
+        self._seams.append((bends, others, lines[-1][2], start, under.shape[1], topology.tear_strain))
+        structural, shear = at_triangles(topology)
+        sides = np.where(structural >= 0, slots_of["structural"][structural], -1)
+        if "shear" in slots_of:
+            sides = np.where(shear >= 0, slots_of["shear"][shear], sides)
+        self._append("panel_sides", sides)
+        if topology.plate is not None:
+            parts, rows = topology.plate.parts, self.size["plate_parts"]
+            sums = parts.sums if self._lanes else parts.sums.T
+            self._append("plate_sums", np.where(sums >= 0, sums + self.size["plate_starts"], -1).ravel())
+            self._append("plate_starts", parts.start + rows)
+            self._append("plate_part_panels", parts.triangles + first_panel)
+            self._append("plate_parts", parts.weights)
+            self._append("panel_needs", (parts.needs + first_panel).ravel())
+            self._append("curve_panels", parts.curves + first_panel)
 
     def _add_plate(self, topology: Topology, first: int) -> tuple[int, int]:
         """Where the plate operator of a body begins, whose first particle is `first`, and its neighbours a particle."""
@@ -188,6 +225,8 @@ class ModelArrays:
             setattr(model, name, wp.array(rows, dtype=Model.vars[name].type.dtype, device=device))
         model.plate_strides = wp.vec2i(1, 0) if self._lanes else wp.vec2i(0, 1)
         model.curve_width = self.curve_width
+        seams = np.array(self._seams, dtype=Seams.numpy_dtype())
+        model.seams = wp.array(seams, dtype=Seams, device=device)
         bodies = [tuple(body[name] for name in Body.vars) for body in self.bodies]
         model.bodies = wp.array(np.array(bodies, dtype=Body.numpy_dtype()), dtype=Body, device=device)
         model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 3), dtype=wp.vec3i, device=device)

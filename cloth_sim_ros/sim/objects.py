@@ -33,7 +33,8 @@ class Cloth:
     particles is a clamp: two pinned rows hold the sheet at the second one. shear_compliance None means no shear
     springs. Compliance 0 is rigid. mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem).
     damping [s]: c = damping x constant. thickness [m] is the distance at which the cloth touches a collider. With
-    self_contact its parts keep twice that from one another.
+    self_contact its parts keep twice that from one another. With tear_strain above 0, structural and shear springs
+    that are strained by more than that fail for good, and `Simulation.cut` cuts them.
     """
 
     resolution: tuple[int, int] = (32, 32)
@@ -51,6 +52,7 @@ class Cloth:
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
     self_contact: bool = False
+    tear_strain: float = 0.0
     particle_masses: Any = field(default=None, repr=False, compare=False)
     vertices: np.ndarray | None = field(default=None, repr=False, compare=False)
     triangles: np.ndarray | None = field(default=None, repr=False, compare=False)

@@ -29,9 +29,22 @@ class Queries:
         """Masses (N,) float64 [kg], pinned particles included."""
         return self._bodies.topology(name).masses.copy()
 
-    def triangles(self, name: str) -> np.ndarray:
-        """Triangles (T, 3) int32, counter-clockwise seen from their normals; none for a rope."""
+    def triangles(self, name: str, world: int = 0) -> np.ndarray:
+        """Triangles (T, 3) int32, counter-clockwise seen from their normals; none for a rope. Of a sheet that tears,
+        those that are left in one world."""
+        if self.tears(name):
+            rows = self.panels_left(name, self._bodies.one(world)).numpy()
+            return rows[rows[:, 0] != rows[:, 1]]
         return self._bodies.topology(name).triangles.astype(np.int32)
+
+    def tears(self, name: str) -> bool:
+        """Whether an object tears."""
+        return self._bodies.topology(name).tear_strain > 0.0
+
+    def panels_left(self, name: str, world: int) -> wp.array:
+        """The triangles (T,) vec3i of a sheet that tears on the device; those that failed have three equal corners."""
+        batch = self._bodies.batch[name]
+        return batch.worlds[world].state.panels[batch.panels(name)]
 
     def rest_positions(self, name: str) -> np.ndarray:
         """Rest positions (N, 3) float32 [m] in the world."""
@@ -51,6 +64,14 @@ class Queries:
                 constant = 1.0 / (float(compliance[KINDS.index(kind)]) * elements.scale)
             found[kind] = (elements.particles.astype(np.int64), elements.rest.copy(), constant)
         return found
+
+    def torn(self, name: str, world: int = 0) -> dict[str, np.ndarray]:
+        """Kind -> (S,) bool, which of `springs` failed in one world. Raises ValueError where the object does not
+        tear."""
+        if not self.tears(name):
+            raise ValueError(f"{name} does not tear; allowed is an object with a tear_strain above 0")
+        batch = self._bodies.batch[name]
+        return {kind: rows[0] for kind, rows in batch.torn.read(batch.index[name], self._bodies.one(world)).items()}
 
     def positions(self, name: str, world: Any = 0) -> np.ndarray:
         """Positions (N, 3) float32 [m] in one world, or (k, N, 3) in several, all for None, in one copy."""

@@ -71,9 +71,8 @@ class Readback:
         self._particles = _Buffer((count, 3 + 3 * normals + 3 * velocities + tensions), wp.float32, device)
         self._mesh = None
         if mesh:
-            triangles = sim.triangles(name)
-            self._order = triangles.ravel() if len(triangles) else np.arange(count)
-            self._mesh = np.zeros((len(self._order), 3))
+            self._surface = Surface(sim, name, world)
+            self._mesh = np.zeros((0, 3))
         self._record()
         self._done = wp.Event(device) if device.is_cuda else None
         self._under_way = False
@@ -96,6 +95,8 @@ class Readback:
         for command in self._commands:
             command.launch()
         self._particles.copy()
+        if self._mesh is not None:
+            self._surface.request()
         if self._done is not None:
             wp.record_event(self._done)
             self._under_way = True
@@ -112,11 +113,46 @@ class Readback:
         return self._particles.view
 
     def mesh(self) -> np.ndarray:
-        """(3T, 3) float64 corners of the triangles [m] of a cloth, (N, 3) points of a rope."""
+        """(3T, 3) float64 corners of the triangles [m] of a cloth that are left, (N, 3) points of a rope."""
         if self._mesh is None:
             raise ValueError("this Readback was made without a mesh; allowed is Readback(..., mesh=True)")
-        self._mesh[:] = self.particles()[self._order, :3]
+        particles = self.particles()
+        triangles = self._surface.triangles()
+        order = triangles.ravel() if len(triangles) else np.arange(0 if self._surface.tears else len(particles))
+        if len(order) != len(self._mesh):
+            self._mesh = np.zeros((len(order), 3))
+        self._mesh[:] = particles[order, :3]
         return self._mesh
+
+
+class Surface:
+    """An object's triangles in a world, as tearing leaves them: `request()` copies them, `triangles()` waits."""
+
+    def __init__(self, sim: Simulation, name: str, world: int = 0) -> None:
+        self._sim, self._object = sim, (name, world)
+        self._all, self.tears = sim.triangles(name), sim.tears(name)
+        self._left, self._done = None, None
+        if self.tears:
+            device = sim.device_arrays(name, world)[2]
+            count = sim.panels_left(name, world).shape[0]
+            self._left = wp.empty(count, dtype=wp.vec3i, device="cpu", pinned=device.is_cuda)
+            self._done = wp.Event(device) if device.is_cuda else None
+
+    def request(self) -> None:
+        """Start copying the triangles as they will be when all launched frames are done."""
+        if self._left is not None:
+            wp.copy(self._left, self._sim.panels_left(*self._object))
+            if self._done is not None:
+                wp.record_event(self._done)
+
+    def triangles(self) -> np.ndarray:
+        """(T, 3) int32; of what tears, those that are left."""
+        if self._left is None:
+            return self._all
+        if self._done is not None:
+            wp.synchronize_event(self._done)
+        rows = self._left.numpy()
+        return rows[rows[:, 0] != rows[:, 1]]
 
 
 class EndReadback:

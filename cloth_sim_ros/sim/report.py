@@ -31,7 +31,7 @@ def measure_lines(
 ):
     k = first + wp.tid()
     m = arrays.model
-    if m.line_others[k] < 0:
+    if m.line_rests[k] < 0.0:
         return
     body = m.bodies[b]
     h = effective_step(arrays.frames[0].dt, second)
@@ -166,6 +166,7 @@ class Reporter:
             "max_penetration": float(max(result[PARTICLES], result[SURFACE])),
             "particle_penetration": float(result[PARTICLES]),
             "residual": float(result[RESIDUAL]),
+            **({"torn": batch.torn.count(b, world)} if batch.torn is not None else {}),
             "recoveries": recoveries,
             "redone": redone,
             "substeps": batch.substeps,

@@ -18,6 +18,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.checks import finite_array
+from cloth_sim_ros.sim.cuts import Cuts
 from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live import Live, compliances_of
 from cloth_sim_ros.sim.live_array import Some
@@ -69,6 +70,7 @@ class Simulation:
         self._live = Live(self._bodies, self._ropes, self._hands)
         self._tensors = Tensors(self._bodies, self._queries.loads, self._hands.loads)
         self._saving = Saving(self._bodies, self._hands)
+        self._cuts = Cuts(self._bodies)
         for name, thing in scene.objects.items():
             self._ropes.check_rope(name, thing)
         materials = {name: (compliances_of(thing), thing.damping) for name, thing in scene.objects.items()}
@@ -87,7 +89,9 @@ class Simulation:
     masses = _of("_queries", Queries.masses)
     triangles = _of("_queries", Queries.triangles)
     rest_positions = _of("_queries", Queries.rest_positions)
-    springs = _of("_queries", Queries.springs)
+    springs, torn = _of("_queries", Queries.springs), _of("_queries", Queries.torn)
+    tears, panels_left = _of("_queries", Queries.tears), _of("_queries", Queries.panels_left)
+    cut = _of("_cuts", Cuts.cut)
     positions = _of("_queries", Queries.positions)
     velocities = _of("_queries", Queries.velocities)
     device_arrays = _of("_queries", Queries.device_arrays)
@@ -236,6 +240,8 @@ class Simulation:
         self._leave_if_strained(name, rows)
         self._write_positions(name, rows, None)
         self.set_velocities(name, other.velocities(name))
+        if batch.torn is not None and source.torn is not None:
+            batch.torn.write(batch.index[name], source.torn.read(source.index[name], 0))
         if batch.features.twist:
             batch.write_body("twists", name, source.read_body("twists", name, 0))
         if batch.features.handles and source.features.handles:
@@ -258,7 +264,8 @@ class Simulation:
 
     def _leave_if_strained(self, name: str, rows: np.ndarray) -> bool:
         """Whether positions strain a spring by more than half; `auto` then leaves the object to implicit steps."""
-        strained = is_strained(self._bodies.elastic[name], rows)
+        torn = self.torn(name) if self.tears(name) else {}
+        strained = is_strained(self._bodies.elastic[name], rows, torn)
         if strained and self._bodies.settings.method == "auto":
             self._bodies.leave_to_implicit(name)
         return strained
@@ -286,7 +293,7 @@ class Simulation:
         recoveries, redone, substeps, iterations, expected_error and bending_share. A rope also has max_tension,
         start_tension and end_tension [N]: of all, the first and the last of its segments. On a winch it has paid_out
         [m], pay_out [m/s] and winch_stopped, whether a limit of length holds it back. One that resists twist has twist
-        [rad] from start to end and torsion [N m].
+        [rad] from start to end and torsion [N m]. A sheet that tears has torn, the springs that failed.
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep. max_penetration is how much deeper than the thickness the surface lies, and particle_penetration how

@@ -243,6 +243,15 @@ class State:
     grip_pulls: wp.array(dtype=wp.vec4)  # (N,) of the handle on the particle in the last substep [N]
     grip_forces: wp.array(dtype=wp.vec4)  # (N,) of the handle on the particle, mean over the frame [N]
     held: wp.array(dtype=int)  # (B,) particles that handles hold
+    # What of Model's arrays of these names is left of objects that tear. The rest length of a spring that failed is
+    # below 0: less itself in the frame in which it failed. The corners of a triangle that failed are its first one.
+    line_rests: wp.array(dtype=float)
+    panels: wp.array(dtype=wp.vec3i)
+    panel_parts: wp.array(dtype=wp.vec2i)
+    plate_weights: wp.array(dtype=float)
+    curve_stencil_gradients: wp.array(dtype=float)
+    curve_gradients: wp.array(dtype=float)
+    tearing: wp.array(dtype=int)  # (B,) whether a spring failed in this frame
     reels: wp.array(dtype=Reel)  # (B,) of ropes that a winch feeds, and when the body was last good
     good_reels: wp.array(dtype=Reel)  # (B,)
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see watch.py

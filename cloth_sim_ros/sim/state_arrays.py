@@ -17,6 +17,7 @@ from cloth_sim_ros.sim.model_arrays import ModelArrays
 from cloth_sim_ros.sim.ropes.elimination import NUMBERS
 from cloth_sim_ros.sim.stages.motion import SWEPT
 from cloth_sim_ros.sim.stages.near import EXTENT, words_of
+from cloth_sim_ros.sim.stages.tearing import LEFT
 from cloth_sim_ros.sim.state import State
 
 
@@ -71,6 +72,8 @@ def make_states(
         "grip_pulls": particles if features.handles else 0,
         "grip_forces": particles if features.handles else 0,
         "held": bodies if features.handles else 0,
+        **{name: arrays.size[name] if features.tears else 0 for name in LEFT},
+        "tearing": bodies if features.tears else 0,
         "reels": bodies if features.winch else 0,
         "good_reels": bodies if features.winch else 0,
         "good_positions": particles,

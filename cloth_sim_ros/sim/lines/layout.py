@@ -19,7 +19,8 @@ class Rows:
     """Rows of one family: particles (and what lies between each and the next) in slots of LANES or of WARP lanes.
 
     table (R, 3): the first slot of a row, its number of slots, its lines. nodes, others (S, lanes): a particle and the
-    next in its line, -1 where there is none. rests [m], -1 without a spring, and scales (S, lanes).
+    next in its line, -1 where there is none. rests [m], -1 without a spring, and scales (S, lanes). numbers (S, lanes)
+    of the springs in Topology.springs, -1 for none.
     """
 
     table: np.ndarray
@@ -27,6 +28,7 @@ class Rows:
     others: np.ndarray
     rests: np.ndarray
     scales: np.ndarray
+    numbers: np.ndarray
 
 
 def slots_a_thread(families: list[Family]) -> int:
@@ -104,4 +106,4 @@ def _rows(springs: Elements, table: list, parts: list) -> Rows:
     pairs = springs.particles[np.where(there, numbers, 0)]
     others = np.where(there, pairs.sum(-1) - nodes, -1)
     rests = np.where(there, springs.rest[numbers], -1.0)
-    return Rows(np.array(table), nodes, others, rests, np.where(there, springs.scale[numbers], 0.0))
+    return Rows(np.array(table), nodes, others, rests, np.where(there, springs.scale[numbers], 0.0), numbers)

@@ -62,12 +62,15 @@ def _time(pairs: Pairs, surface: Surface) -> float:
 
 @wp.kernel(enable_backward=False)
 def _watch(members: Members, pairs: Pairs):
-    """A search is due where a particle is off its way."""
+    """A search is due where a particle is off its way, or a triangle is torn."""
     panels = members.panels.shape[0]
     w = wp.tid() / panels
     panel = panel_of(members, wp.tid() - w * panels, w)
     surface = members.surfaces[panel.surface]
     time = float(pairs.clock[0]) * surface.frames[0].dt
+    failed = panel.corners[0] == panel.corners[1]  # a triangle that tore, and was none at the last search
+    if failed and wp.length_sq(pairs.seen[wp.tid(), 1] - pairs.seen[wp.tid(), 0]) > 0.0:
+        pairs.clock[2] = 1
     for q in range(3):
         if (panel.own >> q) & 1 == 1:
             on_its_way = pairs.seen[wp.tid(), q] + time * pairs.going[wp.tid(), q]

@@ -8,7 +8,7 @@ these constants and the scene alone, never on a clock. So the same scene is comp
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -89,6 +89,8 @@ def choose(
     because = _not_explicit(settings, topology, needed, strained)
     if around.meets:
         because = "it is kept apart from itself or others, which explicit steps lack"
+    elif around.tears:
+        because = "it tears, which explicit steps lack"
     if because:
         return replace(xpbd, reason=f"{xpbd.reason}; {because}")
     cost = verlet.substeps * prices.verlet(topology, around)
@@ -198,10 +200,10 @@ def _bending_rate(topology: Topology, materials: Collection[tuple[Sequence[float
     return topology.plate_rate / max(softest, 1e-30) if topology.plate is not None else 0.0
 
 
-def is_strained(topology: Topology, positions: np.ndarray) -> bool:
-    """Whether positions (N, 3) [m] strain any spring by more than STRAINED."""
-    for elements in topology.springs.values():
+def is_strained(topology: Topology, positions: np.ndarray, torn: Mapping[str, np.ndarray]) -> bool:
+    """Whether positions (N, 3) [m] strain any spring by more than STRAINED but those of a kind that are `torn` (S,)."""
+    for kind, elements in topology.springs.items():
         length = np.linalg.norm(positions[elements.particles[:, 1]] - positions[elements.particles[:, 0]], axis=1)
-        if (np.abs(length - elements.rest) > STRAINED * elements.rest).any():
+        if ((np.abs(length - elements.rest) > STRAINED * elements.rest) & ~torn.get(kind, np.False_)).any():
             return True
     return False

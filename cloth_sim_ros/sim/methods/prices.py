@@ -32,7 +32,7 @@ class Surroundings:
     """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind, colliders and worlds.
 
     surface: whether colliders are kept out between particles too. meets: whether the object is kept apart
-    from itself or others.
+    from itself or others. tears: whether its springs fail.
     """
 
     device: str
@@ -41,6 +41,7 @@ class Surroundings:
     worlds: int = 1
     surface: bool = False
     meets: bool = False
+    tears: bool = False
 
     @property
     def near(self) -> int:

@@ -49,6 +49,7 @@ from cloth_sim_ros.sim.stages.motion import (
 )
 from cloth_sim_ros.sim.stages.near import list_colliders, make_forget_contacts, measure_extent
 from cloth_sim_ros.sim.stages.surface_contact import make_carry_presses, make_press, make_yield
+from cloth_sim_ros.sim.stages.tearing import followers, make_tear
 from cloth_sim_ros.sim.state import Arrays
 
 _A_FRAME = 1 << 30  # more substeps than a frame has
@@ -126,11 +127,13 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
         program.touched.append(_over_meeting(name, met_in, contact, None if features.meets else finish))
     if features.meets or not features.shapes:
         program.after.append(_over_particles("finish", finish))
-    program.ending += [
-        _over_particles("find_faults", find_fault),
-        _over_particles("settle", make_settle(features)),
-        Stage("count", _once(make_count(features)), lambda *_: 1),
-    ]
+    many = lambda *_: 1 if on_cpu else 16 * _THREADS  # noqa: E731
+    if features.tears:
+        program.after.append(Stage("tear", make_tear(features), many))
+    program.ending += [_over_particles("find_faults", find_fault), _over_particles("settle", make_settle(features))]
+    if features.tears:
+        program.ending += [Stage(f.key, f, many) for f in followers(features)]
+    program.ending.append(Stage("count", _once(make_count(features)), lambda *_: 1))
     return program
 
 

@@ -178,7 +178,10 @@ def make_press(features: Features):
         colliders, near = here.colliders.shape[0], near_of(here)
         for k in range(here.body.panels + t, here.body.panels_end, width):
             corners = corners_of(k, here)
-            if is_close(corners, here):
+            whole = bool(True)
+            if wp.static(features.tears):
+                whole = corners[0] != corners[1]  # a triangle that failed
+            if whole and is_close(corners, here):
                 stray = is_stray(corners, near, here)
                 c = next_of(-1, near, stray)
                 while c < colliders:

@@ -23,19 +23,38 @@ _SETTLED = 1e-5  # change of a Rayleigh quotient by one more power at which it i
 
 
 @dataclass(frozen=True)
+class PlateParts:
+    """Which triangles the weights of a Plate come of, for sheets that tear.
+
+    sums (N, W): where in start (S + 1,) the parts of a weight begin, -1 for places that are not used. triangles,
+    weights (E,): a part and the triangle that it is of. needs (T, n): the triangles without which a triangle does not
+    bend. curves (C,): the triangles that are curved at rest.
+    """
+
+    sums: np.ndarray
+    start: np.ndarray
+    triangles: np.ndarray
+    weights: np.ndarray
+    needs: np.ndarray
+    curves: np.ndarray
+
+
+@dataclass(frozen=True)
 class Plate:
     """The bending operator of a sheet of rigidity 1 N m, from `plate.of_triangles`: what acts on the positions x.
 
     The force on particle i is -B sum_j weights[i, j] (x[neighbours[i, j]] - x_i), B [N m] the rigidity. neighbours (N,
     W), weights (N, W) [1/m^2]: 0 for places that are not used. Of a sheet that is curved at rest, each triangle adds
     the energy -B n . s. There s = sum_j gradients[t, j] x[stencil[t, j]] and n is its unit normal. stencil (C, S): the
-    first three are the triangle's own. gradients (C, S) [1/m]. Both are None for a sheet that is flat at rest.
+    first three are the triangle's own. gradients (C, S) [1/m]. Both are None for a sheet that is flat at rest. parts:
+    None for a sheet that does not tear.
     """
 
     neighbours: np.ndarray
     weights: np.ndarray
     stencil: np.ndarray | None = None
     gradients: np.ndarray | None = None
+    parts: PlateParts | None = None
 
 
 @dataclass(frozen=True)
@@ -48,7 +67,7 @@ class Topology:
     third of a rope's segment. layout: (N, 3) rest positions [m] in local axes, along which grids are cut into
     subdomains. grid: particles along x and y, None for what is no grid. reel: of a rope on a winch, the last particle
     at the drum and the rest length [m] of the segment that begins there. plate: what a sheet resists bending with.
-    twists: whether a rope resists twist.
+    twists: whether a rope resists twist. tear_strain: beyond which its springs fail, 0 for never.
     """
 
     rest: np.ndarray
@@ -65,6 +84,7 @@ class Topology:
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     chain: Elements | None = None
     grid: tuple[int, int] | None = None
+    tear_strain: float = 0.0
 
     @cached_property
     def families(self) -> list[Family]:

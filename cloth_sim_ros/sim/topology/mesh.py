@@ -54,7 +54,7 @@ def of_sheet(
     pinned = pinned_particles(cloth.pins, named, len(local))
     bending = None
     if cloth.bend_compliance is not None and cloth.bending == "dihedral":
-        bending = plate.of_triangles(local, triangles, pinned)
+        bending = plate.of_triangles(local, triangles, pinned, tears=cloth.tear_strain > 0.0)
     return Topology(
         rest=rotate(cloth.orientation, local) + np.asarray(cloth.position),
         masses=masses if cloth.particle_masses is None else cloth.particle_masses,
@@ -65,6 +65,7 @@ def of_sheet(
         layout=local,
         plate=bending,
         grid=grid,
+        tear_strain=cloth.tear_strain,
     )
 
 

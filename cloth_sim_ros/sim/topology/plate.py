@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cloth_sim_ros.sim.topology.elements import Plate
+from cloth_sim_ros.sim.topology.elements import Plate, PlateParts
 
 _FLAT = 1e-6  # turns at rest [-] below which a mesh is flat
 _SLIVER = 1e-3  # least height of a triangle over its longest edge; across thinner ones the sheet is hinged
@@ -32,11 +32,12 @@ _NOTHING = 1e-13  # share of the largest weight below which a weight is rounding
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
-def of_triangles(points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray) -> Plate | None:
+def of_triangles(points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray, tears: bool = False) -> Plate | None:
     """The bending operator of a sheet for rigidity B = 1, None where no two triangles meet.
 
     points (N, 3) [m] at rest, triangles (T, 3) with at most two at an edge, pinned (N,) bool. Free borders carry no
     moment. A triangle of three pinned particles is a clamp: it does not bend, and its neighbours start with its slope.
+    With `tears` it is told which triangle each part of a weight is of.
     """
     mesh = _Mesh.of(points, triangles, pinned)
     if not mesh.bends.any():
@@ -47,12 +48,23 @@ def of_triangles(points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray) 
     stiffness = _stiffness(mesh)
     first, second = np.triu_indices(stencil.shape[1], 1)
     weights = (slopes.transpose(0, 2, 1) @ (stiffness @ slopes))[:, first, second]
-    neighbours, rows = _rows(stencil[:, first].ravel(), stencil[:, second].ravel(), weights.ravel(), len(points))
+    pairs = (stencil[:, first].ravel(), stencil[:, second].ravel())
+    neighbours, rows, sums, parts = _rows(*pairs, weights.ravel(), len(points), tears)
     curved = np.flatnonzero(np.abs(rest / mesh.length).max(axis=1) > _FLAT)
+    of = None
+    if tears:
+        start, entries = parts
+        of = PlateParts(sums, start, entries // len(first), weights.ravel()[entries], _needs(mesh), curved)
     if len(curved) == 0:
-        return Plate(neighbours, rows)
+        return Plate(neighbours, rows, parts=of)
     gradients = (rest[curved, None, :] @ stiffness[curved] @ slopes[curved])[:, 0]
-    return Plate(neighbours, rows, stencil[curved].astype(np.int32), gradients)
+    return Plate(neighbours, rows, stencil[curved].astype(np.int32), gradients, of)
+
+
+def _needs(mesh: _Mesh) -> np.ndarray:
+    """(T, 13) triangles: itself, its neighbours and theirs."""
+    near = mesh.twin // 3
+    return np.concatenate([np.arange(len(near))[:, None], near, near[near].reshape(len(near), -1)], axis=1)
 
 
 @dataclass(frozen=True)
@@ -278,26 +290,32 @@ def _stiffness(mesh: _Mesh) -> np.ndarray:
     return (kept - mixed.transpose(0, 2, 1) @ np.linalg.solve(pair, mixed)) / mesh.area[:, None, None]
 
 
-def _rows(first: np.ndarray, second: np.ndarray, weights: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _rows(
+    first: np.ndarray, second: np.ndarray, weights: np.ndarray, count: int, tears: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Neighbours and weights (N, W) from entries (i, j, w) of a symmetric matrix without its diagonal.
 
-    A row that is not full names its own particle with weight 0.
+    A row that is not full names its own particle with weight 0. Also which sum each weight is (N, W), -1 for none, and
+    of sums where each begins (S + 1,) in a list of entries, and that list. With `tears` sums that vanish are kept:
+    what is left of them does not.
     """
     keep = np.flatnonzero((first != second) & (np.abs(weights) > _NOTHING * np.abs(weights).max()))
     first, second = first[keep].astype(np.int64), second[keep]
     key = np.minimum(first, second) * count + np.maximum(first, second)
     order = np.argsort(key)
-    key = key[order]
+    key, entries = key[order], keep[order]
     start = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
-    total = np.add.reduceat(weights[keep[order]], start)
-    some = np.abs(total) > _NOTHING * np.abs(total).max()
+    total = np.add.reduceat(weights[entries], start)
+    some = (np.abs(total) > _NOTHING * np.abs(total).max()) | tears
     low, high = np.divmod(key[start[some]], count)
     row, column = np.concatenate([low, high]), np.concatenate([high, low])
-    order = np.argsort(row * count + column)
-    row, column = row[order], column[order]
+    ranked = np.argsort(row * count + column)
+    row, column = row[ranked], column[ranked]
     number = np.bincount(row, minlength=count)
     place = np.arange(len(row)) - np.repeat(np.cumsum(number) - number, number)
     neighbours = np.repeat(np.arange(count, dtype=np.int32)[:, None], number.max(), axis=1)
     result = np.zeros(neighbours.shape)
-    neighbours[row, place], result[row, place] = column, np.tile(total[some], 2)[order]
-    return neighbours, result
+    sums = np.full(neighbours.shape, -1)
+    neighbours[row, place], result[row, place] = column, np.tile(total[some], 2)[ranked]
+    sums[row, place] = np.tile(np.flatnonzero(some), 2)[ranked]
+    return neighbours, result, sums, (np.append(start, len(key)), entries)
