@@ -9,7 +9,7 @@ Imports the standard library only.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 INFINITY = math.inf
@@ -304,6 +304,21 @@ HANDLE = (
     *_PLACE,
 )
 
+GRIPPER = (
+    _vector(
+        "finger_size", (0.02, 0.01, 0.04), "Edges of each finger, a box; the gripper opens along y.", "m", 1e-4, 10
+    ),
+    _double("max_opening", 0.08, "Widest gap between the faces of the fingers.", "m", 1e-4, 10, live=False),
+    _double(
+        "opening", 0.08, "The gap that they go to; of this and the force, the one acts that was set last.", "m", 0, 10
+    ),
+    _double("force", 0, "With which each finger presses; 0: they go to the opening.", "N", 0, 1e4),
+    _double("speed", 0.1, "How fast the opening changes at most.", "m/s", 1e-4, 100),
+    _double("compliance", 0.01, "Depth of a point of contact over the force there.", "m/N", 1e-9, 1e6),
+    *(replace(row, default=0.8) for row in _SURFACE),
+    *_PLACE,
+)
+
 SPARE_COLLIDERS = Parameter(
     "spare_colliders",
     "integer",
@@ -327,6 +342,7 @@ NODE = (
     Parameter("objects", "string_array", (), "Names of the objects; each prefixes its own parameters.", fixed=True),
     Parameter("colliders", "string_array", (), "Names of the colliders; each prefixes its own parameters.", fixed=True),
     Parameter("handles", "string_array", (), "Names of the handles; each prefixes its own parameters.", fixed=True),
+    Parameter("grippers", "string_array", (), "Names of the grippers; each prefixes its own parameters.", fixed=True),
     Parameter("device", "string", "auto", "Where to compute: auto, cpu, cuda:0, ..."),
     Parameter("frame_id", "string", "world", "Frame of everything sent and received.", fixed=True),
     _double("rate", 60, "Frames a second, simulated and sent.", "Hz", 1, 1000, live=False),

@@ -75,6 +75,7 @@ class Replay:
         self._end()
         log = Quiet()
         world = World(values, log, Frames(values["frame_id"]))
+        world.grippers.is_driven = False  # the journal has where their fingers went
         if not world.build(values):
             raise ValueError(f"the scene of the bag cannot be built here: {log.last}")
         with tempfile.TemporaryDirectory() as folder:

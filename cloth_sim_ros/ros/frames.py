@@ -88,7 +88,7 @@ class Followers:
         """Puts the newest place of every followed frame into its track; what is late or unknown is told once."""
         now = time.monotonic()
         for name, track in tracks.items():
-            frame = values[f"{name}.follow_frame"]
+            frame = values.get(f"{name}.follow_frame")  # a gripper's fingers have none
             if not frame:
                 self._told.pop(name, None)
                 continue

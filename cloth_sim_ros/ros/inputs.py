@@ -44,10 +44,10 @@ def read_wind(message: Vector3Stamped, frames: Frames) -> Vector:
     return frames.vector(velocity, message.header.frame_id, Time.from_msg(message.header.stamp))
 
 
-def read_rate(message: Float64) -> float:
-    """The message's pay-out rate [m/s]. Raises Refused."""
+def read_number(message: Float64, what: str) -> float:
+    """The message's number, which is called `what`. Raises Refused."""
     if not math.isfinite(message.data):
-        raise Refused("finite", f"its rate {message.data:g} is not finite")
+        raise Refused("finite", f"its {what} {message.data:g} is not finite")
     return message.data
 
 

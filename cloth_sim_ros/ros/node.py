@@ -12,23 +12,23 @@ from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PolygonStamped, PoseStamped, Vector3Stamped
+from geometry_msgs.msg import PoseStamped
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock import ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.ros import inputs
 from cloth_sim_ros.ros.clock_follower import ClockFollower
+from cloth_sim_ros.ros.commands import NEWEST_ONLY, Commands
 from cloth_sim_ros.ros.diagnostics import DiagnosticsOutput, busy, diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.frames import Frames, Refused
+from cloth_sim_ros.ros.grippers import GripperStates
 from cloth_sim_ros.ros.journal import JournalOutput
 from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
 from cloth_sim_ros.ros.outputs import LATEST, Audience, ObjectOutput, Wrenches
@@ -40,7 +40,6 @@ from cloth_sim_ros.ros.state_services import StateServices
 from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.sim.mesh_file import stop_reading
 
-NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 WORTH_ANOTHER_THREAD = 100_000  # bytes of a frame's messages: fewer are sent sooner than handed over
 LONG = {"": math.inf, "frame": 5.0, "building": 60.0}  # [s] after which the log tells what the loop is still at
 PATIENCE = 5.0  # [s] a service waits for the simulation, which may be compiling
@@ -79,7 +78,7 @@ class ClothSimNode(Node):
         self._loop = SimulationLoop(
             world, lambda: self._bridge.values, self._built, self._send, self._tell, log, self._follower
         )
-        for kind in ("colliders", "handles"):
+        for kind in ("colliders", "handles", "grippers"):
             for name in values[kind]:
                 topic = f"{kind}/{name}/pose"
                 self.create_subscription(PoseStamped, f"~/{topic}", partial(self._on_pose, name, topic), NEWEST_ONLY)
@@ -91,14 +90,11 @@ class ClothSimNode(Node):
             self.create_subscription(MarkerArray, "~/scene", self._on_scene, 10)
         self._collider_output, self._journal = CollidersOutput(self, self._frame_id), JournalOutput(self)
         self._wrenches = [Wrenches(self, kind, values[kind], self._frame_id) for kind in ("colliders", "handles")]
-        sent = (*self._outputs.values(), *self._wrenches, self._collider_output, self._journal)
+        self._gripper_states = GripperStates(self, values["grippers"], self._frame_id)
+        sent = (*self._outputs.values(), *self._wrenches, self._collider_output, self._gripper_states, self._journal)
         self._audience = Audience(sent, always=self._clock_out is not None)
         world.grasps.told = self._tell_attached
-        for name in values["objects"]:
-            if values[f"{name}.type"] == "rope":
-                self.create_subscription(Float64, f"~/{name}/winch", partial(self._on_winch, name), NEWEST_ONLY)
-        self.create_subscription(Vector3Stamped, "~/wind", self._on_wind, NEWEST_ONLY)
-        self.create_subscription(PolygonStamped, "~/cut", self._on_cut, 10)
+        Commands(self, self._loop, self._bridge, self._frames, self._complaints)
         self.create_service(Trigger, "~/reset", self._on_reset, callback_group=waiting)
         self.create_service(Trigger, "~/step", self._on_step, callback_group=waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -129,39 +125,6 @@ class ClothSimNode(Node):
     def _on_pose(self, name: str, topic: str, message: PoseStamped) -> None:
         try:
             inputs.follow(self._loop.world.tracks[name], message, self._frames)
-        except Refused as reason:
-            self._complaints.refuse(topic, reason)
-
-    def _on_wind(self, message: Vector3Stamped) -> None:
-        try:
-            velocity = inputs.read_wind(message, self._frames)
-            if not self._bridge.values["wind.enabled"]:
-                raise Refused("disabled", "the scene has no wind; set the parameter wind.enabled to true")
-            self._loop.submit(lambda: self._loop.world.set_wind(velocity))
-        except Refused as reason:
-            self._complaints.refuse("wind", reason)
-
-    def _on_cut(self, message: PolygonStamped) -> None:
-        try:
-            values = self._bridge.values
-            if not any(values.get(f"{name}.tear_strain") for name in values["objects"]):
-                raise Refused("disabled", "no object tears; set the parameter tear_strain of a cloth to more than 0")
-            polygon = inputs.read_polygon(message, self._frames)
-            self._loop.submit(lambda: self._loop.world.cut(polygon))
-        except Refused as reason:
-            self._complaints.refuse("cut", reason)
-
-    def _on_winch(self, rope: str, message: Float64) -> None:
-        values, topic = self._bridge.values, f"{rope}/winch"
-        try:
-            rate = inputs.read_rate(message)
-            if not values[f"{rope}.winch.enabled"]:
-                raise Refused("disabled", f"{rope} has no winch; set the parameter {rope}.winch.enabled to true")
-            most = values[f"{rope}.winch.max_rate"]
-            if abs(rate) > most:
-                self._complaints.cut(topic, f"its rate {rate:g} m/s is beyond {rope}.winch.max_rate, {most:g} m/s")
-                rate = math.copysign(most, rate)
-            self._loop.submit(lambda: self._loop.world.set_pay_out(rope, rate))
         except Refused as reason:
             self._complaints.refuse(topic, reason)
 
@@ -277,6 +240,7 @@ class ClothSimNode(Node):
             wrenches.publish(stamp)
         if world.sim is not None:
             self._collider_output.publish(world.sim, world.poses(), stamp)
+            self._gripper_states.publish(world.sim, world.grippers, stamp)
         self._journal.publish(world, stamp)
         world.finish()  # here, as the other thread may hold the interpreter from now on
         waited = time.monotonic() - begin

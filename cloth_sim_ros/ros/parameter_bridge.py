@@ -57,7 +57,7 @@ class ParameterBridge:
     def _declare_all(self) -> None:
         self._declare(names.fixed_rows())
         taken = {*names.fixed_rows(), *names.GROUPS}
-        for what in ("objects", "colliders", "handles"):
+        for what in ("objects", "colliders", "handles", "grippers"):
             good, complaints = names.usable(self.values[what], taken, what)
             self.values[what] = tuple(good)
             for sentence in complaints:
@@ -67,7 +67,7 @@ class ParameterBridge:
         for name in self.values["objects"]:
             self._declare({f"{name}.type": kind})
             types[name] = self.values[f"{name}.type"]
-        rows = names.scene_rows(types, self.values["colliders"], self.values["handles"])
+        rows = names.scene_rows(types, *(self.values[what] for what in ("colliders", "handles", "grippers")))
         self._declare({name: row for name, row in rows.items() if name not in self.rows})
 
     def _declare(self, rows: dict[str, Parameter]) -> None:

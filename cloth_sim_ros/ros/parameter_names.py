@@ -16,9 +16,12 @@ _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 
 # Topics move colliders and handles while the node runs, so their parameters may as well.
-COLLIDER, HANDLE = (
-    tuple(replace(row, live=True, anew=False) if row.name in ("position", "orientation") else row for row in rows)
-    for rows in ((*table.COLLIDER, table.FOLLOW_FRAME), (*table.HANDLE, table.FOLLOW_FRAME))
+COLLIDER, HANDLE, GRIPPER = (
+    tuple(
+        replace(row, live=True, anew=False) if row.name in ("position", "orientation") else row
+        for row in (*rows, table.FOLLOW_FRAME)
+    )
+    for rows in (table.COLLIDER, table.HANDLE, table.GRIPPER)
 )
 
 
@@ -43,8 +46,10 @@ def fixed_rows() -> dict[str, Parameter]:
     return rows
 
 
-def scene_rows(types: Mapping[str, str], colliders: Iterable[str], handles: Iterable[str] = ()) -> dict[str, Parameter]:
-    """The parameters of the objects in `types` (name -> "cloth" or "rope"), of `colliders` and of `handles`."""
+def scene_rows(
+    types: Mapping[str, str], colliders: Iterable[str], handles: Iterable[str] = (), grippers: Iterable[str] = ()
+) -> dict[str, Parameter]:
+    """The parameters of the objects in `types` (name -> "cloth" or "rope"), of colliders, handles and grippers."""
     rows: dict[str, Parameter] = {}
     for name, kind in types.items():
         rows.update(prefixed(name, object_rows(kind)))
@@ -52,6 +57,8 @@ def scene_rows(types: Mapping[str, str], colliders: Iterable[str], handles: Iter
         rows.update(prefixed(name, COLLIDER))
     for name in handles:
         rows.update(prefixed(name, HANDLE))
+    for name in grippers:
+        rows.update(prefixed(name, GRIPPER))
     return rows
 
 

@@ -15,7 +15,8 @@ HEAD = """# Parameters
 
 Printed from `cloth_sim_ros/parameters.py` by `make docs`; do not edit.
 
-`<cloth>`, `<rope>`, `<collider>` and `<handle>` stand for the names listed in `objects`, `colliders` and `handles`.
+`<cloth>`, `<rope>`, `<collider>`, `<handle>` and `<gripper>` stand for the names listed in `objects`, `colliders`,
+`handles` and `grippers`.
 **live**: takes effect at the next frame. **rebuild**: the simulation is built anew at the next frame, and every object
 goes on from where it is. **anew**: so too, but this object starts from the beginning. **start**: fixed while the node
 runs. Whole numbers and text such as `1e-6` are accepted for decimals.
@@ -39,6 +40,7 @@ def reference() -> str:
         ("Objects of type rope", "<rope>.", names.object_rows("rope")),
         ("Colliders", "<collider>.", names.COLLIDER),
         ("Handles", "<handle>.", names.HANDLE),
+        ("Grippers", "<gripper>.", names.GRIPPER),
     ]
     return HEAD + "".join(_section(*section) for section in sections) + _materials()
 

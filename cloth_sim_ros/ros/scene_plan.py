@@ -18,6 +18,7 @@ from cloth_sim_ros.sim import (
     Cloth,
     Cylinder,
     Ellipsoid,
+    Gripper,
     Handle,
     Mesh,
     Plane,
@@ -39,12 +40,13 @@ Values = Mapping[str, Any]  # full parameter name -> checked value
 @dataclass(frozen=True)
 class Plan:
     """What to build, and `problems`: name of an object, collider, handle or group -> why it is left out, in one
-    sentence."""
+    sentence. grippers: whose fingers are among the colliders."""
 
     scene: Scene
     settings: Settings
     device: str
     problems: dict[str, str] = field(default_factory=dict)
+    grippers: dict[str, Gripper] = field(default_factory=dict)
 
     def without(self, names: Container[str]) -> Plan:
         """The same plan without the objects of these names."""
@@ -70,6 +72,9 @@ def make_plan(values: Values) -> Plan:
     objects = _made(values, values["objects"], make_object, problems)
     colliders = _made(values, values["colliders"], make_collider, problems)
     handles = _made(values, values["handles"], make_handle, problems)
+    grippers = _made(values, values["grippers"], make_gripper, problems)
+    for name, gripper in grippers.items():
+        colliders |= gripper.fingers(name)
     wind = None
     if values["wind.enabled"]:
         wind = Wind(**{name: value for name, value in group(values, "wind").items() if name != "enabled"})
@@ -86,6 +91,7 @@ def make_plan(values: Values) -> Plan:
         settings=Settings(frame_dt=1.0 / values["rate"], **group(values, "solver")),
         device=values["device"],
         problems=problems,
+        grippers=grippers,
     )
 
 
@@ -209,6 +215,21 @@ def make_handle(values: Values, name: str) -> Handle:
         raise ValueError(f"{name}.reach is {list(own['reach'])}; allowed is 1: radius [m], or 3: x y z [m]")
     del own["follow_frame"]
     return Handle(**own)
+
+
+def make_gripper(values: Values, name: str) -> Gripper:
+    """The gripper called `name`. Raises ValueError with what is wrong."""
+    own = group(values, name)
+    del own["follow_frame"]
+    try:
+        gripper = Gripper(**own)
+    except ValueError as error:
+        raise ValueError(str(error).replace("Gripper.", f"{name}.")) from None
+    taken = [*values["objects"], *values["colliders"], *values["handles"], *values["grippers"]]
+    for finger in gripper.fingers(name):
+        if finger in taken:
+            raise ValueError(f"{name} has a finger {finger}; allowed is a gripper whose fingers' names are not taken")
+    return gripper
 
 
 _SHAPES = {

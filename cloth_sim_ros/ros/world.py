@@ -15,6 +15,7 @@ from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.feasibility import broken_meshes, check_solver
 from cloth_sim_ros.ros.frames import Followers, Frames
 from cloth_sim_ros.ros.grasps import Grasps
+from cloth_sim_ros.ros.grippers import Grippers, finger_names
 from cloth_sim_ros.ros.journal import Journal
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
 from cloth_sim_ros.ros.scene_plan import make_plan, placed
@@ -37,8 +38,10 @@ class World:
         self.trouble = "not built yet"
         self.resets = 0
         self.simulated = 0.0  # [s] in all, through resets and rebuilds
-        moved = (*values["colliders"], *values["handles"])
-        self.tracks = {name: PoseTrack(_pose(values, name), values["pose_timeout"]) for name in moved}
+        moved = (*values["colliders"], *values["handles"], *values["grippers"])
+        poses = {name: _pose(values, name) for name in moved}
+        poses |= dict.fromkeys(finger_names(values["grippers"]), Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+        self.tracks = {name: PoseTrack(pose, values["pose_timeout"]) for name, pose in poses.items()}
         self.grasps = Grasps(log)
         self._followers = Followers(frames or Frames(values["frame_id"]), log)
         self.added: dict[str, Collider] = {}  # colliders by topic, where they are
@@ -50,6 +53,7 @@ class World:
         self._told = Told(log)
         self._wind: Vector | None = None  # set by topic since the parameter was last set
         self._winches = Winches(log)
+        self.grippers = Grippers()
         self._compiling: threading.Thread | None = None
         self._log = log
 
@@ -61,6 +65,7 @@ class World:
             broken = broken_meshes(plan, plan.scene.objects)
             for sentence in (*plan.problems.values(), *broken.values()):
                 self._log.error(f"{sentence}; it is left out until a parameter change mends it")
+            drivers = self.grippers.prepare(plan.grippers, self.tracks)
             plan = plan.without(broken).with_poses({name: track.pose for name, track in self.tracks.items()})
             check_solver(plan)
             sim = Simulation(plan.scene, plan.settings, device=plan.device)
@@ -75,6 +80,7 @@ class World:
             return False
         self._keep_states(sim, values)
         self.journal.cut()
+        self.grippers.build(drivers)
         self.sim, self.values, self.in_effect, self.trouble = sim, values, values, ""
         if self._wind is not None and sim.scene.wind is not None:
             sim.set_wind(self._wind)
@@ -126,6 +132,8 @@ class World:
                 track.timeout = value
         elif owner in self.tracks and field in ("position", "orientation"):
             self.tracks[owner].place(_pose(values, owner))
+        elif owner in values["grippers"]:
+            self.grippers.set_parameter(self.sim, owner, field, value)
         else:
             if name == "wind.velocity":
                 self._wind = None
@@ -133,22 +141,28 @@ class World:
                 self._winches.set_parameter(owner.removesuffix(".winch"), value, values)
             if self.sim is None:
                 return True
-            try:
-                if owner in self.sim.scene.handles and field == "attached":
-                    done, sentence = self.grasps.set(self.sim, owner, value)
-                    if done:  # a line of code logs with one severity alone
-                        self._log.info(sentence)
-                    else:
-                        self._log.warning(sentence)
-                else:
-                    self.sim.set(name, value)
-                self._told.reasons(self.sim)
-            except Unstable as error:
-                self._log.error(f"{name} is put back: {error}")
+            if not self._set_in_simulation(name, value):
                 return False
-            except ValueError as error:
-                self._log.info(f"{name} is noted for the next rebuild, it has no effect now: {error}")
         self.in_effect = {**self.in_effect, name: value}
+        return True
+
+    def _set_in_simulation(self, name: str, value: Any) -> bool:
+        owner, _, field = name.rpartition(".")
+        try:
+            if owner in self.sim.scene.handles and field == "attached":
+                done, sentence = self.grasps.set(self.sim, owner, value)
+                if done:  # a line of code logs with one severity alone
+                    self._log.info(sentence)
+                else:
+                    self._log.warning(sentence)
+            else:
+                self.sim.set(name, value)
+            self._told.reasons(self.sim)
+        except Unstable as error:
+            self._log.error(f"{name} is put back: {error}")
+            return False
+        except ValueError as error:
+            self._log.info(f"{name} is noted for the next rebuild, it has no effect now: {error}")
         return True
 
     def set_wind(self, velocity: Vector) -> None:
@@ -162,6 +176,10 @@ class World:
         """Sets the rate of a winch [m/s] from a message."""
         self.journal.note("set_pay_out", rope, rate)
         self._winches.command(self.sim, rope, rate, self.simulated)
+
+    def set_gripper(self, name: str, what: str, value: float) -> None:
+        """Sets the opening [m] or the force [N] of a gripper from a message."""
+        self.grippers.command(name, what, value)
 
     def reset(self) -> None:
         """Objects back to their start and winches to their parameters; colliders stay where the last pose put them, as
@@ -224,6 +242,7 @@ class World:
         frame_dt = self.sim.settings.frame_dt
         self._winches.end_old_commands(self.sim, self.in_effect, self.simulated)
         self._followers.advance(self.tracks, self.in_effect)
+        self.grippers.advance(self.sim, self.tracks)
         scene = self.sim.scene
         for name, track in self.tracks.items():
             move = self.sim.set_handle_pose if name in scene.handles else self.sim.set_collider_pose
@@ -255,7 +274,8 @@ class World:
 
     def notes(self) -> dict[str, Any]:
         """What topics have asked for, to be saved with the state."""
-        return notes_of(self._wind, self._winches.rates, self.simulated, self.in_effect)
+        notes = notes_of(self._wind, self._winches.rates, self.simulated, self.in_effect)
+        return {**notes, "grippers": self.grippers.asked}
 
     def load(self, path: Path) -> tuple[bool, str, dict[str, Any]]:
         """Goes on from a file; whether that can be, one sentence, and the live parameters with the values they have
@@ -268,10 +288,11 @@ class World:
         except ValueError as error:
             return False, str(error), {}
         self._wind, self._winches.rates, waiting = read_notes(notes, self.simulated)
+        self.grippers.look(self.sim, notes.get("grippers", {}) if isinstance(notes, dict) else {})
         values = {**live_values(self.sim, self.in_effect), **waiting}
         self.in_effect = {**self.in_effect, **values}
         for name in {*self.sim.scene.colliders, *self.sim.scene.handles} & set(self.tracks):
-            self.tracks[name].rest(_pose(self.in_effect, name))
+            self.tracks[name].rest(Pose(self.sim.get(f"{name}.position"), self.sim.get(f"{name}.orientation")))
         self.added = added_colliders(self.sim, self.tracks)
         self.journal.cut()
         self._told.know(self.sim.report())

@@ -9,7 +9,7 @@
 - methods/: the program of a substep, written once; what method, substeps and iterations an object is given, and why;
 - executors/: how a program runs: a body in a block, a launch a stage, vector rows, subdomains; a frame as a trial;
 - batch: all of that for objects that share kernels; report, tension, twist, winch, wrench, readback: what is read;
-- torn, cuts: what has failed of sheets that tear, and what a polygon cuts;
+- torn, cuts: what has failed of sheets that tear, and what a polygon cuts; grippers: two fingers, moved from outside;
 - saving, saved_file: the whole state in a file, and back; live_values: live numbers as they are now;
 - tensors, writing: all worlds at once, by arrays and masks; variation: worlds that differ at random;
 - simulation, composed of bodies, queries, rope_queries, hands, live, tensors and saving: the public face.
@@ -23,6 +23,7 @@ from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.colliders.plane import Plane
 from cloth_sim_ros.sim.colliders.sphere import Sphere
 from cloth_sim_ros.sim.colliders.volume import SignedDistance
+from cloth_sim_ros.sim.grippers import Gripper, GripperDriver
 from cloth_sim_ros.sim.handles import Handle
 from cloth_sim_ros.sim.objects import Cloth, Rope, Winch
 from cloth_sim_ros.sim.readback import EndReadback, Readback, Surface
@@ -32,6 +33,7 @@ from cloth_sim_ros.sim.simulation import Simulation
 from cloth_sim_ros.sim.variation import Variation
 
 __all__ = [
-    "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Handle", "Mesh", "Plane", "Readback", "Rope",
-    "Scene", "Settings", "SignedDistance", "Simulation", "Sphere", "Surface", "Variation", "Winch", "Wind"
+    "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Gripper", "GripperDriver", "Handle", "Mesh",
+    "Plane", "Readback", "Rope", "Scene", "Settings", "SignedDistance", "Simulation", "Sphere", "Surface", "Variation",
+    "Winch", "Wind"
 ]  # fmt: skip
