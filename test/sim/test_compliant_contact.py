@@ -12,6 +12,7 @@ WAYS = [
     {"substeps": 5},
     {"substeps": 80, "order": 1},
     {"substeps": 20, "iterations": 3},
+    {"substeps": 20, "order": 2},
     {"method": "verlet", "substeps": 120},
 ]
 POINTS = 16

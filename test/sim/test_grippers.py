@@ -64,7 +64,7 @@ def test_it_lifts_at_its_force_and_drops_at_half_of_it(device, settings):
     assert sim.positions("it")[:, 2].max() < 0.0
 
 
-@pytest.mark.parametrize("compliance", [1e-4, 1e-3, 0.02])
+@pytest.mark.parametrize("compliance", [1e-3, 0.02])
 def test_it_presses_as_hard_as_it_is_told_whatever_gives_way(device, compliance):
     sim, driver = hand(device, {"substeps": 20}, compliance)
     for force in (0.3, 1.0, 0.1):

@@ -81,15 +81,45 @@ def add_force(forces: wp.array(dtype=wp.vec4), k: int, force: wp.vec3):
     forces[k] = load_row(forces, k) + pack(force, 0.0)
 
 
-@wp.func
-def forget(met: Met, moved: wp.vec3, normal: wp.vec3, pressed: float, motion: wp.vec3, step: Step) -> wp.vec3:
-    """Of the past of a particle that a contact moved by `moved` [m] in all, keep only what still holds in order 2.
+@wp.struct
+class Push:
+    """How far all colliders together pressed a particle [m], how far they moved meanwhile [m], each weighed by its
+    pressure, the sum of these, and where forces of the one that pressed most are kept.
 
-    pressed: how far it was moved along `normal`, by a collider that itself moved by `motion` [m]. Returns the
-    correction [m] that has the effect on the momentum of what is forgotten.
+    What two fingers press from both sides is pressed by neither: they stop nothing, and no past of it is forgotten.
+    """
+
+    way: wp.vec3
+    motion: wp.vec3
+    pressed: float
+    most: float
+    entry: int
+
+
+@wp.func
+def with_push(push: Push, normal: wp.vec3, pressed: float, motion: wp.vec3, entry: int) -> Push:
+    """The same and one more collider, which pressed along `normal` and itself moved by `motion` [m]."""
+    more = push
+    more.way += pressed * normal
+    more.motion += pressed * motion
+    more.pressed += pressed
+    if pressed >= push.most:
+        more.most = pressed
+        more.entry = entry
+    return more
+
+
+@wp.func
+def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
+    """Of the past of a particle that contacts moved by `moved` [m] in all, keep only what still holds in order 2.
+
+    Returns the correction [m] that has the effect on the momentum of what is forgotten.
     """
     past = met.last_displacements[met.slot]
     lost = wp.vec3(0.0)
+    pressed = wp.length(push.way)
+    normal = push.way / wp.max(pressed, 1.0e-20)
+    motion = push.motion / wp.max(push.pressed, 1.0e-20)
     if wp.dot(moved - past, normal) > NOISE:
         hit = -wp.dot(past - motion, normal) > 0.5 * pressed
         v = xyz(load_row(met.velocities, met.slot))
@@ -192,6 +222,7 @@ def make_touch(features: Features):
         position = xyz(row)
         displacement = xyz(packed)
         touched = bool(False)
+        push = Push()
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
         while c < colliders.shape[0]:
@@ -235,15 +266,15 @@ def make_touch(features: Features):
                         note(c, met.near)
                     stray = stray or strays(met.near, position + displacement, displacement)
                     if wp.static(features.order == 2):
-                        normal = wp.transpose(sweep.to_local) * n
-                        moved = displacement - low
-                        lost = forget(met, moved, normal, pressed, sweep.motion, step)
-                        add_force(met.forces, entry, (met.share / w) * lost)
+                        push = with_push(push, wp.transpose(sweep.to_local) * n, pressed, sweep.motion, entry)
             if step.repeats:
                 store_row(met.contacts, entry, after)
             c = next_of(c, met.near, stray)
         if touched:
             store4(d, i, pack(displacement, w))
+            if wp.static(features.order == 2):
+                moved = displacement - xyz(load4(low_address, i))
+                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, step))
         return close
 
     return contact

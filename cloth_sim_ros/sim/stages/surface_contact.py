@@ -13,12 +13,14 @@ from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.stages.contact import (
     NOISE,
     Met,
+    Push,
     add_force,
     forget,
     least_mass,
     make_meet,
     make_touch,
     pace,
+    with_push,
 )
 from cloth_sim_ros.sim.stages.facet import Facet, make_touched, point_of, slip_at
 from cloth_sim_ros.sim.stages.here import Here
@@ -264,6 +266,7 @@ def make_yield(features: Features):
         here.state.pressed[met.slot] = 0
         displacement = xyz(packed)
         touched = bool(False)
+        push = Push()
         c = next_of(-1, met.near, False)
         while c < here.colliders.shape[0]:
             correction = w * wanted_of(i, c, here)
@@ -274,13 +277,14 @@ def make_yield(features: Features):
                 touched = True
                 if wp.static(features.order == 2):
                     n = normal_at(i, c, here)
-                    moved = displacement - xyz(load4(here.low, i))
                     motion = here.state.sweeps[here.sweep + c].motion
-                    lost = forget(met, moved, n, wp.dot(correction, n), motion, here.step)
-                    add_force(met.forces, entry, (met.share / w) * lost)
+                    push = with_push(push, n, wp.dot(correction, n), motion, entry)
             c = next_of(c, met.near, False)
         if touched:
             store4(here.d, i, pack(displacement, w))
+            if wp.static(features.order == 2):
+                moved = displacement - xyz(load4(here.low, i))
+                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, here.step))
             # Its facets may have moved it into a collider: it has the last word.
             touch(i, met, here.material, here.colliders, here.step, here.x, here.low, here.d, 0.0)
 
