@@ -24,6 +24,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
+from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 RATE = 60.0  # [Hz] of poses and wind
@@ -37,14 +38,18 @@ Quaternion = tuple[float, float, float, float]
 class SceneDriver(Node):
     """Drives the node that the parameter `node` names, from the moment on that it is there.
 
-    moves: what gets poses, such as "colliders/ball" or "handles/left". A driver of a scene implements `drive`.
+    moves: what gets poses, such as "colliders/ball" or "handles/left". numbers: what of grippers gets numbers, such as
+    "hand/force". A driver of a scene implements `drive`.
     """
 
-    def __init__(self, scene: str, moves: Sequence[str] = ()):
+    def __init__(self, scene: str, moves: Sequence[str] = (), numbers: Sequence[str] = ()):
         super().__init__(f"{scene}_driver")
         self._node = self.resolve_service_name(self.declare_parameter("node", "cloth_sim").value)
         self._poses = {
             thing: self.create_publisher(PoseStamped, f"{self._node}/{thing}/pose", NEWEST_ONLY) for thing in moves
+        }
+        self._numbers = {
+            what: self.create_publisher(Float64, f"{self._node}/grippers/{what}", NEWEST_ONLY) for what in numbers
         }
         self._wind = self.create_publisher(Vector3Stamped, f"{self._node}/wind", NEWEST_ONLY)
         self._attach = {
@@ -74,6 +79,10 @@ class SceneDriver(Node):
         p.x, p.y, p.z = position
         q.x, q.y, q.z, q.w = orientation
         self._poses[thing].publish(message)
+
+    def tell(self, what: str, number: float) -> None:
+        """Sends a gripper an opening [m] or a force [N]."""
+        self._numbers[what].publish(Float64(data=number))
 
     def hold(self, hand: str, on: bool) -> None:
         """Has a hand grasp what is within its reach, or let go, where it does not; at first it holds."""

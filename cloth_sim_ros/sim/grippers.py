@@ -154,9 +154,9 @@ class GripperDriver:
             closed, more = self._before[0] - at, self.felt - self._before[1]
             if closed * more > 0.0 and abs(more) > _TOLD * self.felt:
                 self._touched = at + self.felt * closed / more
-        # Where they began with something between them: as if that were touched at many points.
-        depth = max(self._touched - at, self.felt * self.gripper.compliance / _MANY)
-        self._before, self._stiffness = (at, self.felt), self.felt / depth
+        # No stiffer than many points: something may have been between them from the start, or moved in between.
+        self._touched = max(self._touched, at + self.felt * self.gripper.compliance / _MANY)
+        self._before, self._stiffness = (at, self.felt), self.felt / (self._touched - at)
 
     def advance(self, sim: Simulation, world: int = 0) -> None:
         """Move the fingers in the next frame of a simulation whose scene has them."""

@@ -28,7 +28,7 @@ def read_plan(path: Path) -> Plan:
     if not values["objects"]:
         raise ValueError(f"{path} describes no object; allowed is a scene with at least one")
     kinds = {name: _value(table.OBJECT[0], f"{name}.type", given) for name in values["objects"]}
-    rows |= names.scene_rows(kinds, values["colliders"], values["handles"])
+    rows |= names.scene_rows(kinds, values["colliders"], values["handles"], values["grippers"])
     for name, row in rows.items():
         values[name] = _value(row, name, given)
     unknown = sorted(set(given) - set(rows))

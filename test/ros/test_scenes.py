@@ -8,8 +8,19 @@ import numpy as np
 import pytest
 from node_process import ROOT
 
-from cloth_sim_ros.demo import driver, flag, garment, harness, hose, knot, rope_swing, sheet_over_ball, tablecloth
-from cloth_sim_ros.sim import Simulation
+from cloth_sim_ros.demo import (
+    driver,
+    flag,
+    garment,
+    gripper,
+    harness,
+    hose,
+    knot,
+    rope_swing,
+    sheet_over_ball,
+    tablecloth,
+)
+from cloth_sim_ros.sim import GripperDriver, Simulation
 from cloth_sim_ros.study.scene_file import read_plan
 
 FRAME = 1.0 / 60.0  # [s]
@@ -58,6 +69,7 @@ def test_scenes_that_move_have_drivers_and_the_others_none():
         "curtain",
         "flag",
         "garment",
+        "gripper",
         "harness",
         "hose",
         "knot",
@@ -135,6 +147,27 @@ def test_the_hose_carries_its_torque():
     straight = np.abs(sim.positions("hose")[:, 1]).max()
     run(sim, 4.0 + 0.5 * hose.PERIOD, lambda t: sim.set("hose.end_turn", max(hose.turn(t - 4.0), 2.0 * math.pi)))
     assert np.abs(sim.positions("hose")[:, 1]).max() > 0.02 > 3.0 * straight, "then it winds itself up"
+
+
+def test_the_gripper_carries_the_napkin_and_drops_it():
+    plan = read_plan(ROOT / "config/gripper.yaml")
+    sim, hand = Simulation(plan.scene, plan.settings, device="cpu"), GripperDriver("hand", plan.grippers["hand"])
+
+    def drive(t):
+        hand.move(gripper.place(t))
+        hand.press(gripper.force(t))
+        hand.advance(sim)
+        if t > gripper.CLOSE - 0.2 and sim.held("peg"):
+            sim.release("peg")
+
+    run(sim, gripper.CLOSE + gripper.CARRY + gripper.HOLD, drive)
+    napkin = sim.positions("napkin")
+    assert napkin[:, 0].mean() == pytest.approx(gripper.ASIDE, abs=0.03) and napkin[:, 2].max() > 0.65
+    assert hand.measure(sim) == pytest.approx(gripper.FIRM, rel=0.1)
+    weight = sum(sim.wrench(f"hand_{side}")[0][2] for side in ("left", "right"))
+    assert weight == pytest.approx(-0.05 * 9.81, rel=0.2)
+    run(sim, gripper.END, drive)
+    assert sim.positions("napkin")[:, 2].max() < 0.3, "it lies on the floor"
 
 
 def test_the_load_swings_as_a_pendulum():

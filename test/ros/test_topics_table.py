@@ -11,6 +11,7 @@ SCENE = """
     objects: [towel, cable]
     colliders: [ball]
     handles: [hand]
+    grippers: [jaw]
     towel: {type: cloth, resolution: [4, 4]}
     cable: {type: rope, start: [0, 0, 2], end: [0, 0, 1], segments: 8, winch: {enabled: true, length: 0.5}}
     ball: {shape: sphere, dimensions: [0.1], position: [0, 0, -3]}
@@ -19,7 +20,13 @@ SCENE = """
     spare_colliders: 1
     publish_clock: true
 """
-NAMES = {"<object>": ("towel", "cable"), "<rope>": ("cable",), "<collider>": ("ball",), "<handle>": ("hand",)}
+NAMES = {
+    "<object>": ("towel", "cable"),
+    "<rope>": ("cable",),
+    "<collider>": ("ball",),
+    "<handle>": ("hand",),
+    "<gripper>": ("jaw",),
+}
 EVERY_NODE = r"/(rosout|parameter_events|tf|tf_static|clock)|.*/(\w*parameter\w*|get_type_description)"
 
 

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pinches the napkin of config/gripper.yaml, carries it aside, and drops it, as a robot's driver would."""
+
+from __future__ import annotations
+
+import math
+
+from cloth_sim_ros.demo.driver import SceneDriver, Vector
+
+PEG, START, ASIDE = (0.0, 0.0, 0.75), (0.0, 0.0, 0.73), 0.25  # [m]
+FIRM, WEAK, OPEN = 1.0, 0.1, 0.06  # [N] each finger has to press with 0.31 to hold 50 g; [m]
+CLOSE, CARRY, HOLD, DROP = 1.5, 2.0, 1.0, 2.0  # [s]
+END = CLOSE + CARRY + HOLD + DROP
+
+
+def place(t: float) -> Vector:
+    """Where the gripper is at time t [s]."""
+    share = min(max((t - CLOSE) / CARRY, 0.0), 1.0)
+    return (ASIDE * 0.5 * (1.0 - math.cos(math.pi * share)), START[1], START[2])
+
+
+def force(t: float) -> float:
+    """With how much its fingers press at time t [s]."""
+    return FIRM if t < CLOSE + CARRY + HOLD else WEAK
+
+
+class Driver(SceneDriver):
+    """Moves the gripper, sets its force, has the peg let go, and begins again with open fingers."""
+
+    def __init__(self):
+        super().__init__("gripper", moves=["grippers/hand", "handles/peg"], numbers=["hand/force", "hand/opening"])
+
+    def drive(self, t: float) -> None:
+        """Pose and force of this moment."""
+        self.move("handles/peg", PEG)
+        self.hold("handles/peg", t < CLOSE - 0.2)
+        if t < END:
+            self.move("grippers/hand", place(t))
+            self.tell("hand/force", force(t))
+        else:
+            self.move("grippers/hand", START)
+            self.tell("hand/opening", OPEN)
+            if t > END + 1.0:
+                self.begin_again()
