@@ -4,9 +4,12 @@
 import numpy as np
 import pytest
 from fixed_settings import fixed
+from warp._src.context import ModuleBuilder  # the only way to see a source without compiling it
 
 from cloth_sim_ros.sim import Cloth, Handle, Readback, Rope, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.block import make_frame
+from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.quaternion import rotate
 
 SIZE = (1.1, 0.9)  # [m]
@@ -268,3 +271,12 @@ def test_what_does_not_tear_says_so(device):
         sheet(tear_strain=-1)
     chosen = Simulation(Scene(objects={"sheet": sheet()}), Settings(), device=device).choices["sheet"]
     assert chosen.method == "xpbd"
+
+
+def test_a_kernel_of_what_does_not_tear_has_nothing_of_it():
+    for tears in (True, False):
+        features = Features(True, False, "", (), 2, "xpbd", plate=True, tears=tears)
+        module = make_frame.__wrapped__(features, 256, 128).module
+        source = ModuleBuilder(module, {**module.options, "output_arch": 90}).codegen("cuda")
+        for name in ("make_tear__locals__tear", "strength", "settle_springs", "drop_over", "weigh_again"):
+            assert (f"{name}_" in source.split("cuda_kernel_forward")[0]) == tears, name
