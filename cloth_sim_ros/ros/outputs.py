@@ -155,8 +155,11 @@ class ObjectOutput:
 
     @property
     def is_heard(self) -> bool:
-        """Whether somebody subscribes to what changes every frame."""
-        return is_any_heard((self._particles, self._mesh)) or any(ends.is_heard for ends in self._ends)
+        """Whether somebody subscribes to what may change in every frame; of what tears that is the topology, too."""
+        changes = [self._particles, self._mesh]
+        if self._surface is not None and self._surface.tears:
+            changes.append(self._topology)
+        return is_any_heard(changes) or any(ends.is_heard for ends in self._ends)
 
     def detach(self) -> None:
         """Sends nothing until the next attach(): the object does not exist."""
