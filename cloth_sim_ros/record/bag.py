@@ -53,15 +53,20 @@ class Bag:
             yield (message.header.stamp.sec, message.header.stamp.nanosec), message
 
     def _with_clouds(self, journal: list[dict]) -> list[dict]:
-        """Without what was sent before the start that the first cloud belongs to; late listeners get old messages."""
+        """Without what was sent before the start that the first cloud belongs to; late listeners get old messages.
+
+        Clouds may come before the journal starts: then it is the first start after them.
+        """
         first = min((next(self.clouds(name), ((1 << 62, 0), None))[0] for name in self.objects), default=(0, 0))
         starts = [at for at, entry in enumerate(journal) if "start" in entry]
         if not starts:
             raise ValueError(f"{self._path} has no start in {self.node}/journal; {MAKE_ONE}, and let it run a while")
         for at in starts:
             self._check(journal[at]["start"]["parameters"])
-        before = [at for at in starts if journal[at]["stamp"] <= first]
-        return journal[before[-1] if before else starts[0] :]
+        ends = [at for at, entry in enumerate(journal) if "end" in entry and entry["stamp"] <= first]
+        running = [at for at in starts if not ends or at > ends[-1]] or starts[-1:]
+        before = [at for at in running if journal[at]["stamp"] <= first]
+        return journal[before[-1] if before else running[0] :]
 
     def _check(self, parameters: dict[str, Any]) -> None:
         """Raises ValueError where a version with other parameters recorded them."""
