@@ -26,6 +26,8 @@ class Ropes:
 
     def __init__(self, bodies: Bodies, queries: Queries) -> None:
         self._bodies, self._queries = bodies, queries
+        self._pulls: dict[str, tuple[Tensions, wp.array]] = {}  # of all worlds, while `builds` is that
+        self._builds = 0
 
     def drum(self, name: str, world: int) -> int:
         """The first segment of a rope that is out."""
@@ -41,7 +43,19 @@ class Ropes:
     def tensions_into(self, out: wp.array, column: int, name: str, world: int = 0) -> Tensions:
         """What writes the tensions of a rope into a column of a device array (N, columns) float, a particle a row; it
         holds until `builds` changes. Raises ValueError for a cloth."""
-        return Tensions(self._rope_batch(name), name, self._bodies.one(world), out, column)
+        return Tensions(self._rope_batch(name), name, self._bodies.one(world), out.reshape((1, *out.shape)), column)
+
+    def tensions_of_all(self, name: str) -> wp.array:
+        """Tensions (worlds, S) float [N], which stay on the device. Raises ValueError for a cloth."""
+        batch = self._rope_batch(name)
+        if self._builds != self._bodies.builds:
+            self._pulls, self._builds = {}, self._bodies.builds
+        if name not in self._pulls:
+            out = wp.zeros((self._bodies.worlds, len(self._queries.masses(name)), 1), dtype=float, device=batch.device)
+            self._pulls[name] = Tensions(batch, name, None, out), out
+        tensions, out = self._pulls[name]
+        tensions.launch()
+        return out[:, :-1, 0]
 
     def directors(self, name: str, world: int = 0) -> np.ndarray:
         """Unit vectors (S, 3) float64 across the segments of a rope that resists twist, which turn with its material,

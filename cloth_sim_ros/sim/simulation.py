@@ -68,7 +68,7 @@ class Simulation:
         self._ropes = Ropes(self._bodies, self._queries)
         self._hands = Hands(self._bodies)
         self._live = Live(self._bodies, self._ropes, self._hands)
-        self._tensors = Tensors(self._bodies, self._queries.loads, self._hands.loads)
+        self._tensors = Tensors(self._bodies, self._queries.loads, self._hands.loads, self._ropes)
         self._saving = Saving(self._bodies, self._hands)
         self._cuts = Cuts(self._bodies)
         for name, thing in scene.objects.items():

@@ -61,8 +61,11 @@ def fitted(
 
 
 @wp.kernel(enable_backward=False)
-def balance(arrays: Arrays, b: int, forces: wp.array(dtype=wp.vec3)):
+def balance(given: wp.array(dtype=Arrays), b: int, forces: wp.array2d(dtype=wp.vec3)):
     """The force [N] with which each segment of a directly solved rope pulls the particle that it begins at."""
+    w = wp.tid()
+    arrays = given[w]
+    pulls = forces[w]
     body = arrays.model.bodies[b]
     segments = body.segments_end - body.segments
     begin = int(0)
@@ -71,19 +74,22 @@ def balance(arrays: Arrays, b: int, forces: wp.array(dtype=wp.vec3)):
         i = body.particles + k
         if k > begin:
             total += wp.vec3d(arrays.state.chain_forces[i])
-        forces[k] = wp.vec3(total)
+        pulls[k] = wp.vec3(total)
         held = is_held(arrays, i + 1)
         if held or k + 1 == segments:
             free_start = begin == 0 and not is_held(arrays, body.particles)
-            fitted(arrays, b, begin, k + 1, free_start, not held, forces)
+            fitted(arrays, b, begin, k + 1, free_start, not held, pulls)
             begin = k + 1
             total = wp.vec3d()
 
 
 @wp.kernel(enable_backward=False)
-def pull_of_springs(arrays: Arrays, b: int, springs: wp.array(dtype=int), forces: wp.array(dtype=wp.vec3)):
+def pull_of_springs(
+    given: wp.array(dtype=Arrays), b: int, springs: wp.array(dtype=int), forces: wp.array2d(dtype=wp.vec3)
+):
     """The same where segments are springs of explicit steps: from their length and its rate."""
-    k = wp.tid()
+    w, k = wp.tid()
+    arrays = given[w]
     i = arrays.model.bodies[b].particles + k
     e = edge_at(arrays, i)
     length = wp.max(wp.length(e), SHORTEST)
@@ -91,46 +97,46 @@ def pull_of_springs(arrays: Arrays, b: int, springs: wp.array(dtype=int), forces
     rest, scale = arrays.model.line_rests[springs[k]], arrays.model.line_scales[springs[k]]
     rate = wp.dot(n, xyz(arrays.state.velocities[i + 1] - arrays.state.velocities[i]))
     stretch = length - rest + arrays.materials[b].damping * rate
-    forces[k] = stretch / (arrays.materials[b].compliance[0] * scale) * n
+    forces[w, k] = stretch / (arrays.materials[b].compliance[0] * scale) * n
 
 
 @wp.kernel(enable_backward=False)
-def write_tensions(arrays: Arrays, b: int, forces: wp.array(dtype=wp.vec3), column: int, out: wp.array2d(dtype=float)):
+def write_tensions(
+    given: wp.array(dtype=Arrays), b: int, forces: wp.array2d(dtype=wp.vec3), column: int, out: wp.array3d(dtype=float)
+):
     """The tension of the segment that begins at each particle, the last segment's at the last particle too."""
-    i = wp.tid()
-    k = wp.min(i, forces.shape[0] - 1)
-    out[i, column] = wp.dot(wp.normalize(edge_at(arrays, arrays.model.bodies[b].particles + k)), forces[k])
+    w, i = wp.tid()
+    arrays = given[w]
+    k = wp.min(i, forces.shape[1] - 1)
+    out[w, i, column] = wp.dot(wp.normalize(edge_at(arrays, arrays.model.bodies[b].particles + k)), forces[w, k])
 
 
 class Tensions:
-    """The forces (S,) vec3 [N] with which the segments of a rope in a world pull the particles that they begin at.
+    """The forces (worlds, S) vec3 [N] with which the segments of a rope pull the particles that they begin at, in one
+    world or, for None, in all.
 
-    `launch()` computes them from the state as it is then, with no allocation: `forces`. Where `out` (N, columns) float
-    is given, the tensions go into a column of it: that of a segment at the particle it begins at, the last also at the
-    last particle. They are below 0 where a segment is pushed together, and hold the share of the dashpots.
+    `launch()` computes them from the state as it is then, with no allocation: `forces`. Where `out` (worlds, N,
+    columns) float is given, the tensions go into a column of it: that of a segment at the particle it begins at, the
+    last also at the last particle. They are below 0 where a segment is pushed together, and hold the share of the
+    dashpots.
     """
 
-    def __init__(self, batch: Batch, name: str, world: int, out: wp.array | None = None, column: int = 0) -> None:
-        b, arrays, device = batch.index[name], batch.worlds[world], batch.device
-        segments = batch.counts[b] - 1
-        self.forces = wp.zeros(segments, dtype=wp.vec3, device=device)
+    def __init__(
+        self, batch: Batch, name: str, world: int | None, out: wp.array | None = None, column: int = 0
+    ) -> None:
+        b, device = batch.index[name], batch.device
+        segments, worlds = batch.counts[b] - 1, batch.worlds if world is None else [batch.worlds[world]]
+        self._given = wp.array(worlds, dtype=Arrays, device=device)
+        self.forces = wp.zeros((len(worlds), segments), dtype=wp.vec3, device=device)
         if batch.features.chain:
-            first = wp.launch(balance, dim=1, inputs=[arrays, b, self.forces], device=device, record_cmd=True)
+            kernel, dim, inputs = balance, len(worlds), [self._given, b, self.forces]
         else:
-            _, first, end = batch.lines[b][0]
-            nodes, others = (array[first:end].numpy() for array in (arrays.model.line_nodes, arrays.model.line_others))
-            there = np.flatnonzero(others >= 0)
-            rows = np.zeros(segments, dtype=np.int32)
-            rows[np.minimum(nodes, others)[there]] = first + there
-            springs = wp.array(rows, dtype=int, device=device)
-            inputs = [arrays, b, springs, self.forces]
-            first = wp.launch(pull_of_springs, dim=segments, inputs=inputs, device=device, record_cmd=True)
-        self._commands = [first]
+            springs = wp.array(_springs_of(batch, b, segments), dtype=int, device=device)
+            kernel, dim, inputs = pull_of_springs, self.forces.shape, [self._given, b, springs, self.forces]
+        self._commands = [wp.launch(kernel, dim=dim, inputs=inputs, device=device, record_cmd=True)]
         if out is not None:
-            inputs = [arrays, b, self.forces, column, out]
-            self._commands.append(
-                wp.launch(write_tensions, dim=segments + 1, inputs=inputs, device=device, record_cmd=True)
-            )
+            inputs, dim = [self._given, b, self.forces, column, out], (len(worlds), segments + 1)
+            self._commands.append(wp.launch(write_tensions, dim=dim, inputs=inputs, device=device, record_cmd=True))
 
     def launch(self) -> None:
         """Compute them anew."""
@@ -138,8 +144,19 @@ class Tensions:
             command.launch()
 
 
+def _springs_of(batch: Batch, b: int, segments: int) -> np.ndarray:
+    """Where the springs of a rope's segments lie among those of lines."""
+    model = batch.worlds[0].model
+    _, first, end = batch.lines[b][0]
+    nodes, others = (array[first:end].numpy() for array in (model.line_nodes, model.line_others))
+    there = np.flatnonzero(others >= 0)
+    rows = np.zeros(segments, dtype=np.int32)
+    rows[np.minimum(nodes, others)[there]] = first + there
+    return rows
+
+
 def read_tensions(batch: Batch, name: str, world: int) -> np.ndarray:
     """Tensions (S,) float32 [N] of the segments of a rope in one world."""
-    out = wp.zeros((batch.counts[batch.index[name]], 1), dtype=float, device=batch.device)
+    out = wp.zeros((1, batch.counts[batch.index[name]], 1), dtype=float, device=batch.device)
     Tensions(batch, name, world, out, 0).launch()
-    return out.numpy()[:-1, 0].copy()
+    return out.numpy()[0, :-1, 0].copy()

@@ -11,33 +11,54 @@ import warp as wp
 from cloth_sim_ros.sim.bodies import Bodies, names_of
 from cloth_sim_ros.sim.checks import on_host
 from cloth_sim_ros.sim.loads import Loads
+from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.poses import Motions
+from cloth_sim_ros.sim.rope_queries import Ropes
 from cloth_sim_ros.sim.writing import are_bad
 
 _MOST = {"positions": 1e6, "velocities": 1e6}  # [m], [m/s] the largest coordinate that can be written
-_OF_OBJECTS, _OF_POSES = (*_MOST, "recoveries"), ("pose", "wrench")
+_OF_OBJECTS, _OF_POSES = (*_MOST, "contact_forces", "recoveries"), ("pose", "wrench")
+
+
+@wp.kernel(enable_backward=False)
+def add_contacts(pushes: wp.array2d(dtype=wp.vec4), first: int, colliders: int, out: wp.array3d(dtype=float)):
+    """What all colliders together do to each particle from `first` on."""
+    w, i = wp.tid()
+    total = wp.vec4(0.0)
+    for k in range(colliders):
+        total += pushes[w, (first + i) * colliders + k]
+    for c in range(3):
+        out[w, i, c] = total[c]
 
 
 class Tensors:
     """The tensors of a simulation. Raises ValueError for a name, a word or an array that cannot be."""
 
-    def __init__(self, bodies: Bodies, collider_loads: Loads, handle_loads: Loads) -> None:
-        self._bodies, self._loads = bodies, (collider_loads, handle_loads)
+    def __init__(self, bodies: Bodies, collider_loads: Loads, handle_loads: Loads, ropes: Ropes) -> None:
+        self._bodies, self._loads, self._ropes = bodies, (collider_loads, handle_loads), ropes
+        self._pushes: dict[str, wp.array] = {}
 
     def tensor(self, name: str, what: str) -> wp.array:
         """A view of the `what` of an object, collider or handle in all worlds, on the device.
 
-        Of an object "positions" [m] and "velocities" [m/s], (worlds, N, 3) float32, and "recoveries", (worlds,) int32:
-        how often it was put back. Of a collider or handle "pose", (worlds, 7) float32: x y z [m], then x y z w of the
-        orientation; and "wrench", (worlds, 6) float32: force [N], then torque [N m] about its origin.
+        Of an object "positions" [m] and "velocities" [m/s], (worlds, N, 3) float32; "contact_forces" (worlds, N, 3)
+        [N], of all colliders together on each particle, means over the last frame; and "recoveries", (worlds,) int32:
+        how often it was put back. Of a rope "tensions" (worlds, S) float32 [N] too, see `tensions`. Of a collider or
+        handle "pose", (worlds, 7) float32: x y z [m], then x y z w of the orientation; and "wrench", (worlds, 6)
+        float32: force [N], then torque [N m] about its origin.
 
-        It is no copy: it shows the state after the last frame that was launched, on Warp's stream of the device. A
-        wrench is computed when it is asked for, and shows that until any is again. A tensor goes to torch, JAX and CuPy
-        by DLPack, and is for reading. It holds until `builds` changes: method auto may build anew when live parameters
-        or positions are set.
+        It is no copy: it shows the state after the last frame that was launched, on Warp's stream of the device.
+        Tensions, wrenches, and contact forces of several colliders are computed when they are asked for, and show that
+        until they are again. A tensor goes to torch, JAX and CuPy by DLPack, and is for reading. It holds until
+        `builds` changes: method auto may build anew when live parameters or positions are set.
         """
         if name in self._bodies.scene.objects:
-            _check_word(name, what, _OF_OBJECTS)
+            rope = isinstance(self._bodies.scene.objects[name], Rope)
+            _check_word(name, what, (*_OF_OBJECTS, "tensions") if rope else _OF_OBJECTS)
+            if what == "tensions":
+                return self._ropes.tensions_of_all(name)
+            if what == "contact_forces":
+                return self._contact_forces(name)
             batch = self._bodies.batch[name]
             if what == "recoveries":
                 return _view(batch.states[what], 4 * batch.index[name], (), wp.int32)
@@ -51,6 +72,22 @@ class Tensors:
         motions.upload()
         rows = motions.array
         return _view(rows, row * rows.strides[1] + motions.pose_offset, (7,), wp.float32)
+
+    def _contact_forces(self, name: str) -> wp.array:
+        """A view of those of one collider; the sum over several, or none."""
+        batch = self._bodies.batch[name]
+        rows, span, colliders = batch.states["contact_forces"], batch.span(name), self._bodies.colliders.array.shape[1]
+        count = span.stop - span.start
+        if colliders == 1:
+            return _view(rows, span.start * rows.strides[1], (count, 3), wp.float32, rows.strides[1])
+        if name not in self._pushes:
+            shape = (self._bodies.worlds, count, 3)
+            self._pushes[name] = wp.zeros(shape, dtype=float, device=self._bodies.warp_device)
+        if colliders:
+            inputs = [rows, span.start, colliders, self._pushes[name]]
+            dim = (self._bodies.worlds, count)
+            wp.launch(add_contacts, dim=dim, inputs=inputs, device=self._bodies.warp_device)
+        return self._pushes[name]
 
     def write(self, name: str, what: str, array: Any, mask: Any = None, sweep: bool = True) -> None:
         """Write the `what` of a whole tensor into the worlds of a mask (worlds,) of bool, or for None into all.

@@ -101,7 +101,7 @@ class EndWrenches:
         inputs = [
             arrays,
             b,
-            self._tensions.forces,
+            self._tensions.forces[0],
             batch.features.beam,
             wp.array(masses, dtype=float, device=device),
             out,

@@ -6,7 +6,7 @@ import pytest
 import warp as wp
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Handle, Rope, Scene, Simulation, Sphere, Wind
+from cloth_sim_ros.sim import Cloth, Handle, Plane, Rope, Scene, Simulation, Sphere, Wind
 
 WORLDS = 4
 MASK = np.array([False, True, False, True])
@@ -143,6 +143,43 @@ def test_a_mask_tells_which_worlds_were_put_back(device):
     assert not many.tensor("sheet", "recoveries").numpy().any()
     many.reset(many.recovered())
     assert not many.recovered().any() and not many.tensor("rope", "recoveries").numpy().any()
+
+
+@pytest.mark.parametrize("settings", [{"order": 1}, {"method": "verlet", "substeps": 300}], ids=["chain", "springs"])
+def test_tensions_of_ropes_that_hang_are_the_weight_below(device, settings):
+    """In each world by its own gravity; the tensor shows the state when it was asked for."""
+    rope = Rope(segments=8, mass=0.9, start=(0, 0, 0), end=(0, 0, -1), damping=0.05, stretch_compliance=1e-3)
+    sim = Simulation(Scene({"rope": rope}), fixed(**settings), device, worlds=3)
+    gravity = np.array([4.0, 8.0, 12.0])
+    sim.set("gravity", np.column_stack([0 * gravity, 0 * gravity, -gravity]))
+    sim.step(240)
+    below = np.cumsum(sim.masses("rope")[::-1])[::-1][1:]
+    pulls = sim.tensor("rope", "tensions")
+    assert pulls.shape == (3, 8) and np.allclose(pulls.numpy(), gravity[:, None] * below, rtol=5e-3)
+    assert all(np.array_equal(pulls.numpy()[w], sim.tensions("rope", w)) for w in range(3))
+    with pytest.raises(ValueError, match="allowed of rope is .* tensions"):
+        sim.tensor("rope", "wrench")
+
+
+@pytest.mark.parametrize("others", [0, 2])
+def test_contact_forces_of_what_lies_carry_its_weight(device, others):
+    """Those of one collider are a view, those of several are added up; a particle in the air feels none."""
+    sheet = Cloth(resolution=(5, 5), pins="none", position=(0, 0, 0.004), thickness=0.004, mass=0.2)
+    balls = {f"ball{k}": Sphere(radius=0.1, position=(0.3 * k, 0, -0.1)) for k in range(others)}
+    rope = Rope(segments=4, start=(0, 0, 3), end=(1, 0, 3))
+    objects = {"rope": rope, "sheet": sheet}
+    sim = Simulation(Scene(objects, {"table": Plane(), **balls}), fixed(order=1), device, worlds=2)
+    sim.set("gravity", np.array([[0, 0, -5.0], [0, 0, -10.0]]))
+    sim.step(30)
+    pushes = sim.tensor("sheet", "contact_forces")
+    sim.step(30)
+    if others:
+        sim.tensor("sheet", "contact_forces")
+    assert pushes.shape == (2, 25, 3)
+    assert np.allclose(pushes.numpy().sum(axis=1), [[0, 0, 1.0], [0, 0, 2.0]], atol=0.01)
+    assert not sim.tensor("rope", "contact_forces").numpy().any()
+    wrench = sum(sim.tensor(name, "wrench").numpy()[:, :3] for name in sim.scene.colliders)
+    assert np.allclose(pushes.numpy().sum(axis=1), -wrench, atol=1e-5)
 
 
 @pytest.mark.parametrize(
