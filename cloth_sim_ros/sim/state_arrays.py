@@ -63,6 +63,8 @@ def make_states(
         "presses": arrays.size["panels"] * colliders if features.surface else 0,
         "close": particles if features.surface else 0,
         "pressed": particles if features.surface else 0,
+        "seen": particles if features.meets else 0,
+        "going": particles if features.meets else 0,
         "asked": ASKED * particles if features.meets else 0,
         "sweeps": SWEPT * bodies * colliders,
         "near": bodies * words_of(colliders),

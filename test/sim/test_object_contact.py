@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from crossings import crossings, edges_and_triangles
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
 
@@ -10,28 +11,10 @@ GRAVITY = 9.81
 WAYS = [{}, {"order": 1, "substeps": 20, "iterations": 2}]
 
 
-def crossings_of(edges, triangles):
-    """How many of edges (E, 2, 3) go through triangles (T, 3, 3), in float64."""
-    p, q = (edges[:, None, k].astype(float) for k in range(2))
-    a, b, c = (triangles[None, :, k].astype(float) for k in range(3))
-    n = np.cross(b - a, c - a)
-    from_p, from_q = ((n * (x - a)).sum(-1) for x in (p, q))
-    across = from_p * from_q < 0.0
-    x = p + (from_p / np.where(across, from_p - from_q, 1.0))[..., None] * (q - p)
-    sides = np.stack([(n * np.cross(v - u, x - u)).sum(-1) for u, v in ((a, b), (b, c), (c, a))])
-    return int((across & ((sides > 0).all(0) | (sides < 0).all(0))).sum())
-
-
 def crossed(sim):
-    """The same of the edges and triangles of all objects, each against the others."""
-    parts = {}
-    for name in sim.scene.objects:
-        x, faces = sim.positions(name), sim.triangles(name)
-        pairs = np.unique(np.sort(np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]), 1), axis=0)
-        if not len(faces):
-            pairs = np.stack([np.arange(len(x) - 1), np.arange(1, len(x))], 1)
-        parts[name] = (x[pairs], x[faces].reshape(-1, 3, 3))
-    return sum(crossings_of(parts[a][0], parts[b][1]) for a in parts for b in parts if a != b)
+    """How many edges of objects go through a triangle of another."""
+    parts = [edges_and_triangles(sim, name) for name in sim.scene.objects]
+    return sum(crossings(x, edges, y, faces, False) for x, edges, _ in parts for y, _, faces in parts if x is not y)
 
 
 def sheets(device, mu=0.5, **settings):

@@ -32,9 +32,9 @@ class Pairs:
     """Lists of one frame, world by world. couples: panels near one another. parts: the particles of a corner and a
     triangle or, the first as -1 - its number, of two edges. sides: the two bodies. counts: (W, 2) couples and pairs.
 
-    clock: (3,) substeps since the last search and for how many it holds, and whether one is due. seen, going: where the
-    corners of a panel were then, and their velocities. balls, drifts: middle and radius of the ball around a panel and
-    all that it may meet, and its mean velocity.
+    clock: (4,) substeps since the last search, for how many it holds, whether one is due, and how old the list before
+    was. failed: which panels were torn then. balls, drifts: middle and radius of the ball around a panel and all that
+    it may meet, and its mean velocity.
     """
 
     couples: wp.array2d(dtype=wp.vec2i)
@@ -42,8 +42,7 @@ class Pairs:
     sides: wp.array2d(dtype=wp.vec2i)
     counts: wp.array2d(dtype=int)
     clock: wp.array(dtype=int)
-    seen: wp.array2d(dtype=wp.vec3)
-    going: wp.array2d(dtype=wp.vec3)
+    failed: wp.array(dtype=bool)
     balls: wp.array(dtype=wp.vec4)
     drifts: wp.array(dtype=wp.vec3)
 
@@ -60,6 +59,12 @@ def _time(pairs: Pairs, surface: Surface) -> float:
     return float(pairs.clock[1]) * surface.frames[0].dt
 
 
+@wp.func
+def _has_failed(panel: Panel) -> bool:
+    """Whether it is a triangle that tore."""
+    return panel.corners[0] == panel.corners[1]
+
+
 @wp.kernel(enable_backward=False)
 def _watch(members: Members, pairs: Pairs):
     """A search is due where a particle is off its way, or a triangle is torn."""
@@ -68,13 +73,12 @@ def _watch(members: Members, pairs: Pairs):
     panel = panel_of(members, wp.tid() - w * panels, w)
     surface = members.surfaces[panel.surface]
     time = float(pairs.clock[0]) * surface.frames[0].dt
-    failed = panel.corners[0] == panel.corners[1]  # a triangle that tore, and was none at the last search
-    if failed and wp.length_sq(pairs.seen[wp.tid(), 1] - pairs.seen[wp.tid(), 0]) > 0.0:
+    if _has_failed(panel) != pairs.failed[wp.tid()]:
         pairs.clock[2] = 1
     for q in range(3):
         if (panel.own >> q) & 1 == 1:
-            on_its_way = pairs.seen[wp.tid(), q] + time * pairs.going[wp.tid(), q]
-            off = wp.length(place(surface, panel.corners[q]) - on_its_way)
+            i = panel.corners[q]
+            off = wp.length(place(surface, i) - surface.seen[i] - time * surface.going[i])
             if not off <= _slack(members, surface, panel.body):
                 pairs.clock[2] = 1
 
@@ -86,8 +90,26 @@ def _decide(pairs: Pairs):
     if pairs.clock[2] == 1 or age >= pairs.clock[1]:
         pairs.clock[1] = wp.clamp(2 * age, 4, wp.static(_LONGEST))
         pairs.clock[2] = 1
+        pairs.clock[3] = age
         age = 0
     pairs.clock[0] = age + 1
+
+
+@wp.kernel(enable_backward=False)
+def _foresee(members: Members, pairs: Pairs):
+    """Where particles are, and where they go: what trembles goes at its mean velocity since the last search."""
+    panels = members.panels.shape[0]
+    w = wp.tid() / panels
+    panel = panel_of(members, wp.tid() - w * panels, w)
+    surface = members.surfaces[panel.surface]
+    time = float(wp.max(pairs.clock[3], 1)) * surface.frames[0].dt
+    pairs.failed[wp.tid()] = _has_failed(panel)
+    for q in range(3):
+        if (panel.own >> q) & 1 == 1:
+            i = panel.corners[q]
+            mean, now = (place(surface, i) - surface.seen[i]) / time, velocity(surface, i)
+            surface.going[i] = wp.where(wp.length(mean) < 0.5 * wp.length(now), mean, now)
+            surface.seen[i] = place(surface, i)
 
 
 @wp.func
@@ -96,11 +118,11 @@ def _wrap(t: int, panel: Panel, surface: Surface, time: float, margin: float, pa
     middle, drift = wp.vec3(0.0), wp.vec3(0.0)
     for q in range(3):
         middle += place(surface, panel.corners[q]) / 3.0
-        drift += velocity(surface, panel.corners[q]) / 3.0
+        drift += surface.going[panel.corners[q]] / 3.0
     radius = float(0.0)
     for q in range(3):
         off = wp.length(place(surface, panel.corners[q]) - middle)
-        radius = wp.max(radius, off + time * wp.length(velocity(surface, panel.corners[q]) - drift))
+        radius = wp.max(radius, off + time * wp.length(surface.going[panel.corners[q]] - drift))
     pairs.balls[t] = wp.vec4(middle[0], middle[1], middle[2], radius + margin)
     pairs.drifts[t] = drift
 
@@ -124,12 +146,9 @@ def _enclose(
     low, high = wp.vec3(1.0e30), wp.vec3(-1.0e30)
     for q in range(3):
         x = place(surface, panel.corners[q])
-        v = velocity(surface, panel.corners[q])
+        v = surface.going[panel.corners[q]]
         low = wp.min(low, wp.min(x, x + time * v))
         high = wp.max(high, wp.max(x, x + time * v))
-        if ahead:
-            pairs.seen[wp.tid(), q] = x
-            pairs.going[wp.tid(), q] = v
     lowers[wp.tid()] = low - wp.vec3(margin)
     uppers[wp.tid()] = high + wp.vec3(margin)
 
@@ -201,13 +220,13 @@ def _gap(of_a: Surface, of_b: Surface, parts: wp.vec4i) -> wp.vec2:
     """How far two parts are apart [m], and how fast a particle of one moves from one of the other at most [m/s]."""
     is_corner = parts[0] >= 0
     first = wp.where(is_corner, parts[0], -1 - parts[0])
-    a, v = place(of_a, first), velocity(of_a, first)
-    b, v_b = place(of_b, parts[1]), velocity(of_b, parts[1])
+    a, v = place(of_a, first), wp.vec3(of_a.going[first])
+    b, v_b = place(of_b, parts[1]), wp.vec3(of_b.going[parts[1]])
     if not is_corner:
-        b, v_b = place(of_a, parts[1]), velocity(of_a, parts[1])
+        b, v_b = place(of_a, parts[1]), wp.vec3(of_a.going[parts[1]])
     c, d = place(of_b, parts[2]), place(of_b, parts[3])
     w = nearest(is_corner, a, b, c, d).weights
-    v_c, v_d = velocity(of_b, parts[2]), velocity(of_b, parts[3])
+    v_c, v_d = of_b.going[parts[2]], of_b.going[parts[3]]
     apart = wp.max(wp.length(v_c - v), wp.length(v_d - v))
     if is_corner:
         apart = wp.max(apart, wp.length(v_b - v))
@@ -315,10 +334,9 @@ class Search:
         self.pairs.parts = wp.zeros(room, dtype=wp.vec4i, device=device)
         self.pairs.sides = wp.zeros(room, dtype=wp.vec2i, device=device)
         self.pairs.counts = wp.zeros((worlds, 2), dtype=int, device=device)
-        self.pairs.clock = wp.zeros(3, dtype=int, device=device)
-        self._due = self.pairs.clock[2:]
-        self.pairs.seen = wp.zeros((total, 3), dtype=wp.vec3, device=device)
-        self.pairs.going = wp.zeros((total, 3), dtype=wp.vec3, device=device)
+        self.pairs.clock = wp.zeros(4, dtype=int, device=device)
+        self._due = self.pairs.clock[2:3]
+        self.pairs.failed = wp.zeros(total, dtype=bool, device=device)
         self.pairs.balls = wp.zeros(total, dtype=wp.vec4, device=device)
         self.pairs.drifts = wp.zeros(total, dtype=wp.vec3, device=device)
 
@@ -336,6 +354,7 @@ class Search:
         wp.capture_if(self._due, self._find)
 
     def _find(self) -> None:
+        self._launch(_foresee, len(self._groups), self._members, self.pairs)
         self._enclose_all(True)
         self._tree.refit()
         self.pairs.counts.zero_()

@@ -27,6 +27,8 @@ class Surface:
     low: wp.array(dtype=wp.vec4)
     displacements: wp.array(dtype=wp.vec4)
     velocities: wp.array(dtype=wp.vec4)
+    seen: wp.array(dtype=wp.vec3)
+    going: wp.array(dtype=wp.vec3)
     asked: wp.array(dtype=wp.int64)
 
 
@@ -122,6 +124,6 @@ def _surface_of(arrays: Arrays) -> Surface:
     model, state = arrays.model, arrays.state
     surface.bodies, surface.panels, surface.panel_parts = model.bodies, model.panels, model.panel_parts
     surface.rest, surface.frames, surface.materials = model.rest, arrays.frames, arrays.materials
-    for name in ("positions", "low", "displacements", "velocities", "asked"):
+    for name in ("positions", "low", "displacements", "velocities", "seen", "going", "asked"):
         setattr(surface, name, getattr(state, name))
     return surface
