@@ -238,3 +238,19 @@ def test_the_skirt_flares_when_it_turns():
         turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
         assert np.abs(skirt[waist, :2] - turned).max() < 1e-4
     assert hem[0] > 0.36 > 1.2 * hem[1]
+
+
+def test_the_pile_lies_on_its_stone():
+    """The stone and the floor bear the weight of all, also of what touches neither."""
+    sim = simulation("pile")
+    sim.step(150)
+    weight = sum(sim.masses(name).sum() for name in sim.scene.objects) * 9.81
+    borne = []
+    for _ in range(30):
+        sim.step()
+        borne.append(sum(sim.wrench(collider)[0][2] for collider in ("floor", "stone")))
+        assert all(each["crossings"] == 0 for each in sim.report().values())
+    assert -np.mean(borne) == pytest.approx(weight, rel=0.02)
+    tops = [sim.positions(name)[:, 2].max() for name in ("first", "second", "third")]
+    assert 0.14 < tops[0] < tops[1] < tops[2] < 0.2
+    assert min(sim.positions("cord")[:, 2]) > 0.004
