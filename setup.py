@@ -29,7 +29,7 @@ setup(
         "viewer": ["viser>=1.1", "scipy"],
         "study": ["scipy", "matplotlib", "pyyaml"],
         "identify": ["scipy", "matplotlib", "pyyaml"],
-        "learn": ["gymnasium>=1.1"],
+        "learn": ["gymnasium>=1.1", "matplotlib", "trimesh"],
         "docs": ["sphinx", "myst-parser", "furo"],
         "peers": ["newton==1.8.0", "mujoco", "pypbd"],
         "test": [

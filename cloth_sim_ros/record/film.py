@@ -6,17 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from trimesh import Trimesh
-from trimesh.creation import box, capsule, cylinder, icosphere
 
 from cloth_sim_ros.record.bag import Bag
+from cloth_sim_ros.record.solids import mesh_of
 from cloth_sim_ros.ros.scene_plan import make_plan
-from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Mesh, Plane, Rope, Sphere
-from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim import Plane, Rope
 from cloth_sim_ros.sim.topology import build
 from cloth_sim_ros.viewer.tube import tube_faces, tube_vertices
-
-WIDE = 20.0  # [m] of a plane, as it is drawn
 
 
 @dataclass(frozen=True)
@@ -70,7 +66,7 @@ def film_of(bag: Bag, rate: float) -> Film:
     objects = {name: _shape(scene.objects[name], name, clouds[name], times) for name in clouds}
     colliders = {}
     for name, collider in scene.colliders.items():
-        mesh = _mesh(collider)
+        mesh = mesh_of(collider)
         if mesh is None:
             left_out.append(f"{name} is left out, as a {type(collider).__name__} has no triangles")
             continue
@@ -119,27 +115,6 @@ def _poses(name: str, first, acts: list[tuple[float, list]], times: np.ndarray) 
     moves = [(-np.inf, *first), *((time, *act[2:]) for time, act in acts if act[0] == "move" and act[1] == name)]
     at = np.searchsorted([move[0] for move in moves], times + 1e-6, side="right") - 1
     return tuple(np.array([moves[k][which] for k in at], float) for which in (1, 2))
-
-
-def _mesh(collider: Collider) -> Trimesh | None:
-    """What to draw of a collider, in its axes; None where it has no triangles."""
-    if isinstance(collider, Sphere):
-        return icosphere(3, collider.radius)
-    if isinstance(collider, Ellipsoid):
-        ball = icosphere(3, 1.0)
-        return Trimesh(ball.vertices * collider.radii, ball.faces, process=False)
-    if isinstance(collider, Box):
-        return box([2.0 * half for half in collider.half_extents])
-    if isinstance(collider, Cylinder):
-        return cylinder(collider.radius, 2.0 * collider.half_length, sections=48)
-    if isinstance(collider, Capsule):
-        tube = capsule(2.0 * collider.half_length, collider.radius)
-        return tube.apply_translation(-tube.bounds.mean(axis=0))
-    if isinstance(collider, Plane):
-        return box((WIDE, WIDE, 0.01)).apply_translation((0.0, 0.0, -0.005))
-    if isinstance(collider, Mesh):
-        return Trimesh(collider.points(), collider.triangles, process=False)
-    return None
 
 
 def _seconds(stamp: tuple[int, int]) -> float:

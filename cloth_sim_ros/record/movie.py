@@ -15,13 +15,9 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from cloth_sim_ros.record.film import Film
+from cloth_sim_ros.record.painting import DOTS, INCHES, camera_on, paint_frame
 from cloth_sim_ros.sim.quaternion import rotate
-from cloth_sim_ros.study.pictures.camera import Camera, Surface, paint
 
-COLOURS = (("#f2785c", "#f7a48c"), ("#3d7f6b", "#7fb5a4"), ("#c9973f", "#e3c387"))
-STEEL, SHADE = "#3d6b8c", "#e9e6e1"
-INCHES, DOTS = (6.4, 4.8), 100
-AWAY = np.array([-0.55, -0.75, 0.42])  # of the camera from what it shows
 NO_FFMPEG = "an MP4 needs ffmpeg: pip install imageio-ffmpeg, or write a .gif"
 
 
@@ -52,22 +48,16 @@ def _ffmpeg(rate: float) -> FFMpegWriter:
 
 def _painted(film: Film, figure: Figure) -> Iterator[int]:
     """Paints one frame after the other, and gives its number."""
-    bodies = {name: body for name, body in film.colliders.items() if not body.is_plane}
-    places = [shape.vertices.reshape(-1, 3) for shape in film.objects.values()]
-    low, high = np.concatenate(places).min(axis=0), np.concatenate(places).max(axis=0)
-    middle, reach = 0.5 * (low + high), np.linalg.norm(high - low)
-    camera = Camera(tuple(middle + 1.35 * reach * AWAY / np.linalg.norm(AWAY)), tuple(middle))
+    bodies = [body for body in film.colliders.values() if not body.is_plane]
+    places = np.concatenate([shape.vertices.reshape(-1, 3) for shape in film.objects.values()])
+    camera, low, high = camera_on(places), places.min(axis=0), places.max(axis=0)
+    below = low[2] - 0.05 * np.linalg.norm(high - low)
     for frame in tqdm(range(len(film.times)), "painting", unit="frames", disable=None):  # silent but on a terminal
-        figure.clear()
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        surfaces = [
-            Surface(shape.vertices[frame], shape.triangles, *COLOURS[k % len(COLOURS)])
-            for k, shape in enumerate(film.objects.values())
+        shapes = [(shape.vertices[frame], shape.triangles) for shape in film.objects.values()]
+        solids = [
+            (np.asarray(rotate(body.orientations[frame], body.vertices) + body.positions[frame]), body.triangles)
+            for body in bodies
         ]
-        for body in bodies.values():
-            corners = rotate(body.orientations[frame], body.vertices) + body.positions[frame]
-            surfaces.append(Surface(np.asarray(corners), body.triangles, STEEL, STEEL, gloss=0.3))
         planes = [body.positions[frame][2] for body in film.colliders.values() if body.is_plane]
-        paint(axes, camera, surfaces, max(planes, default=low[2] - 0.05 * reach), SHADE)
-        axes.set(xlim=(-0.45, 0.45), ylim=(-0.3375, 0.3375))
+        paint_frame(figure, camera, shapes, solids, max(planes, default=below))
         yield frame

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of worlds, painted as those of the documents are."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from trimesh.creation import icosphere
+
+from cloth_sim_ros.record.painting import DOTS, INCHES, camera_on, paint_frame
+from cloth_sim_ros.record.solids import mesh_of
+from cloth_sim_ros.sim import Plane, Rope, Simulation
+from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.viewer.tube import tube_faces, tube_vertices
+
+_HAND = icosphere(2, 0.012)
+
+
+def pictures(sim: Simulation, hands: np.ndarray) -> tuple[np.ndarray, ...]:
+    """A picture (480, 640, 3) uint8 of each world; hands (worlds, H, 3) [m] are small balls."""
+    figure = Figure(figsize=INCHES, dpi=DOTS, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    rest = np.concatenate([sim.rest_positions(name) for name in sim.scene.objects])
+    planes = [collider.position[2] for collider in sim.scene.colliders.values() if isinstance(collider, Plane)]
+    floor = max(planes, default=float(rest[:, 2].min()) - 0.1)
+    places = {name: sim.positions(name, None) for name in sim.scene.objects}
+    solids = []
+    for name, collider in sim.scene.colliders.items():
+        mesh = None if isinstance(collider, Plane) else mesh_of(collider)
+        if mesh is not None:
+            poses = sim.tensor(name, "pose").numpy().copy()
+            solids.append((poses, np.asarray(mesh.vertices), np.asarray(mesh.faces)))
+    around = [rotate(poses[0, 3:], points) + poses[0, :3] for poses, points, _ in solids]
+    camera, found = camera_on(np.concatenate([rest, hands[0], *around])), []
+    for w in range(sim.worlds):
+        shapes = [_shape(sim, name, rows[w].astype(np.float64)) for name, rows in places.items()]
+        bodies = [(rotate(pose[w, 3:], points) + pose[w, :3], faces) for pose, points, faces in solids]
+        bodies += [(_HAND.vertices + place, _HAND.faces) for place in hands[w]]
+        paint_frame(figure, camera, shapes, bodies, floor)
+        canvas.draw()
+        found.append(np.asarray(canvas.buffer_rgba())[:, :, :3].copy())
+    return tuple(found)
+
+
+def _shape(sim: Simulation, name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of an object whose particles are at `points` (N, 3)."""
+    thing = sim.scene.objects[name]
+    if isinstance(thing, Rope):
+        return tube_vertices(points, thing.radius), tube_faces(len(points))
+    return points, sim.triangles(name)
