@@ -12,7 +12,8 @@ import warp as wp
 from cloth_sim_ros.sim import intrinsics as native
 from cloth_sim_ros.sim.executors.shared_history import copy_past, with_past_at
 from cloth_sim_ros.sim.intrinsics import BYTES_A_PARTICLE, load_row, store4, sync
-from cloth_sim_ros.sim.methods.program import Program, in_turn, make_begin, make_enter, make_program
+from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
+from cloth_sim_ros.sim.methods.stage import in_turn
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import outer_weight
 from cloth_sim_ros.sim.ropes.scan import THREADS, scan_size

@@ -16,7 +16,8 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import OPTIONS
 from cloth_sim_ros.sim.meeting.apart import PASSES, Apart
 from cloth_sim_ros.sim.meeting.search import Search
-from cloth_sim_ros.sim.methods.program import Program, Stage, make_begin, make_enter, make_program
+from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
+from cloth_sim_ros.sim.methods.stage import Stage
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 

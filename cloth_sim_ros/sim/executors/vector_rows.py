@@ -11,7 +11,8 @@ import warp as wp
 from cloth_sim_ros.sim.executors import vector_rows_simd as row_lanes
 from cloth_sim_ros.sim.executors.vector_rows_simd import finish_lanes, predict_lanes, read3, read4, write3, write4
 from cloth_sim_ros.sim.intrinsics import OPTIONS, array_address, number_address
-from cloth_sim_ros.sim.methods.program import in_turn, make_begin, make_enter, make_program
+from cloth_sim_ros.sim.methods.program import make_begin, make_enter, make_program
+from cloth_sim_ros.sim.methods.stage import in_turn
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import outer_weight
 from cloth_sim_ros.sim.simd import LANES

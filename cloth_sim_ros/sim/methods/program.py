@@ -19,15 +19,15 @@ The contract of an executor (block.py: a body in a block; graph.py: a launch a s
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import array_address, sync
+from cloth_sim_ros.sim.intrinsics import array_address
 from cloth_sim_ros.sim.lines.layout import WARP
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.meeting.apart import make_come_apart
+from cloth_sim_ros.sim.methods.stage import Stage, both, once, over_meeting, over_particles
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import make_step, outer_weight
 from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
@@ -54,20 +54,6 @@ from cloth_sim_ros.sim.state import Arrays
 
 _A_FRAME = 1 << 30  # more substeps than a frame has
 _THREADS = 1024  # of a launch that looks at all particles and stores few numbers
-
-
-@dataclass(frozen=True)
-class Stage:
-    """run(t, width, here); threads(body row, colliders) of a launch of its own.
-
-    rounds: whether it is run once for each family of lines.
-    """
-
-    name: str
-    run: wp.Function
-    threads: Callable[[dict, int], int]
-    rounds: bool = False
-    every: int = 1
 
 
 @dataclass
@@ -97,43 +83,43 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
         slow.append(Stage("panels", make_panels(features), beside))
     predict, finish = make_predict(features), make_finish(features)
     if features.handles:
-        predict, finish = _both(predict, hold), _both(feel, finish)
+        predict, finish = both(predict, hold), both(feel, finish)
     if not explicit:
-        before.append(_over_particles("predict", predict))
+        before.append(over_particles("predict", predict))
     if features.curved:
         slow.append(_make_curve(explicit))
     if features.plate and not explicit:
-        before.append(_over_particles("bend", make_bend(features)))
+        before.append(over_particles("bend", make_bend(features)))
     if explicit:
         if features.has_outer:
-            slow.append(_over_particles("kick", _make_slow_kick(features)))
-            slow.append(_over_particles("take_kick", store_velocity))
-        before.append(_over_particles("predict", predict))
+            slow.append(over_particles("kick", _make_slow_kick(features)))
+            slow.append(over_particles("take_kick", store_velocity))
+        before.append(over_particles("predict", predict))
     if features.chain:
         program.solved.append(Stage("chain", _make_chain(features, threads, stored), lambda *_: 1))
     if features.lines:
         program.solved.append(_make_lines(features, on_cpu))
     if features.meets:
-        program.parted.append(_over_particles("come_apart", make_come_apart(features)))
+        program.parted.append(over_particles("come_apart", make_come_apart(features)))
     if features.shapes:
         met_in, contact = make_met_in(features), make_contact(features)
         if features.surface:
-            program.touched.append(_over_meeting("contact", met_in, contact))
+            program.touched.append(over_meeting("contact", met_in, contact))
             panels = lambda body, _: body["panels_end"] - body["panels"]  # noqa: E731
             program.touched.append(Stage("press", make_press(features), panels))
             contact = make_yield(features)
         # With what ends the substep behind it: a GPU waits once for both, and reads contact's many instructions once.
         name = "give_way" if features.surface else "contact"
-        program.touched.append(_over_meeting(name, met_in, contact, None if features.meets else finish))
+        program.touched.append(over_meeting(name, met_in, contact, None if features.meets else finish))
     if features.meets or not features.shapes:
-        program.after.append(_over_particles("finish", finish))
+        program.after.append(over_particles("finish", finish))
     many = lambda *_: 1 if on_cpu else 16 * _THREADS  # noqa: E731
     if features.tears:
         program.after.append(Stage("tear", make_tear(features), many))
-    program.ending += [_over_particles("find_faults", find_fault), _over_particles("settle", make_settle(features))]
+    program.ending += [over_particles("find_faults", find_fault), over_particles("settle", make_settle(features))]
     if features.tears:
         program.ending += [Stage(f.key, f, many) for f in followers(features)]
-    program.ending.append(Stage("count", _once(make_count(features)), lambda *_: 1))
+    program.ending.append(Stage("count", once(make_count(features)), lambda *_: 1))
     return program
 
 
@@ -202,50 +188,6 @@ def make_enter(features: Features):
         return here
 
     return enter
-
-
-def _over_particles(name: str, stage) -> Stage:
-    """A stage of every particle."""
-
-    def run(t: int, width: int, here: Here):
-        # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
-        for i in range(here.body.count - 1 - t, -1, -width):
-            stage(i, here)
-
-    return Stage(name, wp.func(run, name=f"over_particles_{name}"), lambda body, _: body["count"])
-
-
-def _over_meeting(name: str, met_in, stage, at_last=None) -> Stage:
-    """A stage of every particle that meets colliders, and in the last iteration another one behind it."""
-
-    def run(t: int, width: int, here: Here):
-        met = met_in(here)
-        for i in range(here.body.count - 1 - t, -1, -width):
-            met.slot = here.body.particles + i
-            stage(i, met, here)
-            if wp.static(at_last is not None):
-                if here.last:
-                    at_last(i, here)
-
-    return Stage(name, wp.func(run, name=f"over_meeting_{name}"), lambda body, _: body["count"])
-
-
-def _both(first, second):
-    @wp.func
-    def both(i: int, here: Here):
-        first(i, here)
-        second(i, here)
-
-    return both
-
-
-def _once(stage):
-    @wp.func
-    def once(t: int, width: int, here: Here):
-        if t == 0:
-            stage(0, here)
-
-    return once
 
 
 @wp.func
@@ -325,41 +267,3 @@ def _make_lines(features: Features, on_cpu: bool) -> Stage:
             solve_line_row(r, group[0], here)
 
     return Stage("lines", lines, lambda size, _: team * size, rounds=True)
-
-
-def in_turn(stages: list[Stage], name: str):
-    """A Warp function: the threads of a block, or of a CPU, run `stages` one after the other; None without any."""
-    run = None
-    for stage in stages:
-        run = _then(run, _with_barrier(stage), f"{name}_to_{stage.name}")
-    return run
-
-
-def _then(first, second, name: str):
-    if first is None:
-        return second
-
-    def both(t: int, width: int, here: Here):
-        first(t, width, here)
-        second(t, width, here)
-
-    return wp.func(both, name=name)
-
-
-def _with_barrier(stage: Stage):
-    """A stage with its rounds, and a barrier behind each."""
-    run = stage.run
-
-    def once(t: int, width: int, here: Here):
-        if wp.static(stage.every == 1) or here.substep % wp.static(stage.every) == 0:
-            run(t, width, here)
-            sync()
-
-    def rounds(t: int, width: int, here: Here):
-        inside = here
-        for g in range(here.body.groups, here.body.groups_end):
-            inside.group = g
-            run(t, width, inside)
-            sync()
-
-    return wp.func(rounds if stage.rounds else once, name=f"block_{stage.name}")

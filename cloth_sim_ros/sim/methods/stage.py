@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A stage of a substep, the ways to make one of what is done to a particle, and several stages in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import sync
+from cloth_sim_ros.sim.stages.here import Here
+
+
+@dataclass(frozen=True)
+class Stage:
+    """run(t, width, here); threads(body row, colliders) of a launch of its own.
+
+    rounds: whether it is run once for each family of lines.
+    """
+
+    name: str
+    run: wp.Function
+    threads: Callable[[dict, int], int]
+    rounds: bool = False
+    every: int = 1
+
+
+def over_particles(name: str, stage) -> Stage:
+    """A stage of every particle."""
+
+    def run(t: int, width: int, here: Here):
+        # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
+        for i in range(here.body.count - 1 - t, -1, -width):
+            stage(i, here)
+
+    return Stage(name, wp.func(run, name=f"over_particles_{name}"), lambda body, _: body["count"])
+
+
+def over_meeting(name: str, met_in, stage, at_last=None) -> Stage:
+    """A stage of every particle that meets colliders, and in the last iteration another one behind it."""
+
+    def run(t: int, width: int, here: Here):
+        met = met_in(here)
+        for i in range(here.body.count - 1 - t, -1, -width):
+            met.slot = here.body.particles + i
+            stage(i, met, here)
+            if wp.static(at_last is not None):
+                if here.last:
+                    at_last(i, here)
+
+    return Stage(name, wp.func(run, name=f"over_meeting_{name}"), lambda body, _: body["count"])
+
+
+def both(first, second):
+    """A Warp function of a particle: one, then the other."""
+
+    @wp.func
+    def run(i: int, here: Here):
+        first(i, here)
+        second(i, here)
+
+    return run
+
+
+def once(stage):
+    """A Warp function: one thread runs what is done to a body."""
+
+    @wp.func
+    def run(t: int, width: int, here: Here):
+        if t == 0:
+            stage(0, here)
+
+    return run
+
+
+def in_turn(stages: list[Stage], name: str):
+    """A Warp function: the threads of a block, or of a CPU, run `stages` one after the other; None without any."""
+    run = None
+    for stage in stages:
+        run = _then(run, _with_barrier(stage), f"{name}_to_{stage.name}")
+    return run
+
+
+def _then(first, second, name: str):
+    if first is None:
+        return second
+
+    def both(t: int, width: int, here: Here):
+        first(t, width, here)
+        second(t, width, here)
+
+    return wp.func(both, name=name)
+
+
+def _with_barrier(stage: Stage):
+    """A stage with its rounds, and a barrier behind each."""
+    run = stage.run
+
+    def once(t: int, width: int, here: Here):
+        if wp.static(stage.every == 1) or here.substep % wp.static(stage.every) == 0:
+            run(t, width, here)
+            sync()
+
+    def rounds(t: int, width: int, here: Here):
+        inside = here
+        for g in range(here.body.groups, here.body.groups_end):
+            inside.group = g
+            run(t, width, inside)
+            sync()
+
+    return wp.func(rounds if stage.rounds else once, name=f"block_{stage.name}")
