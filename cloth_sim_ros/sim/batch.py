@@ -3,68 +3,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim import writing
-from cloth_sim_ros.sim.executors.block import Block, capacity, threads_for
-from cloth_sim_ros.sim.executors.graph import Graph, Member
-from cloth_sim_ros.sim.executors.subdomain_plan import Unfit
-from cloth_sim_ros.sim.executors.subdomains import Subdomains
+from cloth_sim_ros.sim.batch_frame import BatchFrame
+from cloth_sim_ros.sim.executors.choose import make_executor, make_safe_executor
 from cloth_sim_ros.sim.executors.trial import Trial
-from cloth_sim_ros.sim.executors.vector_rows import VectorRows, fits_rows
 from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
-from cloth_sim_ros.sim.methods.limits import outer_steps
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
-from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Frame, Material, Reel
+from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.torn import Torn, own_model
-
-Executor = Block | Graph | Subdomains | VectorRows
-_forced: str | None = None
-_BLOCK_OF_LINES, _GRAPH_OF_LINES = 1600, 160_000  # particles of a body and of all, on an H200
-_KEPT = ("positions", "low", "good_positions", "velocities", "grips", "grip_pulls", "grip_forces")
-_PAST = ("last_displacements", "last_velocities")
-
-
-@contextmanager
-def forced_executor(name: str | None) -> Iterator[None]:
-    """For tests and studies: batches that are built within have the executor "block", "graph" or "subdomains".
-
-    With None it is chosen, as without. Building a batch raises ValueError where a body does not fit a block of the
-    device, or subdomains cannot serve it.
-    """
-    global _forced
-    before, _forced = _forced, name
-    try:
-        yield
-    finally:
-        _forced = before
-
-
-def goes_in_rows(features: Features, topology: Topology, device: wp.Device) -> bool:
-    """Whether a body is computed in vector rows."""
-    return _forced is None and fits_rows(features, topology, device)
-
-
-@dataclass(frozen=True)
-class BodyState:
-    """One body in all worlds: rows of its particles (worlds, N, 4), counts (worlds, 1) and its rows of the live arrays
-    (worlds,). Where it has them, also rows of Reel and Twist (worlds, 1). past: order and substeps a frame, which its
-    history is of. torn: see Torn.read; None where it does not tear."""
-
-    past: tuple[int, int]
-    particles: dict[str, np.ndarray]
-    counts: dict[str, np.ndarray]
-    live: list[np.ndarray]
-    bodies: dict[str, np.ndarray]
-    torn: dict[str, np.ndarray] | None
 
 
 @dataclass(frozen=True)
@@ -97,20 +52,17 @@ class Batch:
     ):
         self.features, self.device = features, device
         self.index = {name: b for b, name in enumerate(topologies)}
-        self._own = [array for array, has in (("reels", features.winch), ("twists", features.twist)) if has]
         self._rest = {
             name: wp.array(topology.rest[None], dtype=wp.float64, device=device)
             for name, topology in topologies.items()
         }
-        self._inverse_mass = {
+        self.inverse_mass = {
             name: np.where(topology.pinned, 0.0, 1.0 / topology.masses) for name, topology in topologies.items()
         }
         self._fixed = {
-            name: wp.array(inverse, dtype=float, device=device) for name, inverse in self._inverse_mass.items()
+            name: wp.array(inverse, dtype=float, device=device) for name, inverse in self.inverse_mass.items()
         }
         self._reels = {name: _wound(topology) for name, topology in topologies.items() if topology.reel is not None}
-        largest = max(len(topology.masses) for topology in topologies.values())
-        self._threads = threads_for(features, largest, len(topologies) * worlds, device)
         spokes = features.method == "verlet" and not rows  # which lay out their own
         collected = ModelArrays(spokes, lanes=device.is_cpu)
         for topology in topologies.values():
@@ -121,76 +73,34 @@ class Batch:
         self.materials = LiveArray(Material, len(topologies), worlds, device)
         self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
         self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
-        self.frame, self._shared_frame = LiveArray(Frame, 1, worlds, device), frame
-        self.safe_frame = LiveArray(Frame, 1, worlds, device)
-        self.substeps = self.iterations = self.safe_substeps = self._outer = 1
-        self._frame_is: tuple[float, int, int, int, int] | None = None  # as it was written last
-        self._live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
+        plate_rates = [row["plate_rate"] for row in self._bodies] if features.has_outer else []
+        self.frame = BatchFrame(frame, self.materials, plate_rates, worlds, device)
+        self.live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         self.states = make_states(collected, features, shared.colliders.array.shape[1], worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None
         self._saved: dict[str, wp.array] | None = None
         # What meets advances together, see meeting/together.py.
-        self.executor = None if features.meets else self._make_executor(rows, list(topologies.values()))
+        self.executor = None
+        if not features.meets:
+            self.executor = make_executor(features, self.worlds, list(topologies.values()), rows, device)
         self._trial = None
         if features.method == "verlet":
-            self._trial = Trial(self.executor, self._make_safe, self.worlds, self.counts, self.lines)
+            safe = partial(make_safe_executor, features, self.worlds, self.frame.safe_rows.array, self.counts, device)
+            self._trial = Trial(self.executor, safe, self.worlds, self.counts, self.lines)
         self.restart(wp.array(np.arange(worlds), dtype=int, device=device))
 
     def _world(self, w: int, model: Model, shared: Shared) -> Arrays:
         arrays = Arrays()
         arrays.state = state_of(self.states, w)
         arrays.model = own_model(model, arrays.state) if self.features.tears else model
-        arrays.frames, arrays.materials = self.frame.array[w], self.materials.array[w]
+        arrays.frames, arrays.materials = self.frame.rows.array[w], self.materials.array[w]
         arrays.colliders, arrays.drives = row_of(shared.colliders.array, w), row_of(self.drives.array, w)
         arrays.handles, arrays.handle_counts = row_of(shared.handles.array, w), row_of(shared.handle_counts, w)
         arrays.forces = shared.forces
         arrays.ends = row_of(self.ends.array, w)
         return arrays
-
-    def _make_executor(self, rows: bool, topologies: list[Topology]) -> Executor:
-        if rows:
-            return VectorRows(self.features, self.worlds, topologies, self.device)
-        largest, limit = max(self.counts), capacity(self.device, self.features)
-        # A rope is short; in a block it also leaves the forces of the air behind, which its end wrenches need.
-        sheets = all(len(topology.triangles) for topology in topologies)
-        if _forced == "subdomains" or (_forced is None and self.device.is_cuda and sheets):
-            try:
-                return Subdomains(self.features, self.worlds, [topology.layout for topology in topologies], self.device)
-            except Unfit:
-                if _forced == "subdomains":
-                    raise
-        if _forced == "block" and largest > limit:
-            raise ValueError(
-                f"the executor 'block' is forced on a body of {largest} particles; allowed are up to {limit} on "
-                f"{self.device.alias}"
-            )
-        # A line solve takes a warp: a launch of all lines on all multiprocessors beats one block, until there are many.
-        alone = self.device.is_cuda and self.features.lines and largest > _BLOCK_OF_LINES
-        spread = alone and sum(self.counts) * len(self.worlds) < _GRAPH_OF_LINES
-        if _forced == "graph" or largest > limit or (spread and _forced is None):
-            return self._graph(self.features, self.worlds)
-        return Block(self.features, self.worlds, self.device, largest, self._threads)
-
-    def _graph(self, features: Features, worlds: list[Arrays]) -> Graph:
-        return Graph([Member(features, worlds, self.device)], self.device)
-
-    def _make_safe(self) -> Block | Graph:
-        """XPBD of first order for bodies whose explicit frame is rejected, in substeps of its own."""
-        features = replace(self.features, method="xpbd", order=1, lines=True, redoes=True)
-        worlds = []
-        for w, world in enumerate(self.worlds):
-            arrays = Arrays()
-            for name in Arrays.vars:
-                setattr(arrays, name, getattr(world, name))
-            arrays.frames = self.safe_frame.array[w]
-            worlds.append(arrays)
-        largest = max(self.counts)
-        if largest > capacity(self.device, features):
-            return self._graph(features, worlds)
-        threads = threads_for(features, largest, len(self.counts) * len(worlds), self.device)
-        return Block(features, worlds, self.device, largest, threads)
 
     def span(self, name: str) -> slice:
         """Where the particles of a body lie."""
@@ -229,36 +139,36 @@ class Batch:
         self._forget(name, chosen)
 
     def _put_positions(self, name: str, positions: wp.array, chosen: wp.array) -> None:
-        parts = [self._part(array, self.span(name), None) for array in ("positions", "good_positions", "low")]
+        parts = [self.part(array, self.span(name), None) for array in ("positions", "good_positions", "low")]
         inputs = [positions, self._fixed[name], chosen, self.states["reels"], self.index[name], *parts]
         dim = (len(chosen), positions.shape[1])
         wp.launch(writing.put_positions, dim=dim, inputs=inputs, device=self.device)
 
     def write_velocities(self, name: str, velocities: wp.array, chosen: wp.array) -> None:
         """Velocities [m/s] likewise; pinned particles stay at rest."""
-        inputs = [velocities, self._fixed[name], chosen, self._part("velocities", self.span(name), None)]
+        inputs = [velocities, self._fixed[name], chosen, self.part("velocities", self.span(name), None)]
         dim = (len(chosen), velocities.shape[1])
         wp.launch(writing.put_velocities, dim=dim, inputs=inputs, device=self.device)
         self._forget(name, chosen)
 
     def read_rows(self, array: str, name: str, world: int | None = None) -> np.ndarray:
         """A copy of a body's rows (worlds, N, 4) of an array of particles, of one world (1, N, 4) or of all."""
-        return self._part(array, self.span(name), world).numpy().copy()
+        return self.part(array, self.span(name), world).numpy().copy()
 
     def write_rows(self, array: str, name: str, rows: np.ndarray) -> None:
         """Put rows (N, 4) there in all worlds."""
-        part = self._part(array, self.span(name), None)
+        part = self.part(array, self.span(name), None)
         part.assign(np.broadcast_to(rows, (part.shape[0], *rows.shape)))
 
     def write_count(self, array: str, name: str, counts: np.ndarray) -> None:
         """Put a count (worlds,) of a body into an array of bodies."""
         b = self.index[name]
-        self._part(array, slice(b, b + 1), None).assign(counts.reshape(-1, 1).astype(np.int32))
+        self.part(array, slice(b, b + 1), None).assign(counts.reshape(-1, 1).astype(np.int32))
 
     def read_body(self, array: str, name: str, world: int | None) -> np.ndarray:
         """The row of "reels" or "twists" of a rope, (worlds, 1), of one world or, for None, of all."""
         b = self.index[name]
-        return self._part(array, slice(b, b + 1), world).numpy()
+        return self.part(array, slice(b, b + 1), world).numpy()
 
     def write_body(self, array: str, name: str, rows: np.ndarray) -> None:
         """Put a winch or a twist where another was in all worlds, (worlds, 1) or (1, 1) rows.
@@ -267,83 +177,15 @@ class Batch:
         """
         b = self.index[name]
         for each in (array, f"good_{array}"):
-            part = self._part(each, slice(b, b + 1), None)
+            part = self.part(each, slice(b, b + 1), None)
             part.assign(np.ascontiguousarray(np.broadcast_to(rows, part.shape)))
-
-    def take(self, name: str) -> BodyState:
-        """Everything of a body that outlives its arrays."""
-        span, b = self.span(name), self.index[name]
-        has = [array for array in (*_KEPT, *_PAST) if self.states[array].size]
-        particles = {array: self._part(array, span, None).numpy() for array in has}
-        has = [array for array in ("recoveries", "held", "history") if self.states[array].size]
-        counts = {array: self._part(array, slice(b, b + 1), None).numpy() for array in has}
-        live = [rows.read(b, None) for rows in self._live]
-        past = (self.features.order, self.substeps)
-        bodies = {array: self.read_body(array, name, None) for array in self._own}
-        return BodyState(past, particles, counts, live, bodies, self.torn and self.torn.read(b))
-
-    def give(self, name: str, kept: BodyState) -> None:
-        """What another batch took of a body, whose pins may be others now; multipliers start anew, and so does history
-        where order or substeps changed."""
-        span, b = self.span(name), self.index[name]
-        follows = kept.past == (self.features.order, self.substeps)
-        fixed = self._inverse_mass[name] == 0.0
-        for array, rows in kept.particles.items():
-            if array in _PAST and not follows:
-                continue
-            if not self.features.winch:  # which pins what is on its drum
-                rows = rows.copy()
-                if array in ("positions", "good_positions"):
-                    rows[..., 3] = self._inverse_mass[name]
-                elif array in ("velocities", *_PAST):
-                    rows[:, fixed] = 0.0
-            self._part(array, span, None).assign(rows)
-        for array, rows in kept.counts.items():
-            if array != "history" or follows:
-                self._part(array, slice(b, b + 1), None).assign(rows)
-        for rows, held in zip(self._live, kept.live, strict=True):
-            rows.edit()[:, b] = held
-        for array, held in kept.bodies.items():
-            self.write_body(array, name, held)
-        if self.torn is not None:
-            self.torn.write(b, kept.torn)
 
     def set_substeps(self, substeps: int, iterations: int, safe_substeps: int) -> None:
         """How many of each a frame has from now on, and one that is done again; other substeps have no history."""
-        if substeps != self.substeps:
+        frame = self.frame
+        if substeps != frame.substeps:
             self.forget_steps()
-        self.substeps, self.iterations, self.safe_substeps = substeps, iterations, safe_substeps
-
-    def write_frame(self, frame_dt: float, finer: int = 1) -> None:
-        """What all objects share, and a frame of `frame_dt` [s] in `finer` times as many substeps."""
-        self._frame_is = self._frame_of(frame_dt, finer)
-        (substeps, iterations, self._outer), safe = self._frame_is[1:4], self._frame_is[4]
-        self.frame.edit()[:] = self._shared_frame.read(0, None)[:, None]
-        numbers = {"substeps": substeps, "iterations": iterations, "outer": self._outer}
-        self.frame.write(0, None, dt=frame_dt / substeps, **numbers)
-        self.safe_frame.edit()[:] = self._shared_frame.read(0, None)[:, None]
-        self.safe_frame.write(0, None, dt=frame_dt / safe, substeps=safe, iterations=1)
-
-    def refresh_frame(self, frame_dt: float) -> None:
-        """The same where a number of the batch's own changed; what all objects share is left to the next frame."""
-        if self._frame_is != self._frame_of(frame_dt, 1):
-            self.write_frame(frame_dt)
-
-    def _frame_of(self, frame_dt: float, finer: int) -> tuple[float, int, int, int, int]:
-        """The length of a frame [s], its substeps, iterations and steps of slow forces, and substeps done again."""
-        substeps = finer * self.substeps
-        outer = max(self._outer_steps(b, frame_dt, substeps) for b in range(len(self._bodies)))
-        return frame_dt, substeps, self.iterations, outer, finer * self.safe_substeps
-
-    def _outer_steps(self, b: int, frame_dt: float, substeps: int) -> int:
-        """The steps of slow forces that body b needs in a frame, in the world that needs most."""
-        if not self.features.has_outer:
-            return 1
-        rows = self.materials.read(b, None)
-        rate, softness = self._bodies[b]["plate_rate"], rows["compliance"][:, 2].astype(np.float64)
-        rates = np.divide(rate, softness, out=np.zeros(len(rows)), where=(softness > 0.0) & (rate > 0.0))
-        drag = float(self.frame.read(0, 0)["global_damping"][0])
-        return outer_steps(substeps, frame_dt / substeps, rates, rows["damping"].astype(np.float64), drag)
+        frame.substeps, frame.iterations, frame.safe_substeps = substeps, iterations, safe_substeps
 
     def make_ready(self) -> None:
         """Compile what only a rejected frame needs; another thread may do so meanwhile."""
@@ -351,17 +193,17 @@ class Batch:
             self._trial.make_ready()
 
     def advance(self, finer: int = 1) -> None:
-        """Simulate one frame, as `write_frame` was told last."""
+        """Simulate one frame, as `frame.write` was told last."""
+        frame = self.frame
         if self._trial is None:
-            self.executor.advance(finer * self.substeps, self.iterations, self._outer)
+            self.executor.advance(finer * frame.substeps, frame.iterations, frame.outer)
         else:
-            self._trial.advance(finer * self.substeps, self._outer, finer * self.safe_substeps)
+            self._trial.advance(finer * frame.substeps, frame.outer, finer * frame.safe_substeps)
 
     def upload(self) -> None:
         """Bring changed live numbers to the device."""
         self.frame.upload()
-        self.safe_frame.upload()
-        for rows in self._live:
+        for rows in self.live:
             rows.upload()
 
     def save(self) -> None:
@@ -382,7 +224,7 @@ class Batch:
         """The length of a substep changed: order 2 starts from its first-order substep again."""
         self.states["history"].zero_()
 
-    def _part(self, array: str, span: slice, world: int | None) -> wp.array:
+    def part(self, array: str, span: slice, world: int | None) -> wp.array:
         """(worlds, n) elements `span` of an array of the state, of one world or of all."""
         return self.states[array][worlds_of(world), span]
 

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.batch import Batch, Shared, goes_in_rows
+from cloth_sim_ros.sim.batch import Batch, Shared
+from cloth_sim_ros.sim.body_state import give, take
 from cloth_sim_ros.sim.checks import on_host
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.executors.block import capacity
+from cloth_sim_ros.sim.executors.choose import goes_in_rows
 from cloth_sim_ros.sim.forces import name_of
 from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
 from cloth_sim_ros.sim.meeting.together import Together
@@ -128,7 +130,7 @@ class Bodies:
                 for numbers in zip(*((c.substeps, c.iterations, c.safe_substeps) for c in chosen), strict=True)
             ]
             batch.set_substeps(*most)
-            batch.refresh_frame(self.settings.frame_dt)
+            batch.frame.refresh(self.settings.frame_dt)
 
     def choose_again(self) -> None:
         """Where method auto now takes another for an object, the device's side is built anew around the state."""
@@ -150,10 +152,10 @@ class Bodies:
 
     def _build_around(self, choices: dict[str, Choice]) -> None:
         """Everything on the device anew, with the state that there is."""
-        kept = {name: self.batch[name].take(name) for name in self.batch}
+        kept = {name: take(self.batch[name], name) for name in self.batch}
         self.build(choices)
         for name, state in kept.items():
-            self.batch[name].give(name, state)
+            give(self.batch[name], name, state)
         self._write_substeps()
 
     def twin(

@@ -169,6 +169,6 @@ class Reporter:
             **({"torn": batch.torn.count(b, world)} if batch.torn is not None else {}),
             "recoveries": recoveries,
             "redone": redone,
-            "substeps": batch.substeps,
-            "iterations": batch.iterations,
+            "substeps": batch.frame.substeps,
+            "iterations": batch.frame.iterations,
         }

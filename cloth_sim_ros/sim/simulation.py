@@ -222,7 +222,7 @@ class Simulation:
     def _upload(self, finer: int = 1) -> None:
         if finer != self._finer or self._bodies.frame.is_changed:
             for batch in self._bodies.batches:
-                batch.write_frame(self._bodies.settings.frame_dt, finer)
+                batch.frame.write(self._bodies.settings.frame_dt, finer)
             self._finer = finer
             self._bodies.frame.upload()
         self._bodies.colliders.upload()

@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.study.timing import frame_time, quartiles
 
 # Where a collider is: out of reach, or in the middle of the cloth.

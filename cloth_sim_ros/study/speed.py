@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.study import feature_costs
 from cloth_sim_ros.study.cases import Case
 from cloth_sim_ros.study.contenders import Run

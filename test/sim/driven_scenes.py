@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from cloth_sim_ros.sim import Box, Cloth, Handle, Rope, Scene, Settings, Simulation, Sphere, Winch, Wind
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 FRAMES = 30
 BALL = Sphere(position=(0.0, 0.1, 0.9), radius=0.15)

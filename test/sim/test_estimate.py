@@ -6,7 +6,7 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Scene, Simulation, Sphere
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 SHEET = Cloth(resolution=(9, 9), pins="top", thickness=0.045, stretch_compliance=1e-3, shear_compliance=1e-3)
 METHODS = {

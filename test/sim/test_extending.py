@@ -9,9 +9,9 @@ import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
-from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider, length
+from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.forces import FORCES
 
 

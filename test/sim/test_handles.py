@@ -7,7 +7,7 @@ from fixed_settings import fixed
 from scipy.optimize import brentq
 
 from cloth_sim_ros.sim import Cloth, Handle, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.quaternion import rotate
 
 WEIGHT = 0.2 * 9.81

@@ -28,8 +28,8 @@ from cloth_sim_ros.sim import (
     topology,
     wrench,
 )
-from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.sim.executors import block, graph
+from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.model import Features
 
 PLATE = {"bending": "dihedral", "bend_compliance": 1e2}

@@ -7,9 +7,9 @@ import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Mesh, Scene, SignedDistance, Simulation, Sphere, report
-from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.executors import block
+from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.model import Features
 
 trimesh = pytest.importorskip("trimesh")

@@ -6,8 +6,8 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Capsule, Cloth, Plane, Rope, Scene, Simulation, Sphere, bodies
-from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 WAYS = [
     (None, {"iterations": 3}),

@@ -6,7 +6,7 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Box, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.study.closed_forms import contact
 
 G = 9.81

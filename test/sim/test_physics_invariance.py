@@ -7,7 +7,7 @@ import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 SHEET = {"resolution": (12, 12), "position": (0.0, 0.0, 1.0), "pins": None, "damping": 1e-3}
 

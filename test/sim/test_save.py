@@ -6,7 +6,7 @@ import random
 import pytest
 from driven_scenes import BALL, CASES, FRAMES, contents, make, run, saved
 
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Handle, Plane, Rope, Scene, Settings, Simulation
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 GRAVITY, THICKNESS = 9.81, 0.004
 WAYS = [

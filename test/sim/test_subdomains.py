@@ -11,9 +11,9 @@ import warp as wp
 from scipy.spatial import Delaunay
 
 from cloth_sim_ros.sim import Box, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.executors import subdomain_kernels, subdomains
+from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.executors.subdomain_forces import InSubdomain, Widths
 from cloth_sim_ros.sim.executors.subdomain_kernels import make_kernels
 from cloth_sim_ros.sim.model import Features

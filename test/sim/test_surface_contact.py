@@ -6,7 +6,7 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Rope, Scene, Settings, Simulation, Sphere
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 HALF, THICKNESS, SPACING = np.array([0.3, 0.5, 0.2]), 0.02, 0.1  # a box whose corner is five times finer than the mesh
 

@@ -7,8 +7,8 @@ from fixed_settings import fixed
 from warp._src.context import ModuleBuilder  # the only way to see a source without compiling it
 
 from cloth_sim_ros.sim import Cloth, Handle, Readback, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.sim.executors.block import make_frame
+from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.quaternion import rotate
 

@@ -6,7 +6,7 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, EndReadback, Readback, Rope, Scene, Settings, Simulation, Wind
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.study.closed_forms.ropes import catenary_chain, catenary_points
 
 G = 9.81

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Sphere
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 SPEED, RADIUS, FRAMES = 20.0, 0.15, 60
 SHEET = Cloth(resolution=(20, 20), pins="edges", shear_compliance=1e-3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Box, Cloth, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 SPRINGS = {"stretch_compliance": 1e-3, "shear_compliance": 1e-3}
 MESH = Cloth.from_mesh(

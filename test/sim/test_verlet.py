@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.executors.trial import Trial
 from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.methods.limits import explicit_substeps

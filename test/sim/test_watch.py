@@ -8,7 +8,7 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Wind
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 SHORT = Rope(segments=8, stretch_compliance=1e-2)
 

@@ -9,8 +9,8 @@ from fixed_settings import fixed
 from scipy.integrate import solve_ivp
 
 from cloth_sim_ros.sim import Readback, Rope, Scene, Simulation, Winch
-from cloth_sim_ros.sim.batch import forced_executor
 from cloth_sim_ros.sim.executors import block
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 G = 9.81
 SEGMENTS, LENGTH, MASS = 64, 4.0, 0.4

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere
-from cloth_sim_ros.sim.batch import forced_executor
+from cloth_sim_ros.sim.executors.choose import forced_executor
 
 WEIGHT = 0.2 * 9.81
 WAYS = [

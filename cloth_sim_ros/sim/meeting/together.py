@@ -31,9 +31,10 @@ class Together:
             batch.executor = self._graph
 
     def advance(self, finer: int = 1) -> None:
-        """Simulate one frame of all, as their `write_frame` was told last."""
+        """Simulate one frame of all, as their frames were written last."""
         self._search.begin()
-        self._graph.advance(finer * self.batches[0].substeps, self.batches[0].iterations, 1)
+        frame = self.batches[0].frame
+        self._graph.advance(finer * frame.substeps, frame.iterations, 1)
 
     def report(self, name: str, world: int) -> dict[str, int]:
         """pairs and pairs_lost of all objects of a world, and crossings of this one; nothing of any other object."""

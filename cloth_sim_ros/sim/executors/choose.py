@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which executor advances the bodies of a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import warp as wp
+
+from cloth_sim_ros.sim.executors.block import Block, capacity, threads_for
+from cloth_sim_ros.sim.executors.graph import Graph, Member
+from cloth_sim_ros.sim.executors.subdomain_plan import Unfit
+from cloth_sim_ros.sim.executors.subdomains import Subdomains
+from cloth_sim_ros.sim.executors.vector_rows import VectorRows, fits_rows
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.state import Arrays
+from cloth_sim_ros.sim.topology import Topology
+
+Executor = Block | Graph | Subdomains | VectorRows
+_forced: str | None = None
+_BLOCK_OF_LINES, _GRAPH_OF_LINES = 1600, 160_000  # particles of a body and of all, on an H200
+
+
+@contextmanager
+def forced_executor(name: str | None) -> Iterator[None]:
+    """For tests and studies: batches that are built within have the executor "block", "graph" or "subdomains".
+
+    With None it is chosen, as without. Building a batch raises ValueError where a body does not fit a block of the
+    device, or subdomains cannot serve it.
+    """
+    global _forced
+    before, _forced = _forced, name
+    try:
+        yield
+    finally:
+        _forced = before
+
+
+def goes_in_rows(features: Features, topology: Topology, device: wp.Device) -> bool:
+    """Whether a body is computed in vector rows."""
+    return _forced is None and fits_rows(features, topology, device)
+
+
+def make_executor(
+    features: Features, worlds: list[Arrays], topologies: list[Topology], rows: bool, device: wp.Device
+) -> Executor:
+    """What advances bodies of equal `features`; rows: whether in vector rows."""
+    if rows:
+        return VectorRows(features, worlds, topologies, device)
+    counts = [len(topology.masses) for topology in topologies]
+    largest, limit = max(counts), capacity(device, features)
+    # A rope is short; in a block it also leaves the forces of the air behind, which its end wrenches need.
+    sheets = all(len(topology.triangles) for topology in topologies)
+    if _forced == "subdomains" or (_forced is None and device.is_cuda and sheets):
+        try:
+            return Subdomains(features, worlds, [topology.layout for topology in topologies], device)
+        except Unfit:
+            if _forced == "subdomains":
+                raise
+    if _forced == "block" and largest > limit:
+        raise ValueError(
+            f"the executor 'block' is forced on a body of {largest} particles; allowed are up to {limit} on "
+            f"{device.alias}"
+        )
+    # A line solve takes a warp: a launch of all lines on all multiprocessors beats one block, until there are many.
+    alone = device.is_cuda and features.lines and largest > _BLOCK_OF_LINES
+    spread = alone and sum(counts) * len(worlds) < _GRAPH_OF_LINES
+    return _block_or_graph(features, worlds, counts, _forced == "graph" or (spread and _forced is None), device)
+
+
+def make_safe_executor(
+    features: Features, worlds: list[Arrays], frames: wp.array, counts: list[int], device: wp.Device
+) -> Block | Graph:
+    """XPBD of first order for bodies whose explicit frame is rejected, in substeps as `frames` (worlds, 1) tell.
+
+    counts: how many particles each body has.
+    """
+    features = replace(features, method="xpbd", order=1, lines=True, redoes=True)
+    again = []
+    for w, world in enumerate(worlds):
+        arrays = Arrays()
+        for name in Arrays.vars:
+            setattr(arrays, name, getattr(world, name))
+        arrays.frames = frames[w]
+        again.append(arrays)
+    return _block_or_graph(features, again, counts, False, device)
+
+
+def _block_or_graph(
+    features: Features, worlds: list[Arrays], counts: list[int], spread: bool, device: wp.Device
+) -> Block | Graph:
+    """A block a body where they fit; launches of their own where they do not, or are to be `spread`."""
+    largest = max(counts)
+    if spread or largest > capacity(device, features):
+        return Graph([Member(features, worlds, device)], device)
+    return Block(features, worlds, device, largest, threads_for(features, largest, len(counts) * len(worlds), device))
