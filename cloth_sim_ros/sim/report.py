@@ -165,6 +165,7 @@ class Reporter:
             "max_strain": float(result[STRAIN]),
             "max_penetration": float(max(result[PARTICLES], result[SURFACE])),
             "particle_penetration": float(result[PARTICLES]),
+            "contacts": _contacts(arrays, span),
             "residual": float(result[RESIDUAL]),
             **({"torn": batch.torn.count(b, world)} if batch.torn is not None else {}),
             "recoveries": recoveries,
@@ -172,3 +173,12 @@ class Reporter:
             "substeps": batch.frame.substeps,
             "iterations": batch.frame.iterations,
         }
+
+
+def _contacts(arrays: Arrays, span: slice) -> int:
+    """How many particles colliders pushed in the last frame, of each collider."""
+    colliders = arrays.colliders.shape[0]
+    if not colliders:
+        return 0
+    forces = arrays.state.contact_forces[span.start * colliders : span.stop * colliders].numpy()
+    return int(np.count_nonzero(forces[:, :3].any(axis=1)))

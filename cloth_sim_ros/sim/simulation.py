@@ -289,18 +289,19 @@ class Simulation:
         return rows
 
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
-        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], particle_penetration [m], residual [m],
-        recoveries, redone, substeps, iterations, expected_error and bending_share. A rope also has max_tension,
+        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], particle_penetration [m], contacts, residual
+        [m], recoveries, redone, substeps, iterations, expected_error and bending_share. A rope also has max_tension,
         start_tension and end_tension [N]: of all, the first and the last of its segments. On a winch it has paid_out
         [m], pay_out [m/s] and winch_stopped, whether a limit of length holds it back. One that resists twist has twist
         [rad] from start to end and torsion [N m]. A sheet that tears has torn, the springs that failed.
 
         residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
         substep. max_penetration is how much deeper than the thickness the surface lies, and particle_penetration how
-        much deeper a particle does. recoveries counts how often the object was put back, at rest, to where it was last
-        good, because a particle was not finite or ran away. redone counts frames of explicit steps that were done again
-        by XPBD. expected_error is meant as solver.error is, for the world where it is largest. bending_share is the
-        share of a sheet's bending rigidity that acts.
+        much deeper a particle does. contacts counts particles that colliders push, or facets around them. recoveries
+        counts how often the object was put back, at rest, to where it was last good, because a particle was not finite
+        or ran away. redone counts frames of explicit steps that were done again by XPBD. expected_error is meant as
+        solver.error is, for the world where it is largest. bending_share is the share of a sheet's bending rigidity
+        that acts.
 
         Of what is kept apart from itself or others, pairs is how many corners and triangles, or edges, are near one
         another in the whole world. pairs_lost is for how many of them there was no room. crossings is how many edges of

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crossings import crossings, edges_and_triangles
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation
 
 GRAVITY = 9.81
 WAYS = [{}, {"order": 1, "substeps": 20, "iterations": 2}]
@@ -125,6 +125,15 @@ def test_a_rope_hangs_over_a_rope(device):
     assert min(apart) > 0.9 * 0.014
     assert apart[-1] == pytest.approx(0.014, rel=0.05)
     assert sim.positions("over")[[0, -1], 2].max() < -0.1, "its ends hang"
+
+
+def test_contacts_with_colliders_are_counted(device):
+    """A sheet lies on a floor, and nothing lies on a floor far below."""
+    sheet = Cloth(resolution=(6, 6), position=(0, 0, 0.006), pins=None)
+    for height, count in ((0.0, 36), (-5.0, 0)):
+        sim = Simulation(Scene({"it": sheet}, {"floor": Plane(position=(0, 0, height))}), device=device)
+        sim.step(20)
+        assert sim.report()["it"]["contacts"] == count
 
 
 def test_the_same_bits_again_and_in_many_worlds(device):
