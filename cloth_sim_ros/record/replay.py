@@ -90,7 +90,7 @@ class Replay:
         self.world = world
 
     def _end(self) -> None:
-        while self.world is not None and self.world.is_compiling:
+        while self.world is not None and self.world.compiling.is_running:
             time.sleep(0.05)
         self.world = None
 

@@ -133,7 +133,7 @@ class ClothSimNode(Node):
         for marker in message.markers:
             try:
                 if marker.action == Marker.DELETEALL:
-                    self._loop.submit(lambda: [world.take_away(name) for name in list(world.added)])
+                    self._loop.submit(lambda: [world.take_away(name) for name in list(world.added.colliders)])
                 elif marker.action == Marker.DELETE:
                     self._loop.submit(partial(world.take_away, name_of(marker)))
                 else:

@@ -57,7 +57,7 @@ class SimulationLoop:
         compiled."""
         self._stop.set()
         self._thread.join(timeout)
-        return not self._thread.is_alive() and not self.world.is_compiling
+        return not self._thread.is_alive() and not self.world.compiling.is_running
 
     def submit(self, command: Callable[[], Any]) -> Future:
         """Has `command` run at the start of the next frame; the future gives its result."""

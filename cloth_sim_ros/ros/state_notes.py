@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from cloth_sim_ros.ros.pose_track import Vector
 from cloth_sim_ros.sim import Simulation
-from cloth_sim_ros.sim.colliders.collider import Collider
 
 Rates = dict[str, tuple[float, float]]  # as Winches has them
 
@@ -46,12 +44,3 @@ def live_values(sim: Simulation, values: Mapping[str, Any]) -> dict[str, Any]:
         if now != before and not (numbers and np.array_equal(np.float32(now), np.float32(before))):
             found[name] = now
     return found
-
-
-def added_colliders(sim: Simulation, given: Collection[str]) -> dict[str, Collider]:
-    """The colliders of a simulation but those `given` by parameters, where they are."""
-    added = {name: collider for name, collider in sim.scene.colliders.items() if name not in given}
-    return {
-        name: replace(collider, position=sim.get(f"{name}.position"), orientation=sim.get(f"{name}.orientation"))
-        for name, collider in added.items()
-    }

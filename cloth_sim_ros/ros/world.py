@@ -3,23 +3,23 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import warp
 
 from cloth_sim_ros.ros import parameter_names as names
+from cloth_sim_ros.ros.added import Added
+from cloth_sim_ros.ros.compiling import Compiling
 from cloth_sim_ros.ros.feasibility import broken_meshes, check_solver
 from cloth_sim_ros.ros.frames import Followers, Frames
 from cloth_sim_ros.ros.grasps import Grasps
 from cloth_sim_ros.ros.grippers import Grippers, finger_names
 from cloth_sim_ros.ros.journal import Journal
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
-from cloth_sim_ros.ros.scene_plan import make_plan, placed
-from cloth_sim_ros.ros.state_notes import added_colliders, live_values, notes_of, read_notes
+from cloth_sim_ros.ros.scene_plan import make_plan
+from cloth_sim_ros.ros.state_notes import live_values, notes_of, read_notes
 from cloth_sim_ros.ros.told import Told
 from cloth_sim_ros.ros.winches import Winches
 from cloth_sim_ros.sim import Simulation
@@ -44,7 +44,7 @@ class World:
         self.tracks = {name: PoseTrack(pose, values["pose_timeout"]) for name, pose in poses.items()}
         self.grasps = Grasps(log)
         self._followers = Followers(frames or Frames(values["frame_id"]), log)
-        self.added: dict[str, Collider] = {}  # colliders by topic, where they are
+        self.added = Added()
         self.values: Mapping[str, Any] = values  # as they were when the simulation was built
         self.in_effect: Mapping[str, Any] = values  # with the live changes since then that the simulation took
         self.estimates: dict[str, float] = {}  # name -> error [m] of the last frame that was judged
@@ -54,7 +54,7 @@ class World:
         self._wind: Vector | None = None  # set by topic since the parameter was last set
         self._winches = Winches(log)
         self.grippers = Grippers()
-        self._compiling: threading.Thread | None = None
+        self.compiling = Compiling(log)
         self._log = log
 
     def build(self, values: Mapping[str, Any]) -> bool:
@@ -85,30 +85,15 @@ class World:
         if self._wind is not None and sim.scene.wind is not None:
             sim.set_wind(self._wind)
         self._winches.drive(sim)
-        for name, collider in self.added.items():
-            sim.add_collider(name, collider)
+        self.added.put_all(sim)
         sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
         self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
         self.estimates, self._unjudged = {}, 0.0
         self.grasps.tell_empty(sim, values)
         self._told.forget_reasons()
         self._told.reasons(self.sim)
-        self._compile_rest(sim)
+        self.compiling.start(sim)
         return True
-
-    def _compile_rest(self, sim: Simulation) -> None:
-        self._compiling = threading.Thread(target=self._compile, args=(sim,), name="compiling", daemon=True)
-        self._compiling.start()
-
-    def _compile(self, sim: Simulation) -> None:
-        """What rare frames need, so that none of them waits for it; in a thread of its own."""
-        sim.make_ready()
-        self._log.info("all kernels are compiled")
-
-    @property
-    def is_compiling(self) -> bool:
-        """Whether kernels that rare frames need are still being compiled, in a thread of their own."""
-        return self._compiling is not None and self._compiling.is_alive()
 
     def _keep_states(self, sim: Simulation, values: Mapping[str, Any]) -> None:
         """Objects whose structure is as it was go on from where they are."""
@@ -197,27 +182,17 @@ class World:
 
     def poses(self) -> dict[str, Pose | Collider]:
         """Where colliders and handles are: what has a position and an orientation, by name."""
-        return {**{name: track.pose for name, track in self.tracks.items()}, **self.added}
+        return {**{name: track.pose for name, track in self.tracks.items()}, **self.added.colliders}
 
     def put(self, name: str, collider: Collider) -> tuple[bool, str]:
         """Adds a collider, or moves one that was added; whether that can be, and why not."""
         self.journal.note("put", name, collider)
-        before = self.added.get(name)
-        try:
-            if self.sim is not None and before is not None and replace(before, **placed(collider)) == collider:
-                self.sim.set_collider_pose(name, collider.position, collider.orientation)
-            elif self.sim is not None:
-                self.sim.add_collider(name, collider)
-        except ValueError as error:
-            return False, str(error)
-        self.added[name] = collider
-        return True, ""
+        return self.added.put(self.sim, name, collider)
 
     def take_away(self, name: str) -> None:
         """Takes a collider away that was added, if there is one of this name."""
         self.journal.note("take_away", name)
-        if self.added.pop(name, None) is not None and self.sim is not None:
-            self.sim.remove_collider(name)
+        self.added.take_away(self.sim, name)
 
     def attach(self, handle: str, on: bool) -> tuple[bool, str]:
         """Has a handle grasp or let go; whether it did, and one sentence about it."""
@@ -293,14 +268,14 @@ class World:
         self.in_effect = {**self.in_effect, **values}
         for name in {*self.sim.scene.colliders, *self.sim.scene.handles} & set(self.tracks):
             self.tracks[name].rest(Pose(self.sim.get(f"{name}.position"), self.sim.get(f"{name}.orientation")))
-        self.added = added_colliders(self.sim, self.tracks)
+        self.added.look(self.sim, self.tracks)
         self.journal.cut()
         self._told.know(self.sim.report())
         self.grasps.look(self.sim)
         self.estimates = {}
         self._told.reasons(self.sim)
         if self.sim.builds != builds:
-            self._compile_rest(self.sim)
+            self.compiling.start(self.sim)
         return True, f"the simulation goes on at {self.sim.time:.6g} s from {path}", values
 
     def report(self) -> dict[str, dict[str, float]]:

@@ -42,7 +42,7 @@ def loop():
     loop.start()
     wait_for(lambda: sent)
     yield loop
-    wait_for(lambda: not loop.world.is_compiling)
+    wait_for(lambda: not loop.world.compiling.is_running)
     assert loop.stop()
 
 
