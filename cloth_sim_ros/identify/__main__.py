@@ -25,6 +25,7 @@ def main() -> int:
     parser.add_argument("--fit", nargs="+", required=True, metavar="NAME[=LOW:HIGH]", help="live numbers to be found")
     parser.add_argument("--worlds", type=int, default=64, help="candidates at a time")
     parser.add_argument("--device", help="cpu, cuda:0 or auto; else the file's")
+    parser.add_argument("--ray", metavar="local|ADDRESS", help="spread candidates over a cluster: its GPUs, else CPUs")
     parser.add_argument("--seed", type=int, default=0, help="of the first candidates")
     parser.add_argument("--output", type=Path, help="YAML with what was found; else SCENE_identified.yaml; .png beside")
     arguments = parser.parse_args()
@@ -41,7 +42,8 @@ def run(arguments: argparse.Namespace) -> Estimate:
     """Find, tell, draw and write. Raises ValueError in one sentence."""
     plan, recording = read_plan(arguments.scene), Recording.read(arguments.recording)
     device = arguments.device or plan.device
-    candidates = Candidates(plan.scene, plan.settings, recording, arguments.fit, arguments.worlds, device)
+    given = (plan.scene, plan.settings, recording, arguments.fit, arguments.worlds, device)
+    candidates = _spread(arguments.ray, given) if arguments.ray else Candidates(*given)
     if sys.stderr.isatty():
         candidates.told = _Progress(candidates)
     start, found = identify(candidates, arguments.seed)
@@ -54,6 +56,14 @@ def run(arguments: argparse.Namespace) -> Estimate:
     print(f"\33[2K{candidates.sim.method}" if sys.stderr.isatty() else candidates.sim.method)
     print(*sentences(candidates, found), f"written: {path} and {path.with_suffix('.png')}", sep="\n")
     return found
+
+
+def _spread(address: str, given: tuple) -> Candidates:
+    try:
+        from cloth_sim_ros.identify.cluster import Spread
+    except ImportError:
+        raise ValueError("--ray needs the package ray; allowed is pip install 'cloth_sim_ros[cluster]'") from None
+    return Spread(address, *given)
 
 
 class _Progress:

@@ -94,11 +94,11 @@ class Candidates:
 
     def squares(self, units: np.ndarray) -> np.ndarray:
         """(K,) sums of squared residuals [m^2] of candidates (K, P); infinite where a world was put back."""
-        return np.concatenate([self._run(units[k : k + self.sim.worlds], False) for k in self._starts(units)])
+        return np.concatenate(self._all(self._parts(units), False))
 
     def residuals(self, units: np.ndarray) -> np.ndarray:
         """(K, n) residuals [m] of candidates (K, P), over all frames of the recording."""
-        return np.concatenate([self._run(units[k : k + self.sim.worlds], True) for k in self._starts(units)])
+        return np.concatenate(self._all(self._parts(units), True))
 
     def error(self, units: np.ndarray) -> np.ndarray:
         """(n,) by how much the residuals of one candidate (P,) change towards ever more substeps, by Richardson."""
@@ -119,11 +119,30 @@ class Candidates:
         for observer, rows in zip(self._observers, self.by_frame(self.residuals(units[None])[0]), strict=True):
             observer.settle(rows)
 
-    def _starts(self, units: np.ndarray) -> range:
-        return range(0, len(units), self.sim.worlds)
+    @property
+    def how(self) -> tuple[int, list[tuple[float, float]]]:
+        """How candidates are judged now: in how many substeps, and by what distances of points are worth."""
+        return self.sim.settings.substeps, [each.worth for each in self._observers]
 
-    def _run(self, units: np.ndarray, keep: bool) -> np.ndarray:
-        """Simulate at most `worlds` candidates side by side; those that are fewer are filled up by the last."""
+    @how.setter
+    def how(self, value: tuple[int, list[tuple[float, float]]]) -> None:
+        if value[0] != self.sim.settings.substeps:
+            self.sim.set("solver.substeps", value[0])
+        for observer, worth in zip(self._observers, value[1], strict=True):
+            observer.worth = worth
+
+    def _parts(self, units: np.ndarray) -> list[np.ndarray]:
+        return [units[k : k + self.sim.worlds] for k in range(0, len(units), self.sim.worlds)]
+
+    def _all(self, parts: list[np.ndarray], keep: bool) -> list[np.ndarray]:
+        """What `run` finds for each part."""
+        return [self.run(part, keep) for part in parts]
+
+    def run(self, units: np.ndarray, keep: bool) -> np.ndarray:
+        """Simulate at most `worlds` candidates (K, P) side by side; those that are fewer are filled up by the last.
+
+        Returns their residuals (K, n) [m] or, unless they are to be kept, the sums of their squares (K,) [m^2].
+        """
         values = self.values(units)
         rows = np.minimum(np.arange(self.sim.worlds), len(values) - 1)
         self.sim.reset()

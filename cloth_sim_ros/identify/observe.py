@@ -129,7 +129,8 @@ class Observer:
         self._last = [wp.zeros((*self._shape, 3), dtype=float, device=self._device) for _ in range(2)]
         self._places = wp.zeros(self._shape, dtype=wp.vec3, device=self._device)
         self._seen = wp.array(seen.astype(np.float32), dtype=wp.vec3, device=self._device)
-        self._count, self._cap, self._weight = seen.shape[1], 1e15, 1.0
+        self._count = seen.shape[1]
+        self.worth = (1e15, 1.0)  # how far a particle from points counts at most [m], and times what; see settle
         self.size = 3 * self._count if ordered else self._count + self._shape[1]
         self._out = wp.zeros((sim.worlds, self.size), dtype=float, device=self._device)
         self._elements, self._start, self._around = (
@@ -141,12 +142,13 @@ class Observer:
         """Judge by residuals (F, size) of a good candidate how much distances of particles from points are worth."""
         if self._ordered:
             return
+        cap, weight = self.worth
         there = np.isfinite(self._seen.numpy()[:, :, 0])
         points = residuals[:, : self._count][there]
-        particles = residuals[:, self._count :][there.any(axis=1)] / self._weight
-        self._cap = min(self._cap, _FAR * float(np.median(particles)))
-        rms = [float(np.sqrt((rows**2).mean())) for rows in (points, np.minimum(particles, self._cap))]
-        self._weight = min(1.0, _AXES * rms[0] / max(rms[1], 1e-30))
+        particles = residuals[:, self._count :][there.any(axis=1)] / weight
+        cap = min(cap, _FAR * float(np.median(particles)))
+        rms = [float(np.sqrt((rows**2).mean())) for rows in (points, np.minimum(particles, cap))]
+        self.worth = cap, min(1.0, _AXES * rms[0] / max(rms[1], 1e-30))
 
     def _now(self) -> list[wp.array]:
         return [self._sim.tensor(self._name, what) for what in ("positions", "velocities")]
@@ -167,7 +169,7 @@ class Observer:
         else:
             surface = [self._elements, self._start, self._around]
             self._launch(off_surface, self._count, [self._places, seen, *surface, self._out])
-            inputs = [self._places, seen, self._cap, self._weight, self._count, self._out]
+            inputs = [self._places, seen, *self.worth, self._count, self._out]
             self._launch(off_points, self._shape[1], inputs)
         return self._out.numpy().copy()
 

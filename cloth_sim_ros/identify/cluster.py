@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Candidates spread over the GPUs or CPUs of a cluster by Ray, which does again what is lost with a worker."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import uuid
+from collections.abc import Sequence
+
+import numpy as np
+import ray
+import warp as wp
+
+from cloth_sim_ros.identify.candidates import Candidates
+from cloth_sim_ros.identify.recording import Recording
+from cloth_sim_ros.sim import Scene, Settings
+
+_RETRIES = 10  # of a batch whose worker died
+_PATIENCE = 5.0  # [s] for an answer of a cluster
+_ALLOWED = "allowed is 'local' or HOST:PORT"
+_built: dict[str, Candidates] = {}  # of a worker, which keeps what it has built for the batches that follow
+
+
+def run_batch(key: str, given: tuple, how: tuple, units: np.ndarray, keep: bool) -> np.ndarray:
+    """What `Candidates(*given).run` finds for a batch, judged `how`; `key` says whether they are those of last time."""
+    if key not in _built:
+        wp.config.log_level = wp.LOG_WARNING
+        _built.clear()
+        _built[key] = Candidates(*given)
+    _built[key].how = how
+    return _built[key].run(units, keep)
+
+
+@ray.remote(max_retries=_RETRIES)
+def _run(*arguments):
+    """`run_batch` in a worker, which imports it: Ray copies a function with all globals that it names."""
+    from cloth_sim_ros.identify.cluster import run_batch
+
+    return run_batch(*arguments)
+
+
+class Spread(Candidates):
+    """The same, `worlds` candidates at a time on each GPU of a cluster at `address`, or on each CPU core where there is
+    no GPU or `device` is "cpu"; "local" makes a cluster of this machine.
+
+    What a batch is and finds does not depend on how many there are, nor on which does it. Raises ValueError where there
+    is no cluster.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        scene: Scene,
+        settings: Settings,
+        recording: Recording,
+        fit: Sequence[str],
+        worlds: int,
+        device: str,
+    ) -> None:
+        super().__init__(scene, settings, recording, fit, worlds, device)
+        if not ray.is_initialized():
+            _join(address)
+        gpus = device != "cpu" and ray.cluster_resources().get("GPU", 0) > 0
+        given = (scene, self.settings, recording, list(fit), worlds, "cuda:0" if gpus else "cpu")
+        self._key, self._given = uuid.uuid4().hex, ray.put(given)
+        self._task = _run.options(num_gpus=1) if gpus else _run.options(num_cpus=1)
+
+    def _all(self, parts: list[np.ndarray], keep: bool) -> list[np.ndarray]:
+        """What `run` finds for each part, in their order."""
+        how = ray.put(self.how)
+        tasks = [self._task.remote(self._key, self._given, how, part, keep) for part in parts]
+        waiting = tasks
+        while waiting:
+            done, waiting = ray.wait(waiting)
+            self.frames += self.length * len(done)
+            self.told(self.frames)
+        return ray.get(tasks)
+
+
+def _join(address: str) -> None:
+    """Raises ValueError where there is no cluster at an address."""
+    if address != "local":
+        host, _, port = address.removeprefix("ray://").rpartition(":")
+        try:  # Ray itself tries for minutes
+            socket.create_connection((host, int(port)), timeout=_PATIENCE).close()
+        except (OSError, ValueError, OverflowError) as problem:
+            raise ValueError(f"there is no cluster at {address!r}: {problem}; {_ALLOWED}") from None
+    try:
+        options = {"include_dashboard": False} if address == "local" else {}
+        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **options)
+    except (ConnectionError, RuntimeError, ValueError) as problem:
+        first = str(problem).splitlines()[0]
+        raise ValueError(f"there is no cluster at {address!r}: {first}; {_ALLOWED}") from None
