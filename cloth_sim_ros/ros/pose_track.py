@@ -13,7 +13,9 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -25,6 +27,11 @@ class Pose:
 
     position: Vector
     orientation: Quaternion
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], name: str) -> Pose:
+        """The pose of something by its parameters."""
+        return cls(values[f"{name}.position"], values[f"{name}.orientation"])
 
 
 class PoseTrack:

@@ -23,6 +23,13 @@ class Told:
         self._recoveries: dict[str, float] = {}
         self._torn: dict[str, float] = {}
 
+    def say(self, is_good: bool, sentence: str) -> None:
+        """One sentence, as a warning where it is not good."""
+        if is_good:  # a line of code logs with one severity alone
+            self._log.info(sentence)
+        else:
+            self._log.warning(sentence)
+
     def forget_reasons(self) -> None:
         """A new simulation says of every object how it is computed."""
         self._reasons.clear()
@@ -33,10 +40,7 @@ class Told:
             softer = choice.bending_share < 1.0
             told = (choice.words, choice.substeps, softer)
             if self._reasons.get(name) != told and (softer or sim.settings.method == "auto"):
-                if softer:  # a line of code logs with one severity alone
-                    self._log.warning(f"{name} {choice.reason}")
-                else:
-                    self._log.info(f"{name} {choice.reason}")
+                self.say(not softer, f"{name} {choice.reason}")
             self._reasons[name] = told
 
     def report(self, report: Report, values: Mapping[str, Any]) -> None:

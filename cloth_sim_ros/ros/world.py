@@ -39,7 +39,7 @@ class World:
         self.resets = 0
         self.simulated = 0.0  # [s] in all, through resets and rebuilds
         moved = (*values["colliders"], *values["handles"], *values["grippers"])
-        poses = {name: _pose(values, name) for name in moved}
+        poses = {name: Pose.of(values, name) for name in moved}
         poses |= dict.fromkeys(finger_names(values["grippers"]), Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
         self.tracks = {name: PoseTrack(pose, values["pose_timeout"]) for name, pose in poses.items()}
         self.grasps = Grasps(log)
@@ -116,7 +116,7 @@ class World:
             for track in self.tracks.values():
                 track.timeout = value
         elif owner in self.tracks and field in ("position", "orientation"):
-            self.tracks[owner].place(_pose(values, owner))
+            self.tracks[owner].place(Pose.of(values, owner))
         elif owner in values["grippers"]:
             self.grippers.set_parameter(self.sim, owner, field, value)
         else:
@@ -135,11 +135,7 @@ class World:
         owner, _, field = name.rpartition(".")
         try:
             if owner in self.sim.scene.handles and field == "attached":
-                done, sentence = self.grasps.set(self.sim, owner, value)
-                if done:  # a line of code logs with one severity alone
-                    self._log.info(sentence)
-                else:
-                    self._log.warning(sentence)
+                self._told.say(*self.grasps.set(self.sim, owner, value))
             else:
                 self.sim.set(name, value)
             self._told.reasons(self.sim)
@@ -298,10 +294,6 @@ class World:
     def finish(self) -> None:
         """Waits until the device has done all that was asked of it."""
         warp.synchronize_device(self.sim.device)
-
-
-def _pose(values: Mapping[str, Any], collider: str) -> Pose:
-    return Pose(values[f"{collider}.position"], values[f"{collider}.orientation"])
 
 
 def _structure(values: Mapping[str, Any], name: str) -> dict[str, Any]:
