@@ -11,25 +11,22 @@ A mesh that is curved at rest is unfolded about the edges of its triangles. H is
 coordinates: at rest it is along the normal of the triangle.
 
 A *turn* is the difference of the slopes of two neighbouring triangles along n: a vector, linear in the positions.
-All arrays (T, 3) of edges hold at [t, c] the edge of triangle t opposite its corner c.
+Arrays (T, 3) of edges are as plate_mesh.py has them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cloth_sim_ros.sim.topology.elements import Plate, PlateParts
+from cloth_sim_ros.sim.topology.plate_mesh import LAST, NEXT, Mesh
 
 _FLAT = 1e-6  # turns at rest [-] below which a mesh is flat
-_SLIVER = 1e-3  # least height of a triangle over its longest edge; across thinner ones the sheet is hinged
 _EXACT = 1e-9  # error of a slope [-], or part of a weight, that counts as rounding
 # Eigenvalues below this share of the largest: the vertices do not tell that curvature from others. At 1e-3 a few edges
 # of jittered meshes made omega^2 of the fastest mode eight times as large; cantilevers sag alike from 1e-6 to 0.05.
 _SINGULAR = 1e-2
 _NOTHING = 1e-13  # share of the largest weight below which a weight is rounding
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
 def of_triangles(points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray, tears: bool = False) -> Plate | None:
@@ -39,7 +36,7 @@ def of_triangles(points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray, 
     moment. A triangle of three pinned particles is a clamp: it does not bend, and its neighbours start with its slope.
     With `tears` it is told which triangle each part of a weight is of.
     """
-    mesh = _Mesh.of(points, triangles, pinned)
+    mesh = Mesh.of(points, triangles, pinned)
     if not mesh.bends.any():
         return None
     correction = _correction(mesh)
@@ -61,92 +58,13 @@ def of_triangles(points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray, 
     return Plate(neighbours, rows, stencil[curved].astype(np.int32), gradients, of)
 
 
-def _needs(mesh: _Mesh) -> np.ndarray:
+def _needs(mesh: Mesh) -> np.ndarray:
     """(T, 13) triangles: itself, its neighbours and theirs."""
     near = mesh.twin // 3
     return np.concatenate([np.arange(len(near))[:, None], near, near[near].reshape(len(near), -1)], axis=1)
 
 
-@dataclass(frozen=True)
-class _Mesh:
-    """Triangles at rest, each in its own plane, and their neighbours.
-
-    triangles (T, 3). area (T,) [m^2], normal (T, 3). along, out (T, 3, 2): unit vectors of an edge and its outward
-    normal in axes of the triangle. length, height (T, 3) [m]: of edge and corner. foot (T, 3): where the height meets
-    the edge, 0 at its start, 1 at its end. twin (T, 3): the same edge of the neighbour as 3 t + c, itself on a border.
-    turned (T, 3): whether the neighbour runs along that edge in the other direction, as in a mesh of one orientation.
-    bends (T, 3): whether the triangle bends at an edge; clamped (T, 3): whether the neighbour there is a clamp.
-    """
-
-    triangles: np.ndarray
-    area: np.ndarray
-    normal: np.ndarray
-    along: np.ndarray
-    out: np.ndarray
-    length: np.ndarray
-    height: np.ndarray
-    foot: np.ndarray
-    twin: np.ndarray
-    turned: np.ndarray
-    bends: np.ndarray
-    clamped: np.ndarray
-
-    @classmethod
-    def of(cls, points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray) -> _Mesh:
-        corners = points[triangles]
-        edge = corners[:, _LAST] - corners[:, _NEXT]
-        length = np.linalg.norm(edge, axis=2)
-        normal = np.cross(edge[:, 2], -edge[:, 1])
-        double = np.linalg.norm(normal, axis=1)
-        longest = length.max(axis=1)
-        sound = double > _SLIVER * longest**2
-        length = np.where(sound[:, None], length, 1.0)
-        double = np.where(sound, double, 1.0)
-        unit = edge / length[:, :, None]
-        normal = normal / double[:, None]
-        x = unit[:, 0]
-        y = np.cross(normal, x)
-        along = np.stack([(unit * x[:, None]).sum(2), (unit * y[:, None]).sum(2)], axis=2)
-        out = np.stack([along[:, :, 1], -along[:, :, 0]], axis=2)
-        foot = ((corners - corners[:, _NEXT]) * unit).sum(2) / length
-        twin = _twins(triangles, len(points))
-        start, other = triangles[:, _NEXT], triangles[:, _NEXT].ravel()[twin]
-        inner = twin != np.arange(twin.size).reshape(-1, 3)
-        there = twin // 3
-        clamp = pinned[triangles].all(axis=1)
-        bends = inner & (sound & ~clamp)[:, None] & sound[there]
-        return cls(
-            triangles,
-            0.5 * double,
-            normal,
-            along,
-            out,
-            length,
-            double[:, None] / length,
-            foot,
-            twin,
-            start != other,
-            bends,
-            bends & clamp[there],
-        )
-
-    def beyond(self, values: np.ndarray) -> np.ndarray:
-        """What the neighbours at the edges have of `values` (T, 3, ...)."""
-        return values.reshape(-1, *values.shape[2:])[self.twin]
-
-
-def _twins(triangles: np.ndarray, count: int) -> np.ndarray:
-    """The same edge of the neighbouring triangle (T, 3) as 3 t + c; the edge itself on a border."""
-    ends = np.sort(np.stack([triangles[:, _NEXT], triangles[:, _LAST]], axis=2).reshape(-1, 2).astype(np.int64), axis=1)
-    key = ends[:, 0] * count + ends[:, 1]
-    order = np.argsort(key, kind="stable")
-    pair = np.flatnonzero(key[order[1:]] == key[order[:-1]])
-    twin = np.arange(len(key))
-    twin[order[pair]], twin[order[pair + 1]] = order[pair + 1], order[pair]
-    return twin.reshape(-1, 3)
-
-
-def _moments(mesh: _Mesh) -> tuple[np.ndarray, np.ndarray]:
+def _moments(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """What a turn is, and by how much the slope of `_slopes` is wrong without correction, for a quadratic.
 
     Both (T, 3, 3) [m]: the factors of H_tt, H_tn, H_nn in axes along the edge and out of the triangle.
@@ -163,7 +81,7 @@ def _moments(mesh: _Mesh) -> tuple[np.ndarray, np.ndarray]:
     return turn, error
 
 
-def _correction(mesh: _Mesh) -> np.ndarray:
+def _correction(mesh: Mesh) -> np.ndarray:
     """Factors (T, 3, 5) of turns that make the slopes at edges exact for quadratics; zero where they are already.
 
     The turns are that of the edge itself, of the two edges after it in the triangle, and in the neighbour. Of all
@@ -193,7 +111,7 @@ def _correction(mesh: _Mesh) -> np.ndarray:
 
 
 def _seen_from(
-    mesh: _Mesh, turn: np.ndarray, half: np.ndarray, step: int, t_sign: np.ndarray, n_sign: np.ndarray
+    mesh: Mesh, turn: np.ndarray, half: np.ndarray, step: int, t_sign: np.ndarray, n_sign: np.ndarray
 ) -> np.ndarray:
     """Moments (E, 3) of the turn at the edge `step` corners after edge `half` (E,), in axes of `half` times the signs.
     They are zero where the triangle does not bend at that edge."""
@@ -214,7 +132,7 @@ def _seen_from(
     return np.where(mesh.bends.ravel()[edge, None], seen, 0.0)
 
 
-def _turns(mesh: _Mesh) -> np.ndarray:
+def _turns(mesh: Mesh) -> np.ndarray:
     """Weights (T, 3, 4) of turns at the corners of the triangle and at the neighbour's; zero where it does not bend."""
     result = np.zeros((len(mesh.triangles), 3, 4))
     far = mesh.beyond(mesh.foot)
@@ -223,12 +141,12 @@ def _turns(mesh: _Mesh) -> np.ndarray:
     for c in range(3):
         result[:, c, c] = near[:, c]
         result[:, c, 3] = beyond[:, c]
-        result[:, c, _NEXT[c]] = -(1.0 - mesh.foot[:, c]) * near[:, c] - (1.0 - far[:, c]) * beyond[:, c]
-        result[:, c, _LAST[c]] = -mesh.foot[:, c] * near[:, c] - far[:, c] * beyond[:, c]
+        result[:, c, NEXT[c]] = -(1.0 - mesh.foot[:, c]) * near[:, c] - (1.0 - far[:, c]) * beyond[:, c]
+        result[:, c, LAST[c]] = -mesh.foot[:, c] * near[:, c] - far[:, c] * beyond[:, c]
     return np.where(mesh.bends[:, :, None], result, 0.0)
 
 
-def _slopes(mesh: _Mesh, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _slopes(mesh: Mesh, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (T, S) and weights (T, 3, S) of l psi at the edges of a triangle.
 
     The vertices: its own three, the neighbours' three, and, where there is a correction, six beyond those.
@@ -249,8 +167,8 @@ def _slopes(mesh: _Mesh, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray
             continue
         there, corner = mesh.twin[:, c] // 3, mesh.twin[:, c] % 3
         rows, turned = np.arange(count), mesh.turned[:, c]
-        start = np.where(turned, _LAST[c], _NEXT[c])  # where the neighbour's edge begins and ends
-        end = np.where(turned, _NEXT[c], _LAST[c])
+        start = np.where(turned, LAST[c], NEXT[c])  # where the neighbour's edge begins and ends
+        end = np.where(turned, NEXT[c], LAST[c])
         for step in (1, 2):
             edge = (corner + step) % 3
             weights = turns[there, edge]
@@ -263,7 +181,7 @@ def _slopes(mesh: _Mesh, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return stencil, slopes * mesh.length[:, :, None]
 
 
-def _at_rest(mesh: _Mesh, stencil: np.ndarray, slopes: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _at_rest(mesh: Mesh, stencil: np.ndarray, slopes: np.ndarray, points: np.ndarray) -> np.ndarray:
     """l psi (T, 3) [m] at rest along the normals of triangles; takes what lies in their planes out of `slopes`.
 
     That part is a combination of the triangle's own edges, and the Hessian of a curved surface in its own coordinates
@@ -272,14 +190,14 @@ def _at_rest(mesh: _Mesh, stencil: np.ndarray, slopes: np.ndarray, points: np.nd
     rest = slopes @ points[stencil]
     normal = (rest * mesh.normal[:, None, :]).sum(2)
     inside = rest - normal[:, :, None] * mesh.normal[:, None, :]
-    edge = points[mesh.triangles[:, _LAST]] - points[mesh.triangles[:, _NEXT]]
+    edge = points[mesh.triangles[:, LAST]] - points[mesh.triangles[:, NEXT]]
     outward = np.cross(edge, mesh.normal[:, None, :]) / mesh.length[:, :, None]
     part = -(inside @ outward.transpose(0, 2, 1)) / mesh.height[:, None, :]
     slopes[:, :, :3] -= np.where(np.abs(part) > _EXACT, part, 0.0)
     return normal
 
 
-def _stiffness(mesh: _Mesh) -> np.ndarray:
+def _stiffness(mesh: Mesh) -> np.ndarray:
     """(T, 3, 3) [1/m^2]: A |H|^2 as a quadratic form of l psi at the edges, the least over the slopes at free edges."""
     gram = (mesh.out @ mesh.out.transpose(0, 2, 1)) ** 2
     free = ~mesh.bends
