@@ -2,8 +2,8 @@
 """The public face: a scene and settings on a device, advanced frame by frame and read back by name.
 
 A Simulation is composed of parts: Bodies (how objects are computed, and where), Queries (what is read of them), Ropes
-(the same of ropes alone), Hands (what handles hold), Live (what may change while it runs), Tensors (all worlds at once)
-and Saving (its state in a file). Here are time and state.
+(the same of ropes alone), Hands (what handles hold), Live (what may change while it runs), Placing (where objects are
+put), Cuts (what is cut), Tensors (all worlds at once) and Saving (its state in a file). Here are time and state.
 """
 
 from __future__ import annotations
@@ -14,28 +14,21 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from cloth_sim_ros.sim.bodies import Bodies
-from cloth_sim_ros.sim.checks import finite_array
 from cloth_sim_ros.sim.cuts import Cuts
 from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live import Live, compliances_of
-from cloth_sim_ros.sim.live_array import Some
 from cloth_sim_ros.sim.live_values import live_value
-from cloth_sim_ros.sim.methods.choose import is_strained
 from cloth_sim_ros.sim.objects import Rope
+from cloth_sim_ros.sim.placing import Placing
 from cloth_sim_ros.sim.queries import Queries
 from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.rope_queries import Ropes
 from cloth_sim_ros.sim.saving import Saving
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
-from cloth_sim_ros.sim.starts import off_symmetry
 from cloth_sim_ros.sim.tensors import Tensors
-
-_FAR = 1e6  # [m] the largest coordinate that positions may be given in
-_FAST = 1e6  # [m/s] the same of velocities
 
 
 def _of(part: str, method: Callable) -> Callable:
@@ -71,6 +64,7 @@ class Simulation:
         self._tensors = Tensors(self._bodies, self._queries.loads, self._hands.loads, self._ropes)
         self._saving = Saving(self._bodies, self._hands)
         self._cuts = Cuts(self._bodies)
+        self._placing = Placing(self._bodies, self._queries, self._hands)
         for name, thing in scene.objects.items():
             self._ropes.check_rope(name, thing)
         materials = {name: (compliances_of(thing), thing.damping) for name, thing in scene.objects.items()}
@@ -92,6 +86,8 @@ class Simulation:
     springs, torn = _of("_queries", Queries.springs), _of("_queries", Queries.torn)
     tears, panels_left = _of("_queries", Queries.tears), _of("_queries", Queries.panels_left)
     cut = _of("_cuts", Cuts.cut)
+    set_positions = _of("_placing", Placing.set_positions)
+    set_velocities = _of("_placing", Placing.set_velocities)
     positions = _of("_queries", Queries.positions)
     velocities = _of("_queries", Queries.velocities)
     device_arrays = _of("_queries", Queries.device_arrays)
@@ -233,60 +229,7 @@ class Simulation:
     def take_over(self, name: str, other: Simulation) -> None:
         """An object goes on, in all worlds, from where it is in the first world of another simulation. That one has to
         have it with the same structure. It keeps positions, velocities, what a winch has paid out and the twist."""
-        batch, source = self._bodies.batch[name], other._bodies.batch[name]
-        if batch.features.winch:
-            batch.write_body("reels", name, source.read_body("reels", name, 0))
-        rows = other.positions(name)
-        self._leave_if_strained(name, rows)
-        self._write_positions(name, rows, None)
-        self.set_velocities(name, other.velocities(name))
-        if batch.torn is not None and source.torn is not None:
-            batch.torn.write(batch.index[name], source.torn.read(source.index[name], 0))
-        if batch.features.twist:
-            batch.write_body("twists", name, source.read_body("twists", name, 0))
-        if batch.features.handles and source.features.handles:
-            self._hands.take_over(name, other._hands)
-
-    def set_positions(self, name: str, positions: Any, world: Any = None) -> None:
-        """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew.
-
-        Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
-        """
-        rows, some = self._rows(name, positions, "positions", _FAR), self._bodies.some(world)
-        strained = self._leave_if_strained(name, rows)
-        if strained and self._bodies.elastic[name].reel is None:  # what is on a drum stays there
-            rows = off_symmetry(self._bodies.elastic[name], rows)
-        self._write_positions(name, rows, some)
-
-    def _write_positions(self, name: str, rows: np.ndarray, some: Some) -> None:
-        values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
-        self._bodies.batch[name].write_positions(name, values, self._bodies.chosen(some))
-
-    def _leave_if_strained(self, name: str, rows: np.ndarray) -> bool:
-        """Whether positions strain a spring by more than half; `auto` then leaves the object to implicit steps."""
-        torn = self.torn(name) if self.tears(name) else {}
-        strained = is_strained(self._bodies.elastic[name], rows, torn)
-        if strained and self._bodies.settings.method == "auto":
-            self._bodies.leave_to_implicit(name)
-        return strained
-
-    def set_velocities(self, name: str, velocities: Any, world: Any = None) -> None:
-        """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start
-        anew."""
-        rows, some = self._rows(name, velocities, "velocities", _FAST), self._bodies.some(world)
-        values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
-        self._bodies.batch[name].write_velocities(name, values, self._bodies.chosen(some))
-
-    def _rows(self, name: str, values: Any, what: str, limit: float) -> np.ndarray:
-        """`values` as an array (N, 3), a row a particle. Raises ValueError for another shape or beyond `limit`."""
-        count = len(self._bodies.topology(name).masses)
-        rows = finite_array(values, 3, f"{name} {what}")
-        if len(rows) != count or np.abs(rows).max() > limit:
-            raise ValueError(
-                f"{name} {what} have {len(rows)} rows up to {np.abs(rows).max():g}; "
-                f"allowed are {count} rows up to {limit:g}"
-            )
-        return rows
+        self._placing.take_over(name, other._placing)
 
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
         """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], particle_penetration [m], contacts, residual

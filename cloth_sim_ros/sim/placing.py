@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where objects are put: positions and velocities that somebody gives, or that another simulation has."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.bodies import Bodies
+from cloth_sim_ros.sim.checks import finite_array
+from cloth_sim_ros.sim.hands import Hands
+from cloth_sim_ros.sim.live_array import Some
+from cloth_sim_ros.sim.methods.choose import is_strained
+from cloth_sim_ros.sim.queries import Queries
+from cloth_sim_ros.sim.starts import off_symmetry
+
+_FAR = 1e6  # [m] the largest coordinate that positions may be given in
+_FAST = 1e6  # [m/s] the same of velocities
+
+
+class Placing:
+    """Puts the objects of a simulation elsewhere, while it runs."""
+
+    def __init__(self, bodies: Bodies, queries: Queries, hands: Hands) -> None:
+        self._bodies, self._queries, self._hands = bodies, queries, hands
+
+    def set_positions(self, name: str, positions: Any, world: Any = None) -> None:
+        """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew.
+
+        Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
+        """
+        rows, some = self._rows(name, positions, "positions", _FAR), self._bodies.some(world)
+        strained = self._leave_if_strained(name, rows)
+        if strained and self._bodies.elastic[name].reel is None:  # what is on a drum stays there
+            rows = off_symmetry(self._bodies.elastic[name], rows)
+        self._write_positions(name, rows, some)
+
+    def _write_positions(self, name: str, rows: np.ndarray, some: Some) -> None:
+        values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
+        self._bodies.batch[name].write_positions(name, values, self._bodies.chosen(some))
+
+    def _leave_if_strained(self, name: str, rows: np.ndarray) -> bool:
+        """Whether positions strain a spring by more than half; `auto` then leaves the object to implicit steps."""
+        torn = self._queries.torn(name) if self._queries.tears(name) else {}
+        strained = is_strained(self._bodies.elastic[name], rows, torn)
+        if strained and self._bodies.settings.method == "auto":
+            self._bodies.leave_to_implicit(name)
+        return strained
+
+    def set_velocities(self, name: str, velocities: Any, world: Any = None) -> None:
+        """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start
+        anew."""
+        rows, some = self._rows(name, velocities, "velocities", _FAST), self._bodies.some(world)
+        values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
+        self._bodies.batch[name].write_velocities(name, values, self._bodies.chosen(some))
+
+    def _rows(self, name: str, values: Any, what: str, limit: float) -> np.ndarray:
+        """`values` as an array (N, 3), a row a particle. Raises ValueError for another shape or beyond `limit`."""
+        count = len(self._bodies.topology(name).masses)
+        rows = finite_array(values, 3, f"{name} {what}")
+        if len(rows) != count or np.abs(rows).max() > limit:
+            raise ValueError(
+                f"{name} {what} have {len(rows)} rows up to {np.abs(rows).max():g}; "
+                f"allowed are {count} rows up to {limit:g}"
+            )
+        return rows
+
+    def take_over(self, name: str, other: Placing) -> None:
+        """See Simulation.take_over."""
+        batch, source = self._bodies.batch[name], other._bodies.batch[name]
+        if batch.features.winch:
+            batch.write_body("reels", name, source.read_body("reels", name, 0))
+        rows = other._queries.positions(name)
+        self._leave_if_strained(name, rows)
+        self._write_positions(name, rows, None)
+        self.set_velocities(name, other._queries.velocities(name))
+        if batch.torn is not None and source.torn is not None:
+            batch.torn.write(batch.index[name], source.torn.read(source.index[name], 0))
+        if batch.features.twist:
+            batch.write_body("twists", name, source.read_body("twists", name, 0))
+        if batch.features.handles and source.features.handles:
+            self._hands.take_over(name, other._hands)
