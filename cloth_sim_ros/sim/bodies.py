@@ -14,7 +14,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch, Shared
 from cloth_sim_ros.sim.body_state import give, take
-from cloth_sim_ros.sim.checks import on_host
+from cloth_sim_ros.sim.checks import names_of, on_host
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.executors.choose import goes_in_rows
@@ -22,7 +22,7 @@ from cloth_sim_ros.sim.forces import name_of
 from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
 from cloth_sim_ros.sim.meeting.together import Together
 from cloth_sim_ros.sim.methods import choose as choosing
-from cloth_sim_ros.sim.methods.choose import Choice
+from cloth_sim_ros.sim.methods.choose import Choice, distinct
 from cloth_sim_ros.sim.methods.prices import Surroundings
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.objects import Cloth, Rope
@@ -36,7 +36,6 @@ from cloth_sim_ros.sim.topology import build as build_topology
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
-_MANY = 16  # materials that are looked at one by one, at most
 
 
 class Bodies:
@@ -286,30 +285,3 @@ def _find_device(name: str) -> wp.Device:
     except Exception:
         known = ", ".join(device.alias for device in wp.get_devices())
         raise ValueError(f"device is {name!r}; allowed is auto or one of {known}") from None
-
-
-def distinct(materials: np.ndarray) -> set[tuple]:
-    """The pairs of compliances and damping that occur in rows of Material; of very many the stiffest and most damped
-    that could be among them, so that nobody looks at each of a thousand worlds."""
-    columns = np.column_stack([materials["compliance"], materials["damping"]])
-    codes = np.zeros(len(columns), dtype=int)
-    for column in columns.T:  # one by one: to sort rows of several numbers is slow
-        if (column == column[0]).all():
-            continue
-        if len(set(column[: 4 * _MANY].tolist())) > _MANY:
-            break
-        found, where = np.unique(column, return_inverse=True)
-        if len(found) > _MANY:
-            break
-        codes = codes * len(found) + where
-    else:
-        rows = columns[np.unique(codes, return_index=True)[1]]
-        if len(rows) <= _MANY:
-            return {(tuple(row[:3]), row[3]) for row in rows.tolist()}
-    *stiffest, damped = [*columns[:, :3].min(axis=0).tolist(), float(columns[:, 3].max())]
-    return {(tuple(stiffest), damped)}
-
-
-def names_of(names: Iterable[str]) -> str:
-    """Names as a sentence about what is allowed lists them."""
-    return ", ".join(names) or "none, the scene is empty"

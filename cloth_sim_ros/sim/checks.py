@@ -7,6 +7,7 @@ A bad value raises ValueError with one sentence that names the thing, the value 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -78,3 +79,8 @@ def finite_array(value: Any, columns: int, name: str, dtype: type = np.float64) 
             f"{name} has shape {np.shape(value)}; allowed are N rows of {columns} finite numbers, N at least 1"
         )
     return array
+
+
+def names_of(names: Iterable[str]) -> str:
+    """Names as a sentence about what is allowed lists them."""
+    return ", ".join(names) or "none, the scene is empty"

@@ -10,8 +10,8 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.batch import Batch
-from cloth_sim_ros.sim.bodies import Bodies, names_of
-from cloth_sim_ros.sim.checks import check_worlds
+from cloth_sim_ros.sim.bodies import Bodies
+from cloth_sim_ros.sim.checks import check_worlds, names_of
 from cloth_sim_ros.sim.handles import checked_reach, extents
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.live_array import Some, worlds_of

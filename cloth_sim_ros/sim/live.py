@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.bodies import Bodies, distinct, names_of
-from cloth_sim_ros.sim.checks import check_worlds
+from cloth_sim_ros.sim.bodies import Bodies
+from cloth_sim_ros.sim.checks import check_worlds, names_of
 from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live_array import Some
 from cloth_sim_ros.sim.live_values import COMPLIANCES, OF_FRAME
 from cloth_sim_ros.sim.methods import limits
+from cloth_sim_ros.sim.methods.choose import distinct
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.rope_queries import Ropes
 

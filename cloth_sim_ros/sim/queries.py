@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.bodies import Bodies, names_of
+from cloth_sim_ros.sim.bodies import Bodies
+from cloth_sim_ros.sim.checks import names_of
 from cloth_sim_ros.sim.live_array import worlds_of
 from cloth_sim_ros.sim.loads import Loads
 from cloth_sim_ros.sim.state import Arrays

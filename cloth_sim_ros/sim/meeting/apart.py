@@ -14,7 +14,8 @@ import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.meeting.nearest import nearest
-from cloth_sim_ros.sim.meeting.search import THREADS, Pairs, apart_by
+from cloth_sim_ros.sim.meeting.pairs import Pairs, apart_by
+from cloth_sim_ros.sim.meeting.search import THREADS
 from cloth_sim_ros.sim.meeting.surfaces import Members, place, velocity
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction

@@ -15,48 +15,15 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import xyz
-from cloth_sim_ros.sim.meeting.nearest import crosses, nearest
+from cloth_sim_ros.sim.meeting.nearest import crosses
+from cloth_sim_ros.sim.meeting.pairs import TESTS, Pairs, list_test, slack, time_ahead
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, may_touch, panel_of, place, velocity
 
 PAIRS_A_PANEL = 64  # room in the list of pairs
 _COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
-_TESTS = 15  # of two triangles: three corners of each against the other, and nine pairs of sides
 _EVERY = 64  # frames after which the tree is built anew; until then its boxes are fitted
-_SLACK = 0.05  # of the mean length of springs, that a particle may be off its way
 _LONGEST = 400  # substeps that a list holds at most
 THREADS = 16384  # of a launch over all pairs of a world, on a GPU
-
-
-@wp.struct
-class Pairs:
-    """Lists of one frame, world by world. couples: panels near one another. parts: the particles of a corner and a
-    triangle or, the first as -1 - its number, of two edges. sides: the two bodies. counts: (W, 2) couples and pairs.
-
-    clock: (4,) substeps since the last search, for how many it holds, whether one is due, and how old the list before
-    was. failed: which panels were torn then. balls, drifts: middle and radius of the ball around a panel and all that
-    it may meet, and its mean velocity.
-    """
-
-    couples: wp.array2d(dtype=wp.vec2i)
-    parts: wp.array2d(dtype=wp.vec4i)
-    sides: wp.array2d(dtype=wp.vec2i)
-    counts: wp.array2d(dtype=int)
-    clock: wp.array(dtype=int)
-    failed: wp.array(dtype=bool)
-    balls: wp.array(dtype=wp.vec4)
-    drifts: wp.array(dtype=wp.vec3)
-
-
-@wp.func
-def _slack(members: Members, surface: Surface, body: int) -> float:
-    """How far a particle of a body may be off its way [m]."""
-    return wp.static(_SLACK) * surface.bodies[members.bodies[body][1]].spacing
-
-
-@wp.func
-def _time(pairs: Pairs, surface: Surface) -> float:
-    """For how long the next list holds [s]."""
-    return float(pairs.clock[1]) * surface.frames[0].dt
 
 
 @wp.func
@@ -79,7 +46,7 @@ def _watch(members: Members, pairs: Pairs):
         if (panel.own >> q) & 1 == 1:
             i = panel.corners[q]
             off = wp.length(place(surface, i) - surface.seen[i] - time * surface.going[i])
-            if not off <= _slack(members, surface, panel.body):
+            if not off <= slack(members, surface, panel.body):
                 pairs.clock[2] = 1
 
 
@@ -139,9 +106,9 @@ def _enclose(
     time, margin = float(0.0), float(0.0)
     if ahead:
         pairs.clock[2] = 0
-        time = _time(pairs, surface)
+        time = time_ahead(pairs, surface)
         thickness = surface.materials[members.bodies[panel.body][1]].thickness
-        margin = thickness + _slack(members, surface, panel.body)
+        margin = thickness + slack(members, surface, panel.body)
         _wrap(wp.tid(), panel, surface, time, margin, pairs)
     low, high = wp.vec3(1.0e30), wp.vec3(-1.0e30)
     for q in range(3):
@@ -151,18 +118,6 @@ def _enclose(
         high = wp.max(high, wp.max(x, x + time * v))
     lowers[wp.tid()] = low - wp.vec3(margin)
     uppers[wp.tid()] = high + wp.vec3(margin)
-
-
-@wp.func
-def apart_by(members: Members, of_a: Surface, of_b: Surface, a: int, b: int) -> float:
-    """How far two bodies are kept apart [m]."""
-    return of_a.materials[members.bodies[a][1]].thickness + of_b.materials[members.bodies[b][1]].thickness
-
-
-@wp.func
-def _reach(members: Members, of_a: Surface, of_b: Surface, a: int, b: int) -> float:
-    """How near the ways of parts of two bodies have to come, so that they may meet [m]."""
-    return apart_by(members, of_a, of_b, a, b) + _slack(members, of_a, a) + _slack(members, of_b, b)
 
 
 @wp.kernel(enable_backward=False)
@@ -178,7 +133,7 @@ def _couple(
     panels = members.panels.shape[0]
     w = tid / panels
     owner, drift = members.owners[tid - w * panels], pairs.drifts[tid]
-    time = _time(pairs, members.surfaces[w])
+    time = time_ahead(pairs, members.surfaces[w])
     query = wp.bvh_query_aabb(tree, lowers[tid], uppers[tid], wp.bvh_get_group_root(tree, w))
     found = int(0)
     while wp.bvh_query_next(query, found):
@@ -192,59 +147,6 @@ def _couple(
                     pairs.couples[w, n] = wp.vec2i(tid - w * panels, found - w * panels)
 
 
-@wp.func
-def _parts(test: int, a: Panel, b: Panel) -> wp.vec4i:
-    """The particles of a test of two panels: a corner of a and the triangle b or, with -1 - the first of them, two
-    edges. The last is -1 where another couple has this test, or there is no such triangle."""
-    place = test % 3
-    if test < 6:
-        has = (a.own >> place) & 1 == 1 and b.corners[1] != b.corners[2]
-        return wp.vec4i(a.corners[place], b.corners[0], b.corners[1], wp.where(has, b.corners[2], -1))
-    side = (test - 6) / 3
-    has = (a.own >> (3 + side)) & 1 == 1 and (b.own >> (3 + place)) & 1 == 1
-    end = wp.where(has, b.corners[(place + 1) % 3], -1)
-    return wp.vec4i(-1 - a.corners[side], a.corners[(side + 1) % 3], b.corners[place], end)
-
-
-@wp.func
-def _share(parts: wp.vec4i) -> bool:
-    """Whether two parts of one body have a particle in common."""
-    if parts[0] >= 0:
-        return parts[0] == parts[1] or parts[0] == parts[2] or parts[0] == parts[3]
-    first = -1 - parts[0]
-    return first == parts[2] or first == parts[3] or parts[1] == parts[2] or parts[1] == parts[3]
-
-
-@wp.func
-def _gap(of_a: Surface, of_b: Surface, parts: wp.vec4i) -> wp.vec2:
-    """How far two parts are apart [m], and how fast a particle of one moves from one of the other at most [m/s]."""
-    is_corner = parts[0] >= 0
-    first = wp.where(is_corner, parts[0], -1 - parts[0])
-    a, v = place(of_a, first), wp.vec3(of_a.going[first])
-    b, v_b = place(of_b, parts[1]), wp.vec3(of_b.going[parts[1]])
-    if not is_corner:
-        b, v_b = place(of_a, parts[1]), wp.vec3(of_a.going[parts[1]])
-    c, d = place(of_b, parts[2]), place(of_b, parts[3])
-    w = nearest(is_corner, a, b, c, d).weights
-    v_c, v_d = of_b.going[parts[2]], of_b.going[parts[3]]
-    apart = wp.max(wp.length(v_c - v), wp.length(v_d - v))
-    if is_corner:
-        apart = wp.max(apart, wp.length(v_b - v))
-    else:
-        apart = wp.max(apart, wp.max(wp.length(v_c - v_b), wp.length(v_d - v_b)))
-    return wp.vec2(wp.length(w[0] * a + w[1] * b + w[2] * c + w[3] * d), apart)
-
-
-@wp.func
-def _are_neighbours(rest: wp.array(dtype=wp.vec3), parts: wp.vec4i, near: float) -> bool:
-    """Whether two parts of one body are nearer than `near` [m] in its rest shape."""
-    first = wp.where(parts[0] >= 0, parts[0], -1 - parts[0])
-    a, b = rest[first], rest[parts[1]]
-    c, d = rest[parts[2]], rest[parts[3]]
-    w = nearest(parts[0] >= 0, a, b, c, d).weights
-    return wp.length(w[0] * a + w[1] * b + w[2] * c + w[3] * d) < near
-
-
 @wp.kernel(enable_backward=False)
 def _pair(members: Members, pairs: Pairs, width: int, team: int):
     """List the parts of couples that may meet: `width` threads a world, `team` of them a couple."""
@@ -253,31 +155,11 @@ def _pair(members: Members, pairs: Pairs, width: int, team: int):
     for item in range(t / team, wp.min(pairs.counts[w, 0], pairs.couples.shape[1]), width / team):
         couple = pairs.couples[w, item]
         a, b = panel_of(members, couple[0], w), panel_of(members, couple[1], w)
-        for test in range(t % team, wp.static(_TESTS), team):
+        for test in range(t % team, wp.static(TESTS), team):
             if test >= 3 and test < 6:
-                _test(members, pairs, w, test, b, a)
+                list_test(members, pairs, w, test, b, a)
             else:
-                _test(members, pairs, w, test, a, b)
-
-
-@wp.func
-def _test(members: Members, pairs: Pairs, w: int, test: int, a: Panel, b: Panel):
-    """List the parts of one test of two panels where they may meet."""
-    parts = _parts(test, a, b)
-    if parts[3] < 0 or (a.body == b.body and _share(parts)):
-        return
-    of_a, of_b = members.surfaces[a.surface], members.surfaces[b.surface]
-    gap = _gap(of_a, of_b, parts)
-    if gap[0] >= _reach(members, of_a, of_b, a.body, b.body) + _time(pairs, of_a) * gap[1]:
-        return
-    if a.body == b.body:
-        near = 1.01 * apart_by(members, of_a, of_b, a.body, b.body)
-        if _are_neighbours(of_a.rest, parts, near + 1.0e-3 * of_a.bodies[members.bodies[a.body][1]].spacing):
-            return
-    n = wp.atomic_add(pairs.counts, w, 1, 1)
-    if n < pairs.parts.shape[1]:
-        pairs.parts[w, n] = parts
-        pairs.sides[w, n] = wp.vec2i(a.body, b.body)
+                list_test(members, pairs, w, test, a, b)
 
 
 @wp.kernel(enable_backward=False)

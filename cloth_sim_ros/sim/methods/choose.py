@@ -35,6 +35,7 @@ _LEAST_ROPE = 20  # of a rope at an error of 1e-3
 _BDF2, _RIGID, _HUNG, _EULER = 5.6, 30.0, 0.013, 0.1
 _BENDING = 0.3  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
 _LEAPFROG = 4.0e-4  # error of leapfrog at its limit, likewise; by four with twice the substeps
+_MANY = 16  # materials that are looked at one by one, at most
 
 
 @dataclass(frozen=True)
@@ -207,3 +208,25 @@ def is_strained(topology: Topology, positions: np.ndarray, torn: Mapping[str, np
         if ((np.abs(length - elements.rest) > STRAINED * elements.rest) & ~torn.get(kind, np.False_)).any():
             return True
     return False
+
+
+def distinct(materials: np.ndarray) -> set[tuple]:
+    """The pairs of compliances and damping that occur in rows of Material; of very many the stiffest and most damped
+    that could be among them, so that nobody looks at each of a thousand worlds."""
+    columns = np.column_stack([materials["compliance"], materials["damping"]])
+    codes = np.zeros(len(columns), dtype=int)
+    for column in columns.T:  # one by one: to sort rows of several numbers is slow
+        if (column == column[0]).all():
+            continue
+        if len(set(column[: 4 * _MANY].tolist())) > _MANY:
+            break
+        found, where = np.unique(column, return_inverse=True)
+        if len(found) > _MANY:
+            break
+        codes = codes * len(found) + where
+    else:
+        rows = columns[np.unique(codes, return_index=True)[1]]
+        if len(rows) <= _MANY:
+            return {(tuple(row[:3]), row[3]) for row in rows.tolist()}
+    *stiffest, damped = [*columns[:, :3].min(axis=0).tolist(), float(columns[:, 3].max())]
+    return {(tuple(stiffest), damped)}

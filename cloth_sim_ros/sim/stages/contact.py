@@ -3,13 +3,13 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.stages.grasp import HELD
 from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.stages.meet import make_meet
 from cloth_sim_ros.sim.stages.motion import pack
 from cloth_sim_ros.sim.stages.near import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
@@ -134,63 +134,6 @@ def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
 def least_mass(features: Features) -> float:
     """Of its own inverse mass, what a particle has to have left to be moved by a contact: more than if it is held."""
     return HELD if features.handles else 0.0
-
-
-def make_meet(shapes: tuple[str, ...]):
-    """A Warp function: where a point that moved meets a collider of one of `shapes`."""
-    signed_distance = make_signed_distance(shapes)
-
-    @wp.func
-    def enter(
-        shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, path: wp.vec3, before: wp.vec4, thickness: float
-    ) -> wp.vec4:
-        """Normal and fraction of `path` at which it enters the surface, by sphere tracing; -1 if it does not.
-
-        before: normal and signed distance [m] at its start.
-        """
-        length = wp.length(path)
-        surface = before
-        gap = surface[3] - thickness
-        reached = wp.where(surface[3] < 0.0 or length <= 0.0, 2.0, 0.0)
-        count = int(0)
-        # A loop that Warp does not unroll: next to no particle ever comes here, and all would carry its registers.
-        while count < 16 and gap > 1.0e-3 * thickness and reached <= 1.0:
-            reached += gap / wp.max(length, 1.0e-30)
-            if reached <= 1.0:
-                surface = signed_distance(shape, start + reached * path, size, data)
-                gap = surface[3] - thickness
-            count += 1
-        return pack(xyz(surface), wp.where(reached > 1.0, -1.0, reached))
-
-    @wp.func
-    def meet(
-        shape: int, size: wp.vec3, data: wp.uint64, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float
-    ) -> wp.vec4:
-        """Normal and gap [m] of local point p, which came by `slip`; negative also where it came through.
-
-        Of an overlap that was there before it came, no more than `apart` [m] counts.
-        """
-        surface = signed_distance(shape, p, size, data)
-        gap = surface[3] - thickness
-        n = xyz(surface)
-        square = wp.length_sq(slip)
-        before = surface
-        # Both at once, though few need where they came from: a GPU waits for the one as long as for both. Of a mesh
-        # it takes its time.
-        if wp.static("mesh" not in shapes) or square > gap * gap or gap < -apart:
-            before = signed_distance(shape, p - slip, size, data)
-        if square > gap * gap:
-            # Fast enough to have come through the surface: find where it entered, and stay on that side. A particle
-            # that merely touches is also better off where it entered: a third of the error of the way straight out.
-            entry = enter(shape, size, data, p - slip, slip, before, thickness)
-            if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
-                n = xyz(entry)
-                gap = wp.dot(n, slip) * (1.0 - entry[3])
-        if gap < -apart:
-            gap -= wp.min(before[3] - thickness + apart, 0.0)
-        return pack(n, gap)
-
-    return meet
 
 
 def make_touch(features: Features):
