@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 
+import all_inputs
 import numpy as np
 import pytest
 from geometry_msgs.msg import Vector3Stamped
@@ -19,20 +20,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 
-SCENE = """
-/**:
-  ros__parameters:
-    objects: [cloth, cable]
-    colliders: [ball]
-    handles: [hand]
-    spare_colliders: 1
-    wind: {enabled: true}
-    publish: {velocities: true, tensions: true}
-    cloth: {type: cloth, resolution: [7, 6], size: [0.6, 0.5], pins: corners, position: [0, 0, 1], damping: 0.001}
-    cable: {type: rope, segments: 8, start: [1, 0, 2], end: [1, 0, 1], end_mass: 0.1,
-            winch: {enabled: true, length: 0.5, acceleration: 4.0, timeout: 0.2}}
-    ball: {shape: sphere, dimensions: [0.15], position: [0, 0, 0.83]}
-    hand: {position: [-0.3, -0.25, 1.0], reach: [0.4], object: cloth}
+SCENE = f"""{all_inputs.SCENE}    publish: {{velocities: true, tensions: true}}
+    hand: {{position: [-0.3, -0.25, 1.0], reach: [0.4], object: cloth}}
 """
 
 
@@ -71,10 +60,6 @@ def say_everything(client):
     client.until(lambda: scene.get_subscription_count() > 0)
     wind = Vector3Stamped()
     wind.vector.y = 3.0
-    box = Marker(type=Marker.CUBE, action=Marker.ADD, ns="box", id=3)
-    box.pose.position.x, box.pose.position.y, box.pose.position.z = 0.15, -0.15, 0.88
-    box.pose.orientation.w = 1.0
-    box.scale.x = box.scale.y = box.scale.z = 0.2
     begin = time.monotonic()
 
     def swing():
@@ -85,7 +70,7 @@ def say_everything(client):
     client.spin(0.7, meanwhile=swing)
     assert client.call(SetBool, "/cloth_sim/handles/hand/attach", SetBool.Request(data=True)).success
     assert client.set("cloth.stretch_compliance", 2e-3).successful and client.set("cloth.pins", [35, 39]).successful
-    scene.publish(MarkerArray(markers=[box]))
+    scene.publish(all_inputs.box(Marker.ADD))
     client.spin(0.5, meanwhile=swing)
     clouds = client.listen(PointCloud2, "/cloth_sim/cloth/particles", 1)
     client.until(lambda: len(clouds) > 4, timeout=90.0)  # what was set may need kernels that are compiled first
@@ -98,8 +83,7 @@ def say_everything(client):
     assert client.call(SetBool, "/cloth_sim/pause", SetBool.Request(data=False)).success
     assert client.set("cloth.mass", 0.3).successful  # the simulation is built anew
     client.spin(0.5, meanwhile=swing)
-    box.action = Marker.DELETE
-    scene.publish(MarkerArray(markers=[box]))
+    scene.publish(all_inputs.box(Marker.DELETE))
     client.spin(0.5)
 
 

@@ -3,6 +3,7 @@
 
 import signal
 
+import all_inputs
 import pytest
 from client import LATCHED, Client
 from geometry_msgs.msg import Vector3Stamped
@@ -11,20 +12,8 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-SCENE = """
-/**:
-  ros__parameters:
-    objects: [cloth, cable]
-    colliders: [ball]
-    handles: [hand]
-    spare_colliders: 1
-    publish_clock: true
-    wind: {enabled: true}
-    cloth: {type: cloth, resolution: [7, 6], size: [0.6, 0.5], pins: corners, position: [0, 0, 1], damping: 0.001}
-    cable: {type: rope, segments: 8, start: [1, 0, 2], end: [1, 0, 1], end_mass: 0.1,
-            winch: {enabled: true, length: 0.5, acceleration: 4.0, timeout: 0.2}}
-    ball: {shape: sphere, dimensions: [0.15], position: [0, 0, 0.83]}
-    hand: {position: [-0.3, -0.25, 1.0], reach: [0.06]}
+SCENE = f"""{all_inputs.SCENE}    publish_clock: true
+    hand: {{position: [-0.3, -0.25, 1.0], reach: [0.06]}}
 """
 CHANGED = {
     "cloth.stretch_compliance": 2e-3,
@@ -76,11 +65,7 @@ class Paused:
 
     def box(self, action):
         """Adds a collider by topic, or takes it away, and waits until that is done."""
-        box = Marker(type=Marker.CUBE, action=action, ns="box", id=3)
-        box.pose.position.x, box.pose.position.y, box.pose.position.z = 0.15, -0.15, 0.88
-        box.pose.orientation.w = 1.0
-        box.scale.x = box.scale.y = box.scale.z = 0.2
-        self._scene.publish(MarkerArray(markers=[box]))
+        self._scene.publish(all_inputs.box(action))
         self.client.until(lambda: ("box/3" in {each.ns for each in self._shown[-1].markers}) == (action == Marker.ADD))
 
 
