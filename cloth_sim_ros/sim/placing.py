@@ -76,6 +76,7 @@ class Placing:
         self._leave_if_strained(name, rows)
         self._write_positions(name, rows, None)
         self.set_velocities(name, other._queries.velocities(name))
+        batch = self._bodies.batch[name]  # all may have been built anew for what is strained
         if batch.torn is not None and source.torn is not None:
             batch.torn.write(batch.index[name], source.torn.read(source.index[name], 0))
         if batch.features.twist:
