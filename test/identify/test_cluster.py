@@ -40,7 +40,7 @@ def own_workers():
         above = process
         while above in parents and above != os.getpid():
             above = parents[above]
-        if name.startswith(b"ray::_run") and above == os.getpid():
+        if name.startswith(b"ray::") and above == os.getpid():
             found.append(process)
     return found
 
@@ -53,7 +53,7 @@ def test_any_number_of_workers_finds_the_same_also_when_one_is_killed(workers):
 
     def kill_one(frames):
         if frames > 4 * spread.length and not killed:
-            for process in own_workers()[:1]:  # none between two batches
+            for process in own_workers()[:1]:
                 os.kill(process, signal.SIGKILL)
                 killed.append(process)
 
