@@ -8,8 +8,8 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 VENV := .venv
 RUN := $(VENV)/bin/python
-# Two processes; all tests of a file in one of them, which then compiles their kernels once.
-TESTS := $(RUN) -m pytest -n 2 --dist loadfile
+# Three processes for two cores, as many tests wait for a node. A file stays in one, which compiles its kernels once.
+TESTS := $(RUN) -m pytest -n 3 --dist loadfile
 SOURCES := setup.py setup.cfg pyproject.toml Makefile
 
 .PHONY: demo test test-long format docs dist clean
