@@ -76,11 +76,12 @@ def test_openings_by_topic_and_parameter_act_and_bad_ones_are_told(hand, client)
     client.spin(0.2)
     assert client.set("hand.opening", 0.05).successful
     client.until(lambda: hand.states[-1].position[0] == pytest.approx(0.05))
-    for what, value, why in (
-        ("opening", 0.5, "opening 0.5 is not from 0 to 0.08"),
-        ("force", math.nan, "force nan is not"),
-    ):
-        text = f"a message on grippers/hand/{what} is refused: its {why}"
+    bad = (
+        ("opening", 0.5, "its opening 0.5 is not from 0 to 0.08"),
+        ("force", math.nan, "its force nan is not finite"),
+    )
+    for what, value, why in bad:
+        text = f"a message on grippers/hand/{what} is refused: {why}"
         client.until(lambda: text in hand.log, meanwhile=lambda: hand.send(what, value))  # noqa: B023
     refused = client.set("hand.opening", 0.2)
     assert "hand.opening is 0.2; allowed is at most max_opening, 0.08 m" in refused.reason

@@ -208,9 +208,8 @@ def test_a_tensor_shows_all_worlds_without_a_copy(device):
     assert np.array_equal(speeds.numpy(), sim.velocities("rope", None)) and not np.array_equal(*speeds.numpy()[:2])
     if device == "cpu":
         assert np.shares_memory(np.from_dlpack(speeds), speeds.numpy())
-    with pytest.raises(
-        ValueError, match="what is 'forces'; allowed of rope is positions or velocities or contact_forces"
-    ):
+    allowed = "positions or velocities or contact_forces or recoveries or tensions"
+    with pytest.raises(ValueError, match=f"what is 'forces'; allowed of rope is {allowed}"):
         sim.tensor("rope", "forces")
     with pytest.raises(ValueError, match="there is no object 'flag'"):
         sim.tensor("flag", "positions")
