@@ -115,10 +115,11 @@ class Grasp:
         self._told(answer.message)
 
     def _holding(self) -> None:
+        arrived = np.linalg.norm(self._place() - self._sent) < _STILL
         if self._offset is None:  # measured while the hand rests where it was sent to
-            at_rest = np.linalg.norm(self._place() - self._sent) < _STILL
-            if not at_rest or self._scene.stamps[self._object] <= self._stamp:
+            if not arrived or self._scene.stamps[self._object] <= self._stamp:
                 self._stamp = self._scene.stamps[self._object]
+                self._send(self._sent)
                 return
             self._offset = self.vertex - self._sent
         way = self._pointer - self._offset - self._sent
@@ -127,6 +128,8 @@ class Grasp:
         elif self._ended:
             self._answer = self._remote.call(f"handles/{self.handle}/attach", False)
             self.state = "leaving"
+        elif not arrived:  # a pose may be lost on its way
+            self._send(self._sent)
 
     def _leaving(self) -> None:
         if self._answer is None or self._answer.done():
