@@ -205,7 +205,7 @@ TWIST = (
         "twist",
         "bool",
         False,
-        "Whether a rope that bends also resists twist; both its ends are clamped then, by two particles each.",
+        "Whether a rope that bends resists twist between two clamps: ends of two particles that are pinned or held.",
         anew=True,
     ),
     _double("twist_compliance", 1e2, "1/GJ: twist per length and torsional moment.", "1/(N m^2)", 1e-6, 1e12),

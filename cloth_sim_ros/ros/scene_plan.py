@@ -121,13 +121,12 @@ def _of_material(values: Values, name: str, given: Container[str]) -> dict[str, 
     own = group(values, name)
     if own["type"] == "rope":
         radius = own["radius"] if f"{name}.radius" in given else None
-        bends = not own["winch.enabled"]
         length = math.dist(own["start"], own["end"])
         if own["path"]:
             points = along_path(own["path"], own["segments"], f"{name}.path")
             length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-        fields = rope_fields(own["material"], length, radius, bends)
-        return {**fields, "bending": "angle" if bends else "none"}
+        fields = rope_fields(own["material"], length, radius)
+        return {**fields, "bending": "angle"}
     bending = own["bending"] if f"{name}.bending" in given else "dihedral"
     path = own["mesh"]
     area = triangles_area(*load_mesh(path, f"{name}.mesh")) if path else math.prod(own["size"])

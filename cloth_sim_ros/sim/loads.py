@@ -48,6 +48,22 @@ def _make_add_up(load):
     return add_up
 
 
+@wp.kernel(enable_backward=False)
+def add_torsion(given: wp.array(dtype=Arrays), loads: wp.array2d(dtype=wp.spatial_vector)):
+    """Add the moments of ropes that handles clamp (see ropes/twist.py)."""
+    w = wp.tid()
+    s, model = given[w].state, given[w].model
+    for b in range(s.twists.shape[0]):
+        twist, body = s.twists[b], model.bodies[b]
+        for end in range(2):
+            by = wp.where(end == 0, twist.start_by, twist.end_by)
+            if by > 0 and twist.known == 1:
+                g = wp.where(end == 0, body.particles, body.particles + body.count - 2)
+                along = wp.normalize(xyz(load_row(s.positions, g + 1) - load_row(s.positions, g)))
+                torque = wp.where(end == 0, twist.moment, -twist.moment) * along
+                loads[w, by - 1] += wp.spatial_vector(wp.vec3(0.0), torque)
+
+
 ADD_UP = {"handles": _make_add_up(handle_load), "colliders": _make_add_up(collider_load)}
 
 
@@ -66,6 +82,10 @@ class Loads:
         for arrays in self._bodies.arrays() if self.array.size else ():
             inputs = [arrays, self.array, lanes]
             wp.launch_tiled(self._kernel, dim=[self.array.size], inputs=inputs, block_dim=lanes, device=device)
+        if self._kernel is ADD_UP["handles"] and self.array.size:
+            for batch, arrays in zip(self._bodies.batches, self._bodies.arrays(), strict=True):
+                if batch.features.twist:
+                    wp.launch(add_torsion, dim=len(arrays), inputs=[arrays, self.array], device=device)
         return self.array
 
     def read(self, world: int) -> np.ndarray:

@@ -168,11 +168,11 @@ def triangles_area(vertices: np.ndarray, triangles: np.ndarray) -> float:
     return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
-def rope_fields(name: str, length: float, radius: float | None = None, bends: bool = True) -> dict[str, Any]:
+def rope_fields(name: str, length: float, radius: float | None = None) -> dict[str, Any]:
     """The fields of a Rope of `length` [m] in the material called `name`; ValueError where there is none.
 
     With another `radius` [m] than the preset's it is the same rope enlarged: mass and EA grow with its square, EI with
-    its fourth power. Not `bends`: without EI, as on a winch.
+    its fourth power.
     """
     cord = _find(CORDS, name)
     larger = (radius or cord.radius) / cord.radius
@@ -180,7 +180,7 @@ def rope_fields(name: str, length: float, radius: float | None = None, bends: bo
         "radius": radius or cord.radius,
         "mass": cord.linear_mass * larger**2 * length,
         "stretch_compliance": 1.0 / (cord.stretch * larger**2),
-        "bend_compliance": 1.0 / (cord.bending * larger**4) if bends else None,
+        "bend_compliance": 1.0 / (cord.bending * larger**4),
         "damping": cord.damping,
         "static_friction": cord.static_friction,
         "kinetic_friction": cord.kinetic_friction,

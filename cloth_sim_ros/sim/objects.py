@@ -144,12 +144,13 @@ class Rope:
     stretch_compliance [1/N] = 1/EA. bend_compliance [1/(N m^2)] = 1/EI or None for no bending. 0 is rigid. mass [kg] is
     the total, lumped by length; particle_masses (N,) [kg] overrides it. end_mass [kg] is a load at the last particle,
     on top of either. radius [m]. pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of
-    each segment. winch: a drum at the start, which
-    must be pinned; the end may be. What it has not paid out lies on it. The rest, measured from the end, lies along the
-    path from the start. twist_compliance [1/(N m^2)] = 1/GJ or None for no twist. With it both ends are clamped: the
-    first two and the last two particles are pinned. end_turn [rad] is by how much the end is turned about its axis
-    against the start. It counts from the shape that positions were last set to. With self_contact its parts keep twice
-    the radius from one another.
+    each segment. winch: a drum at the start, which must be pinned; the end may be. What it has not paid out lies on it.
+    The rest, measured from the end, lies along the path from the start. It bends about a hinge at the drum, and is
+    straight at rest. twist_compliance [1/(N m^2)] = 1/GJ or None for no twist. An end is clamped while its last two
+    particles are pinned, or held by a handle, which turns the rope with it. Between two clamps the rope resists twist;
+    while an end is free it has none. end_turn [rad] is by how much the end is turned about its axis against the start.
+    It counts from when both were clamped, or positions set. With self_contact its parts keep twice the radius from one
+    another.
     """
 
     points: Any = field(default=None, repr=False, compare=False)
@@ -192,44 +193,29 @@ class Rope:
         _take_masses(self, len(points))
         if self.winch is not None:
             self._check_winch()
-        if self.twist_compliance is not None:
-            self._check_twist()
+        if self.twist_compliance is not None and (self.bend_compliance is None or self.segments < 3):
+            raise ValueError("Rope.twist_compliance is set; allowed is with bend_compliance and at least 3 segments")
 
     @classmethod
     def of(cls, material: str, **fields: Any) -> Rope:
         """A rope of a material of `materials.CORDS`; `fields` of Rope, such as start and end, win over it.
 
-        The mass follows from the length, and what a thicker rope has from the radius; on a winch it does not bend.
+        The mass follows from the length, and what a thicker rope has from the radius.
         Raises ValueError for an unknown material.
         """
         path = fields.get("points")
         if path is None:
             path = (fields.get("start", cls.start), fields.get("end", cls.end))
         length = float(np.linalg.norm(np.diff(finite_array(path, 3, "Rope.points"), axis=0), axis=1).sum())
-        bends = fields.get("winch") is None
-        return cls(**{**rope_fields(material, length, fields.get("radius"), bends), **fields})
-
-    def _check_twist(self) -> None:
-        """Raise ValueError where a rope that resists twist does not bend or its ends are not clamped."""
-        if self.bend_compliance is None:
-            raise ValueError("Rope.twist_compliance is set without bend_compliance; allowed is to set both")
-        clamps = {0, 1, self.segments - 1, self.segments}
-        if isinstance(self.pins, str) or self.pins is None or not clamps <= set(self.pins) or len(clamps) < 4:
-            raise ValueError(
-                f"Rope.pins is {self.pins!r} with twist; allowed is to clamp both ends, particles {sorted(clamps)}"
-            )
+        return cls(**{**rope_fields(material, length, fields.get("radius")), **fields})
 
     def _check_winch(self) -> None:
-        """Raise ValueError where a rope on a winch is not held at its start, is held between its ends, or bends."""
+        """Raise ValueError where a rope on a winch is not held at its start, or is held between its ends."""
         if not isinstance(self.winch, Winch):
             raise ValueError(f"Rope.winch is {self.winch!r}; allowed is a Winch or None")
         pins = {"start": (0,), "both": (0, self.segments)}.get(self.pins, self.pins) if self.pins else ()
         if isinstance(pins, str) or 0 not in pins or set(pins) - {0, self.segments}:
             raise ValueError(f"Rope.pins is {self.pins!r} with a winch at the start; allowed is 'start' or 'both'")
-        if self.bend_compliance is not None:
-            raise ValueError(
-                f"Rope.bend_compliance is {self.bend_compliance:g} with a winch; allowed is None, for no bending"
-            )
 
 
 def _check_pins(thing: Any, names: tuple[str, ...], count: int) -> None:

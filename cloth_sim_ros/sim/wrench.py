@@ -8,7 +8,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.intrinsics import xyz
-from cloth_sim_ros.sim.ropes.drum import density_at
+from cloth_sim_ros.sim.ropes.drum import density_at, joint_out
 from cloth_sim_ros.sim.ropes.twist import push_of
 from cloth_sim_ros.sim.state import Arrays
 from cloth_sim_ros.sim.tension import Tensions, edge_at, is_held
@@ -23,6 +23,8 @@ def bending_force(arrays: Arrays, b: int, i: int) -> wp.vec3:
         j = i - place
         if j >= 0 and j < body.count - 2:
             joint = arrays.model.joints[body.segments + j]
+            if arrays.state.reels.shape[0] > 0:
+                joint = joint_out(j, joint, arrays.state.reels[b])
             weight = wp.where(place == 0, joint[2], wp.where(place == 1, -(joint[2] + joint[3]), joint[3]))
             force -= weight * arrays.state.moments[body.segments + j]
     return force

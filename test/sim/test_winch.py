@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from fixed_settings import fixed
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
 
 from cloth_sim_ros.sim import Readback, Rope, Scene, Simulation, Winch
 from cloth_sim_ros.sim.executors import block
@@ -297,13 +299,34 @@ def test_live_numbers_compile_nothing(device):
         ({"pins": "end"}, "Rope.pins is 'end' with a winch at the start; allowed is 'start' or 'both'"),
         ({"pins": (0, 3)}, r"Rope.pins is \(0, 3\) with a winch at the start"),
         ({"pins": None}, "Rope.pins is None with a winch at the start"),
-        ({"bend_compliance": 1.0}, "Rope.bend_compliance is 1 with a winch; allowed is None"),
         ({"winch": 3}, "Rope.winch is 3; allowed is a Winch or None"),
     ],
 )
 def test_what_a_winch_cannot_have_is_said(change, sentence):
     with pytest.raises(ValueError, match=sentence):
         Rope(**{"winch": Winch(), **change})
+
+
+@pytest.mark.parametrize(("order", "executor"), [(1, "block"), (2, "block"), (1, "graph")])
+def test_what_bends_is_fed_between_two_hinges_as_the_elastica(device, order, executor):
+    """Rise and thrust of Euler's elastica, out and in. A rope of length l over a span s has the modulus k of
+    2 E(k) / K(k) - 1 = s / l, rises by k l / K(k) and thrusts with EI (2 K(k) / l)^2."""
+    rope = Rope(start=(0, 0, 0), end=(2, 0, 0), segments=64, mass=0.1, pins="both", bend_compliance=10.0,
+                stretch_compliance=0.0, winch=Winch(length=1.0))  # fmt: skip
+    with forced_executor(executor):
+        sim = Simulation(Scene({"it": rope}, gravity=(0, 0, -0.1)), fixed(order=order, substeps=20), device=device)
+    sim.set("solver.global_damping", 5.0)
+    sim.step(5)
+    for pay_out, frames in ((0.2, 60), (0.5, 60), (-0.3, 100)):
+        sim.set("it.winch.pay_out", pay_out)
+        sim.step(frames)
+        sim.set("it.winch.pay_out", 0.0)
+        sim.step(150)
+        length = sim.report()["it"]["paid_out"]
+        m = brentq(lambda m, over=1.0 / length: 2.0 * ellipe(m) / ellipk(m) - 1.0 - over, 1e-9, 0.9)
+        thrust = 0.1 * (2.0 * ellipk(m) / length) ** 2
+        assert np.abs(sim.positions("it")[:, 2]).max() == pytest.approx(np.sqrt(m) / ellipk(m) * length, rel=5e-3)
+        assert sim.end_wrenches("it")[:, 0] == pytest.approx([-thrust, thrust], rel=1e-2)
 
 
 def test_limits_and_solvers_that_cannot_be_are_refused(device):

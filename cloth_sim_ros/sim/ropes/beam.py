@@ -12,12 +12,17 @@ A bent rest shape is a length of kappa; rest points where kappa did before the s
 Its moments pull along the segments too, which its tension has not met yet, and are not carried over.
 """
 
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import larger, load4, quotient, store4, xyz
-from cloth_sim_ros.sim.model import Body, Model
+from cloth_sim_ros.sim.model import Body
 from cloth_sim_ros.sim.physics.bending import rest_turn
 from cloth_sim_ros.sim.ropes.beam_rotation import Sums, rotation_of, with_joint, with_particle
+from cloth_sim_ros.sim.ropes.drum import joint_out
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.state import BeamRow, State
 
@@ -25,47 +30,66 @@ from cloth_sim_ros.sim.state import BeamRow, State
 STIFFEST = wp.constant(1.0e5)
 
 
-@wp.func
-def weights_at(j: int, m: Model, body: Body) -> wp.vec3:
-    """By which the particles of joint j turn it [1/m]."""
-    joint = m.joints[body.segments + j]
-    return wp.vec3(joint[2], -(joint[2] + joint[3]), joint[3])
+class Joints(NamedTuple):
+    """Warp functions of joint j of a body."""
+
+    weights: Callable  # by which its particles turn it [1/m]
+    stiffness: Callable  # EI / span in units of mass x m^2, as far as it can be resolved
+    turn: Callable  # its turn vector
+    rest: Callable  # the one at rest, which points where the turn vector did before the substep
 
 
-@wp.func
-def stiffness_at(j: int, here: Here) -> float:
-    """EI / span at joint j of the body in units of mass x m^2, as far as it can be resolved."""
-    joint = here.model.joints[here.body.segments + j]
-    middle = joint[2] + joint[3]
-    lightest = larger(load4(here.d, j)[3], larger(load4(here.d, j + 1)[3], load4(here.d, j + 2)[3]))
-    compliance = here.material.compliance[2] * joint[1] * here.step.inverse_square
-    return quotient(1.0, larger(compliance, lightest * middle * middle / STIFFEST))
+@functools.cache
+def make_joints(winch: bool) -> Joints:
+    """The joints of ropes, or of ropes on a winch: what is on the drum has none."""
+
+    @wp.func
+    def joint_of(j: int, here: Here) -> wp.vec4:
+        joint = here.model.joints[here.body.segments + j]
+        if wp.static(winch):
+            joint = joint_out(j, joint, here.state.reels[here.body.index])
+        return joint
+
+    @wp.func
+    def weights_at(j: int, here: Here) -> wp.vec3:
+        joint = joint_of(j, here)
+        return wp.vec3(joint[2], -(joint[2] + joint[3]), joint[3])
+
+    @wp.func
+    def stiffness_at(j: int, here: Here) -> float:
+        joint = joint_of(j, here)
+        middle = joint[2] + joint[3]
+        lightest = larger(load4(here.d, j)[3], larger(load4(here.d, j + 1)[3], load4(here.d, j + 2)[3]))
+        compliance = here.material.compliance[2] * joint[1] * here.step.inverse_square
+        return quotient(1.0, larger(compliance, lightest * middle * middle / STIFFEST))
+
+    @wp.func
+    def turn_at(j: int, here: Here) -> wp.vec3:
+        joint = joint_of(j, here)
+        di = xyz(load4(here.d, j))
+        dj = xyz(load4(here.d, j + 1))
+        dk = xyz(load4(here.d, j + 2))
+        first = xyz(load4(here.x, j + 1) - load4(here.x, j)) + (dj - di)
+        last = xyz(load4(here.x, j + 2) - load4(here.x, j + 1)) + (dk - dj)
+        return last * joint[3] - first * joint[2]
+
+    @wp.func
+    def rest_at(j: int, here: Here) -> wp.vec3:
+        joint = joint_of(j, here)
+        first = xyz(load4(here.x, j + 1) - load4(here.x, j))
+        last = xyz(load4(here.x, j + 2) - load4(here.x, j + 1))
+        return rest_turn(last * joint[3] - first * joint[2], joint[0])
+
+    return Joints(weights_at, stiffness_at, turn_at, rest_at)
 
 
-@wp.func
-def turn_at(j: int, here: Here) -> wp.vec3:
-    """The turn vector at joint j."""
-    joint = here.model.joints[here.body.segments + j]
-    di = xyz(load4(here.d, j))
-    dj = xyz(load4(here.d, j + 1))
-    dk = xyz(load4(here.d, j + 2))
-    first = xyz(load4(here.x, j + 1) - load4(here.x, j)) + (dj - di)
-    last = xyz(load4(here.x, j + 2) - load4(here.x, j + 1)) + (dk - dj)
-    return last * joint[3] - first * joint[2]
+ALL = make_joints(winch=False)
 
 
-@wp.func
-def rest_at(j: int, here: Here) -> wp.vec3:
-    """The rest turn vector at joint j, which points where the turn vector did before the substep."""
-    joint = here.model.joints[here.body.segments + j]
-    first = xyz(load4(here.x, j + 1) - load4(here.x, j))
-    last = xyz(load4(here.x, j + 2) - load4(here.x, j + 1))
-    return rest_turn(last * joint[3] - first * joint[2], joint[0])
-
-
-def make_bend_by_moments(bent: bool):
+def make_bend_by_moments(bent: bool, winch: bool):
     """A Warp function: add to the prediction of particle i what the moments of the last substep do to it, where joints
     are straight at rest."""
+    weights_at = make_joints(winch).weights
 
     @wp.func
     def bend_by_moments(i: int, here: Here):
@@ -77,12 +101,10 @@ def make_bend_by_moments(bent: bool):
             for place in range(3):
                 j = i - place
                 if j >= 0 and j < joints:
-                    joint = here.model.joints[here.body.segments + j]
-                    weight = wp.where(place == 0, joint[2], wp.where(place == 1, -(joint[2] + joint[3]), joint[3]))
                     held = here.state.moments[here.body.segments + j]
                     if wp.static(bent):
-                        held *= wp.where(joint[0] > 0.0, 0.0, 1.0)
-                    force -= weight * held
+                        held *= wp.where(here.model.joints[here.body.segments + j][0] > 0.0, 0.0, 1.0)
+                    force -= weights_at(j, here)[place] * held
             move = (here.step.effective * here.step.effective * p[3]) * force
             store4(here.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
         if wp.static(bent):
@@ -91,13 +113,14 @@ def make_bend_by_moments(bent: bool):
     return bend_by_moments
 
 
-def make_keep_moment(bent: bool):
+def make_keep_moment(bent: bool, winch: bool = False):
     """A Warp function: the moment at joint j after a solve. Its particles are to move by the rows of `moves`, and the
     rest shape turned by `rotation` + 1.
 
     Told before they are moved: with what rounds their places moments would know more than they did, and give stiff
     ropes energy.
     """
+    weights_at, stiffness_at, turn_at, rest_at = make_joints(winch)
 
     @wp.func
     def keep_moment(
@@ -107,7 +130,7 @@ def make_keep_moment(bent: bool):
         rotation: wp.mat33,
     ):
         stiff = stiffness_at(j, here)
-        turn = turn_at(j, here) + _turned(moves, weights_at(j, here.model, here.body))
+        turn = turn_at(j, here) + _turned(moves, weights_at(j, here))
         if wp.static(bent):
             rest = rest_at(j, here)
             turn -= rest + rotation * rest
@@ -125,10 +148,10 @@ def add_joint(
     sums: Sums,
 ) -> Sums:
     """The sums of beam_rotation.py with joint j, whose particles the rows of u and y move."""
-    weights = weights_at(j, here.model, here.body)
-    stiff = stiffness_at(j, here)
-    rest = rest_at(j, here)
-    lack = (turn_at(j, here) - rest) + _turned(u, weights)
+    weights = ALL.weights(j, here)
+    stiff = ALL.stiffness(j, here)
+    rest = ALL.rest(j, here)
+    lack = (ALL.turn(j, here) - rest) + _turned(u, weights)
     return with_joint(sums, stiff, _turned(y, weights) - rest, lack)
 
 
@@ -138,8 +161,9 @@ def _turned(moves: wp.mat33, weights: wp.vec3) -> wp.vec3:
     return (moves[2] - moves[1]) * weights[2] - (moves[1] - moves[0]) * weights[0]
 
 
-def _make_walks(bent: bool):
+def _make_walks(bent: bool, winch: bool):
     """Two Warp functions: elimination, and substitution."""
+    weights_at, stiffness_at, turn_at, rest_at = make_joints(winch)
 
     @wp.func
     def eliminate(here: Here):
@@ -163,7 +187,7 @@ def _make_walks(bent: bool):
             rest = wp.vec3(0.0)
             stiff = float(0.0)
             if i < joints:
-                weights = weights_at(i, here.model, here.body)
+                weights = weights_at(i, here)
                 stiff = stiffness_at(i, here)
                 turn = turn_at(i, here)
                 if wp.static(bent):
@@ -243,11 +267,11 @@ def _rotation(here: Here) -> wp.mat33:
     return rotation_of(sums)
 
 
-def make_solve_beam(bent: bool):
-    """A Warp function: one solve over all joints of a body, `bent` at rest or straight, by one thread; it moves the
-    particles and changes the moments."""
-    keep_moment = make_keep_moment(bent)
-    eliminate, substitute = _make_walks(bent)
+def make_solve_beam(bent: bool, winch: bool):
+    """A Warp function: one solve over all joints of a body, `bent` at rest or straight, or of what is out of a `winch`,
+    by one thread; it moves the particles and changes the moments."""
+    keep_moment = make_keep_moment(bent, winch)
+    eliminate, substitute = _make_walks(bent, winch)
 
     @wp.func
     def solve_beam(here: Here):

@@ -8,15 +8,7 @@ little, and lies in shared memory.
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load4, quick_quotient, store4, sync, xyz
-from cloth_sim_ros.sim.model import Body, Model
-from cloth_sim_ros.sim.ropes.beam import (
-    add_joint,
-    make_keep_moment,
-    rest_at,
-    stiffness_at,
-    turn_at,
-    weights_at,
-)
+from cloth_sim_ros.sim.ropes.beam import ALL, add_joint, make_keep_moment
 from cloth_sim_ros.sim.ropes.beam_rotation import SUMS, Sums, rotation_of, sums_of_block, with_particle
 from cloth_sim_ros.sim.ropes.scan import scan_size
 from cloth_sim_ros.sim.stages.here import Here
@@ -50,11 +42,11 @@ def _make_joint_at(bent: bool):
     @wp.func
     def joint_at(j: int, here: Here) -> Joint:
         joint = Joint()
-        joint.weights = weights_at(j, here.model, here.body)
-        joint.stiff = stiffness_at(j, here)
-        turn = turn_at(j, here)
+        joint.weights = ALL.weights(j, here)
+        joint.stiff = ALL.stiffness(j, here)
+        turn = ALL.turn(j, here)
         if wp.static(bent):
-            rest = rest_at(j, here)
+            rest = ALL.rest(j, here)
             joint.change = joint.stiff * (turn - rest)
             joint.rest = joint.stiff * rest
         else:
@@ -171,12 +163,12 @@ def make_solve_beam_together(threads: int, bent: bool):
     eliminate, substitute = _make_walks(bent)
 
     @wp.func
-    def shown(j: int, m: Model, body: Body, rows: wp.uint64) -> Joint:
+    def shown(j: int, here: Here, rows: wp.uint64) -> Joint:
         """Joint j as a thread has shown it; without stiffness where there is none."""
         joint = Joint()
-        if j >= 0 and j < body.count - 2:
+        if j >= 0 and j < here.body.count - 2:
             row = load4(rows, width * j + 2)
-            joint.weights = weights_at(j, m, body)
+            joint.weights = ALL.weights(j, here)
             joint.change = xyz(row)
             joint.stiff = row[3]
             if wp.static(bent):
@@ -221,11 +213,7 @@ def make_solve_beam_together(threads: int, bent: bool):
                 store4(rows, width * j + 4, wp.vec4(joint.rest[0], joint.rest[1], joint.rest[2], 0.0))
         sync()
         for i in range(t, here.body.count, threads):
-            begun, near, far = (
-                shown(i, here.model, here.body, rows),
-                shown(i - 1, here.model, here.body, rows),
-                shown(i - 2, here.model, here.body, rows),
-            )
+            begun, near, far = shown(i, here, rows), shown(i - 1, here, rows), shown(i - 2, here, rows)
             row, pull, turning = _row_of(load4(here.d, i)[3], begun, near, far)
             store4(rows, width * i, row)
             if wp.static(bent):

@@ -75,15 +75,16 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
 
     `stored`: a thread may have several segments, kept in State.segments; otherwise its one stays in registers. The
     address is that of scan_size(threads) vec4 that the threads share, unused by one thread. A beam also resists
-    bending, solved after its stretch, and between two clamps twist; of a chain on a winch, what is out is solved.
+    bending, solved after its stretch, and between two clamps twist. Of a chain on a winch what is out is solved, its
+    bending by one thread.
     """
     prepare = make_prepare(features.order, features.winch, threads > 1)
     beam, bent, winch, twist = features.beam, features.bent, features.winch, features.twist
-    bend_by_moments = make_bend_by_moments(bent) if beam else None
-    solve_beam = make_solve_beam(bent) if beam else None
+    bend_by_moments = make_bend_by_moments(bent, winch) if beam else None
+    solve_beam = make_solve_beam(bent, winch) if beam else None
     solve_beam_from_both_ends = make_solve_beam_from_both_ends(bent) if beam and threads == 1 else None
     solve_beam_together = make_solve_beam_together(threads, bent) if beam and threads > 1 else None
-    find_twist = make_find_twist(features.order) if twist else None
+    find_twist = make_find_twist(features.order, features.handles) if twist else None
     gather = make_gather(stored)
     reach_back = make_reach_back(stored)
     share_of = make_share(threads, stored)
@@ -226,7 +227,10 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                     again = sync_any(unsettled)
         if wp.static(beam):
             sync()
-            if wp.static(threads > 1):
+            if wp.static(winch):
+                if t == 0:
+                    solve_beam(here)
+            elif wp.static(threads > 1):
                 if here.body.count <= wp.static(most_together(threads, bent)):
                     solve_beam_together(t, here, shared)
                 elif t == 0:

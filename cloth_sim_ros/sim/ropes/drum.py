@@ -12,6 +12,8 @@ where its material is, so that both parts keep the strain. It moves as that mate
 the feed behind it. A swallowed one leaves its neighbour's segment with the mean strain of the two that were. What a
 bend between them would pull taut is owed and fed little by little. The particle next to the drum weighs what of its two
 half segments is out.
+
+The drum is a hinge: what bends leaves it in any direction. A joint of it that has come out begins straight.
 """
 
 import warp as wp
@@ -159,6 +161,16 @@ def rest_of(k: int, here: Here) -> float:
     """The rest length [m] of segment k of the body."""
     reel = here.state.reels[here.body.index]
     return wp.where(k == reel.index, reel.length, here.model.segment_length[here.body.segments + k])
+
+
+@wp.func
+def joint_out(j: int, joint: wp.vec4, reel: Reel) -> wp.vec4:
+    """Joint j as in Model.joints, beside the segment that is fed or behind; without weights on the drum."""
+    if j < reel.index:
+        return wp.vec4(0.0, 1.0, 0.0, 0.0)
+    if j > reel.index:
+        return joint
+    return wp.vec4(0.0, joint[1] + 0.5 * (reel.length - 1.0 / joint[2]), 1.0 / reel.length, joint[3])
 
 
 def make_fed(order: int):

@@ -13,6 +13,7 @@ from cloth_sim_ros.sim.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.bending import wrap_angle
 from cloth_sim_ros.sim.physics.twist import angle_about, carried_across, half_binormal
+from cloth_sim_ros.sim.ropes.clamps import any_across, make_clamps, without_twist
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.state import State
 
@@ -30,15 +31,6 @@ def make_tangent(order: int):
         return wp.normalize(e)
 
     return tangent_at
-
-
-@wp.func
-def any_across(t: wp.vec3) -> wp.vec3:
-    """A unit vector across t: of the axis that t lies least along."""
-    axis = wp.vec3(1.0, 0.0, 0.0)
-    if wp.abs(t[0]) > wp.min(wp.abs(t[1]), wp.abs(t[2])):
-        axis = wp.where(wp.abs(t[1]) < wp.abs(t[2]), wp.vec3(0.0, 1.0, 0.0), wp.vec3(0.0, 0.0, 1.0))
-    return wp.normalize(axis - wp.dot(axis, t) * t)
 
 
 @wp.func
@@ -64,23 +56,30 @@ def push_by_couples(i: int, here: Here):
     store4(here.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
 
 
-def make_find_twist(order: int):
+def make_find_twist(order: int, handles: bool):
     """A Warp function: one thread finds the twist of a body and the couples of its joints."""
     tangent_at = make_tangent(order)
+    clamped_by, clamp, turn_clamps = make_clamps(handles)
 
     @wp.func
     def twist_anew(here: Here) -> float:
         """The torsional moment [N m] from where the particles are, and in State.twists what belongs to it.
 
-        At first, and whenever positions were set, the rope is without twist but for what its end is turned by.
+        At first, and whenever positions were set, the rope is without twist but for what its end is turned by. Clamped
+        anew, it is without any.
         """
         twist = here.state.twists[here.body.index]
         last = here.body.count - 2
+        start_by = clamped_by(0, 1, here)
+        end_by = clamped_by(last + 1, last, here)
         before = tangent_at(0, here)
-        if twist.known == 0:
+        if start_by == 0 or end_by == 0:
+            here.state.twists[here.body.index] = without_twist(twist, before)
+            return 0.0
+        if twist.known == 1:
+            twist = turn_clamps(twist, start_by, end_by, before, tangent_at(last, here), here)
+        else:
             twist.start = any_across(before)
-            twist.angle = twist.wanted
-            twist.turned = twist.wanted
         u = twist.start
         length = float(0.0)
         for k in range(1, last + 1):
@@ -89,9 +88,8 @@ def make_find_twist(order: int):
             before = after
             if k < last:
                 length += here.model.segment_length[here.body.segments + k]
-        if twist.known == 0:
-            twist.end = u
-            twist.known = 1
+        if twist.known != 1:
+            twist = clamp(twist, start_by, end_by, tangent_at(0, here), before, u, here)
         # However far the end was turned; from one substep to the next the writhe changes by less than half a turn.
         turned = twist.angle + (twist.wanted - twist.turned)
         twist.angle = turned + wrap_angle(angle_about(before, u, twist.end) + twist.wanted - turned)

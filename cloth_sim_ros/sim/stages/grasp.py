@@ -13,6 +13,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.state import HandleMotion
 
 # What a rigid hold leaves of the inverse mass, and the most that it gives way by [m/N].
 RIGID = wp.constant(1.0e-3)
@@ -39,15 +40,20 @@ def give_of(number: int, w: float, here: Here) -> float:
 
 
 @wp.func
+def orientation_of(handle: HandleMotion, after: float) -> wp.quat:
+    """How a handle is turned when that share of the frame is over."""
+    if wp.length_sq(handle.start_orientation - handle.end_orientation) > 0.0:
+        return wp.quat_slerp(handle.start_orientation, handle.end_orientation, after)
+    return handle.start_orientation
+
+
+@wp.func
 def way_of(x: wp.vec4, grip: wp.vec4, here: Here) -> wp.vec3:
     """How far a held particle at x is from where its handle wants it at the end of the substep [m]."""
     after = float(here.substep + 1) / float(here.frame.substeps)
     handle = here.handles[int(grip[3]) - 1]
-    q = handle.start_orientation
-    if wp.length_sq(handle.start_orientation - handle.end_orientation) > 0.0:
-        q = wp.quat_slerp(handle.start_orientation, handle.end_orientation, after)
     travel = after * (handle.end_position - handle.start_position)
-    return (handle.start_position - xyz(x)) + travel + wp.quat_rotate(q, xyz(grip))
+    return (handle.start_position - xyz(x)) + travel + wp.quat_rotate(orientation_of(handle, after), xyz(grip))
 
 
 @wp.func

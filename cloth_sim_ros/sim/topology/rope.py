@@ -79,6 +79,8 @@ def _bends(
     tangents = np.diff(points, axis=0) / length[:, None]
     turn = np.linalg.norm(np.diff(tangents, axis=0), axis=1)
     turn[turn < STRAIGHT] = 0.0
+    if rope.winch is not None:
+        turn[:] = 0.0  # what comes from a drum is straight at rest
     bending = np.where(pinned[:-1] & pinned[1:], 0.0, length)
     span = 0.5 * np.where(bending[:-1] + bending[1:] > 0.0, bending[:-1] + bending[1:], length[:-1] + length[1:])
     particles = np.stack([index - 1, index, index + 1], axis=1)
