@@ -11,11 +11,8 @@ import warp as wp
 BYTES_A_PARTICLE = 32  # one float4 of position, one of displacement and inverse mass
 
 # Without fused multiply-adds a frame on a CPU takes a tenth longer. On a GPU it is at most a twentieth, and with them
-# one line of code may round differently in the kernels of one world and of many. Inlining as much as LLVM does by
-# itself, less than Warp asks for, a CPU compiles in half the time what runs as fast.
-_FLAGS = [flag for flag in (wp.config.cpu_compiler_flags or "").split() if not flag.startswith("-mllvm=-inline")]
-_INLINING = ["-mllvm=-inline-threshold=225", "-mllvm=-inline-cold-callsite-threshold=45"]
-OPTIONS = {"fuse_fp": False, "cpu_compiler_flags": " ".join([*_FLAGS, *_INLINING, "-ffp-contract=fast"])}
+# one line of code may round differently in the kernels of one world and of many.
+OPTIONS = {"fuse_fp": False, "cpu_compiler_flags": f"{wp.config.cpu_compiler_flags} -ffp-contract=fast"}
 
 _LOAD = """
 #if defined(__CUDA_ARCH__)

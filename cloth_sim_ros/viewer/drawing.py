@@ -34,14 +34,23 @@ class Drag:
     pointer: np.ndarray
 
 
+@dataclass(frozen=True)
+class Click:
+    """A click on an object, without a drag: the ray from the eye, its origin [m] and unit direction, both (3,)."""
+
+    name: str
+    origin: np.ndarray
+    direction: np.ndarray
+
+
 class Drawing:
     """Objects by name. What is drawn anew under a name replaces what was there; `clear` removes all.
 
-    dragged(drag) is called in the server's thread, in order, where somebody drags a cloth or a rope.
+    used(drag or click) is called in the server's thread, in order, where somebody uses the mouse on a cloth or a rope.
     """
 
-    def __init__(self, server: viser.ViserServer, root: str, dragged: Callable[[Drag], None] = lambda drag: None):
-        self._server, self._root, self._dragged = server, root, dragged
+    def __init__(self, server: viser.ViserServer, root: str, used: Callable[[Drag | Click], None] = lambda use: None):
+        self._server, self._root, self._used = server, root, used
         self._vertices: dict[str, Callable[[np.ndarray], np.ndarray]] = {}  # of a mesh, from positions
         self.handles: dict[str, Any] = {}
         server.scene.add_frame(root, show_axes=False)
@@ -143,9 +152,13 @@ class Drawing:
 
         async def on_drag(event: Any) -> None:  # a coroutine, as those run in the order of the events
             start, end = np.array(event.start_position), np.array(event.end_position)
-            self._dragged(Drag(name, event.phase, start, end))
+            self._used(Drag(name, event.phase, start, end))
+
+        async def on_click(event: Any) -> None:
+            self._used(Click(name, np.array(event.ray_origin), np.array(event.ray_direction)))
 
         mesh.on_drag(on_drag)
+        mesh.on_click(on_click)
 
 
 def _slivers(positions: np.ndarray, pairs: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import viser
 
-from cloth_sim_ros.viewer.drawing import Drag, Drawing
+from cloth_sim_ros.viewer.drawing import Click, Drag, Drawing
 from cloth_sim_ros.viewer.look import furnish, look_from
 
 
@@ -19,7 +19,7 @@ class Page:
     """One page: what it draws and its controls. It exists while it is open, and all browsers see the same one.
 
     All methods run in one thread, which may be another one than the server's: what a browser does is looked at in
-    `advance`. A drag comes there, too.
+    `advance`. Drags and clicks come there, too.
     """
 
     title: ClassVar[str] = ""
@@ -28,9 +28,9 @@ class Page:
 
     def __init__(self, server: viser.ViserServer):
         self.server, self.gui = server, server.gui
-        self._drags: deque[Drag] = deque()
+        self._uses: deque[Drag | Click] = deque()
         self._pressed: deque[Callable[[], None]] = deque()
-        self.drawing = Drawing(server, "/page", self._drags.append)
+        self.drawing = Drawing(server, "/page", self._uses.append)
         self.folder = self.gui.add_folder(None)
         with self.folder:
             if self.text:
@@ -47,6 +47,9 @@ class Page:
     def dragged(self, drag: Drag) -> None:
         """Somebody drags something."""
 
+    def clicked(self, click: Click) -> None:
+        """Somebody clicks on something."""
+
     def button(self, label: str, pressed: Callable[[], None]) -> None:
         """A button; `pressed` runs before the next frame."""
         self.gui.add_button(label).on_click(lambda event: self._pressed.append(pressed))
@@ -60,8 +63,9 @@ class Page:
         """What was pressed and dragged, then one frame."""
         while self._pressed:
             self._pressed.popleft()()
-        while self._drags:
-            self.dragged(self._drags.popleft())
+        while self._uses:
+            use = self._uses.popleft()
+            (self.dragged if isinstance(use, Drag) else self.clicked)(use)
         with self.server.atomic():  # so that what belongs together is seen together
             self.frame()
 

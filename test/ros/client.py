@@ -42,7 +42,7 @@ class Client:
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
 
-    def until(self, condition: Callable[[], bool], timeout: float = 20.0, meanwhile: Callable = lambda: None) -> None:
+    def until(self, condition: Callable[[], bool], timeout: float = 60.0, meanwhile: Callable = lambda: None) -> None:
         """Spins until `condition` holds, calling `meanwhile` between callbacks; fails after `timeout` [s]."""
         end = time.monotonic() + timeout
         while not condition():

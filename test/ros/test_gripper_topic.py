@@ -67,7 +67,7 @@ def test_it_lifts_at_its_force_and_drops_at_half_of_it(hand, client):
     hand.wait_for("simulating swatch")
     client.spin(1.0)
     assert hand.height() == pytest.approx(0.1, abs=5e-3)
-    client.until(lambda: hand.height() < -0.1, meanwhile=lambda: hand.send("force", 0.7 * NEEDED))
+    client.until(lambda: hand.height() < -0.1, 90.0, lambda: hand.send("force", 0.7 * NEEDED))
 
 
 def test_openings_by_topic_and_parameter_act_and_bad_ones_are_told(hand, client):

@@ -26,7 +26,7 @@ def test_a_frame_without_end_is_told_of(start, client):
     assert client.set("solver.substeps", 10000).successful
     sentence = "s so far; fewer substeps or iterations, or coarser objects, take less"
     client.until(lambda: sentence in node.log, timeout=30.0)
-    client.until(lambda: sentence in told[-1].status[0].message)
+    client.until(lambda: told and sentence in told[-1].status[0].message)
     assert told[-1].status[0].name == "/cloth_sim: simulation" and told[-1].status[0].level == DiagnosticStatus.WARN
     assert client.get("solver.substeps") == 10000
     busy = client.call(Trigger, "/cloth_sim/reset")

@@ -84,7 +84,8 @@ def say_everything(client):
     assert client.set("cloth.mass", 0.3).successful  # the simulation is built anew
     client.spin(0.5, meanwhile=swing)
     scene.publish(all_inputs.box(Marker.DELETE))
-    client.spin(0.5)
+    seen = len(clouds)
+    client.until(lambda: len(clouds) > seen + 4, timeout=90.0)
 
 
 @pytest.fixture(scope="module")

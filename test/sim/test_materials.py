@@ -122,7 +122,7 @@ def test_what_is_given_wins_over_the_material():
     cloth = Cloth.of("denim", mass=1.0, bending="springs", bend_compliance=0.1, damping=0.0)
     assert (cloth.mass, cloth.bending, cloth.bend_compliance, cloth.damping) == (1.0, "springs", 0.1, 0.0)
     assert Cloth.of("denim", bending="none").bend_compliance is None
-    assert Rope.of("nylon rope", winch=Winch()).bend_compliance is None
+    assert Rope.of("nylon rope", winch=Winch()).bend_compliance == Rope.of("nylon rope").bend_compliance
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ def crossed(sim):
     return sum(crossings(x, edges, y, faces, False) for x, edges, _ in parts for y, _, faces in parts if x is not y)
 
 
-def sheets(device, mu=0.5, **settings):
+def sheets(device, mu=0.5, tear_strain=0.0, **settings):
     """A sheet that falls on a fixed one: thicknesses of 2 and 4 mm, frictions of which mu is the geometric mean."""
     lower = Cloth(
         resolution=(8, 8),
@@ -36,6 +36,7 @@ def sheets(device, mu=0.5, **settings):
         mass=0.05,
         static_friction=0.5 * mu,
         kinetic_friction=0.5 * mu,
+        tear_strain=tear_strain,
     )
     return Simulation(Scene({"lower": lower, "upper": upper}, object_contact=True), Settings(**settings), device)
 
@@ -61,6 +62,22 @@ def test_sheets_rub_by_the_geometric_mean_of_their_friction(device, settings):
         moved = (sim.positions("upper").mean(axis=0) - before)[0]
         wanted = 0.5 * GRAVITY * (np.sin(angle) - mu * np.cos(angle)) * time**2 if slides else 0.0
         assert moved == pytest.approx(wanted, rel=0.1, abs=2e-4)
+
+
+def test_the_parts_of_a_cut_sheet_slide_apart_on_another(device):
+    """Without friction, at the velocity that each was given, and as high above what they lie on as before."""
+    sim = sheets(device, 0.0, tear_strain=0.5)
+    sim.step(60)
+    cut = np.array([(0.004, -1.0, -1.0), (0.004, 1.0, -1.0), (0.004, 1.0, 1.0), (0.004, -1.0, 1.0)])
+    assert sim.cut("upper", cut) == 6 + 2 * 5
+    x = sim.positions("upper").astype(float)
+    way = np.where(x[:, :1] > 0.004, 1.0, -1.0) * (0.03, 0.0, 0.0)
+    sim.set_velocities("upper", way)
+    sim.step(60)
+    moved = sim.positions("upper") - x
+    assert np.allclose(moved[:, :2], way[:, :2], atol=1e-3)
+    assert np.allclose(sim.positions("upper")[:, 2], 0.006, atol=2e-4)
+    assert crossed(sim) == 0 and sim.report()["upper"]["recoveries"] == 0
 
 
 def test_a_hit_keeps_momentum_in_any_order_of_objects(device):

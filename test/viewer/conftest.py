@@ -69,7 +69,7 @@ class Viewer:
     def page(self):
         return self.window.page
 
-    def until(self, condition: Callable[[], bool], timeout: float = 30.0) -> None:
+    def until(self, condition: Callable[[], bool], timeout: float = 90.0) -> None:
         """Spins until `condition` holds; fails after `timeout` [s]."""
         end = time.monotonic() + timeout
         while not condition():
@@ -82,7 +82,7 @@ class Viewer:
 
     def shows(self, *names: str) -> None:
         """Waits until these objects are drawn."""
-        self.until(lambda: self.page is not None and set(names) <= set(self.page.drawing.handles), timeout=90.0)
+        self.until(lambda: self.page is not None and set(names) <= set(self.page.drawing.handles))
 
     def close(self) -> None:
         self.window.close()

@@ -6,7 +6,7 @@ import pytest
 from client import fields
 from sensor_msgs.msg import PointCloud2
 
-from cloth_sim_ros.viewer.drawing import Drag
+from cloth_sim_ros.viewer.drawing import Click, Drag
 from cloth_sim_ros.viewer.live.grasp import NONE_FREE
 from cloth_sim_ros.viewer.tube import SIDES
 
@@ -16,7 +16,8 @@ SCENE = """
     objects: [cloth, rope]
     colliders: [floor, ball, box, bar]
     handles: [hand]
-    cloth: {type: cloth, resolution: [6, 5], size: [0.5, 0.4], pins: top, position: [0, 0, 2], damping: 0.01}
+    cloth:
+      {type: cloth, resolution: [6, 5], size: [0.5, 0.4], pins: top, position: [0, 0, 2], damping: 0.01, tear_strain: 9}
     rope: {type: rope, segments: 7, start: [0, 0.5, 2], end: [1, 0.5, 2], pins: start, radius: 0.02}
     floor: {shape: plane}
     ball: {shape: sphere, dimensions: [0.1], position: [0, 1, 0.5]}
@@ -137,9 +138,28 @@ def test_what_is_dragged_comes_along_and_is_let_go(shown, client):
         shown.until(lambda p=pointer: np.linalg.norm(page.grasp.vertex - p) < 1e-5)
         assert np.linalg.norm(particles(client, "cloth")[CORNER] - pointer) < 1e-4
         assert client.get("hand.attached") is True
+        page.grasp._offset = page.grasp._offset + 0.02  # as measured on a frame of before the grasp
+        shown.until(lambda: np.linalg.norm(page.grasp._offset) < 0.01)
+        shown.until(lambda p=pointer: np.linalg.norm(page.grasp.vertex - p) < 1e-5)
         page.dragged(Drag("cloth", "end", corner, pointer))
         shown.until(lambda: page.grasp.state == "idle")
         assert client.get("hand.attached") is False
+
+
+def test_two_clicks_cut_what_tears_between_them(shown):
+    page, eye = shown.page, np.array([0.0, -2.0, 1.8])
+
+    def click(name: str, vertex: int) -> None:
+        way = page.scene.positions[name][vertex] - eye
+        page.clicked(Click(name, eye, way / np.linalg.norm(way)))
+
+    click("rope", 3)
+    assert page.status == "rope cannot be cut. A cloth can with a tear_strain above 0."
+    click("cloth", 6)
+    assert page.status == "Click where the cut of cloth ends."
+    click("cloth", 11)
+    assert page.status == "A cut goes through cloth."
+    shown.until(lambda: len(page.drawing.handles["cloth"].faces) <= 2 * 5 * 4 - 2 * 3)
 
 
 def test_an_object_that_becomes_another_one_is_drawn_anew(shown, client):

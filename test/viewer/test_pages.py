@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.study.closed_forms import oscillator
-from cloth_sim_ros.viewer.drawing import Drag
+from cloth_sim_ros.viewer.drawing import Click, Drag
 from cloth_sim_ros.viewer.pages import colouring, integrators, iterations, spring_network, whole_cloth
 from cloth_sim_ros.viewer.pages.relaxation import HangingRope
 
@@ -251,3 +251,21 @@ def test_the_whole_cloth_weighs_on_the_ball_and_is_dragged(open_page):
     assert tuple(sim.get("wind.velocity")) == pytest.approx((0.0, 3.0, 0.0))
     assert sim.get("ball.static_friction") == pytest.approx(1.2)
     assert len(page.drawing.handles["normals"].vertices) == 3 * whole_cloth.SIDE**2
+
+
+def test_two_clicks_cut_the_whole_cloth_between_them(open_page):
+    page = open_page(whole_cloth.WholeCloth)
+    sim, n, eye = page.stage.sim, whole_cloth.SIDE, np.array([0.0, 0.0, 3.0])
+    page.advance()
+    whole = len(page.drawing.handles["cloth"].faces)
+    assert whole == 2 * (n - 1) ** 2
+    ends = [16 * n + 4, 16 * n + 27]
+    for vertex in (ends[0], ends[0], ends[1]):
+        way = sim.positions("cloth")[vertex] - eye
+        page.clicked(Click("cloth", eye, way / np.linalg.norm(way)))
+    failed = sim.springs("cloth")["structural"][0][sim.torn("cloth")["structural"]]
+    rows, columns = np.sort(failed // n, axis=1), failed % n
+    assert (rows[:, 0] + 1 == rows[:, 1]).all() and (np.abs(rows - 16) <= 1).all(), "they lie across the cut"
+    assert columns.min() >= 4 and columns.max() <= 27 and 22 <= len(failed) <= 24
+    page.advance()
+    assert len(page.drawing.handles["cloth"].faces) == len(sim.triangles("cloth")) < whole

@@ -90,7 +90,8 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     program = make_program(features, block == 1, block, shared == 0 or shared > THREADS)
     load, unload = _make_memory(features, shared, block, most_shared)
     begin = make_begin(features)
-    simulate, end = _make_substeps(features, program), in_turn(program.ending, "ending")
+    called = block == 1 and bool(features.shapes)
+    simulate, end = _make_substeps(features, program, called), in_turn(program.ending, "ending", called)
     argument = given_type(features)
 
     @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.OPTIONS)
@@ -117,11 +118,12 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     return simulate_frame
 
 
-def _make_substeps(features: Features, program: Program):
+def _make_substeps(features: Features, program: Program, called: bool):
     """A Warp function: the threads of a block run all substeps of a frame."""
-    enter, outer = make_enter(features), in_turn(program.outer, "outer")
-    before, iterated = in_turn(program.before, "before"), in_turn([*program.solved, *program.touched], "iterated")
-    after = in_turn(program.after, "after")
+    enter, outer = make_enter(features), in_turn(program.outer, "outer", called)
+    before = in_turn(program.before, "before", called)
+    iterated = in_turn([*program.solved, *program.touched], "iterated", called)
+    after = in_turn(program.after, "after", called)
 
     @wp.func
     def simulate(t: int, width: int, loaded: Here):

@@ -120,9 +120,10 @@ def make_frame(features: Features):
     """The kernel of a whole frame for `features`: the program of explicit steps, moved by vector_rows_simd.py."""
     program = make_program(features, True)
     begin, enter = make_begin(features), make_enter(features)
-    outer, end = in_turn(program.outer, "outer"), in_turn(program.ending, "ending")
-    before = in_turn([stage for stage in program.before if stage.name != "predict"], "before")
-    iterated = in_turn(program.touched, "iterated")
+    called = bool(features.shapes)
+    outer, end = in_turn(program.outer, "outer", called), in_turn(program.ending, "ending", called)
+    before = in_turn([stage for stage in program.before if stage.name != "predict"], "before", called)
+    iterated = in_turn(program.touched, "iterated", called)
     argument = given_type(features)
 
     @wp.func

@@ -116,12 +116,12 @@ class Grasp:
 
     def _holding(self) -> None:
         arrived = np.linalg.norm(self._place() - self._sent) < _STILL
-        if self._offset is None:  # measured while the hand rests where it was sent to
-            if not arrived or self._scene.stamps[self._object] <= self._stamp:
-                self._stamp = self._scene.stamps[self._object]
-                self._send(self._sent)
-                return
-            self._offset = self.vertex - self._sent
+        stamp = self._scene.stamps[self._object]
+        if arrived and stamp > self._stamp:  # each time that the hand rests: what came first may be of before the grasp
+            self._stamp, self._offset = stamp, self.vertex - self._sent
+        if self._offset is None:
+            self._send(self._sent)
+            return
         way = self._pointer - self._offset - self._sent
         if np.linalg.norm(way) > _STILL:
             self._send(self._sent + (SHARE * way if np.linalg.norm(way) > 100 * _STILL else way))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,13 @@ from shape_msgs.msg import Mesh
 from visualization_msgs.msg import MarkerArray
 
 from cloth_sim_ros.viewer.curves import Curves
-from cloth_sim_ros.viewer.drawing import Drag
+from cloth_sim_ros.viewer.drawing import Click, Drag
 from cloth_sim_ros.viewer.live.grasp import Grasp
 from cloth_sim_ros.viewer.live.panel import Panel
 from cloth_sim_ros.viewer.live.remote import ENDS, Known, Remote, Seen
 from cloth_sim_ros.viewer.live.scene import LiveScene
 from cloth_sim_ros.viewer.look import look_from
+from cloth_sim_ros.viewer.scissors import Scissors
 from cloth_sim_ros.viewer.window import Page
 
 ANSWER_IN = 5.0  # [s] after which the node is asked again, as an answer may be lost while it starts
@@ -68,6 +70,14 @@ class LivePage(Page):
         if self.known is not None:
             self.grasp.drag(drag)
 
+    def clicked(self, click: Click) -> None:
+        if self.known is None or click.name not in self.scene.positions:
+            return
+        if self.known.values.get(f"{click.name}.tear_strain"):
+            self._scissors.click(click, self.scene.positions[click.name])
+        else:
+            self.tell(f"{click.name} cannot be cut. A cloth can with a tear_strain above 0.")
+
     # -- coming and going ----------------------------------------------------------------------------------------
 
     def _look(self) -> None:
@@ -86,6 +96,8 @@ class LivePage(Page):
         self.known = known
         self.scene = LiveScene(self.server, self.drawing, known)
         self.grasp = Grasp(self._remote, known, self.scene, self.tell)
+        cut = partial(self._remote.cut, frame_id=known.values["frame_id"])
+        self._scissors = Scissors(cut, self.tell)
         self._content = self.gui.add_folder(None)
         with self.folder, self._content:
             self._verdict = self.gui.add_markdown("")
@@ -118,7 +130,6 @@ class LivePage(Page):
             self.curves["force"] = Curves(self.gui, "Force on handles and colliders [N]", loads)
         else:
             self.gui.add_markdown("There is no handle and no collider, so there is no force to show.")
-        self.gui.add_markdown("Tearing is not part of the simulation, so a click cuts nothing.")
         self.loads = dict.fromkeys([*ends, *loads], np.nan)
 
     def _lose(self, why: str) -> None:

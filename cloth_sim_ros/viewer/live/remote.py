@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, WrenchStamped
 from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -71,6 +71,7 @@ class Remote:
         self._subscriptions: list[Any] = []
         self._poses: dict[str, Any] = {}
         self._clients: dict[str, Any] = {}
+        self._cuts: Any = None
 
     @property
     def there(self) -> bool:
@@ -147,6 +148,15 @@ class Remote:
         message.header.stamp = self.node.get_clock().now().to_msg()
         message.pose.position.x, message.pose.position.y, message.pose.position.z = map(float, position)
         self._poses[handle].publish(message)
+
+    def cut(self, polygon: np.ndarray, frame_id: str) -> None:
+        """Cuts all that tears along a flat polygon (n, 3) [m]."""
+        if self._cuts is None:
+            self._cuts = self.node.create_publisher(PolygonStamped, f"{self.target}/cut", 10)
+        message = PolygonStamped()
+        message.header.frame_id = frame_id
+        message.polygon.points = [Point32(x=x, y=y, z=z) for x, y, z in polygon.astype(float)]
+        self._cuts.publish(message)
 
     def _pose_topic(self, handle: str) -> str:
         return f"{self.target}/handles/{handle}/pose"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Handle, Scene, Settings, Simulation, Sphere
-from cloth_sim_ros.viewer.drawing import COLOURS, STEEL, Drag, Drawing
+from cloth_sim_ros.viewer.drawing import COLOURS, STEEL, Colour, Drag, Drawing
 
 HAND = "hand"
 REACH = 0.02  # [m] of the hand that drags
@@ -24,11 +24,14 @@ class Stage:
         self._drawing = drawing
         self._vertex: tuple[str, int] | None = None
         self._set: dict[str, Any] = {}
+        self._colours: dict[str, Colour] = {}
+        self._triangles: dict[str, int] = {}  # how many are drawn
         self.refused = ""
         for k, (name, thing) in enumerate(scene.objects.items()):
             colour, positions = COLOURS[k % len(COLOURS)], self.sim.positions(name)
             if isinstance(thing, Cloth):
-                drawing.cloth(name, positions, self.sim.triangles(name), colour)
+                self._colours[name] = colour
+                self._draw_cloth(name)
             else:
                 drawing.rope(name, positions, thing.radius, colour)
         for name, thing in scene.colliders.items():
@@ -53,7 +56,14 @@ class Stage:
     def draw(self) -> None:
         """Moves what is drawn to where it is."""
         for name in self.sim.scene.objects:
+            if self.sim.tears(name) and len(self.sim.triangles(name)) != self._triangles[name]:
+                self._draw_cloth(name)
             self._drawing.move(name, self.sim.positions(name))
+
+    def _draw_cloth(self, name: str) -> None:
+        triangles = self.sim.triangles(name)
+        self._triangles[name] = len(triangles)
+        self._drawing.cloth(name, self.sim.positions(name), triangles, self._colours[name])
 
     def drag(self, drag: Drag) -> None:
         """The hand grasps the particle that the mouse is at, brings it to where the mouse goes, and lets go."""

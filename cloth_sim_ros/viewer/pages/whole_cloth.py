@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole cloth: drag it, blow at it, rub it over a ball."""
+"""The whole cloth: drag it, cut it, blow at it, rub it over a ball."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Plane, Readback, Scene, Sphere, Wind
-from cloth_sim_ros.viewer.drawing import Drag
+from cloth_sim_ros.viewer.drawing import Click, Drag
 from cloth_sim_ros.viewer.pages.stage import Stage
+from cloth_sim_ros.viewer.scissors import Scissors
 from cloth_sim_ros.viewer.window import Page
 
 SIDE = 32  # particles along an edge
@@ -21,8 +22,8 @@ class WholeCloth(Page):
 
     title = "e. The whole cloth"
     text = (
-        "All together, as a robot would use it: drag the cloth, blow at it, let it slide over the ball. You set an "
-        "error and a share of time. The simulation picks the method. It does not tear, so there is nothing to cut."
+        "All together, as a robot would use it: drag the cloth, blow at it, let it slide over the ball. Click on two "
+        "places to cut it between them; it is whole again when you start again."
     )
     camera = ((1.6, -2.1, 1.5), (0.0, 0.0, 0.6))
 
@@ -36,6 +37,7 @@ class WholeCloth(Page):
             bend_compliance=0.1,
             damping=0.001,
             thickness=0.012,
+            tear_strain=10.0,
         )
         scene = Scene(
             objects={"cloth": cloth},
@@ -43,6 +45,8 @@ class WholeCloth(Page):
             wind=Wind(),
         )
         self.stage = Stage(self.drawing, scene)
+        self._said = ""
+        self.scissors = Scissors(lambda polygon: self.stage.sim.cut("cloth", polygon), self._say)
         self.wind = [
             self.gui.add_slider(f"wind {axis} [m/s]", -10.0, 10.0, 0.1, 0.0, hint="Wind velocity.") for axis in "xyz"
         ]
@@ -63,6 +67,13 @@ class WholeCloth(Page):
 
     def dragged(self, drag: Drag) -> None:
         self.stage.drag(drag)
+
+    def clicked(self, click: Click) -> None:
+        if click.name == "cloth":
+            self.scissors.click(click, self.stage.sim.positions("cloth"))
+
+    def _say(self, sentence: str) -> None:
+        self._said = sentence
 
     def frame(self) -> None:
         self.stage.apply("wind.velocity", tuple(slider.value for slider in self.wind))
@@ -102,5 +113,5 @@ class WholeCloth(Page):
         self._numbers.content = (
             f"| | |\n|---|---|\n| largest strain | {100 * report['max_strain']:.1f} % |\n"
             f"| force on the ball | {force:.2f} N |\n| time | {sim.time:.1f} s |\n\n"
-            f"The cloth {sim.choices['cloth'].reason}. {self.stage.refused}"
+            f"The cloth {sim.choices['cloth'].reason}. {self._said} {self.stage.refused}"
         )
