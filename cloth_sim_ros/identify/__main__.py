@@ -14,13 +14,14 @@ from cloth_sim_ros.identify.candidates import Candidates
 from cloth_sim_ros.identify.fit import MOST_STEPS, Estimate, identify
 from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.identify.report import draw, sentences
+from cloth_sim_ros.sim import Scene
 from cloth_sim_ros.study.scene_file import read_plan, with_values
 
 
 def main() -> int:
     """Parse the command line, identify, print and write; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m cloth_sim_ros.identify", description="find values of a recording")
-    parser.add_argument("recording", type=Path, help="an .npz file, see docs/how-to/identify.md")
+    parser.add_argument("recording", type=Path, help="an .npz file or a bag, see docs/how-to/identify.md")
     parser.add_argument("--scene", type=Path, required=True, help="the node's YAML file, with first guesses")
     parser.add_argument("--fit", nargs="+", required=True, metavar="NAME[=LOW:HIGH]", help="live numbers to be found")
     parser.add_argument("--worlds", type=int, default=64, help="candidates at a time")
@@ -40,7 +41,8 @@ def main() -> int:
 
 def run(arguments: argparse.Namespace) -> Estimate:
     """Find, tell, draw and write. Raises ValueError in one sentence."""
-    plan, recording = read_plan(arguments.scene), Recording.read(arguments.recording)
+    plan = read_plan(arguments.scene)
+    recording = _read(arguments.recording, plan.scene, plan.settings.frame_dt)
     device = arguments.device or plan.device
     given = (plan.scene, plan.settings, recording, arguments.fit, arguments.worlds, device)
     candidates = _spread(arguments.ray, given) if arguments.ray else Candidates(*given)
@@ -56,6 +58,16 @@ def run(arguments: argparse.Namespace) -> Estimate:
     print(f"\33[2K{candidates.sim.method}" if sys.stderr.isatty() else candidates.sim.method)
     print(*sentences(candidates, found), f"written: {path} and {path.with_suffix('.png')}", sep="\n")
     return found
+
+
+def _read(path: Path, scene: Scene, frame_dt: float) -> Recording:
+    if path.suffix == ".npz":
+        return Recording.read(path)
+    try:
+        from cloth_sim_ros.identify.bag import recording_of
+    except ImportError as error:
+        raise ValueError(f"{path} is a bag, and to read it {error.name} is missing; allowed are .npz files") from None
+    return recording_of(path, scene, frame_dt)
 
 
 def _spread(address: str, given: tuple) -> Candidates:

@@ -148,6 +148,7 @@ class Candidates:
         self.sim.reset()
         for k, each in enumerate(self.sought):
             self.sim.set(each.name, values[rows, k])
+        self._place()
         found, squares, bad = [], np.zeros(self.sim.worlds), np.zeros(self.sim.worlds, dtype=bool)
         frame = 0
         for f, time in enumerate(self.recording.times):
@@ -164,13 +165,21 @@ class Candidates:
         squares[bad] = np.inf
         return np.concatenate(found, axis=1).astype(np.float64) if keep else squares[: len(values)]
 
+    def _place(self) -> None:
+        """Colliders and handles begin where they were at the start, if the recording says so."""
+        for name, rows in self.recording.pose.items():
+            if self.recording.times[0] == 0.0:
+                self._mover(name)(name, rows[0, :3], rows[0, 3:], sweep=False)
+
+    def _mover(self, name: str) -> Callable[..., None]:
+        return self.sim.set_collider_pose if name in self.sim.scene.colliders else self.sim.set_handle_pose
+
     def _step(self, frame: int) -> None:
         """One frame, to the end of which colliders and handles go as was recorded."""
         time = (frame + 1) * self.settings.frame_dt
         for name, rows in self.recording.pose.items():
             pose = [np.interp(time, self.recording.times, column) for column in rows.T]
-            owner = self.sim.set_collider_pose if name in self.sim.scene.colliders else self.sim.set_handle_pose
-            owner(name, pose[:3], pose[3:])
+            self._mover(name)(name, pose[:3], pose[3:])
         for observer in self._observers:
             observer.keep()
         self.sim.step()

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Vector3Stamped
 from node_process import ROOT
+from recorder_process import Recording
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
@@ -23,27 +24,6 @@ rosbag2 = pytest.importorskip("rosbags.rosbag2")
 SCENE = f"""{all_inputs.SCENE}    publish: {{velocities: true, tensions: true}}
     hand: {{position: [-0.3, -0.25, 1.0], reach: [0.4], object: cloth}}
 """
-
-
-class Recording:
-    """cloth_sim_record in a process of its own."""
-
-    def __init__(self, bag):
-        self._bag, self._said = bag, bag.with_suffix(".txt")
-        command = [sys.executable, "-m", "cloth_sim_ros.record.recorder", str(bag)]
-        with self._said.open("w") as said:
-            self.process = subprocess.Popen(command, cwd=ROOT, stdout=said)
-
-    def wait_for(self, text):
-        end = time.monotonic() + 60.0
-        while text not in self._said.read_text():
-            assert time.monotonic() < end, f"it never said {text!r}"
-            time.sleep(0.02)
-
-    def end(self):
-        self.process.send_signal(signal.SIGINT)
-        assert self.process.wait(20.0) == 0
-        self.wait_for(f" messages are in {self._bag}")
 
 
 def replayed(bag, status=0):
