@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
@@ -35,17 +34,17 @@ class FoldTowel(Task):
     x 4 particles. The distance is the mean one of particles from the fold that is wanted.
     """
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        device: str = "auto",
-        vary: Mapping[str, Any] | None = None,
-        render_mode: str | None = None,
-    ) -> None:
-        super().__init__(_setup(), num_envs, device, vary, render_mode)
+    @staticmethod
+    def make() -> Setup:
+        """See Task."""
+        return _setup()
+
+    @cached_property
+    def _wanted(self) -> np.ndarray:
+        """Where the particles (N, 3) [m] of a folded towel lie."""
         rest = self.sim.rest_positions("towel").reshape(PARTICLES, PARTICLES, 3)
         lower = np.minimum(np.arange(PARTICLES), PARTICLES - 1 - np.arange(PARTICLES))
-        self._wanted = rest[lower].reshape(-1, 3)
+        return rest[lower].reshape(-1, 3)
 
     def judge(self, places: np.ndarray, opened: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See Task."""

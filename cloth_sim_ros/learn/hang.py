@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from cloth_sim_ros.learn.task import Setup, Task
@@ -36,14 +33,10 @@ class HangTowel(Task):
     towel's middle from where it is when it hangs over the peg by half.
     """
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        device: str = "auto",
-        vary: Mapping[str, Any] | None = None,
-        render_mode: str | None = None,
-    ) -> None:
-        super().__init__(_setup(), num_envs, device, vary, render_mode)
+    @staticmethod
+    def make() -> Setup:
+        """See Task."""
+        return _setup()
 
     def judge(self, places: np.ndarray, opened: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See Task."""

@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from functools import cache
 
 import numpy as np
 
@@ -35,19 +34,14 @@ class RouteCable(Task):
     that is small, and the cable passes the pegs one after the other, each on its side.
     """
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        device: str = "auto",
-        vary: Mapping[str, Any] | None = None,
-        render_mode: str | None = None,
-    ) -> None:
-        super().__init__(_setup(), num_envs, device, vary, render_mode)
-        self._wanted = route()
+    @staticmethod
+    def make() -> Setup:
+        """See Task."""
+        return _setup()
 
     def judge(self, places: np.ndarray, opened: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See Task."""
-        distance = np.linalg.norm(places - self._wanted, axis=2).mean(axis=1)
+        distance = np.linalg.norm(places - route(), axis=2).mean(axis=1)
         return distance, (distance < LAID) & passes(places)
 
 
@@ -67,6 +61,7 @@ def passes(places: np.ndarray) -> np.ndarray:
     return found
 
 
+@cache
 def route() -> np.ndarray:
     """Where the particles (N, 3) [m] of a cable lie that is laid around the pegs, and on straight."""
     corners = [(0.0, 0.0), *((x, side * _BESIDE) for x, side in PEGS.values()), (2.0, 0.0)]

@@ -42,23 +42,29 @@ class Setup:
 
 
 class Task(VectorEnv):
-    """`num_envs` worlds of a setup, whose subclass says by `judge` how far each is from what is wanted.
+    """`num_envs` worlds of the setup that a subclass makes, which also judges how far each is from what is wanted.
 
     Actions (num_envs, A) in -1 to 1 move each hand along x, y, z; where hands can let go, a fourth number below -0.5
     does so. Observations are where the hands are [m], whether they hold where they can let go, and where the particles
     seen are [m]. The reward of a step is minus the distance over the size, and 1 more where it is done. infos has
     "distance" [m] and "success" (num_envs,). An episode is truncated at the horizon, and terminated where a world was
-    put back. The step after that starts it anew, with other numbers of what varies. With render_mode "rgb_array",
+    put back. The step after that starts it anew, with other numbers of what varies; `vary` takes the place of the
+    setup's. With render_mode "rgb_array",
     `render` paints each world (480, 640, 3).
     """
 
     metadata = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(
-        self, setup: Setup, num_envs: int, device: str, vary: Mapping[str, Any] | None, render_mode: str | None
+        self,
+        num_envs: int = 1,
+        device: str = "auto",
+        vary: Mapping[str, Any] | None = None,
+        render_mode: str | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode is {render_mode!r}; allowed is None or 'rgb_array'")
+        setup = self.make()
         self.setup, self.num_envs, self.render_mode = setup, num_envs, render_mode
         hands, each = len(setup.hands), 3 + setup.lets_go
         self.single_action_space = spaces.Box(-1.0, 1.0, (hands * each,), np.float32)
@@ -75,6 +81,11 @@ class Task(VectorEnv):
         self._done = np.zeros(num_envs, dtype=bool)
         self._episodes = np.zeros(num_envs, dtype=int)
         self._variation = Variation(self._vary)
+
+    @staticmethod
+    def make() -> Setup:
+        """What there is, and what hands can do."""
+        raise NotImplementedError
 
     def judge(self, places: np.ndarray, opened: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From particles (num_envs, N, 3) [m] and for how many steps each hand has been open (num_envs, H): the
