@@ -10,16 +10,15 @@ import argparse
 import importlib.util
 import math
 import os
-import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
 import yaml
 
 from cloth_sim_ros.shared_files import shared
+from cloth_sim_ros.signals import Stop
 
 LOOK_CLOSER = """
 The driver speaks by topic and service, particles and meshes come back as standard messages. To look closer:
@@ -38,9 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--headless", action="store_true", help="without the viewer")
     parser.add_argument("--seconds", type=float, default=math.inf, help="how long to run once messages arrive")
     options = parser.parse_args(arguments)
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = Stop()
     config = shared(f"config/{options.scene}.yaml")
     print(f"Starting the node on {config} ...", flush=True)
     node = start_node(config)
@@ -94,7 +91,7 @@ def objects_of(config: Path) -> list[str]:
     return parameters["ros__parameters"]["objects"]
 
 
-def watch(stop: threading.Event, node: subprocess.Popen, scene: str, seconds: float) -> None:
+def watch(stop: Stop, node: subprocess.Popen, scene: str, seconds: float) -> None:
     """Drives and watches the node until `stop`, the node's own end, or `seconds` after the first message."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor

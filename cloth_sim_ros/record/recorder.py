@@ -6,9 +6,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
-import signal
 import sys
-import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -22,6 +20,7 @@ from rclpy.utilities import remove_ros_args
 
 from cloth_sim_ros.ros.__main__ import set_up_large_messages
 from cloth_sim_ros.ros.journal import JOURNAL
+from cloth_sim_ros.signals import Stop
 
 LOOK = 0.2  # [s] between looks for topics that are new
 CLOUD, JOURNAL_TYPE = "sensor_msgs/msg/PointCloud2", "std_msgs/msg/String"
@@ -95,9 +94,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(remove_ros_args(given)[1:])
     if importlib.util.find_spec("rosbags") is None:
         return _failed(NEEDED)
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = Stop()
     set_up_large_messages()
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -108,7 +105,7 @@ def main(arguments: list[str] | None = None) -> int:
         rclpy.try_shutdown()
 
 
-def record(node: str, bag: Path, seconds: float, stop: threading.Event) -> int:
+def record(node: str, bag: Path, seconds: float, stop: Stop) -> int:
     """Records until `stop` is set, or for `seconds` from the journal's start on; returns the exit status."""
     recorder = Recorder(node, bag)
     executor = SingleThreadedExecutor()

@@ -10,18 +10,17 @@ import os
 import signal
 import sys
 import tempfile
-import threading
 from pathlib import Path
 from typing import Any
+
+from cloth_sim_ros.signals import NUMBERS, Stop
 
 SPIN_PERIOD = 0.5  # [s] at most between a signal and its effect: the middleware's wait is not interrupted by it
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Spins the node until a signal comes; returns the exit status. Raises no exception."""
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = Stop()
     set_up_large_messages()
 
     import rclpy
@@ -40,12 +39,12 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"cloth_sim: {error}", file=sys.stderr)
         return 1
     spin(stop, keys)
-    for number in (signal.SIGINT, signal.SIGTERM):  # a second one, while the interpreter ends, is no news
+    for number in NUMBERS:  # a second one, while the interpreter ends, is no news
         signal.signal(number, signal.SIG_IGN)
     return 0
 
 
-def spin(stop: threading.Event, keys: dict[str, list[str]]) -> None:
+def spin(stop: Stop, keys: dict[str, list[str]]) -> None:
     """Runs the node until `stop` is set, then takes everything down. keys: parameter file -> nodes that it is for."""
     import rclpy
     import warp

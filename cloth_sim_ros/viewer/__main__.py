@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import errno
 import importlib.util
-import signal
 import socket
 import sys
-import threading
 
 from cloth_sim_ros.ros.__main__ import set_up_large_messages
+from cloth_sim_ros.signals import Stop
 
 SPIN_PERIOD = 0.1  # [s] at most between a signal and its effect
 FRAME = 1.0 / 60.0  # [s]
@@ -26,9 +25,7 @@ PARAMETERS = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Serves the page until a signal comes; returns the exit status. Raises no exception."""
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = Stop()
     if importlib.util.find_spec("viser") is None:
         print("cloth_sim_viewer: viser is not installed: pip install 'cloth_sim_ros[viewer]'", file=sys.stderr)
         return 1
@@ -47,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
         rclpy.try_shutdown()
 
 
-def serve(stop: threading.Event) -> int:
+def serve(stop: Stop) -> int:
     """Runs node and page until `stop` is set."""
     import warp
     from rclpy.executors import SingleThreadedExecutor
