@@ -36,6 +36,7 @@ setup(
         "test": [
             "pytest",
             "pytest-xdist",
+            "pytest-rerunfailures",
             "ruff",
             "scipy",
             "trimesh",
