@@ -71,7 +71,7 @@ class Remote:
         self._subscriptions: list[Any] = []
         self._poses: dict[str, Any] = {}
         self._clients: dict[str, Any] = {}
-        self._cuts: Any = None
+        self._cuts = node.create_publisher(PolygonStamped, f"{self.target}/cut", 10)  # now: the first must not get lost
 
     @property
     def there(self) -> bool:
@@ -151,8 +151,6 @@ class Remote:
 
     def cut(self, polygon: np.ndarray, frame_id: str) -> None:
         """Cuts all that tears along a flat polygon (n, 3) [m]."""
-        if self._cuts is None:
-            self._cuts = self.node.create_publisher(PolygonStamped, f"{self.target}/cut", 10)
         message = PolygonStamped()
         message.header.frame_id = frame_id
         message.polygon.points = [Point32(x=x, y=y, z=z) for x, y, z in polygon.astype(float)]
