@@ -16,7 +16,7 @@ from cloth_sim_ros.identify.fit import identify
 from cloth_sim_ros.identify.observe import Observer
 from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.identify.report import sentences
-from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation, Wind
+from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation, Sphere, Wind
 
 SETTINGS = Settings(method="xpbd", order=2, substeps=13, iterations=1)
 GUESS = {
@@ -185,3 +185,13 @@ def test_what_cannot_be_identified_is_refused_in_one_sentence(tmp_path, capsys, 
     assert program.main() == 2
     told = capsys.readouterr().err
     assert told.startswith("error: ") and words in told and told.count("\n") == 1
+
+
+def test_what_moves_begins_where_the_recording_says(device):
+    """Not where the scene has it: swept from there, the ball would hit the sheet between."""
+    scene = Scene({"it": Cloth(resolution=(8, 8))}, {"ball": Sphere(0.1, position=(0, 0, -1))}, gravity=(0, 0, 0))
+    rest = Simulation(scene, device=device).positions("it")
+    above = np.tile((0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), (3, 1))
+    recording = Recording(np.arange(3) / 60, positions={"it": np.stack([rest] * 3)}, pose={"ball": above})
+    candidates = Candidates(scene, Settings(), recording, ["it.stretch_compliance"], 2, device)
+    assert np.abs(candidates.residuals(np.array([[0.5]]))).max() < 1e-6
