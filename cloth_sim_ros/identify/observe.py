@@ -7,12 +7,13 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim import Simulation
+from cloth_sim_ros.sim.compiled import compiled
 
 _AXES = 3.0**0.5  # times a distance from the surface is one from a particle, for the same noise along three axes
 _FAR = 3.0  # times the median distance of particles from points, beyond which nothing was seen of them
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def between(
     x0: wp.array3d(dtype=float),
     v0: wp.array3d(dtype=float),
@@ -33,7 +34,7 @@ def between(
     places[w, i] = place
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def apart(places: wp.array2d(dtype=wp.vec3), seen: wp.array(dtype=wp.vec3), out: wp.array2d(dtype=float)):
     """By how much each particle is from where it was seen, 0 where it was not."""
     w, i = wp.tid()
@@ -63,7 +64,7 @@ def to_triangle(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> float:
     return wp.min(to_segment(p, a, b), wp.min(to_segment(p, b, c), to_segment(p, c, a)))
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def off_surface(
     places: wp.array2d(dtype=wp.vec3),
     seen: wp.array(dtype=wp.vec3),
@@ -95,7 +96,7 @@ def off_surface(
     out[w, m] = found
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def off_points(
     places: wp.array2d(dtype=wp.vec3),
     seen: wp.array(dtype=wp.vec3),

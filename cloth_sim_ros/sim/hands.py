@@ -12,6 +12,7 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.checks import check_worlds, names_of
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.handles import checked_reach, extents
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.live_array import Some, worlds_of
@@ -20,7 +21,7 @@ from cloth_sim_ros.sim.state import Arrays, HandleMotion
 from cloth_sim_ros.sim.writing import clear
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def grasp(given: wp.array(dtype=Arrays), b: int, h: int, chosen: wp.array(dtype=int), count: int):
     arrays = given[chosen[wp.tid() / count]]
     s = arrays.state
@@ -41,7 +42,7 @@ def grasp(given: wp.array(dtype=Arrays), b: int, h: int, chosen: wp.array(dtype=
             wp.atomic_add(arrays.handle_counts, h, 1)
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def let_go(given: wp.array(dtype=Arrays), b: int, leaves: wp.array2d(dtype=int), count: int):
     w = wp.tid() / count
     arrays = given[w]
@@ -56,7 +57,7 @@ def let_go(given: wp.array(dtype=Arrays), b: int, leaves: wp.array2d(dtype=int),
             wp.atomic_sub(arrays.handle_counts, h, 1)
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def find_broken(
     handles: wp.array2d(dtype=HandleMotion),
     loads: wp.array2d(dtype=wp.spatial_vector),

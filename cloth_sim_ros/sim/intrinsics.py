@@ -10,10 +10,6 @@ import warp as wp
 
 BYTES_A_PARTICLE = 32  # one float4 of position, one of displacement and inverse mass
 
-# Without fused multiply-adds a frame on a CPU takes a tenth longer. On a GPU it is at most a twentieth, and with them
-# one line of code may round differently in the kernels of one world and of many.
-OPTIONS = {"fuse_fp": False, "cpu_compiler_flags": f"{wp.config.cpu_compiler_flags} -ffp-contract=fast"}
-
 _LOAD = """
 #if defined(__CUDA_ARCH__)
 float4 f = ((const float4*)address)[i];

@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.bodies import Bodies
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.state import Arrays
 
@@ -34,7 +35,7 @@ def collider_load(arrays: Arrays, g: int, c: int) -> wp.spatial_vector:
 
 
 def _make_add_up(load):
-    @wp.kernel(enable_backward=False, module="unique")
+    @compiled(module="unique")
     def add_up(given: wp.array(dtype=Arrays), loads: wp.array2d(dtype=wp.spatial_vector), lanes: int):
         q, t = wp.tid()
         w, k = q / loads.shape[1], q % loads.shape[1]
@@ -48,7 +49,7 @@ def _make_add_up(load):
     return add_up
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def add_torsion(given: wp.array(dtype=Arrays), loads: wp.array2d(dtype=wp.spatial_vector)):
     """Add the moments of ropes that handles clamp (see ropes/twist.py)."""
     w = wp.tid()

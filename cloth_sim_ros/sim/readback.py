@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import xyz
 from cloth_sim_ros.sim.simulation import Simulation
 from cloth_sim_ros.sim.state import Arrays
@@ -24,7 +25,7 @@ def vertex_normal(arrays: Arrays, first: int, g: int) -> wp.vec3:
     return wp.normalize(n)
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def write_particles(arrays: Arrays, first: int, normals: bool, velocities: bool, out: wp.array2d(dtype=float)):
     i = wp.tid()
     g = first + i

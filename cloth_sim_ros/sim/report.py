@@ -10,6 +10,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.colliders import make_signed_distance
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.state import Arrays
@@ -19,7 +20,7 @@ STRAIN, RESIDUAL, PARTICLES, SURFACE = 0, 1, 2, 3
 SPREAD = 6  # steps along each edge at whose ends penetration is looked for
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def measure_lines(
     arrays: Arrays,
     b: int,
@@ -41,7 +42,7 @@ def measure_lines(
     _measure(arrays, b, i, j, m.line_rests[k], 0.0, held, implicit, result)
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def measure_chain(arrays: Arrays, b: int, result: wp.array(dtype=float)):
     body = arrays.model.bodies[b]
     k = body.segments + wp.tid()
@@ -105,7 +106,7 @@ def make_measure_contacts(shapes: tuple[str, ...]):
             deepest = wp.max(deepest, -gap)
         return deepest
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @compiled(module="unique")
     def measure_contacts(arrays: Arrays, b: int, result: wp.array(dtype=float)):
         body = arrays.model.bodies[b]
         corners = arrays.model.panels[body.panels + wp.tid()]

@@ -14,6 +14,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import xyz
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.state import Arrays
@@ -60,7 +61,7 @@ def fitted(
         forces[k] += wp.vec3(lacks)
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def balance(given: wp.array(dtype=Arrays), b: int, forces: wp.array2d(dtype=wp.vec3)):
     """The force [N] with which each segment of a directly solved rope pulls the particle that it begins at."""
     w = wp.tid()
@@ -83,7 +84,7 @@ def balance(given: wp.array(dtype=Arrays), b: int, forces: wp.array2d(dtype=wp.v
             total = wp.vec3d()
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def pull_of_springs(
     given: wp.array(dtype=Arrays), b: int, springs: wp.array(dtype=int), forces: wp.array2d(dtype=wp.vec3)
 ):
@@ -100,7 +101,7 @@ def pull_of_springs(
     forces[w, k] = stretch / (arrays.materials[b].compliance[0] * scale) * n
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def write_tensions(
     given: wp.array(dtype=Arrays), b: int, forces: wp.array2d(dtype=wp.vec3), column: int, out: wp.array3d(dtype=float)
 ):

@@ -10,6 +10,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.checks import names_of, on_host
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.loads import Loads
 from cloth_sim_ros.sim.objects import Rope
 from cloth_sim_ros.sim.poses import Motions
@@ -20,7 +21,7 @@ _MOST = {"positions": 1e6, "velocities": 1e6}  # [m], [m/s] the largest coordina
 _OF_OBJECTS, _OF_POSES = (*_MOST, "contact_forces", "recoveries"), ("pose", "wrench")
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def add_contacts(pushes: wp.array2d(dtype=wp.vec4), first: int, colliders: int, out: wp.array3d(dtype=float)):
     """What all colliders together do to each particle from `first` on."""
     w, i = wp.tid()

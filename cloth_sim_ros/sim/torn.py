@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim import writing
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.live_array import Some, worlds_of
 from cloth_sim_ros.sim.methods.program import make_begin
 from cloth_sim_ros.sim.model import Features, Model
@@ -32,7 +33,7 @@ def _make_follow(features: Features, number: int):
     """The kernel of one of the stages by which triangles and bending follow springs that failed."""
     begin, stage = make_begin(features), followers(features)[number]
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @compiled(module="unique")
     def follow(worlds: wp.array(dtype=Arrays), b: int, width: int):
         w = wp.tid() / width
         stage(wp.tid() - w * width, width, begin(worlds[w], b))

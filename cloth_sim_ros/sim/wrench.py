@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import xyz
 from cloth_sim_ros.sim.ropes.drum import density_at, joint_out
 from cloth_sim_ros.sim.ropes.twist import push_of
@@ -61,7 +62,7 @@ def held_mass(arrays: Arrays, b: int, i: int, masses: wp.array(dtype=float)) -> 
     return masses[i]
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def write_wrenches(
     arrays: Arrays,
     b: int,

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.state import Reel
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def put_positions(
     values: wp.array3d(dtype=Any),
     inverse_mass: wp.array(dtype=float),
@@ -43,7 +44,7 @@ def put_positions(
     low[w, i] = lost
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def put_velocities(
     values: wp.array3d(dtype=Any),
     inverse_mass: wp.array(dtype=float),
@@ -59,7 +60,7 @@ def put_velocities(
     velocities[chosen[k], i] = v
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def put_words(
     words: wp.array2d(dtype=wp.uint32), first: int, values: wp.array(dtype=wp.uint32), chosen: wp.array(dtype=int)
 ):
@@ -67,13 +68,13 @@ def put_words(
     words[chosen[k], first + i] = values[i]
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def clear_words(words: wp.array2d(dtype=wp.uint32), first: int, chosen: wp.array(dtype=int)):
     k, i = wp.tid()
     words[chosen[k], first + i] = wp.uint32(0)
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def find_bad(values: wp.array3d(dtype=Any), limit: float, chosen: wp.array(dtype=int), bad: wp.array(dtype=int)):
     """Note whether a number is not finite or beyond the limit; written so that NaN is."""
     k, i = wp.tid()

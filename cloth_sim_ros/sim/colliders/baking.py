@@ -16,6 +16,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.colliders import mesh as triangles
 from cloth_sim_ros.sim.colliders.mesh import Mesh
+from cloth_sim_ros.sim.compiled import compiled
 
 CELLS = 64  # along the longest side of a mesh
 _MOST_CELLS = 400
@@ -50,7 +51,7 @@ def cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "cloth_sim_ros"
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@compiled(module="unique")
 def _measure(first: wp.vec3, spacing: float, wide: int, size: wp.vec3, data: wp.uint64, values: wp.array(dtype=float)):
     k = wp.tid()
     p = first + spacing * wp.vec3(0.0, float(k / wide), float(k % wide))

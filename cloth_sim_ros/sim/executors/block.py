@@ -10,6 +10,7 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim import intrinsics as native
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.executors.shared_history import copy_past, with_past_at
 from cloth_sim_ros.sim.intrinsics import BYTES_A_PARTICLE, load_row, store4, sync
 from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
@@ -94,7 +95,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     simulate, end = _make_substeps(features, program, called), in_turn(program.ending, "ending", called)
     argument = given_type(features)
 
-    @wp.kernel(enable_backward=False, module="unique", launch_bounds=block, module_options=native.OPTIONS)
+    @compiled(module="unique", launch_bounds=block)
     def simulate_frame(given: argument):
         # By the number of the thread alone: of two dimensions Warp would divide numbers of 64 bits.
         b = wp.tid() / wp.static(block)

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import OPTIONS
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.meeting.apart import PASSES, Apart
 from cloth_sim_ros.sim.meeting.search import Search
 from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
@@ -187,7 +187,6 @@ def make_kernels(features: Features, on_cpu: bool) -> tuple[Program, dict[str, w
     """The program for `features` and the kernel of each of its stages, in one module of their own."""
     program = make_program(features, on_cpu)
     module = wp.get_module(f"cloth_sim_ros.graph.{features.key()}.{'cpu' if on_cpu else 'cuda'}")
-    wp.set_module_options(OPTIONS, module)
     begin, enter = make_begin(features), make_enter(features)
     each = (program.outer, program.before, program.solved, program.parted, program.touched)
     stages = itertools.chain(*each, program.after, program.ending)
@@ -218,4 +217,4 @@ def _make_kernel(stage: Stage, features: Features, begin, enter, module: wp.Modu
         run(t, size, here)
 
     launched.__qualname__ = f"launch_{stage.name}"
-    return wp.kernel(launched, enable_backward=False, module=module)
+    return compiled(launched, module=module)

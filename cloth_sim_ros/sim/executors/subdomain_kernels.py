@@ -6,6 +6,7 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim import intrinsics as native
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.executors.buffers import make_buffer_of
 from cloth_sim_ros.sim.executors.halo_exchange import Exchange, exchange_of, receive, send
 from cloth_sim_ros.sim.executors.subdomain_contact import make_clearance, travelled
@@ -26,8 +27,6 @@ from cloth_sim_ros.sim.stages.motion import (
 )
 from cloth_sim_ros.sim.stages.near import everything
 from cloth_sim_ros.sim.state import State, given_type
-
-_OPTIONS = {"enable_backward": False, "module": "unique", "module_options": native.OPTIONS}
 
 
 @lru_cache
@@ -264,7 +263,7 @@ def _make_advance(features: Features, capacity: int, block: int, widths: Widths,
     gather = force.gather
 
     # One block a multiprocessor is enough: with its registers the springs of a member do not wait for one another.
-    @wp.kernel(launch_bounds=(block, 1), **_OPTIONS)
+    @compiled(module="unique", launch_bounds=(block, 1))
     def advance(given: argument, subdomains: SubdomainArrays, side: int, first: int, count: int, depth: int):
         q = wp.tid() / wp.static(block)
         t = wp.tid() - q * wp.static(block)
@@ -398,7 +397,7 @@ def _make_settle(features: Features, capacity: int, block: int, waits: bool):
     """The kernel that ends a frame: bodies that are good are kept, others put back."""
     buffer_of, argument = make_buffer_of(SubdomainArrays), given_type(features)
 
-    @wp.kernel(**_OPTIONS)
+    @compiled(module="unique")
     def settle(given: argument, subdomains: SubdomainArrays, side: int, substeps: int):
         q = wp.tid() / wp.static(block)
         t = wp.tid() - q * wp.static(block)
@@ -432,7 +431,7 @@ def _make_count_faults(features: Features):
     """The kernel that counts the bodies that were put back."""
     argument = given_type(features)
 
-    @wp.kernel(**_OPTIONS)
+    @compiled(module="unique")
     def count_faults(given: argument):
         b = wp.tid()
         if wp.static(features.worlds):

@@ -15,6 +15,7 @@ from collections.abc import Callable
 
 import warp as wp
 
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.state import Arrays
 
@@ -23,7 +24,7 @@ GROWTH = wp.constant(1.5)  # of the largest strain, over a frame
 TORN = wp.constant(1.0)  # explicit steps heat what is strained by more, however slowly it came there
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def keep_start(given: wp.array(dtype=Arrays), particles: int):
     i = wp.tid()
     s = given[i / particles].state
@@ -35,7 +36,7 @@ def keep_start(given: wp.array(dtype=Arrays), particles: int):
         s.start_recoveries[g] = s.recoveries[g]
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def find_strain(given: wp.array(dtype=Arrays), b: int, first: int, slots: int):
     i = wp.tid()
     m, s = given[i / slots].model, given[i / slots].state
@@ -49,7 +50,7 @@ def find_strain(given: wp.array(dtype=Arrays), b: int, first: int, slots: int):
         wp.atomic_max(s.strain_found, b, strain)
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def judge(given: wp.array(dtype=Arrays), any_rejected: wp.array(dtype=int)):
     i = wp.tid()
     bodies = given[0].model.bodies.shape[0]
@@ -66,7 +67,7 @@ def judge(given: wp.array(dtype=Arrays), any_rejected: wp.array(dtype=int)):
         any_rejected[0] = 1
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def restore_start(given: wp.array(dtype=Arrays), b: int, particles: int):
     i = wp.tid()
     s = given[i / particles].state

@@ -8,9 +8,10 @@ from functools import lru_cache
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.executors import vector_rows_simd as row_lanes
 from cloth_sim_ros.sim.executors.vector_rows_simd import finish_lanes, predict_lanes, read3, read4, write3, write4
-from cloth_sim_ros.sim.intrinsics import OPTIONS, array_address, number_address
+from cloth_sim_ros.sim.intrinsics import array_address, number_address
 from cloth_sim_ros.sim.methods.program import make_begin, make_enter, make_program
 from cloth_sim_ros.sim.methods.stage import in_turn
 from cloth_sim_ros.sim.model import Features
@@ -162,7 +163,7 @@ def make_frame(features: Features):
             return here.state.held[here.body.index] > 0
         return wp.static(iterated is not None)
 
-    @wp.kernel(enable_backward=False, module="unique", module_options=OPTIONS)
+    @compiled(module="unique")
     def simulate_rows(given: argument, planes: Planes):
         w = wp.tid() / planes.grids.shape[0]
         b = wp.tid() - w * planes.grids.shape[0]

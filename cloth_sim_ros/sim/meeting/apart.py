@@ -12,6 +12,7 @@ What is asked is summed in whole numbers, so that the order of pairs decides no 
 
 import warp as wp
 
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.pairs import Pairs, apart_by
@@ -63,7 +64,7 @@ def _pair_of(members: Members, pairs: Pairs, w: int, k: int) -> Pair:
     return pair
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def _look(members: Members, pairs: Pairs, close: Close, width: int):
     """List the pairs that are close: `width` threads a world."""
     w = wp.tid() / width
@@ -135,7 +136,7 @@ def _units(lacks: float, urgency: float, weight: float) -> wp.int64:
     return wp.int64(wp.float64(wp.min(lacks, 1.0) * urgency * wp.abs(weight)) * _CLAIM)
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def _claim(members: Members, pairs: Pairs, close: Close, width: int):
     """Sum what pairs lack at each particle: it is split between them in proportion."""
     w = wp.tid() / width
@@ -152,7 +153,7 @@ def _claim(members: Members, pairs: Pairs, close: Close, width: int):
                 )
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def _part(members: Members, pairs: Pairs, close: Close, width: int):
     """Ask the particles of close pairs to move so that these stay apart, with friction."""
     w = wp.tid() / width

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import xyz
 from cloth_sim_ros.sim.meeting.nearest import crosses
 from cloth_sim_ros.sim.meeting.pairs import TESTS, Pairs, list_test, slack, time_ahead
@@ -32,7 +33,7 @@ def _has_failed(panel: Panel) -> bool:
     return panel.corners[0] == panel.corners[1]
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def _watch(members: Members, pairs: Pairs):
     """A search is due where a particle is off its way, or a triangle is torn."""
     panels = members.panels.shape[0]
@@ -50,7 +51,7 @@ def _watch(members: Members, pairs: Pairs):
                 pairs.clock[2] = 1
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def _decide(pairs: Pairs):
     """Whether to search now, and for how many substeps: twice as many as the last list held."""
     age = pairs.clock[0]
@@ -62,7 +63,7 @@ def _decide(pairs: Pairs):
     pairs.clock[0] = age + 1
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def _foresee(members: Members, pairs: Pairs):
     """Where particles are, and where they go: what trembles goes at its mean velocity since the last search."""
     panels = members.panels.shape[0]
@@ -94,7 +95,7 @@ def _wrap(t: int, panel: Panel, surface: Surface, time: float, margin: float, pa
     pairs.drifts[t] = drift
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def _enclose(
     members: Members, pairs: Pairs, ahead: bool, lowers: wp.array(dtype=wp.vec3), uppers: wp.array(dtype=wp.vec3)
 ):
@@ -120,7 +121,7 @@ def _enclose(
     uppers[wp.tid()] = high + wp.vec3(margin)
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def _couple(
     members: Members,
     pairs: Pairs,
@@ -147,7 +148,7 @@ def _couple(
                     pairs.couples[w, n] = wp.vec2i(tid - w * panels, found - w * panels)
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def _pair(members: Members, pairs: Pairs, width: int, team: int):
     """List the parts of couples that may meet: `width` threads a world, `team` of them a couple."""
     w = wp.tid() / width
@@ -162,7 +163,7 @@ def _pair(members: Members, pairs: Pairs, width: int, team: int):
                 list_test(members, pairs, w, test, a, b)
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def _cross(
     members: Members,
     w: int,
