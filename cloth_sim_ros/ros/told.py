@@ -94,5 +94,5 @@ class Told:
                 self._deep.discard(name)
             elif name not in self._deep:
                 self._deep.add(name)
-                remedy = "more substeps or a finer object help"
+                remedy = "more substeps, a finer object or a start outside of all colliders help"
                 self._log.warning(f"{name} lies {deep:.2g} m deep in a collider between its particles; {remedy}")
