@@ -43,6 +43,17 @@ class Told:
                 self.say(not softer, f"{name} {choice.reason}")
             self._reasons[name] = told
 
+    def starts(self, report: Report, values: Mapping[str, Any]) -> None:
+        """Which objects start where nothing can be, by the report of a simulation that has not moved yet."""
+        for name, each in report.items():
+            if each["max_penetration"] > 1.01 * _half_thickness(name, each, values):
+                deep = f"{each['max_penetration']:.2g} m deep in a collider"
+                self._log.warning(f"{name} starts {deep}, which pushes it out hard; start them apart")
+            if each.get("crossings"):
+                self._crossed.add((name, "crossings"))
+                through = f"{each['crossings']} edges go through it where it starts"
+                self._log.warning(f"{name} is not kept apart from itself: {through}, and may stay so; start it without")
+
     def report(self, report: Report, values: Mapping[str, Any]) -> None:
         """What of a simulation's report a user should know."""
         self._tell_stopped(report)
@@ -90,9 +101,14 @@ class Told:
         """Which objects colliders enter between particles."""
         for name, each in report.items():
             deep = each["max_penetration"] - each["particle_penetration"]
-            if deep <= values[f"{name}.{'radius' if 'max_tension' in each else 'thickness'}"]:
+            if deep <= _half_thickness(name, each, values):
                 self._deep.discard(name)
             elif name not in self._deep:
                 self._deep.add(name)
                 remedy = "more substeps, a finer object or a start outside of all colliders help"
                 self._log.warning(f"{name} lies {deep:.2g} m deep in a collider between its particles; {remedy}")
+
+
+def _half_thickness(name: str, each: Mapping[str, float], values: Mapping[str, Any]) -> float:
+    """How far an object of this row of a report is kept from colliders [m]."""
+    return values[f"{name}.{'radius' if 'max_tension' in each else 'thickness'}"]

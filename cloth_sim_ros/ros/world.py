@@ -92,6 +92,7 @@ class World:
         self.grasps.tell_empty(sim, values)
         self._told.forget_reasons()
         self._told.reasons(self.sim)
+        self._told.starts(self.sim.report(), self.in_effect)
         self.compiling.start(sim)
         return True
 

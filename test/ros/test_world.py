@@ -5,7 +5,7 @@ import logging
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from test_scene_plan import values
+from test_scene_plan import COLLIDERS, values
 
 from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.diagnostics import diagnostics
@@ -79,6 +79,23 @@ def test_a_method_that_needs_more_substeps_than_asked_is_refused_and_the_simulat
     assert world.sim is before and "solver.substeps is 5 with method 'verlet'" in caplog.text
     assert "the simulation before goes on" in caplog.text
     world.advance()
+
+
+def build(changes):
+    world = World(values(device="cpu", **changes), logging.getLogger("test"))
+    assert world.build(world.values)
+
+
+def test_what_starts_inside_of_a_collider_or_crosses_itself_is_told_at_once(caplog):
+    """A ball of 0.3 m has its middle in the sheet of 5 mm. Then it is away, and a rope goes through the sheet."""
+    apart = {f"{name}__position": (10.0 * k, 10.0, -5.0) for k, name in enumerate(COLLIDERS)}
+    build({**apart, "ball__position": (0.0, 0.0, 0.0)})
+    assert "sheet starts 0.31 m deep in a collider, which pushes it out hard; start them apart" in caplog.text
+    assert "line starts" not in caplog.text
+    caplog.clear()
+    build({**apart, "line__start": (0.01, 0.02, 0.5), "line__end": (0.01, 0.02, -0.51), "object_contact": True})
+    assert "deep in a collider" not in caplog.text
+    assert "line is not kept apart from itself: 1 edges go through it where it starts" in caplog.text
 
 
 def test_a_loaded_state_brings_its_poses_and_parameters_and_no_old_news(caplog, tmp_path):
