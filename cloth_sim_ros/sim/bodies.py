@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.batch import Batch, Shared
 from cloth_sim_ros.sim.body_state import give, take
 from cloth_sim_ros.sim.checks import names_of, on_host
 from cloth_sim_ros.sim.colliders import shapes_of
+from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.executors.choose import goes_in_rows
 from cloth_sim_ros.sim.forces import name_of
@@ -29,6 +30,7 @@ from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.poses import Motions
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
+from cloth_sim_ros.sim.sizes import sharpest
 from cloth_sim_ros.sim.stages.near import FEW
 from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, HandleMotion
 from cloth_sim_ros.sim.topology import Topology
@@ -62,6 +64,12 @@ class Bodies:
         self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
         self.elastic = {name: build_topology(thing, name, False) for name, thing in scene.objects.items()}
         self.strained: set[str] = set()
+        self._sharpest: dict[str, Collider] = {}
+
+    def find_sharpest(self, names: Iterable[str]) -> None:
+        """Look through the sizes of these colliders, which changed; where colliders can be added, all count as sharp."""
+        found = {name: sharpest(self.colliders, self.collider_row[name], self.scene.colliders[name]) for name in names}
+        self._sharpest = {**self._sharpest, **found} if self.scene.spare_colliders == 0 else {}
 
     def write_data(self) -> None:
         """Colliders find on the device what they read there; those that are added have nothing."""
@@ -73,7 +81,7 @@ class Bodies:
         """How an object with these pairs of compliances and damping, and this least thickness, is to be computed."""
         kind = "cpu" if self.warp_device.is_cpu else "cuda"
         gap = self.elastic[name].widest_gap
-        enters = any(collider.enters(gap, thickness) for collider in self.scene.colliders.values())
+        enters = any(each.enters(gap, thickness) for each in {**self.scene.colliders, **self._sharpest}.values())
         surface = enters or self.scene.spare_colliders > 0
         wind, rows = self.scene.wind is not None, self.colliders.array.shape[1]
         tears = self.elastic[name].tear_strain > 0.0

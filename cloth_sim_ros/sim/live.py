@@ -20,6 +20,7 @@ from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.methods.choose import distinct
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.rope_queries import Ropes
+from cloth_sim_ros.sim.sizes import write_size
 
 _FAR_AWAY = 1e30  # [m]
 
@@ -107,9 +108,7 @@ class Live:
         elif owner in self._bodies.scene.objects:
             self._set_material(owner, field, name, value, world)
         elif owner in self._bodies.scene.colliders:
-            row = _live(table.COLLIDER, field, name)
-            value = self._checked(row, value, name, world)
-            self._bodies.colliders.write(self._bodies.collider_row[owner], world, **{field: value})
+            self._set_collider(owner, field, name, value, world)
         else:
             scene = self._bodies.scene
             known = [*scene.objects, *scene.colliders, *scene.handles, "solver", "wind"]
@@ -121,6 +120,17 @@ class Live:
     def _set_frame(self, row: table.Parameter, name: str, value: Any, world: Some) -> None:
         value = self._checked(row, value, name, world)
         self._bodies.frame.write(0, world, **{OF_FRAME.get(row.name, row.name): value})
+
+    def _set_collider(self, owner: str, field: str, name: str, value: Any, world: Some) -> None:
+        collider, number = self._bodies.scene.colliders[owner], self._bodies.collider_row[owner]
+        row = _live((*table.COLLIDER, *collider.dimensions), field, name)
+        value, rows = self._checked(row, value, name, world), self._bodies.colliders
+        if row not in collider.dimensions:
+            rows.write(number, world, **{field: value})
+            return
+        write_size(rows, number, collider, field, value, world)
+        self._bodies.find_sharpest([owner])
+        self._bodies.choose_again()
 
     def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
         value = table.check(row, value, name)

@@ -44,6 +44,9 @@ def live_value(bodies: Bodies, hands: Hands, name: str, world: int) -> Any:
         found = _of_handle(bodies, hands, owner, field, world)
     elif owner in scene.colliders and _is_live(table.COLLIDER, field):
         found = _decimal(bodies.colliders.read(bodies.collider_row[owner], world)[field][0])
+    elif owner in scene.colliders and _is_live(scene.colliders[owner].dimensions, field):
+        size = bodies.colliders.read(bodies.collider_row[owner], world)["size"][0]
+        found = _decimal(size[scene.colliders[owner].place_in_size(field)])
     elif owner in scene.objects:
         found = _of_object(bodies, owner, field, world)
     if found is None:

@@ -79,6 +79,7 @@ class Saving:
                 rows[...] = arrays[name]
         for rows in _live_arrays(self._bodies).values():
             rows.touch()
+        self._bodies.find_sharpest(self._bodies.scene.colliders)
         self._bodies.write_data()  # addresses of another process mean nothing here
         self._hands.objects = grasps
         self._hands.find_breakable()
