@@ -67,7 +67,7 @@ class Bodies:
         self._sharpest: dict[str, Collider] = {}
 
     def find_sharpest(self, names: Iterable[str]) -> None:
-        """Look through the sizes of these colliders, which changed; where colliders can be added, all count as sharp."""
+        """Look through the sizes of these colliders, which changed; all count as sharp where some can be added."""
         found = {name: sharpest(self.colliders, self.collider_row[name], self.scene.colliders[name]) for name in names}
         self._sharpest = {**self._sharpest, **found} if self.scene.spare_colliders == 0 else {}
 

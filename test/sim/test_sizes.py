@@ -8,7 +8,16 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import (
-    Box, Capsule, Cloth, Cylinder, Ellipsoid, Scene, SignedDistance, Simulation, Sphere, Variation,
+    Box,
+    Capsule,
+    Cloth,
+    Cylinder,
+    Ellipsoid,
+    Scene,
+    SignedDistance,
+    Simulation,
+    Sphere,
+    Variation,
 )  # fmt: skip
 
 WORLDS = 3
