@@ -64,7 +64,7 @@ def test_each_world_is_what_it_would_be_built_with_its_sizes(device):
 
 
 def test_one_thin_world_has_colliders_kept_out_between_particles_in_all(device, tmp_path):
-    """A ball that passes between the particles where it is small is tested against triangles, as in a scene built so."""
+    """A ball that passes between the particles where it is small is tested against triangles."""
     sheet = Scene({"sheet": Cloth(resolution=(8, 8), pins="edges")}, {"ball": Sphere(5.0, position=(0, 0, -5.2))})
     sim, thin = Simulation(sheet, fixed(), device, worlds=WORLDS), np.array([False, True, False])
     assert not sim.choices["sheet"].surface
