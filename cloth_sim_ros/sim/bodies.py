@@ -17,6 +17,7 @@ from cloth_sim_ros.sim.body_state import give, take
 from cloth_sim_ros.sim.checks import names_of, on_host
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.device import find_device
 from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.executors.choose import goes_in_rows
 from cloth_sim_ros.sim.forces import name_of
@@ -51,7 +52,7 @@ class Bodies:
         if isinstance(worlds, bool) or not isinstance(worlds, int) or not 1 <= worlds <= _MOST_WORLDS:
             raise ValueError(f"worlds is {worlds!r}; allowed is a whole number from 1 to {_MOST_WORLDS}")
         self.scene, self.settings, self.worlds, self.builds = scene, settings, worlds, 0
-        self.warp_device = _find_device(device)
+        self.warp_device = find_device(device)
         self.frame = LiveArray(Frame, 1, worlds, self.warp_device)
         rows = len(scene.colliders) + scene.spare_colliders
         self.shapes = shapes_of(scene.colliders.values(), scene.spare_colliders > 0)
@@ -92,9 +93,14 @@ class Bodies:
         return choice
 
     def _choose_now(self, name: str) -> Choice:
-        """The same for an object as its materials are now."""
-        rows = self.materials_of(name, None)
+        """The same for an object as its materials and masses are now."""
+        rows = self.lightened(name, self.materials_of(name, None), None)
         return self.choose(name, distinct(rows), float(rows["thickness"].min()))
+
+    def lightened(self, name: str, rows: np.ndarray, world: Some) -> np.ndarray:
+        """Rows of Material of an object in some worlds, as what chooses and checks methods takes them."""
+        masses, b = self.batch[name].masses, self.batch[name].index[name]
+        return masses.lightened(b, rows, masses.read(b, world))
 
     def build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""
@@ -282,14 +288,3 @@ class Bodies:
         if name not in self.topologies:
             raise ValueError(f"there is no object {name!r}; allowed is {names_of(self.topologies)}")
         return self.topologies[name]
-
-
-def _find_device(name: str) -> wp.Device:
-    """The device called `name`; "auto" is the first GPU, or the CPU. Raises ValueError where there is none."""
-    if name == "auto":
-        name = "cuda:0" if wp.is_cuda_available() else "cpu"
-    try:
-        return wp.get_device(name)
-    except Exception:
-        known = ", ".join(device.alias for device in wp.get_devices())
-        raise ValueError(f"device is {name!r}; allowed is auto or one of {known}") from None

@@ -14,7 +14,7 @@ from cloth_sim_ros.sim.state import Reel
 @wp.kernel(enable_backward=False)
 def put_positions(
     values: wp.array3d(dtype=Any),
-    inverse_mass: wp.array(dtype=float),
+    inverse_mass: wp.array2d(dtype=float),
     chosen: wp.array(dtype=int),
     reels: wp.array2d(dtype=Reel),
     b: int,
@@ -26,7 +26,7 @@ def put_positions(
     k, i = wp.tid()
     w = chosen[k]
     source = int(i)
-    inverse = float(inverse_mass[i])
+    inverse = float(inverse_mass[w, i])
     if reels.shape[1] > 0:
         if i <= reels[w, b].index:
             source = int(0)
@@ -46,14 +46,14 @@ def put_positions(
 @wp.kernel(enable_backward=False)
 def put_velocities(
     values: wp.array3d(dtype=Any),
-    inverse_mass: wp.array(dtype=float),
+    inverse_mass: wp.array2d(dtype=float),
     chosen: wp.array(dtype=int),
     velocities: wp.array2d(dtype=wp.vec4),
 ):
     k, i = wp.tid()
     row = wp.where(values.shape[0] == 1, 0, chosen[k])
     v = wp.vec4(0.0)
-    if inverse_mass[i] > 0.0:
+    if inverse_mass[chosen[k], i] > 0.0:
         for c in range(3):
             v[c] = float(values[row, i, c])
     velocities[chosen[k], i] = v
