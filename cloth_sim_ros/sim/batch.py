@@ -54,6 +54,7 @@ class Batch:
     ):
         self.features, self.device = features, device
         self.index = {name: b for b, name in enumerate(topologies)}
+        self._local = {name: topology.layout for name, topology in topologies.items()}
         self._rest = {
             name: wp.array(topology.rest[None], dtype=wp.float64, device=device)
             for name, topology in topologies.items()
@@ -150,6 +151,15 @@ class Batch:
         inputs = [positions, inverse, chosen, self.states["reels"], self.index[name], *parts]
         dim = (len(chosen), positions.shape[1])
         wp.launch(writing.put_positions, dim=dim, inputs=inputs, device=self.device)
+
+    def write_pose(self, name: str, poses: np.ndarray, chosen: wp.array) -> None:
+        """A body in its rest shape at poses (worlds, 7), x y z [m] and a unit x y z w, at rest, in these worlds."""
+        points, poses = (wp.array(rows, dtype=wp.float64, device=self.device) for rows in (self._local[name], poses))
+        values = wp.zeros((poses.shape[0], *points.shape), dtype=wp.float64, device=self.device)
+        dim = (len(chosen), points.shape[0])
+        wp.launch(writing.place, dim=dim, inputs=[points, poses, chosen, values], device=self.device)
+        self.write_positions(name, values, chosen)
+        writing.clear(self.states["velocities"], self.span(name), chosen)
 
     def write_velocities(self, name: str, velocities: wp.array, chosen: wp.array) -> None:
         """Velocities [m/s] likewise; pinned particles stay at rest."""
