@@ -68,13 +68,13 @@ class Batch:
         self._bodies = collected.bodies
         self.counts = [row["count"] for row in self._bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)
-        self.masses = Masses(list(topologies.values()), self.materials, worlds, device)
         self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
         self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
         plate_rates = [row["plate_rate"] for row in self._bodies] if features.has_outer else []
         self.frame = BatchFrame(frame, self.materials, plate_rates, worlds, device)
         self.live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         self.states = make_states(collected, features, shared.colliders.array.shape[1], worlds, device)
+        self.masses = Masses(list(topologies.values()), self.materials, worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None

@@ -10,6 +10,7 @@ from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
 from cloth_sim_ros.sim.topology import Topology
 
 _SAME = 1e-12  # masses that differ by less, relative to them, are those of the topology to the bit
+BYTES_A_PARTICLE = 8  # of a world: a mass and its inverse
 MASSES = {"mass": 0, "end_mass": 1}  # where each live number lies
 
 
