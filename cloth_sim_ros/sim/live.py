@@ -84,7 +84,8 @@ class Live:
         self.set("wind.velocity", velocity, world)
 
     def set(self, name: str, value: Any, world: Any = None) -> None:
-        """Set a live parameter such as "cloth.stretch_compliance", "solver.substeps", "gravity" or "wind.velocity".
+        """Set a live parameter such as "cloth.stretch_compliance", "cloth.mass", "ball.radius", "gravity" or
+        "solver.substeps".
 
         An array whose first axis is all worlds gives each its own number or vector. Those of the solver hold in all
         worlds.
