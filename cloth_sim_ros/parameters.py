@@ -71,7 +71,7 @@ _SURFACE = (
 )
 
 _BODY = (
-    _double("mass", 0.2, "Total mass, pinned particles included.", "kg", 1e-9, 1e6, live=False),
+    _double("mass", 0.2, "Total mass, pinned particles included.", "kg", 1e-9, 1e6),
     _double("damping", 0.0, "Axial damping: time constant of every spring's dashpot, c = damping x k.", "s", 0, 1e3),
     Parameter("self_contact", "bool", False, "Whether its parts keep twice the thickness or radius from one another."),
 )
@@ -184,7 +184,7 @@ ROPE = (
     ),
     Parameter("pins", "pins", "start", "Fixed particles: start, end, both, none, or indices.", live=True),
     _double("radius", 0.005, "Radius of the rope.", "m", 1e-6, 10.0),
-    _double("end_mass", 0, "Mass of a load at the end, beside that of the rope.", "kg", 0, 1e6, live=False),
+    _double("end_mass", 0, "Mass of a load at the end, beside that of the rope.", "kg", 0, 1e6),
     _double("stretch_compliance", 1e-4, "1/EA: strain per tension; 0 is rigid.", "1/N", 0, 1e6),
     _choice("bending", "none", "none; angle: resists curvature with 1/bend_compliance = EI.", ("none", "angle")),
     _double(

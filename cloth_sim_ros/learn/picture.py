@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -25,22 +27,27 @@ def pictures(sim: Simulation, hands: np.ndarray) -> tuple[np.ndarray, ...]:
     planes = [collider.position[2] for collider in sim.scene.colliders.values() if isinstance(collider, Plane)]
     floor = max(planes, default=float(rest[:, 2].min()) - 0.1)
     places = {name: sim.positions(name, None) for name in sim.scene.objects}
-    solids = []
-    for name, collider in sim.scene.colliders.items():
-        mesh = None if isinstance(collider, Plane) else mesh_of(collider)
-        if mesh is not None:
-            poses = sim.tensor(name, "pose").numpy().copy()
-            solids.append((poses, np.asarray(mesh.vertices), np.asarray(mesh.faces)))
-    around = [rotate(poses[0, 3:], points) + poses[0, :3] for poses, points, _ in solids]
-    camera, found = camera_on(np.concatenate([rest, hands[0], *around])), []
+    solids = [_solids(sim, w) for w in range(sim.worlds)]
+    camera, found = camera_on(np.concatenate([rest, hands[0], *(points for points, _ in solids[0])])), []
     for w in range(sim.worlds):
         shapes = [_shape(sim, name, rows[w].astype(np.float64)) for name, rows in places.items()]
-        bodies = [(rotate(pose[w, 3:], points) + pose[w, :3], faces) for pose, points, faces in solids]
-        bodies += [(_HAND.vertices + place, _HAND.faces) for place in hands[w]]
-        paint_frame(figure, camera, shapes, bodies, floor)
+        balls = [(_HAND.vertices + place, _HAND.faces) for place in hands[w]]
+        paint_frame(figure, camera, shapes, [*solids[w], *balls], floor)
         canvas.draw()
         found.append(np.asarray(canvas.buffer_rgba())[:, :, :3].copy())
     return tuple(found)
+
+
+def _solids(sim: Simulation, world: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Vertices and triangles of the colliders of a world but planes, of the size and at the pose that they have."""
+    found = []
+    for name, collider in sim.scene.colliders.items():
+        size = {row.name: sim.get(f"{name}.{row.name}", world) for row in collider.dimensions if row.live}
+        mesh = None if isinstance(collider, Plane) else mesh_of(replace(collider, **size))
+        if mesh is not None:
+            turn = np.array(sim.get(f"{name}.orientation", world))
+            found.append((rotate(turn, mesh.vertices) + sim.get(f"{name}.position", world), np.asarray(mesh.faces)))
+    return found
 
 
 def _shape(sim: Simulation, name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,13 +13,15 @@ from cloth_sim_ros.sim import writing
 from cloth_sim_ros.sim.batch_frame import BatchFrame
 from cloth_sim_ros.sim.executors.choose import make_executor, make_safe_executor
 from cloth_sim_ros.sim.executors.trial import Trial
-from cloth_sim_ros.sim.live_array import LiveArray, worlds_of
+from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
+from cloth_sim_ros.sim.masses import Masses
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
+from cloth_sim_ros.sim.stages.tearing import LEFT
 from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Material, Reel
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
-from cloth_sim_ros.sim.torn import Torn, own_model
+from cloth_sim_ros.sim.torn import Torn
 
 
 @dataclass(frozen=True)
@@ -52,15 +54,10 @@ class Batch:
     ):
         self.features, self.device = features, device
         self.index = {name: b for b, name in enumerate(topologies)}
+        self._local = {name: topology.layout for name, topology in topologies.items()}
         self._rest = {
             name: wp.array(topology.rest[None], dtype=wp.float64, device=device)
             for name, topology in topologies.items()
-        }
-        self.inverse_mass = {
-            name: np.where(topology.pinned, 0.0, 1.0 / topology.masses) for name, topology in topologies.items()
-        }
-        self._fixed = {
-            name: wp.array(inverse, dtype=float, device=device) for name, inverse in self.inverse_mass.items()
         }
         self._reels = {name: _wound(topology) for name, topology in topologies.items() if topology.reel is not None}
         spokes = features.method == "verlet" and not rows  # which lay out their own
@@ -77,6 +74,7 @@ class Batch:
         self.frame = BatchFrame(frame, self.materials, plate_rates, worlds, device)
         self.live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         self.states = make_states(collected, features, shared.colliders.array.shape[1], worlds, device)
+        self.masses = Masses(list(topologies.values()), self.materials, worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None
@@ -94,7 +92,10 @@ class Batch:
     def _world(self, w: int, model: Model, shared: Shared) -> Arrays:
         arrays = Arrays()
         arrays.state = state_of(self.states, w)
-        arrays.model = own_model(model, arrays.state) if self.features.tears else model
+        own = {name: getattr(arrays.state, name) for name in LEFT} if self.features.tears else {}
+        if self.features.winch:
+            own = {"particle_masses": self.masses.masses[w]}
+        arrays.model = _with_own(model, own) if own else model
         arrays.frames, arrays.materials = self.frame.rows.array[w], self.materials.array[w]
         arrays.colliders, arrays.drives = row_of(shared.colliders.array, w), row_of(self.drives.array, w)
         arrays.handles, arrays.handle_counts = row_of(shared.handles.array, w), row_of(shared.handle_counts, w)
@@ -116,6 +117,12 @@ class Batch:
         """Where the chain segments of a rope lie; of what has no chain, nowhere."""
         row = self._bodies[self.index[name]]
         return slice(row["segments"], row["segments_end"])
+
+    def write_masses(self, name: str, kg: np.ndarray, world: Some) -> None:
+        """Give a body mass and end mass (k, 2) [kg] in some worlds; what is pinned, or on a drum, stays held."""
+        b, span = self.index[name], self.span(name)
+        self.masses.write(b, world, kg)
+        self.masses.put(b, world, [self.part(array, span, None) for array in ("positions", "good_positions")])
 
     def restart(self, chosen: wp.array) -> None:
         """All bodies to the rest shape, at rest, in the worlds of these numbers; nothing of what was before is left."""
@@ -140,13 +147,24 @@ class Batch:
 
     def _put_positions(self, name: str, positions: wp.array, chosen: wp.array) -> None:
         parts = [self.part(array, self.span(name), None) for array in ("positions", "good_positions", "low")]
-        inputs = [positions, self._fixed[name], chosen, self.states["reels"], self.index[name], *parts]
+        inverse = self.masses.inverse[:, self.span(name)]
+        inputs = [positions, inverse, chosen, self.states["reels"], self.index[name], *parts]
         dim = (len(chosen), positions.shape[1])
         wp.launch(writing.put_positions, dim=dim, inputs=inputs, device=self.device)
 
+    def write_pose(self, name: str, poses: np.ndarray, chosen: wp.array) -> None:
+        """A body in its rest shape at poses (worlds, 7), x y z [m] and a unit x y z w, at rest, in these worlds."""
+        points, poses = (wp.array(rows, dtype=wp.float64, device=self.device) for rows in (self._local[name], poses))
+        values = wp.zeros((poses.shape[0], *points.shape), dtype=wp.float64, device=self.device)
+        dim = (len(chosen), points.shape[0])
+        wp.launch(writing.place, dim=dim, inputs=[points, poses, chosen, values], device=self.device)
+        self.write_positions(name, values, chosen)
+        writing.clear(self.states["velocities"], self.span(name), chosen)
+
     def write_velocities(self, name: str, velocities: wp.array, chosen: wp.array) -> None:
         """Velocities [m/s] likewise; pinned particles stay at rest."""
-        inputs = [velocities, self._fixed[name], chosen, self.part("velocities", self.span(name), None)]
+        inverse = self.masses.inverse[:, self.span(name)]
+        inputs = [velocities, inverse, chosen, self.part("velocities", self.span(name), None)]
         dim = (len(chosen), velocities.shape[1])
         wp.launch(writing.put_velocities, dim=dim, inputs=inputs, device=self.device)
         self._forget(name, chosen)
@@ -246,6 +264,14 @@ class Batch:
             spans |= {"last_displacements": self.span(name), "last_velocities": self.span(name)}
         for array, span in spans.items():
             writing.clear(self.states[array], span, chosen)
+
+
+def _with_own(model: Model, own: dict[str, wp.array]) -> Model:
+    """The model of one world, which has some arrays of its own."""
+    found = Model()
+    for name in Model.vars:
+        setattr(found, name, own.get(name, getattr(model, name)))
+    return found
 
 
 def _wound(topology: Topology) -> np.ndarray:

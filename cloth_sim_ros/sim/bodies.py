@@ -16,6 +16,8 @@ from cloth_sim_ros.sim.batch import Batch, Shared
 from cloth_sim_ros.sim.body_state import give, take
 from cloth_sim_ros.sim.checks import names_of, on_host
 from cloth_sim_ros.sim.colliders import shapes_of
+from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.device import find_device
 from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.executors.choose import goes_in_rows
 from cloth_sim_ros.sim.forces import name_of
@@ -29,6 +31,7 @@ from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.poses import Motions
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
+from cloth_sim_ros.sim.sizes import sharpest
 from cloth_sim_ros.sim.stages.near import FEW
 from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, HandleMotion
 from cloth_sim_ros.sim.topology import Topology
@@ -49,7 +52,7 @@ class Bodies:
         if isinstance(worlds, bool) or not isinstance(worlds, int) or not 1 <= worlds <= _MOST_WORLDS:
             raise ValueError(f"worlds is {worlds!r}; allowed is a whole number from 1 to {_MOST_WORLDS}")
         self.scene, self.settings, self.worlds, self.builds = scene, settings, worlds, 0
-        self.warp_device = _find_device(device)
+        self.warp_device = find_device(device)
         self.frame = LiveArray(Frame, 1, worlds, self.warp_device)
         rows = len(scene.colliders) + scene.spare_colliders
         self.shapes = shapes_of(scene.colliders.values(), scene.spare_colliders > 0)
@@ -62,6 +65,12 @@ class Bodies:
         self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
         self.elastic = {name: build_topology(thing, name, False) for name, thing in scene.objects.items()}
         self.strained: set[str] = set()
+        self._sharpest: dict[str, Collider] = {}
+
+    def find_sharpest(self, names: Iterable[str]) -> None:
+        """Look through the sizes of these colliders, which changed; all count as sharp where some can be added."""
+        found = {name: sharpest(self.colliders, self.collider_row[name], self.scene.colliders[name]) for name in names}
+        self._sharpest = {**self._sharpest, **found} if self.scene.spare_colliders == 0 else {}
 
     def write_data(self) -> None:
         """Colliders find on the device what they read there; those that are added have nothing."""
@@ -73,7 +82,7 @@ class Bodies:
         """How an object with these pairs of compliances and damping, and this least thickness, is to be computed."""
         kind = "cpu" if self.warp_device.is_cpu else "cuda"
         gap = self.elastic[name].widest_gap
-        enters = any(collider.enters(gap, thickness) for collider in self.scene.colliders.values())
+        enters = any(each.enters(gap, thickness) for each in {**self.scene.colliders, **self._sharpest}.values())
         surface = enters or self.scene.spare_colliders > 0
         wind, rows = self.scene.wind is not None, self.colliders.array.shape[1]
         tears = self.elastic[name].tear_strain > 0.0
@@ -84,9 +93,14 @@ class Bodies:
         return choice
 
     def _choose_now(self, name: str) -> Choice:
-        """The same for an object as its materials are now."""
-        rows = self.materials_of(name, None)
+        """The same for an object as its materials and masses are now."""
+        rows = self.lightened(name, self.materials_of(name, None), None)
         return self.choose(name, distinct(rows), float(rows["thickness"].min()))
+
+    def lightened(self, name: str, rows: np.ndarray, world: Some) -> np.ndarray:
+        """Rows of Material of an object in some worlds, as what chooses and checks methods takes them."""
+        masses, b = self.batch[name].masses, self.batch[name].index[name]
+        return masses.lightened(b, rows, masses.read(b, world))
 
     def build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""
@@ -274,14 +288,3 @@ class Bodies:
         if name not in self.topologies:
             raise ValueError(f"there is no object {name!r}; allowed is {names_of(self.topologies)}")
         return self.topologies[name]
-
-
-def _find_device(name: str) -> wp.Device:
-    """The device called `name`; "auto" is the first GPU, or the CPU. Raises ValueError where there is none."""
-    if name == "auto":
-        name = "cuda:0" if wp.is_cuda_available() else "cpu"
-    try:
-        return wp.get_device(name)
-    except Exception:
-        known = ", ".join(device.alias for device in wp.get_devices())
-        raise ValueError(f"device is {name!r}; allowed is auto or one of {known}") from None

@@ -16,13 +16,14 @@ _PAST = ("last_displacements", "last_velocities")
 @dataclass(frozen=True)
 class BodyState:
     """One body in all worlds: rows of its particles (worlds, N, 4), counts (worlds, 1) and its rows of the live arrays
-    (worlds,). Where it has them, also rows of Reel and Twist (worlds, 1). past: order and substeps a frame, which its
-    history is of. torn: see Torn.read; None where it does not tear."""
+    (worlds,). kg: mass and end mass (worlds, 2). Where it has them, also rows of Reel and Twist (worlds, 1). past:
+    order and substeps a frame, which its history is of. torn: see Torn.read; None where it does not tear."""
 
     past: tuple[int, int]
     particles: dict[str, np.ndarray]
     counts: dict[str, np.ndarray]
     live: list[np.ndarray]
+    kg: np.ndarray
     bodies: dict[str, np.ndarray]
     torn: dict[str, np.ndarray] | None
 
@@ -37,14 +38,17 @@ def take(batch: Batch, name: str) -> BodyState:
     live = [rows.read(b, None) for rows in batch.live]
     own = [array for array, has in (("reels", batch.features.winch), ("twists", batch.features.twist)) if has]
     bodies = {array: batch.read_body(array, name, None) for array in own}
-    return BodyState(_past(batch), particles, counts, live, bodies, batch.torn and batch.torn.read(b))
+    kg = batch.masses.read(b, None)
+    return BodyState(_past(batch), particles, counts, live, kg, bodies, batch.torn and batch.torn.read(b))
 
 
 def give(batch: Batch, name: str, kept: BodyState) -> None:
     """What another batch had of a body, whose pins may be others now; multipliers start anew, and so does history
     where order or substeps changed."""
     span, b = batch.span(name), batch.index[name]
-    follows, inverse_mass = kept.past == _past(batch), batch.inverse_mass[name]
+    follows, pinned = kept.past == _past(batch), batch.masses.of_pinned(b)
+    batch.masses.write(b, None, kept.kg)
+    inverse_mass = batch.masses.inverse[:, span].numpy()
     for array, rows in kept.particles.items():
         if array in _PAST and not follows:
             continue
@@ -53,7 +57,7 @@ def give(batch: Batch, name: str, kept: BodyState) -> None:
             if array in ("positions", "good_positions"):
                 rows[..., 3] = inverse_mass
             elif array in ("velocities", *_PAST):
-                rows[:, inverse_mass == 0.0] = 0.0
+                rows[:, pinned] = 0.0
         batch.part(array, span, None).assign(rows)
     for array, rows in kept.counts.items():
         if array != "history" or follows:

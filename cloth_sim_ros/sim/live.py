@@ -13,13 +13,14 @@ from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.checks import check_worlds, names_of
 from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
 from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.explicit import check_rows
 from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live_array import Some
 from cloth_sim_ros.sim.live_values import COMPLIANCES, OF_FRAME
-from cloth_sim_ros.sim.methods import limits
-from cloth_sim_ros.sim.methods.choose import distinct
+from cloth_sim_ros.sim.masses import MASSES
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.rope_queries import Ropes
+from cloth_sim_ros.sim.sizes import write_size
 
 _FAR_AWAY = 1e30  # [m]
 
@@ -83,7 +84,8 @@ class Live:
         self.set("wind.velocity", velocity, world)
 
     def set(self, name: str, value: Any, world: Any = None) -> None:
-        """Set a live parameter such as "cloth.stretch_compliance", "solver.substeps", "gravity" or "wind.velocity".
+        """Set a live parameter such as "cloth.stretch_compliance", "cloth.mass", "ball.radius", "gravity" or
+        "solver.substeps".
 
         An array whose first axis is all worlds gives each its own number or vector. Those of the solver hold in all
         worlds.
@@ -107,9 +109,7 @@ class Live:
         elif owner in self._bodies.scene.objects:
             self._set_material(owner, field, name, value, world)
         elif owner in self._bodies.scene.colliders:
-            row = _live(table.COLLIDER, field, name)
-            value = self._checked(row, value, name, world)
-            self._bodies.colliders.write(self._bodies.collider_row[owner], world, **{field: value})
+            self._set_collider(owner, field, name, value, world)
         else:
             scene = self._bodies.scene
             known = [*scene.objects, *scene.colliders, *scene.handles, "solver", "wind"]
@@ -122,11 +122,23 @@ class Live:
         value = self._checked(row, value, name, world)
         self._bodies.frame.write(0, world, **{OF_FRAME.get(row.name, row.name): value})
 
+    def _set_collider(self, owner: str, field: str, name: str, value: Any, world: Some) -> None:
+        collider, number = self._bodies.scene.colliders[owner], self._bodies.collider_row[owner]
+        row = _live((*table.COLLIDER, *collider.dimensions), field, name)
+        value, rows = self._checked(row, value, name, world), self._bodies.colliders
+        if row not in collider.dimensions:
+            rows.write(number, world, **{field: value})
+            return
+        write_size(rows, number, collider, field, value, world)
+        self._bodies.find_sharpest([owner])
+        self._bodies.choose_again()
+
     def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
         value = table.check(row, value, name)
         if row.name == "substeps" and self._bodies.settings.method == "verlet":
             for owner in self._bodies.scene.objects:
-                self._check_materials(owner, self._bodies.materials_of(owner, None), value)
+                rows = self._bodies.lightened(owner, self._bodies.materials_of(owner, None), None)
+                check_rows(self._bodies, owner, rows, value)
         self._bodies.settings = dataclasses.replace(self._bodies.settings, **{row.name: value})
         self.write_settings()
         self._bodies.choose_again()
@@ -144,6 +156,9 @@ class Live:
         if field == "end_turn":
             self._bodies.batch[owner].ends.write(self._bodies.batch[owner].index[owner], world, turn=value)
             return
+        if field in MASSES:
+            self._set_mass(owner, field, value, world)
+            return
         materials = self._bodies.materials_of(owner, world)
         if field in COMPLIANCES:
             materials["compliance"][:, COMPLIANCES[field]] = value
@@ -152,11 +167,23 @@ class Live:
             field = "thickness" if field == "radius" else field
             materials[field] = value
         if field in ("compliance", "damping") and self._bodies.settings.method == "verlet":
-            self._check_materials(owner, materials, self._bodies.settings.substeps)
+            rows = self._bodies.lightened(owner, materials, world)
+            check_rows(self._bodies, owner, rows, self._bodies.settings.substeps)
         batch = self._bodies.batch[owner]
         batch.materials.write(batch.index[owner], world, **{field: materials[field]})
         if field in ("compliance", "damping", "thickness"):
             self._bodies.choose_again()
+
+    def _set_mass(self, owner: str, field: str, value: Any, world: Some) -> None:
+        """All particles that are not pinned go on with the velocities that they have."""
+        batch = self._bodies.batch[owner]
+        kg = batch.masses.read(batch.index[owner], world)
+        kg[:, MASSES[field]] = value
+        if self._bodies.settings.method == "verlet":
+            rows = batch.masses.lightened(batch.index[owner], self._bodies.materials_of(owner, world), kg)
+            check_rows(self._bodies, owner, rows, self._bodies.settings.substeps)
+        batch.write_masses(owner, kg, world)
+        self._bodies.choose_again()
 
     def _set_pins(self, owner: str, value: Any, world: Some) -> None:
         """Other particles are fixed where they are, those that were go on from there."""
@@ -168,25 +195,6 @@ class Live:
         except ValueError as error:
             raise ValueError(str(error).replace(f"{type(thing).__name__}.pins", f"{owner}.pins")) from None
         self._bodies.describe_again(owner, thing)
-
-    def _check_materials(self, name: str, materials: np.ndarray, substeps: int) -> None:
-        """`_check_explicit` for each material that differs from the others."""
-        for compliance, damping in distinct(materials):
-            self.check_explicit(name, compliance, damping, substeps)
-
-    def check_explicit(self, name: str, compliance: Any, damping: float, substeps: int) -> None:
-        """Raise ValueError where method verlet cannot hold an object, saying what it would need."""
-        topo = self._bodies.elastic[name]
-        if topo.bends_by_angles:
-            raise ValueError(f"{name} bends by angles, which method 'verlet' lacks; allowed is 'xpbd', or springs")
-        if self._bodies.scene.objects[name].self_contact:
-            raise ValueError(f"{name} has self_contact, which method 'verlet' lacks; allowed is 'xpbd' or 'auto'")
-        if self._bodies.scene.object_contact:
-            raise ValueError("the scene has object_contact, which method 'verlet' lacks; allowed is 'xpbd' or 'auto'")
-        if topo.tear_strain > 0.0:
-            raise ValueError(f"{name} has tear_strain, which method 'verlet' lacks; allowed is 'xpbd' or 'auto'")
-        windy = self._bodies.scene.wind is not None
-        limits.check_explicit(name, topo, (compliance, damping), substeps, self._bodies.settings.frame_dt, windy)
 
     # -- host mirrors of the device's structs --------------------------------------------------------------------
 
@@ -217,6 +225,8 @@ class Live:
             static_friction=thing.static_friction,
             kinetic_friction=thing.kinetic_friction,
         )
+        kg = np.array([thing.mass, getattr(thing, "end_mass", 0.0)])
+        batch.masses.write(batch.index[name], None, kg)
 
     def _place_colliders(self) -> None:
         self._bodies.write_data()

@@ -10,6 +10,7 @@ import numpy as np
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.hands import Hands
+from cloth_sim_ros.sim.masses import MASSES
 from cloth_sim_ros.sim.objects import Cloth, Rope
 
 # Where in Material.compliance each lies; of shear and twist, an object has at most one.
@@ -44,6 +45,9 @@ def live_value(bodies: Bodies, hands: Hands, name: str, world: int) -> Any:
         found = _of_handle(bodies, hands, owner, field, world)
     elif owner in scene.colliders and _is_live(table.COLLIDER, field):
         found = _decimal(bodies.colliders.read(bodies.collider_row[owner], world)[field][0])
+    elif owner in scene.colliders and _is_live(scene.colliders[owner].dimensions, field):
+        size = bodies.colliders.read(bodies.collider_row[owner], world)["size"][0]
+        found = _decimal(size[scene.colliders[owner].place_in_size(field)])
     elif owner in scene.objects:
         found = _of_object(bodies, owner, field, world)
     if found is None:
@@ -73,6 +77,8 @@ def _of_object(bodies: Bodies, name: str, field: str, world: int) -> Any:
         return None
     if field == "end_turn":
         return _decimal(batch.ends.read(batch.index[name], world)["turn"][0])
+    if field in MASSES:
+        return float(batch.masses.read(batch.index[name], world)[0, MASSES[field]])
     row = batch.materials.read(batch.index[name], world)
     if field in COMPLIANCES:
         return _decimal(row["compliance"][0][COMPLIANCES[field]])

@@ -105,10 +105,10 @@ class Body:
     spoke_width: int
     plate: int
     plate_width: int
-    plate_rate: float  # of the stiffest mode at a rigidity of 1 N m [1/s^2]
+    plate_rate: float  # of the stiffest mode at a rigidity of 1 N m [1/s^2], likewise
     curves: int  # triangles that are curved at rest
     curves_end: int
-    yielding: float  # the inverse of its mass [1/kg]
+    yielding: float  # the inverse of its mass [1/kg] where Material.lightness is 1
     is_rope: bool
     width: float  # how far facets reach from their corners at most, stretched threefold [m]
 
@@ -140,7 +140,7 @@ class Model:
     line_rests: wp.array(dtype=float)  # (S,) rest length of the spring between them [m], -1 where there is none
     line_scales: wp.array(dtype=float)  # (S,) and its scale
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
-    particle_masses: wp.array(dtype=float)  # (N,) [kg] when they are out whole, of bodies that a winch feeds
+    particle_masses: wp.array(dtype=float)  # (N,) [kg] when they are out whole, of bodies that a winch feeds, by world
     rest: wp.array(dtype=wp.vec3)  # (N,) positions at rest [m]
     joints: wp.array(dtype=wp.vec4)  # (C,) behind each segment of a chain that bends: rest turn [-], span [m], and the
     # inverse lengths [1/m] of the segments before and behind it; nothing behind the last

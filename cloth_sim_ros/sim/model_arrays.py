@@ -165,7 +165,7 @@ class ModelArrays:
         self._append("curve_start", offset + np.cumsum(counts) - counts)
 
     def _add_chain(self, topology: Topology) -> int:
-        """The segments of a rope that is solved directly, its joints and its masses, and where the segments begin."""
+        """The segments of a rope that is solved directly and its joints, and where the segments begin."""
         start = self.size["segment_length"]
         if topology.chain is not None:
             self._append("segment_length", topology.chain.rest)
@@ -173,8 +173,6 @@ class ModelArrays:
                 bends = topology.bends
                 joints = np.column_stack([bends.rest, bends.scale, topology.bend_weights])
                 self._append("joints", np.concatenate([joints, np.zeros((1, 4))]))
-        if topology.reel is not None:
-            self._append("particle_masses", topology.masses)
         return start
 
     def _add_panels(self, topology: Topology) -> int:

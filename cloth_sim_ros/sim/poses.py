@@ -76,3 +76,10 @@ class Motions(LiveArray):
         self._moving, self._wanted = self._wanted, self._moving
         self._wanted[:] = False
         self._at_rest = not self._moving.any()
+
+
+def checked_poses(poses: np.ndarray, name: str) -> np.ndarray:
+    """Poses (worlds, 7) of what is called `name`, x y z [m] and a unit x y z w. Raises ValueError."""
+    worlds = len(poses)
+    places = check_worlds(table.row(table.HANDLE, "position"), poses[:, :3], f"{name}.position", worlds, None)
+    return np.column_stack([places, unit_quaternions(poses[:, 3:], f"{name}.orientation", worlds)])

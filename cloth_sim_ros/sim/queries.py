@@ -26,9 +26,10 @@ class Queries:
         self._bodies = bodies
         self.loads = Loads(bodies, "colliders", bodies.colliders.array.shape[1])
 
-    def masses(self, name: str) -> np.ndarray:
-        """Masses (N,) float64 [kg], pinned particles included."""
-        return self._bodies.topology(name).masses.copy()
+    def masses(self, name: str, world: int = 0) -> np.ndarray:
+        """Masses (N,) float64 [kg] in one world, pinned particles included."""
+        self._bodies.topology(name)
+        return self._bodies.batch[name].masses.of(self._bodies.batch[name].index[name], self._bodies.one(world))
 
     def triangles(self, name: str, world: int = 0) -> np.ndarray:
         """Triangles (T, 3) int32, counter-clockwise seen from their normals; none for a rope. Of a sheet that tears,

@@ -51,7 +51,8 @@ class Ropes:
         if self._builds != self._bodies.builds:
             self._pulls, self._builds = {}, self._bodies.builds
         if name not in self._pulls:
-            out = wp.zeros((self._bodies.worlds, len(self._queries.masses(name)), 1), dtype=float, device=batch.device)
+            count = len(self._bodies.topology(name).masses)
+            out = wp.zeros((self._bodies.worlds, count, 1), dtype=float, device=batch.device)
             self._pulls[name] = Tensions(batch, name, None, out), out
         tensions, out = self._pulls[name]
         tensions.launch()
@@ -74,12 +75,12 @@ class Ropes:
         All particles held from an end on count, with their weight, and the torque is about the end particle: of a clamp
         of two particles it is the clamping moment. An end that is free loads nothing. Raises ValueError for a cloth.
         """
-        return read_wrenches(self._rope_batch(name), name, self._bodies.one(world), self._queries.masses(name))
+        return read_wrenches(self._rope_batch(name), name, self._bodies.one(world))
 
     def end_wrenches_into(self, out: wp.array, name: str, world: int = 0) -> EndWrenches:
         """What writes the end wrenches of a rope into a device array (2, 6) float; it holds until `builds` changes.
         Raises ValueError for a cloth."""
-        return EndWrenches(self._rope_batch(name), name, self._bodies.one(world), self._queries.masses(name), out)
+        return EndWrenches(self._rope_batch(name), name, self._bodies.one(world), out)
 
     def _rope_batch(self, name: str) -> Batch:
         """The batch of a rope. Raises ValueError for a cloth."""

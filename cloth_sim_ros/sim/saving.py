@@ -23,6 +23,7 @@ from cloth_sim_ros.sim.colliders import SHAPES, shape_of
 from cloth_sim_ros.sim.forces import name_of
 from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live_array import LiveArray
+from cloth_sim_ros.sim.masses import Masses
 from cloth_sim_ros.sim.methods.choose import Choice
 from cloth_sim_ros.sim.saved_file import ALLOWED, read_file, reason, write_file
 
@@ -79,6 +80,7 @@ class Saving:
                 rows[...] = arrays[name]
         for rows in _live_arrays(self._bodies).values():
             rows.touch()
+        self._bodies.find_sharpest(self._bodies.scene.colliders)
         self._bodies.write_data()  # addresses of another process mean nothing here
         self._hands.objects = grasps
         self._hands.find_breakable()
@@ -194,10 +196,11 @@ def _shapes(arrays: dict[str, np.ndarray]) -> dict[str, tuple]:
     return {name: (rows.shape, rows.dtype) for name, rows in arrays.items()}
 
 
-def _live_arrays(bodies: Bodies) -> dict[str, LiveArray]:
+def _live_arrays(bodies: Bodies) -> dict[str, LiveArray | Masses]:
     """Name -> live numbers, those of all objects and those of each batch."""
     found = {"frame": bodies.frame, "colliders": bodies.colliders, "handles": bodies.handles}
     for k, batch in enumerate(bodies.batches):
         each = {"materials": batch.materials, "drives": batch.drives, "ends": batch.ends}
         found |= {f"batch{k}/{name}": rows for name, rows in each.items()}
+        found[f"batch{k}/masses"] = batch.masses
     return found

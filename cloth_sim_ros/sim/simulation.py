@@ -17,6 +17,7 @@ import numpy as np
 
 from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.cuts import Cuts
+from cloth_sim_ros.sim.explicit import check_explicit
 from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live import Live, compliances_of
 from cloth_sim_ros.sim.live_values import live_value
@@ -70,7 +71,7 @@ class Simulation:
         materials = {name: (compliances_of(thing), thing.damping) for name, thing in scene.objects.items()}
         if self._bodies.settings.method == "verlet":
             for name, material in materials.items():
-                self._live.check_explicit(name, *material, self._bodies.settings.substeps)
+                check_explicit(self._bodies, name, *material, self._bodies.settings.substeps)
         self._live.write_settings()
         thick = {name: getattr(thing, "radius", None) or thing.thickness for name, thing in scene.objects.items()}
         self._bodies.build({name: self._bodies.choose(name, [materials[name]], thick[name]) for name in materials})

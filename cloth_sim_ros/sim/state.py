@@ -14,13 +14,14 @@ from cloth_sim_ros.sim.model import Features, Model
 @wp.struct
 class Material:
     """One body. compliance: structural, shear (a rope's: twist), bending in units of the scene; lengths [m], damping
-    [s]."""
+    [s]. lightness: its mass in Model over what it weighs here."""
 
     compliance: wp.vec3
     damping: float
     thickness: float
     static_friction: float
     kinetic_friction: float
+    lightness: float
 
 
 @wp.func

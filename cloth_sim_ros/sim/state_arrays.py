@@ -11,6 +11,7 @@ import os
 import warp as wp
 
 from cloth_sim_ros.sim.lines.solve import scratch_of
+from cloth_sim_ros.sim.masses import BYTES_A_PARTICLE
 from cloth_sim_ros.sim.meeting.apart import ASKED
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.model_arrays import ModelArrays
@@ -96,6 +97,7 @@ def make_states(
     }
     dtypes = {name: State.vars[name].type.dtype for name in sizes}
     each = sum(size * wp.types.type_size_in_bytes(dtypes[name]) for name, size in sizes.items())
+    each += BYTES_A_PARTICLE * particles
     _check_memory(each, worlds, device)
     return {name: wp.zeros((worlds, size), dtype=dtypes[name], device=device) for name, size in sizes.items()}
 

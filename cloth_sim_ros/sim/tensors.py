@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.checks import names_of, on_host
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.loads import Loads
 from cloth_sim_ros.sim.objects import Rope
-from cloth_sim_ros.sim.poses import Motions
+from cloth_sim_ros.sim.poses import Motions, checked_poses
 from cloth_sim_ros.sim.rope_queries import Ropes
 from cloth_sim_ros.sim.writing import are_bad
 
@@ -94,7 +94,8 @@ class Tensors:
         """Write the `what` of a whole tensor into the worlds of a mask (worlds,) of bool, or for None into all.
 
         Of an object "positions" or "velocities" (worlds, N, 3), of a collider or handle "pose" (worlds, 7), which it
-        reaches at the end of the next frame; without `sweep` it is there at once. Arrays are NumPy's, Warp's or what
+        reaches at the end of the next frame; without `sweep` it is there at once. The "pose" of an object takes the
+        place of the scene's: it is there in its rest shape, at rest. Arrays are NumPy's, Warp's or what
         DLPack takes. Pinned particles move and stay at rest; history and multipliers of the object start anew. It waits
         for the device, to see that all numbers are allowed; otherwise nothing changes.
         """
@@ -105,7 +106,11 @@ class Tensors:
             poses = self._shaped(on_host(array), name, what, (7,))
             motions.reach(row, some, name, (poses[:, :3], poses[:, 3:]), sweep)
             return
-        _check_word(name, what, tuple(_MOST))
+        _check_word(name, what, (*_MOST, "pose"))
+        if what == "pose":
+            poses = checked_poses(self._shaped(on_host(array), name, what, (7,)), name)
+            self._bodies.batch[name].write_pose(name, poses, self._bodies.chosen(some))
+            return
         values = self._shaped(self._on_device(array), name, what, (len(self._bodies.topology(name).masses), 3))
         chosen = self._bodies.chosen(some)
         if not len(chosen):

@@ -15,17 +15,9 @@ from cloth_sim_ros.sim.methods.program import make_begin
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
 from cloth_sim_ros.sim.stages.tearing import GONE, LEFT, followers
-from cloth_sim_ros.sim.state import Arrays, State
+from cloth_sim_ros.sim.state import Arrays
 
 _THREADS = 4096  # of a launch over what may go with a spring, on a GPU
-
-
-def own_model(model: Model, state: State) -> Model:
-    """The model of one world: of what tears it has its own, which lies in its state."""
-    own = Model()
-    for name in Model.vars:
-        setattr(own, name, getattr(state if name in LEFT else model, name))
-    return own
 
 
 @lru_cache

@@ -29,7 +29,7 @@ DISTRIBUTIONS: dict[str, Callable] = {
 
 
 class Variation:
-    """What varies: name of a live parameter, or "position" or "orientation" of a collider or handle -> distribution.
+    """What varies: name of a live parameter, or "position" or "orientation" of anything in the scene -> distribution.
 
     vary: such as {"cloth.stretch_compliance": {"log_uniform": [1e-4, 1e-2]}, "wind.velocity": {"normal": [[1, 0, 0],
     0.5]}}; a name of DISTRIBUTIONS with its two numbers, or vectors as long as the parameter. Orientations are scaled
@@ -57,23 +57,47 @@ class Variation:
 
     def apply(self, sim: Simulation, mask: Any = None, episode: int = 0) -> dict[str, np.ndarray]:
         """Draw for all worlds and set what is drawn in those of a mask (worlds,) of bool, or for None in all; returns
-        name -> (worlds,) or (worlds, length). Colliders and handles are at their poses at once, so a reset comes first.
+        name -> (worlds,) or (worlds, length). Colliders, handles and objects are at their poses at once, so a reset
+        comes first. Handles that hold something from the start grasp anew where they, or objects, are then.
 
         Raises ValueError for a name that the scene has not, and values that are not allowed.
         """
-        is_vector = {name: np.ndim(sim.get(name)) > 0 for name in self._vary}
-        drawn = self.draw({name: np.size(sim.get(name)) for name in self._vary}, sim.worlds, episode)
-        values = {name: rows if is_vector[name] else rows[:, 0] for name, rows in drawn.items()}
-        moved = {name.rpartition(".")[0] for name in values if name.rpartition(".")[2] in _POSE}
+        now = {name: _now(sim, name) for name in self._vary}
+        drawn = self.draw({name: np.size(value) for name, value in now.items()}, sim.worlds, episode)
+        values = {name: rows if np.ndim(now[name]) else rows[:, 0] for name, rows in drawn.items()}
+        placed = _placed(sim)
+        moved = dict.fromkeys(_owner(name, placed) for name in values if _owner(name, placed))
         for name, rows in values.items():
-            if name.rpartition(".")[0] not in moved or name.rpartition(".")[2] not in _POSE:
+            if not _owner(name, placed):
                 sim.set(name, rows, mask)
         for owner in moved:
-            described = {**sim.scene.colliders, **sim.scene.handles}[owner]
-            parts = [values.get(f"{owner}.{part}", getattr(described, part)) for part in _POSE]
+            parts = [values.get(f"{owner}.{part}", getattr(placed[owner], part)) for part in _POSE]
             pose = np.column_stack([np.broadcast_to(part, (sim.worlds, np.shape(part)[-1])) for part in parts])
             sim.write(owner, "pose", pose, mask, sweep=False)
+        if set(moved) & {*sim.scene.objects, *sim.scene.handles}:
+            holding = [name for name, handle in sim.scene.handles.items() if handle.attached]
+            for on in (False, True):  # as a reset does: what one has let go, another may grasp
+                for name in holding:
+                    sim.set(f"{name}.attached", on, mask)
         return values
+
+
+def _placed(sim: Simulation) -> dict[str, Any]:
+    """Name -> what has a position and an orientation."""
+    return {**sim.scene.objects, **sim.scene.colliders, **sim.scene.handles}
+
+
+def _owner(name: str, placed: Mapping[str, Any]) -> str:
+    """Whose pose `name` is part of, "" for what is none."""
+    owner, _, part = name.rpartition(".")
+    return owner if part in _POSE and owner in placed else ""
+
+
+def _now(sim: Simulation, name: str) -> Any:
+    """The value of what varies in world 0, or where the scene puts it; only how long it is counts."""
+    placed = _placed(sim)
+    owner = _owner(name, placed)
+    return getattr(placed[owner], name.rpartition(".")[2]) if owner else sim.get(name)
 
 
 def _checked(name: str, spec: Any) -> tuple[str, np.ndarray, np.ndarray]:

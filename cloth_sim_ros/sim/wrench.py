@@ -98,15 +98,16 @@ class EndWrenches:
     """The wrenches (2, 6) of a rope in a world on what holds its start and its end: `launch()` computes them into
     `out` from the state as it is then, with no allocation."""
 
-    def __init__(self, batch: Batch, name: str, world: int, masses: np.ndarray, out: wp.array) -> None:
+    def __init__(self, batch: Batch, name: str, world: int, out: wp.array) -> None:
         b, arrays, device = batch.index[name], batch.worlds[world], batch.device
         self._tensions = Tensions(batch, name, world)
+        self._masses = batch.masses.masses[world, batch.span(name)]
         inputs = [
             arrays,
             b,
             self._tensions.forces[0],
             batch.features.beam,
-            wp.array(masses, dtype=float, device=device),
+            self._masses,
             out,
         ]
         self._command = wp.launch(write_wrenches, dim=2, inputs=inputs, device=device, record_cmd=True)
@@ -117,8 +118,8 @@ class EndWrenches:
         self._command.launch()
 
 
-def read_wrenches(batch: Batch, name: str, world: int, masses: np.ndarray) -> np.ndarray:
+def read_wrenches(batch: Batch, name: str, world: int) -> np.ndarray:
     """(2, 6) float32: force [N] and torque [N m] about it on what holds the start of a rope, then its end."""
     out = wp.zeros((2, 6), dtype=float, device=batch.device)
-    EndWrenches(batch, name, world, masses, out).launch()
+    EndWrenches(batch, name, world, out).launch()
     return out.numpy().copy()

@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.state import Reel
 @compiled
 def put_positions(
     values: wp.array3d(dtype=Any),
-    inverse_mass: wp.array(dtype=float),
+    inverse_mass: wp.array2d(dtype=float),
     chosen: wp.array(dtype=int),
     reels: wp.array2d(dtype=Reel),
     b: int,
@@ -27,7 +27,7 @@ def put_positions(
     k, i = wp.tid()
     w = chosen[k]
     source = int(i)
-    inverse = float(inverse_mass[i])
+    inverse = float(inverse_mass[w, i])
     if reels.shape[1] > 0:
         if i <= reels[w, b].index:
             source = int(0)
@@ -45,16 +45,32 @@ def put_positions(
 
 
 @compiled
+def place(
+    points: wp.array2d(dtype=wp.float64),
+    poses: wp.array2d(dtype=wp.float64),
+    chosen: wp.array(dtype=int),
+    values: wp.array3d(dtype=wp.float64),
+):
+    """Where point i (x y z) in the axes of a pose of world chosen[k] lies; poses: x y z, then a unit x y z w."""
+    k, i = wp.tid()
+    w = chosen[k]
+    point = wp.vec3d(points[i, 0], points[i, 1], points[i, 2])
+    turned = wp.quat_rotate(wp.quatd(poses[w, 3], poses[w, 4], poses[w, 5], poses[w, 6]), point)
+    for c in range(3):
+        values[w, i, c] = poses[w, c] + turned[c]
+
+
+@compiled
 def put_velocities(
     values: wp.array3d(dtype=Any),
-    inverse_mass: wp.array(dtype=float),
+    inverse_mass: wp.array2d(dtype=float),
     chosen: wp.array(dtype=int),
     velocities: wp.array2d(dtype=wp.vec4),
 ):
     k, i = wp.tid()
     row = wp.where(values.shape[0] == 1, 0, chosen[k])
     v = wp.vec4(0.0)
-    if inverse_mass[i] > 0.0:
+    if inverse_mass[chosen[k], i] > 0.0:
         for c in range(3):
             v[c] = float(values[row, i, c])
     velocities[chosen[k], i] = v

@@ -170,7 +170,7 @@ def test_the_command_writes_a_scene_with_what_it_found(tmp_path):
             "positions/cloth has 5 particles; allowed are the 100 of the scene, or points/cloth",
         ),
         ({"times": [0.1], "points/flag": np.zeros((1, 5, 3))}, ["cloth.damping"], "has points/flag; allowed of this"),
-        ({"times": [0.1], "points/cloth": np.zeros((1, 5, 3))}, ["cloth.mass"], "no live parameter 'cloth.mass'"),
+        ({"times": [0.1], "points/cloth": np.zeros((1, 5, 3))}, ["cloth.size"], "no live parameter 'cloth.size'"),
         ({"times": [0.1], "points/cloth": np.zeros((1, 5, 3))}, ["cloth.damping=1:a"], "allowed is NAME=LOW:HIGH"),
         ({"times": [0.1], "points/cloth": np.zeros((1, 5, 3))}, ["gravity"], "allowed is a live number of the scene"),
     ],

@@ -55,6 +55,23 @@ def test_pictures_show_each_world_and_the_hands(device, name):
         TASKS[name](1, device, render_mode="human")
 
 
+def test_masses_sizes_and_starts_may_vary_too(device):
+    start = HangTowel(1, device).setup.scene.objects["towel"].position
+    vary = {
+        "towel.mass": {"log_uniform": [0.02, 0.2]},
+        "towel.position": {"normal": [start, 0.003]},
+        "peg.radius": {"uniform": [0.02, 0.04]},
+    }
+    env = HangTowel(3, device, vary)
+    first, _ = env.reset(seed=2)
+    masses = [env.sim.masses("towel", w).sum() for w in range(3)]
+    assert len(set(masses)) == 3 and all(0.02 <= mass <= 0.2 for mass in masses)
+    assert len({env.sim.get("peg.radius", w) for w in range(3)}) == 3
+    assert np.ptp(first[:, -3:], axis=0).min() > 0.0 and (env.sim.held("hand") > 0).all()
+    again, _ = env.reset(seed=2)
+    assert np.array_equal(first, again)
+
+
 def test_a_seed_says_all_and_worlds_do_not_touch_each_other(device):
     few, many = (FoldTowel(count, device) for count in (2, 5))
     actions = np.random.default_rng(1).uniform(-1, 1, (6, 5, 6)).astype(np.float32)

@@ -102,7 +102,9 @@ def test_hands_keep_their_hold_through_a_rebuild_and_are_back_after_a_reset(towe
             move(client, side, (x, -0.25, 0.01 * k))
         client.spin(0.02)
     client.spin(0.5)
-    assert client.set("towel.mass", 0.2).successful
+    built = towel.log.count("simulating ")
+    assert client.set("towel.mass", 0.2).successful and client.set("device", "cpu").successful
+    client.until(lambda: towel.log.count("simulating ") > built)
     client.spin(1.0)
     client.until(lambda: corner(towel, (-0.25, -0.25, 0.29)) < 1e-4)  # a heavier towel hangs where the lighter did
     assert client.set("towel.pins", [0]).successful

@@ -61,7 +61,7 @@ def say_everything(client):
         assert client.call(Trigger, "/cloth_sim/step").success
     assert client.call(Trigger, "/cloth_sim/reset").success
     assert client.call(SetBool, "/cloth_sim/pause", SetBool.Request(data=False)).success
-    assert client.set("cloth.mass", 0.3).successful  # the simulation is built anew
+    assert client.set("ball.dimensions", [0.14]).successful  # the simulation is built anew
     client.spin(0.5, meanwhile=swing)
     scene.publish(all_inputs.box(Marker.DELETE))
     seen = len(clouds)

@@ -128,7 +128,8 @@ def test_a_mesh_of_no_use_is_refused_at_once(shared, tmp_path):
 def test_descriptors_tell_unit_range_and_effect(shared):
     mass = shared.client.describe("cloth.mass")
     assert mass.type == ParameterType.PARAMETER_DOUBLE
-    assert "[kg]" in mass.description and "rebuilds the simulation" in mass.description
+    assert "[kg]" in mass.description and "live" in mass.description
+    assert "rebuilds the simulation" in shared.client.describe("cloth.resolution").description
     assert (mass.floating_point_range[0].from_value, mass.floating_point_range[0].to_value) == (1e-9, 1e6)
     assert "live" in shared.client.describe("solver.substeps").description
     assert shared.client.describe("no.such").type == ParameterType.PARAMETER_NOT_SET

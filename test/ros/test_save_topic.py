@@ -17,6 +17,8 @@ SCENE = f"""{all_inputs.SCENE}    publish_clock: true
 """
 CHANGED = {
     "cloth.stretch_compliance": 2e-3,
+    "cloth.mass": 0.3,
+    "cable.end_mass": 0.2,
     "cloth.pins": [35, 39],
     "gravity": [0.1, 0.0, -9.7],
     "solver.global_damping": 0.3,
@@ -149,18 +151,18 @@ def refuse_what_is_no_state(paused, file):
     assert f"{bad} is no saved state of cloth_sim_ros; allowed is" in refused(paused)
     assert paused.clouds() == before
     assert client.set("state_file", str(file)).successful
-    set_mass(paused, 0.3)
-    assert "object cloth is a Cloth of 42 particles" in refused(paused)
-    set_mass(paused, 0.2)
+    set_radius(paused, 0.3)
+    assert "collider ball is a Sphere" in refused(paused)
+    set_radius(paused, 0.15)
     assert client.set("state_file", "/proc/x.npz").successful
     answer = paused.ask("save")
     assert not answer.success and "/proc/x.npz cannot be written" in answer.message
     assert client.set("state_file", str(file)).successful
 
 
-def set_mass(paused, mass):
+def set_radius(paused, radius):
     built = paused.node.log.count("simulating ")
-    assert paused.client.set("cloth.mass", mass).successful
+    assert paused.client.set("ball.dimensions", [radius]).successful
     paused.client.until(lambda: paused.node.log.count("simulating ") > built)
 
 

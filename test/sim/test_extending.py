@@ -22,9 +22,6 @@ class Pipe(Collider):
     radius: float = 0.1
     dimensions = (length("radius"),)
 
-    def size(self):
-        return (self.radius, 0.0, 0.0)
-
     def reach(self):
         return 1e6
 

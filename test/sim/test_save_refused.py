@@ -111,7 +111,7 @@ def test_a_damaged_file_is_refused_or_harmless(whole, tmp_path):
 @pytest.mark.parametrize(
     ("what", "scene", "settings", "worlds"),
     [
-        ("object cloth is a Cloth of 56 particles", lambda: cloth_scene(mass=0.3), {}, 1),
+        ("object cloth is a Cloth of 56 particles", lambda: cloth_scene(particle_masses=np.full(56, 0.1)), {}, 1),
         ("object cloth is a Cloth of 56 particles", lambda: cloth_scene(orientation=(0, 0, 1, 0)), {}, 1),
         ("solver.frame_dt is 0.016666666666666666 in it and 0.01 here", cloth_scene, {"frame_dt": 0.01}, 1),
         ("solver.method is 'auto' in it and 'xpbd' here", cloth_scene, {"method": "xpbd"}, 1),

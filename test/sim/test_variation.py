@@ -7,7 +7,7 @@ import yaml
 from fixed_settings import fixed
 from scipy import stats
 
-from cloth_sim_ros.sim import Cloth, Scene, Simulation, Sphere, Variation, Wind
+from cloth_sim_ros.sim import Cloth, Handle, Rope, Scene, Simulation, Sphere, Variation, Winch, Wind
 
 MANY = 20000
 TRUTH = {
@@ -70,9 +70,72 @@ def test_worlds_of_a_simulation_get_what_is_drawn(device):
     assert np.allclose(friction, wanted, rtol=1e-6) and not np.allclose(friction, drawn["ball.kinetic_friction"])
 
 
+def started(position=(0, 0, 0), orientation=(0, 0, 0, 1), rope=(0, 2, 0), hand=(0.5, -0.5, 0)):
+    """A sheet, held by a pinned row and a hand, and a rope on a winch, where they may start elsewhere."""
+    sheet = Cloth(resolution=(6, 6), pins="top", position=position, orientation=orientation)
+    line = Rope(segments=8, bend_compliance=1.0, winch=Winch(0.6), position=rope)
+    return Scene({"sheet": sheet, "rope": line}, handles={"hand": Handle(hand, reach=0.25, attached=True)})
+
+
+STARTS = {
+    "sheet.position": {"uniform": [[-0.1, -0.1, -0.1], [0.1, 0.1, 0.1]]},
+    "sheet.orientation": {"normal": [[0, 0, 0, 1], 0.05]},
+    "rope.position": {"normal": [[0, 2, 0], 1.0]},
+    "hand.position": {"uniform": [[0.45, -0.55, -0.05], [0.55, -0.45, 0.05]]},
+}
+
+
+def test_objects_start_where_is_drawn_as_in_a_scene_that_puts_them_there(device):
+    many = Simulation(started(), fixed(), device, worlds=3)
+    many.step(4)
+    many.reset()
+    drawn = Variation(STARTS, seed=2).apply(many)
+    turned = drawn["sheet.orientation"] / np.linalg.norm(drawn["sheet.orientation"], axis=1)[:, None]
+    places = zip(drawn["sheet.position"], turned, drawn["rope.position"], drawn["hand.position"], strict=True)
+    alone = [Simulation(started(*map(tuple, each)), fixed(), device) for each in places]
+    assert np.ptp(many.positions("sheet", None), axis=0).min() > 1e-3
+    for w, sim in enumerate(alone):
+        for name in ("sheet", "rope"):
+            assert many.positions(name, w) == pytest.approx(sim.positions(name), abs=1e-6)
+            assert not many.velocities(name, w).any()
+        assert many.held("hand", w) == sim.held("hand") > 0
+    for sim in (many, *alone):
+        sim.step(10)
+    for w, sim in enumerate(alone):
+        for name in ("sheet", "rope"):
+            assert many.positions(name, w) == pytest.approx(sim.positions(name), abs=2e-5)
+    one = Simulation(started(), fixed(), device)
+    Variation(STARTS, seed=2).apply(one)
+    one.step(10)
+    assert np.array_equal(one.positions("sheet"), many.positions("sheet", 0)), "each world is what it is alone"
+
+
+def test_other_worlds_keep_their_start(device):
+    many = Simulation(started(), fixed(), device, worlds=3)
+    mask = np.array([False, True, False])
+    many.release("hand", 2)
+    held = many.held("hand")
+    Variation(STARTS, seed=2).apply(many, mask)
+    assert many.held("hand").tolist() == held.tolist() and held[2] == 0 < held[0]
+    moved = [not np.array_equal(many.positions("sheet", w), many.rest_positions("sheet")) for w in range(3)]
+    assert moved == mask.tolist()
+    many.reset()
+    assert np.array_equal(many.positions("sheet", 1), many.rest_positions("sheet"))
+
+
 @pytest.mark.parametrize(
     ("vary", "words"),
     [
+        (
+            {"sheet.position": {"uniform": [[2e4, 0, 0], [3e4, 0, 0]]}},
+            "sheet.position has shape .* to 10000",
+        ),
+        ({"sheet.position": {"uniform": [[0, 0], [1, 1]]}}, "vary.sheet.position has vectors .*; allowed are 3"),
+        (
+            {"sheet.orientation": {"uniform": [0, 0]}},
+            "sheet.orientation is .* in row 0; allowed",
+        ),
+        ({"sheet.size": {"uniform": [1, 2]}}, "no live parameter 'sheet.size'"),
         ({"sheet.damping": {"normal": [0]}}, "vary.sheet.damping is .*; allowed is one of uniform, log_uniform"),
         ({"sheet.damping": {"gamma": [0, 1]}}, "vary.sheet.damping is .*; allowed"),
         ({"sheet.damping": {"log_uniform": [0, 1]}}, "vary.sheet.damping is .*above 0 for logarithms"),

@@ -17,10 +17,6 @@ class Box(Collider):
     half_extents: Vector = (0.1, 0.1, 0.1)
     dimensions = (lengths("half_extents"),)
 
-    def size(self) -> tuple[float, float, float]:
-        """half_extents [m]."""
-        return self.half_extents
-
     def reach(self) -> float:
         """From the middle to a corner [m]."""
         return math.hypot(*self.half_extents)

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -24,10 +26,9 @@ class Collider:
     compliance [m/N]: how deep a point of contact lies in it for the force there; 0 is rigid. What two colliders squeeze
     has a force only where they are not rigid.
 
-    A shape adds its lengths as fields, their rows in `dimensions`, and two methods: `size()`, what its
-    `signed_distance` takes as size [m], and `reach()`, from its origin to the farthest of it [m]. One that needs more
-    than three numbers gives `data` too. `convex`: whether its signed distance is convex along every line.
-    Raises ValueError for what cannot be.
+    A shape adds its lengths as fields, their rows in `dimensions`, and `reach()`, from its origin to the farthest of it
+    [m]. One that needs more than three numbers gives `data` and its own `size()` too; its rows are not live then.
+    `convex`: whether its signed distance is convex along every line. Raises ValueError for what cannot be.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -40,6 +41,30 @@ class Collider:
 
     def __post_init__(self) -> None:
         check_fields(self, (*table.COLLIDER, *self.dimensions))
+
+    def size(self) -> tuple[float, ...]:
+        """What its `signed_distance` takes as size (3,) [m]: its dimensions one after another, then 0."""
+        values = [getattr(self, row.name) for row in self.dimensions]
+        numbers = [number for value in values for number in (value if isinstance(value, tuple) else (value,))]
+        return (*numbers, 0.0, 0.0, 0.0)[:3]
+
+    def place_in_size(self, name: str) -> int | slice:
+        """Where the dimension called `name` lies in `size()`."""
+        first = 0
+        for row in self.dimensions:
+            if row.name == name:
+                return slice(first, first + row.length) if row.length else first
+            first += row.length or 1
+        raise KeyError(name)
+
+    def resized(self, size: Sequence[float]) -> Collider:
+        """The same of another size (3,) [m], which has been checked."""
+        other = copy.copy(self)
+        for row in self.dimensions:
+            place = self.place_in_size(row.name)
+            value = tuple(size[place]) if isinstance(place, slice) else size[place]
+            object.__setattr__(other, row.name, value)
+        return other
 
     def roundness(self) -> float:
         """The smallest radius of curvature of its surface [m]; 0 of what has edges."""
@@ -62,8 +87,8 @@ class Collider:
 
 
 def length(name: str) -> table.Parameter:
-    """The row of a length [m] of a shape."""
-    return dataclasses.replace(_DIMENSIONS, name=name, kind="double")
+    """The row of a length [m] of a shape, which is live."""
+    return dataclasses.replace(_DIMENSIONS, name=name, kind="double", live=True)
 
 
 @dataclass(frozen=True)
@@ -74,11 +99,7 @@ class Tube(Collider):
     half_length: float = 0.2
     dimensions = (length("radius"), length("half_length"))
 
-    def size(self) -> tuple[float, float, float]:
-        """(radius, half_length, 0) [m]."""
-        return (self.radius, self.half_length, 0.0)
-
 
 def lengths(name: str) -> table.Parameter:
-    """The row of three lengths [m] of a shape, along its local axes."""
-    return dataclasses.replace(_DIMENSIONS, name=name, length=3)
+    """The row of three lengths [m] of a shape along its local axes, which is live."""
+    return dataclasses.replace(_DIMENSIONS, name=name, length=3, live=True)

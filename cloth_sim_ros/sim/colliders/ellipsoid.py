@@ -16,10 +16,6 @@ class Ellipsoid(Collider):
     radii: Vector = (0.2, 0.1, 0.1)
     dimensions = (lengths("radii"),)
 
-    def size(self) -> tuple[float, float, float]:
-        """radii [m]."""
-        return self.radii
-
     def reach(self) -> float:
         """The largest radius [m]."""
         return max(self.radii)

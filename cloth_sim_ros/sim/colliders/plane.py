@@ -28,10 +28,6 @@ class Plane(Collider):
         normal = rotate(self.orientation, np.array([[0.0, 0.0, 1.0]]))[0]
         object.__setattr__(self, "normal", tuple(normal.tolist()))
 
-    def size(self) -> tuple[float, float, float]:
-        """A plane has no size."""
-        return (0.0, 0.0, 0.0)
-
     def reach(self) -> float:
         """A plane is everywhere."""
         return math.inf

@@ -15,10 +15,6 @@ class Sphere(Collider):
     radius: float = 0.2
     dimensions = (length("radius"),)
 
-    def size(self) -> tuple[float, float, float]:
-        """(radius, 0, 0) [m]."""
-        return (self.radius, 0.0, 0.0)
-
     def reach(self) -> float:
         """The radius [m]."""
         return self.radius

@@ -39,7 +39,10 @@ class SignedDistance(Collider):
     file: str = ""
     scale: float = 1.0
     content: str = field(init=False, default="", repr=False)
-    dimensions = (replace(table.row(table.COLLIDER, "position"), name="origin"), lengths("spacing"))
+    dimensions = (
+        replace(table.row(table.COLLIDER, "position"), name="origin"),
+        replace(lengths("spacing"), live=False),
+    )
     convex: ClassVar[bool] = False
 
     def __post_init__(self) -> None:

@@ -35,6 +35,12 @@ TORN = wp.constant(0.02)
 
 
 @wp.func
+def stiffest_of(here: Here) -> float:
+    """What the tangent of a segment yields along it at least [1/kg]."""
+    return STIFFEST * (here.material.lightness * here.body.yielding)
+
+
+@wp.func
 def stiffness_across(segment: Segment) -> float:
     """The stiffness across a segment, the turn of earlier attempts in it."""
     return segment.across + quick_quotient(wp.min(0.25 * segment.turn, 1.0), segment.along)
@@ -95,7 +101,7 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
         segment.gap = gap * eased
         # Between a rigid edge and a pinned particle nothing would be left to divide by, and rounding across the edge
         # reaches a tangent that is much stiffer: the rope trembles. Much softer than all that hangs on it, it lags.
-        segment.along = larger(alpha * eased, larger(1.0e-9 * larger(p[3], q[3]), STIFFEST * here.body.yielding))
+        segment.along = larger(alpha * eased, larger(1.0e-9 * larger(p[3], q[3]), stiffest_of(here)))
         segment.across = quick_quotient(larger(segment.tension, 0.0), larger(length, 1.0e-3 * rest))
         segment.reach = larger(length, rest)
         segment.near = near

@@ -20,8 +20,8 @@ from cloth_sim_ros.sim.ropes.segments import (
     LARGEST_TURN,
     NEWTON_STEPS,
     SETTLED_SPEED,
-    STIFFEST,
     TORN,
+    stiffest_of,
 )
 from cloth_sim_ros.sim.stages.here import Here
 
@@ -48,7 +48,7 @@ def prepare_both_ends(here: Here) -> bool:
         here.step.effective,
         here.step.inverse_square,
         here.step.second and here.state.last_displacements.shape[0] > 0,
-        STIFFEST * here.body.yielding,
+        stiffest_of(here),
         SHORTEST,
     )
 

@@ -78,7 +78,7 @@ def around(i: int, m: Model, body: Body, a: wp.uint64, b: wp.uint64) -> wp.vec3:
 def rigidity_of(material: Material, body: Body, inverse_square: float) -> float:
     """The rigidity [N m] that acts in a substep of 1 / sqrt(inverse_square) [s]."""
     asked = 1.0 / wp.max(material.compliance[2], 1.0e-30)
-    return wp.min(asked, MOST * inverse_square / wp.max(body.plate_rate, 1.0e-30))
+    return wp.min(asked, MOST * inverse_square / wp.max(material.lightness * body.plate_rate, 1.0e-30))
 
 
 def make_plate_force(features: Features):
@@ -147,7 +147,8 @@ def make_bend(features: Features):
         predicted = load4(here.p, i)
         rigidity = rigidity_of(here.material, here.body, here.step.inverse_square)
         # Dashpots of bending give way before its rigidity does.
-        room = MOST * here.step.inverse_square / wp.max(here.body.plate_rate * rigidity, 1.0e-30) - 1.0
+        rate = here.material.lightness * here.body.plate_rate * rigidity
+        room = MOST * here.step.inverse_square / wp.max(rate, 1.0e-30) - 1.0
         gamma = wp.clamp(here.material.damping * here.step.inverse, 0.0, wp.max(room, 0.0))
         force = plate_force(i, here, here.x, here.p)
         if gamma > 0.0:

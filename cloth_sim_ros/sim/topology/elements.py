@@ -67,7 +67,8 @@ class Topology:
     third of a rope's segment. layout: (N, 3) rest positions [m] in local axes, along which grids are cut into
     subdomains. grid: particles along x and y, None for what is no grid. reel: of a rope on a winch, the last particle
     at the drum and the rest length [m] of the segment that begins there. plate: what a sheet resists bending with.
-    twists: whether a rope resists twist. tear_strain: beyond which its springs fail, 0 for never.
+    twists: whether a rope resists twist. tear_strain: beyond which its springs fail, 0 for never. load: what of
+    the last mass is no part of the object [kg].
     """
 
     rest: np.ndarray
@@ -85,6 +86,7 @@ class Topology:
     chain: Elements | None = None
     grid: tuple[int, int] | None = None
     tear_strain: float = 0.0
+    load: float = 0.0
 
     @cached_property
     def families(self) -> list[Family]:

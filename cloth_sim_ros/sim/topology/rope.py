@@ -43,6 +43,7 @@ def of_rope(rope: Rope, direct: bool) -> Topology:
         bends=bends,
         bend_weights=weights,
         chain=stretch if direct else None,
+        load=rope.end_mass,
     )
 
 

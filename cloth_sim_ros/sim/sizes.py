@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sizes of colliders, which may differ between worlds: written to the rows of ColliderMotion, and looked through."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.live_array import LiveArray, Some
+
+
+def write_size(rows: LiveArray, row: int, collider: Collider, field: str, value: Any, world: Some) -> None:
+    """Give a dimension of a collider a checked value [m], or one for each of some worlds; its reach follows."""
+    sizes = rows.read(row, world)["size"].astype(np.float64)
+    sizes[:, collider.place_in_size(field)] = value
+    reaches = [collider.resized(size).reach() for size in sizes.tolist()]
+    rows.write(row, world, size=sizes, reach=reaches)
+
+
+def sharpest(rows: LiveArray, row: int, collider: Collider) -> Collider:
+    """The collider at the size, of those that it has in all worlds, at which it comes between particles most easily."""
+    if not any(each.live for each in collider.dimensions):
+        return collider
+    sizes = rows.read(row, None)["size"]
+    sizes = sizes[:1] if (sizes == sizes[0]).all() else sizes
+    return min(map(collider.resized, sizes.tolist()), key=lambda each: each.roundness())
