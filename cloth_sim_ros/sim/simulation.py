@@ -255,8 +255,8 @@ class Simulation:
         self._upload()
         found = {name: self._reporter.measure(batch, name, world) for name, batch in self._bodies.batch.items()}
         if self._bodies.together is not None:
-            for name in found:
-                found[name] |= self._bodies.together.report(name, world)
+            for name, meeting in self._bodies.together.report(world).items():
+                found[name] |= meeting
         for name, choice in self._bodies.choices.items():
             found[name] |= {"expected_error": choice.error, "bending_share": choice.bending_share}
         for name, thing in self._bodies.scene.objects.items():

@@ -167,24 +167,21 @@ def _pair(members: Members, pairs: Pairs, width: int, team: int):
 def _cross(
     members: Members,
     w: int,
-    body: int,
     tree: wp.uint64,
     lowers: wp.array(dtype=wp.vec3),
     uppers: wp.array(dtype=wp.vec3),
-    count: wp.array(dtype=int),
+    counts: wp.array(dtype=int),
 ):
-    """Count the edges of a body that go through a triangle that it is kept apart from."""
+    """Count the edges of each body that go through a triangle that it is kept apart from."""
     panels = members.panels.shape[0]
     tid = w * panels + wp.tid()
     panel = panel_of(members, wp.tid(), w)
-    if panel.body != body:
-        return
     own = members.surfaces[panel.surface]
     query = wp.bvh_query_aabb(tree, lowers[tid], uppers[tid], wp.bvh_get_group_root(tree, w))
     found = int(0)
     while wp.bvh_query_next(query, found):
         other = panel_of(members, found - w * panels, w)
-        if may_touch(members, body, other.body):
+        if may_touch(members, panel.body, other.body):
             of_other = members.surfaces[other.surface]
             a, b = place(of_other, other.corners[0]), place(of_other, other.corners[1])
             c = place(of_other, other.corners[2])
@@ -193,9 +190,9 @@ def _cross(
                 shared = bool(False)
                 for k in range(3):
                     shared = shared or p == other.corners[k] or q == other.corners[k]
-                apart = other.body != body or not shared
+                apart = other.body != panel.body or not shared
                 if apart and (panel.own >> (3 + side)) & 1 == 1 and crosses(place(own, p), place(own, q), a, b, c):
-                    wp.atomic_add(count, 0, 1)
+                    wp.atomic_add(counts, panel.body, 1)
 
 
 class Search:
@@ -208,7 +205,7 @@ class Search:
         self._boxes = [wp.zeros(total, dtype=wp.vec3, device=device) for _ in range(2)]
         groups = np.repeat(np.arange(worlds, dtype=np.int32), self._panels)
         self._groups = wp.array(groups, dtype=int, device=device)
-        self._count = wp.zeros(1, dtype=int, device=device)
+        self._crossings = wp.zeros(len(members.bodies), dtype=int, device=device)
         self._tree = wp.Bvh(*self._boxes, groups=self._groups)
         self._age = 0
         self.pairs = Pairs()
@@ -254,13 +251,13 @@ class Search:
         room = self.pairs.parts.shape[1]
         return min(pairs, room), max(0, pairs - room) + max(0, couples - self.pairs.couples.shape[1])
 
-    def crossings(self, world: int, body: int) -> int:
-        """How many edges of a body go through a triangle that it is kept apart from now, in one world."""
+    def crossings(self, world: int) -> list[int]:
+        """How many edges of each body go through a triangle that it is kept apart from now, in one world."""
         self._enclose_all(False)
         self._tree.refit()
-        self._count.zero_()
-        self._launch(_cross, self._panels, self._members, world, body, self._tree.id, *self._boxes, self._count)
-        return int(self._count.numpy()[0])
+        self._crossings.zero_()
+        self._launch(_cross, self._panels, self._members, world, self._tree.id, *self._boxes, self._crossings)
+        return self._crossings.numpy().tolist()
 
     def _enclose_all(self, ahead: bool) -> None:
         self._launch(_enclose, len(self._groups), self._members, self.pairs, ahead, *self._boxes)

@@ -20,9 +20,9 @@ class Together:
 
     def __init__(self, batches: Sequence[Batch], itself: Sequence[str], among: bool) -> None:
         self.batches, device = batches, batches[0].device
-        names = [name for batch in batches for name in batch.index]
-        self._bodies = {name: number for number, name in enumerate(names)}
-        members = members_of([batch.worlds for batch in batches], [name in itself for name in names], among, device)
+        self._names = [name for batch in batches for name in batch.index]
+        by_itself = [name in itself for name in self._names]
+        members = members_of([batch.worlds for batch in batches], by_itself, among, device)
         self._search = Search(members, device)
         apart = Apart(members, self._search.pairs, device)
         each = [Member(batch.features, batch.worlds, device) for batch in batches]
@@ -36,9 +36,8 @@ class Together:
         frame = self.batches[0].frame
         self._graph.advance(finer * frame.substeps, frame.iterations, 1)
 
-    def report(self, name: str, world: int) -> dict[str, int]:
-        """pairs and pairs_lost of all objects of a world, and crossings of this one; nothing of any other object."""
-        if name not in self._bodies:
-            return {}
+    def report(self, world: int) -> dict[str, dict[str, int]]:
+        """Name -> pairs and pairs_lost, of all objects of a world together, and crossings of this one."""
         pairs, lost = self._search.found(world)
-        return {"pairs": pairs, "pairs_lost": lost, "crossings": self._search.crossings(world, self._bodies[name])}
+        each = zip(self._names, self._search.crossings(world), strict=True)
+        return {name: {"pairs": pairs, "pairs_lost": lost, "crossings": crossings} for name, crossings in each}
