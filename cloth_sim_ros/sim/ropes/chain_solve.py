@@ -13,16 +13,12 @@ import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load4, quick_quotient, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.chain import Span, turn_frame
-from cloth_sim_ros.sim.ropes.beam import make_bend_by_moments, make_solve_beam
-from cloth_sim_ros.sim.ropes.beam_parallel import make_solve_beam_together, most_together
-from cloth_sim_ros.sim.ropes.beam_two_sided import make_solve_beam_from_both_ends
+from cloth_sim_ros.sim.ropes.chain_bending import make_bend_after, make_bend_before
 from cloth_sim_ros.sim.ropes.drum import first_out
-from cloth_sim_ros.sim.ropes.partition import Share, make_gather, make_reach_back, make_share
-from cloth_sim_ros.sim.ropes.scan import make_scans
+from cloth_sim_ros.sim.ropes.newton_step import make_attempt
+from cloth_sim_ros.sim.ropes.partition import Share, make_share
 from cloth_sim_ros.sim.ropes.segment_simd import lack
-from cloth_sim_ros.sim.ropes.segments import ATTEMPTS, NEWTON_STEPS, backward, forward, make_prepare, settle
-from cloth_sim_ros.sim.ropes.twist import make_find_twist, push_by_couples
+from cloth_sim_ros.sim.ropes.segments import NEWTON_STEPS, make_prepare
 from cloth_sim_ros.sim.ropes.two_sided import prepare_both_ends, solve_both_ends
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.state import Segment
@@ -78,39 +74,19 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
     bending, solved after its stretch, and between two clamps twist. Of a chain on a winch what is out is solved, its
     bending by one thread.
     """
-    prepare = make_prepare(features.order, features.winch, threads > 1)
-    beam, bent, winch, twist = features.beam, features.bent, features.winch, features.twist
-    bend_by_moments = make_bend_by_moments(bent, winch) if beam else None
-    solve_beam = make_solve_beam(bent, winch) if beam else None
-    solve_beam_from_both_ends = make_solve_beam_from_both_ends(bent) if beam and threads == 1 else None
-    solve_beam_together = make_solve_beam_together(threads, bent) if beam and threads > 1 else None
-    find_twist = make_find_twist(features.order, features.handles) if twist else None
-    gather = make_gather(stored)
-    reach_back = make_reach_back(stored)
-    share_of = make_share(threads, stored)
-    scan_forward, meet, scan_backward = make_scans(threads, stored) if threads > 1 else (None, None, None)
+    beam, winch = features.beam, features.winch
+    bend_before, bend_after = make_bend_before(features, threads), make_bend_after(features, threads)
+    share_of, find_tangent = make_share(threads, stored), _make_find_tangent(features, threads, stored)
+    attempt, move = make_attempt(threads, stored), _make_move(stored)
 
     @wp.func
-    def solve_chain(
-        t: int,
-        here: Here,
-        shared: wp.uint64,
-    ) -> bool:
+    def solve_chain(t: int, here: Here, shared: wp.uint64) -> bool:
         begin = int(0)
         if wp.static(winch):
             begin = first_out(here.state, here.body)
         share = share_of(t, begin, here.body.segments_end - here.body.segments - begin, here.body)
         if wp.static(beam):
-            if here.step.first:
-                if wp.static(twist):
-                    if t == 0:
-                        find_twist(here)
-                    sync()
-                for i in range(t, here.body.count, threads):
-                    bend_by_moments(i, here)
-                    if wp.static(twist):
-                        push_by_couples(i, here)
-                sync()
+            bend_before(t, here)
         segment = Segment()
         missing = wp.vec3(0.0)
         near = wp.vec3(0.0)
@@ -119,124 +95,87 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
         steps = int(0)
         if wp.static(threads == 1 and not winch):
             if prepare_both_ends(here):
-                if here.step.store or not here.step.first:
-                    for i in range(here.body.count):
-                        missing = missing_of(i, here)
-                        lack(i, missing, here.body.particles, here.body.count - 1, here.state.ladder)
-                placed = solve_both_ends(here)
-                if here.step.store or here.step.repeats:
-                    for i in range(here.body.count):
-                        _keep(i, load4(here.d, i), here)
+                placed = _solve_from_both_ends(here)
                 again = 0
         while again > 0:
-            first = wp.mat33(0.0)
-            for r in range(share.count):
-                k = share.first + r * share.way
-                lag = wp.vec3(0.0)
-                if owns(share, r):
-                    if steps > 0:
-                        if wp.static(stored):
-                            segment = here.state.segments[here.body.segments + k]
-                        lag = wp.transpose(segment.frame) * segment.missing - segment.moved
-                    else:
-                        lag = missing_of(k + share.ahead, here)
-                segment = prepare(k, share.way, lag, here)
-                if r == 0:
-                    first = segment.frame
-                if wp.static(stored):
-                    here.state.segments[here.body.segments + k] = segment
+            segment, first = find_tangent(share, steps, segment, here)
             if share.lane == 0 and share.count > 0:
                 if steps > 0:
                     missing -= near
                 else:
                     missing = missing_of(share.start, here)
-            unsettled = int(0)
-            eventful = bool(False)
-            attempt = int(0)
-            while attempt < ATTEMPTS:
-                attempt += 1
-                # What lies before the thread's first segment, in that one's frame.
-                y = wp.identity(n=3, dtype=float) * load4(here.d, share.start)[3]
-                q = missing
-                if wp.static(threads > 1):
-                    start = Span()
-                    start.compliance = y
-                    start.free = first * q
-                    own = gather(share, segment, here.state, here.body)
-                    before = scan_forward(t, share, start, own, first, segment.frame, shared)
-                    y = before.compliance
-                    q = wp.transpose(first) * before.free
-                frame = first
-                pull = wp.vec3(0.0)
-                for r in range(share.count):
-                    k = share.first + r * share.way
-                    if wp.static(stored):
-                        segment = here.state.segments[here.body.segments + k]
-                        if r > 0:
-                            y = turn_frame(y, frame, segment.frame)
-                        frame = segment.frame
-                    segment, y, q, pull = forward(segment, y, q)
-                    if wp.static(stored):
-                        here.state.segments[here.body.segments + k] = segment
-                u = q
-                change = pull
-                if wp.static(threads > 1):
-                    u = meet(share, segment, pull, shared)
-                    reach, opening = reach_back(share, segment, pull, here.state, here.body)
-                    u, near, change = scan_backward(t, share, reach, opening, segment, u, shared)
-                too_far = int(0)
-                torn = int(0)
-                unsettled = int(0)
-                for r in range(share.count):
-                    k = share.first + (share.count - 1 - r) * share.way
-                    if wp.static(stored):
-                        segment = here.state.segments[here.body.segments + k]
-                    if wp.static(threads > 1 and not stored):
-                        segment = settle(segment, u, near, change, here.step.effective)
-                    else:
-                        segment, u = backward(segment, u, here.step.effective)
-                        near = u
-                    too_far += segment.too_far
-                    torn += segment.torn
-                    unsettled += segment.unsettled
-                    if wp.static(stored):
-                        here.state.segments[here.body.segments + k] = segment
-                # One vote, as long as nothing happens. It also holds back what is stored next for the others: what they
-                # read of displacements, spans and meeting was before it.
-                eventful = sync_any(too_far + torn + unsettled) > 0
-                solved = bool(True)
-                if eventful:
-                    solved = sync_any(too_far) == 0
-                    if sync_any(too_far + torn) > 0:
-                        placed = True
-                if solved:
-                    attempt = ATTEMPTS
-            for r in range(share.count):
-                k = share.first + r * share.way
-                if wp.static(stored):
-                    segment = here.state.segments[here.body.segments + k]
-                here.state.tensions[here.body.segments + k] = segment.held + segment.pull * here.step.inverse_square
-                if owns(share, r):
-                    _move(k + share.ahead, segment.moved, here)
-            if share.lane == 0 and share.count > 0:
-                _move(share.start, near, here)
+            segment, near, votes = attempt(t, share, segment, missing, near, first, here, shared)
+            placed = placed or votes[1] > 0
+            move(share, segment, near, here)
             steps += 1
             again = int(0)
-            if eventful:
+            if votes[0] > 0:
                 if steps < NEWTON_STEPS:
-                    again = sync_any(unsettled)
+                    again = sync_any(votes[2])
         if wp.static(beam):
             sync()
-            if wp.static(winch):
-                if t == 0:
-                    solve_beam(here)
-            elif wp.static(threads > 1):
-                if here.body.count <= wp.static(most_together(threads, bent)):
-                    solve_beam_together(t, here, shared)
-                elif t == 0:
-                    solve_beam(here)
-            elif not solve_beam_from_both_ends(here):
-                solve_beam(here)
+            bend_after(t, here, shared)
         return placed
 
     return solve_chain
+
+
+@wp.func
+def _solve_from_both_ends(here: Here) -> bool:
+    """A whole chain by one thread of a CPU, from both its ends; whether it was torn."""
+    if here.step.store or not here.step.first:
+        for i in range(here.body.count):
+            lack(i, missing_of(i, here), here.body.particles, here.body.count - 1, here.state.ladder)
+    placed = solve_both_ends(here)
+    if here.step.store or here.step.repeats:
+        for i in range(here.body.count):
+            _keep(i, load4(here.d, i), here)
+    return placed
+
+
+def _make_find_tangent(features: Features, threads: int, stored: bool):
+    """A Warp function: the tangents of a thread's segments in a Newton step. It returns the last, and the frame of the
+    first."""
+    prepare = make_prepare(features.order, features.winch, threads > 1)
+
+    @wp.func
+    def find_tangent(share: Share, steps: int, last: Segment, here: Here):
+        segment = last
+        first = wp.mat33(0.0)
+        for r in range(share.count):
+            k = share.first + r * share.way
+            lag = wp.vec3(0.0)
+            if owns(share, r):
+                if steps > 0:
+                    if wp.static(stored):
+                        segment = here.state.segments[here.body.segments + k]
+                    lag = wp.transpose(segment.frame) * segment.missing - segment.moved
+                else:
+                    lag = missing_of(k + share.ahead, here)
+            segment = prepare(k, share.way, lag, here)
+            if r == 0:
+                first = segment.frame
+            if wp.static(stored):
+                here.state.segments[here.body.segments + k] = segment
+        return segment, first
+
+    return find_tangent
+
+
+def _make_move(stored: bool):
+    """A Warp function that moves a thread's particles as its segments say, and keeps the tensions."""
+
+    @wp.func
+    def move(share: Share, last: Segment, near: wp.vec3, here: Here):
+        segment = last
+        for r in range(share.count):
+            k = share.first + r * share.way
+            if wp.static(stored):
+                segment = here.state.segments[here.body.segments + k]
+            here.state.tensions[here.body.segments + k] = segment.held + segment.pull * here.step.inverse_square
+            if owns(share, r):
+                _move(k + share.ahead, segment.moved, here)
+        if share.lane == 0 and share.count > 0:
+            _move(share.start, near, here)
+
+    return move

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What bending and twist do to a chain around the solve of its stretch."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import sync
+from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.ropes.beam import make_bend_by_moments, make_solve_beam
+from cloth_sim_ros.sim.ropes.beam_parallel import make_solve_beam_together, most_together
+from cloth_sim_ros.sim.ropes.beam_two_sided import make_solve_beam_from_both_ends
+from cloth_sim_ros.sim.ropes.twist import make_find_twist, push_by_couples
+from cloth_sim_ros.sim.stages.here import Here
+
+
+def make_bend_before(features: Features, threads: int):
+    """A Warp function: the moments of the last substep act, and the twist of now. None of what does not bend."""
+    if not features.beam:
+        return None
+    bend_by_moments = make_bend_by_moments(features.bent, features.winch)
+    find_twist = make_find_twist(features.order, features.handles) if features.twist else None
+
+    @wp.func
+    def bend_before(t: int, here: Here):
+        if here.step.first:
+            if wp.static(features.twist):
+                if t == 0:
+                    find_twist(here)
+                sync()
+            for i in range(t, here.body.count, threads):
+                bend_by_moments(i, here)
+                if wp.static(features.twist):
+                    push_by_couples(i, here)
+            sync()
+
+    return bend_before
+
+
+def make_bend_after(features: Features, threads: int):
+    """A Warp function: the moments are solved for. None of what does not bend."""
+    if not features.beam:
+        return None
+    bent, winch = features.bent, features.winch
+    solve_beam = make_solve_beam(bent, winch)
+    solve_beam_from_both_ends = make_solve_beam_from_both_ends(bent) if threads == 1 else None
+    solve_beam_together = make_solve_beam_together(threads, bent) if threads > 1 else None
+
+    @wp.func
+    def bend_after(t: int, here: Here, shared: wp.uint64):
+        if wp.static(winch):
+            if t == 0:
+                solve_beam(here)
+        elif wp.static(threads > 1):
+            if here.body.count <= wp.static(most_together(threads, bent)):
+                solve_beam_together(t, here, shared)
+            elif t == 0:
+                solve_beam(here)
+        elif not solve_beam_from_both_ends(here):
+            solve_beam(here)
+
+    return bend_after

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A Newton step over all segments of a chain: elimination to its end, and back (see physics/chain.py)."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import load4, sync_any
+from cloth_sim_ros.sim.physics.chain import Span, turn_frame
+from cloth_sim_ros.sim.ropes.partition import Share, make_gather, make_reach_back
+from cloth_sim_ros.sim.ropes.scan import make_scans
+from cloth_sim_ros.sim.ropes.segments import ATTEMPTS, backward, forward, settle
+from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.state import Segment
+
+
+def make_attempt(threads: int, stored: bool):
+    """A Warp function: a Newton step of a thread's segments, taken again where one of them would go too far.
+
+    It returns the last segment, how its near particle moves, and votes: whether anything happened, whether a segment
+    went too far or is torn, and how many are unsettled.
+    """
+    sweep, settle_all = _make_sweep(threads, stored), _make_settle_all(threads, stored)
+
+    @wp.func
+    def attempt(
+        t: int,
+        share: Share,
+        last: Segment,
+        missing: wp.vec3,
+        moved: wp.vec3,
+        first: wp.mat33,
+        here: Here,
+        shared: wp.uint64,
+    ):
+        segment = last
+        near = moved
+        votes = wp.vec3i(0)
+        count = int(0)
+        while count < ATTEMPTS:
+            count += 1
+            segment, u, near, change = sweep(t, share, segment, missing, near, first, here, shared)
+            segment, near, found = settle_all(share, segment, u, near, change, here)
+            # One vote, as long as nothing happens. It also holds back what is stored next for the others: what they
+            # read of displacements, spans and meeting was before it.
+            eventful = sync_any(found[0] + found[1] + found[2])
+            votes = wp.vec3i(eventful, votes[1], found[2])
+            solved = bool(True)
+            if eventful > 0:
+                solved = sync_any(found[0]) == 0
+                if sync_any(found[0] + found[1]) > 0:
+                    votes = wp.vec3i(eventful, 1, found[2])
+            if solved:
+                count = ATTEMPTS
+        return segment, near, votes
+
+    return attempt
+
+
+def _make_sweep(threads: int, stored: bool):
+    """A Warp function: the elimination of a thread's segments, between those of the other threads. It returns the last
+    segment, how its far particle moves, how the near one does where many threads work, and how its pull changes."""
+    gather, reach_back = make_gather(stored), make_reach_back(stored)
+    scan_forward, meet, scan_backward = make_scans(threads, stored) if threads > 1 else (None, None, None)
+
+    @wp.func
+    def sweep(
+        t: int,
+        share: Share,
+        last: Segment,
+        missing: wp.vec3,
+        moved: wp.vec3,
+        first: wp.mat33,
+        here: Here,
+        shared: wp.uint64,
+    ):
+        segment = last
+        near = moved
+        # What lies before the thread's first segment, in that one's frame.
+        y = wp.identity(n=3, dtype=float) * load4(here.d, share.start)[3]
+        q = missing
+        if wp.static(threads > 1):
+            start = Span()
+            start.compliance = y
+            start.free = first * q
+            own = gather(share, segment, here.state, here.body)
+            before = scan_forward(t, share, start, own, first, segment.frame, shared)
+            y = before.compliance
+            q = wp.transpose(first) * before.free
+        frame = first
+        pull = wp.vec3(0.0)
+        for r in range(share.count):
+            k = share.first + r * share.way
+            if wp.static(stored):
+                segment = here.state.segments[here.body.segments + k]
+                if r > 0:
+                    y = turn_frame(y, frame, segment.frame)
+                frame = segment.frame
+            segment, y, q, pull = forward(segment, y, q)
+            if wp.static(stored):
+                here.state.segments[here.body.segments + k] = segment
+        u = q
+        change = pull
+        if wp.static(threads > 1):
+            u = meet(share, segment, pull, shared)
+            reach, opening = reach_back(share, segment, pull, here.state, here.body)
+            u, near, change = scan_backward(t, share, reach, opening, segment, u, shared)
+        return segment, u, near, change
+
+    return sweep
+
+
+def _make_settle_all(threads: int, stored: bool):
+    """A Warp function: how a thread's particles move, from the far one of its last segment back. It returns the last
+    segment, how its near particle moves, and how many segments go too far, are torn, and are unsettled."""
+
+    @wp.func
+    def settle_all(share: Share, last: Segment, far: wp.vec3, moved: wp.vec3, change: wp.vec3, here: Here):
+        segment = last
+        u = far
+        near = moved
+        found = wp.vec3i(0)
+        for r in range(share.count):
+            k = share.first + (share.count - 1 - r) * share.way
+            if wp.static(stored):
+                segment = here.state.segments[here.body.segments + k]
+            if wp.static(threads > 1 and not stored):
+                segment = settle(segment, u, near, change, here.step.effective)
+            else:
+                segment, u = backward(segment, u, here.step.effective)
+                near = u
+            found += wp.vec3i(segment.too_far, segment.torn, segment.unsettled)
+            if wp.static(stored):
+                here.state.segments[here.body.segments + k] = segment
+        return segment, near, found
+
+    return settle_all
