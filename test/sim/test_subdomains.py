@@ -12,7 +12,7 @@ from scipy.spatial import Delaunay
 
 from cloth_sim_ros.sim import Box, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.sim.colliders.collider import Collider
-from cloth_sim_ros.sim.executors import subdomain_kernels, subdomains
+from cloth_sim_ros.sim.executors import subdomain_kernels, subdomain_substep, subdomains
 from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.executors.subdomain_forces import InSubdomain, Widths
 from cloth_sim_ros.sim.executors.subdomain_kernels import make_kernels
@@ -353,7 +353,7 @@ def test_skipping_colliders_decides_nothing(device, monkeypatch, shape):
 
         return clearance
 
-    monkeypatch.setattr(subdomain_kernels, "make_clearance", always)
+    monkeypatch.setattr(subdomain_substep, "make_clearance", always)
     subdomain_kernels.make_kernels.cache_clear()
     testing = run()
     subdomain_kernels.make_kernels.cache_clear()
