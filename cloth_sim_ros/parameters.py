@@ -47,9 +47,9 @@ def _integer(name, default, text, low, high, live=False, anew=False):
     return Parameter(name, "integer", default, text, "", low, high, live, anew=anew)
 
 
-def _vector(name, default, text, unit, low, high, live=False, length=3, anew=False):
+def _vector(name, default, text, unit, low, high, length=3, **when):
     value = tuple(map(float, default))
-    return Parameter(name, "double_array", value, text, unit, low, high, live, length=length, anew=anew)
+    return Parameter(name, "double_array", value, text, unit, low, high, length=length, **when)
 
 
 def _choice(name, default, text, choices):

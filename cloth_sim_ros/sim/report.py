@@ -39,7 +39,7 @@ def measure_lines(
     force = arrays.state.line_multipliers[k] / (h * h)
     i, j = body.particles + m.line_nodes[k], body.particles + m.line_others[k]
     held = m.line_scales[k] * arrays.materials[b].compliance[kind] * force
-    _measure(arrays, b, i, j, m.line_rests[k], 0.0, held, implicit, result)
+    _measure(arrays, b, wp.vec2i(i, j), m.line_rests[k], 0.0, held, implicit, result)
 
 
 @compiled
@@ -57,15 +57,14 @@ def measure_chain(arrays: Arrays, b: int, result: wp.array(dtype=float)):
             rest = reel.length
             feed = reel.rate
     sag = -rest * arrays.materials[b].compliance[0] * arrays.state.tensions[k]
-    _measure(arrays, b, i, i + 1, rest, feed, sag, True, result)
+    _measure(arrays, b, wp.vec2i(i, i + 1), rest, feed, sag, True, result)
 
 
 @wp.func
 def _measure(
     arrays: Arrays,
     b: int,
-    i: int,
-    j: int,
+    ends: wp.vec2i,
     rest: float,
     feed: float,
     held: float,
@@ -76,6 +75,7 @@ def _measure(
 
     A segment that is fed at the rate `feed` [m/s] moves apart by as much without a strain.
     """
+    i, j = ends[0], ends[1]
     high = arrays.state.positions[j] - arrays.state.positions[i]
     e = xyz(high) + xyz(arrays.state.low[j] - arrays.state.low[i])
     length = wp.length(e)

@@ -190,12 +190,12 @@ def _make_advance(features: Features, capacity: int, block: int, widths: Widths,
             if wp.static(keeps):
                 turns = wp.min(turns, run)
             for turn in range(0, run, wp.static(2 if keeps else 1)):
-                now = substep(mine, k + turn, turn, turns, now, half, springs, here, step)
+                now = substep(mine, k + turn, turns - turn, now, half, springs, here, step)
                 step.second = True
                 if wp.static(keeps):
                     # Two substeps a round. A CPU's compiler would round their two copies differently.
                     later = wp.static(3 * capacity)
-                    now = substep(mine, k + turn + 1, turn + 1, turns, now, later, springs, here, step)
+                    now = substep(mine, k + turn + 1, turns - turn - 1, now, later, springs, here, step)
                 else:
                     half = wp.static(3 * capacity) - half
             k += run

@@ -63,6 +63,7 @@ def _make_move(features: Features, capacity: int, force):
                 met.first_sweep = (here.block * wp.static(SWEPT) + k % wp.static(SWEPT)) * count
                 met.share = share_of(step, here.frame.substeps)
                 met.near = here.near
+                met.colliders = here.colliders
                 met.sweeps = here.subdomains.sweeps
                 met.contacts = here.subdomains.contacts
                 met.forces = here.subdomains.forces
@@ -75,7 +76,6 @@ def _make_move(features: Features, capacity: int, force):
                         i,
                         met,
                         here.material,
-                        here.colliders,
                         step,
                         here.shared + wp.uint64(16 * half),
                         here.shared + wp.uint64(16 * (half + capacity)),
@@ -94,8 +94,7 @@ def _make_move(features: Features, capacity: int, force):
 
 def make_substep(features: Features, capacity: int, keeps: bool, force):
     """A Warp function: substep k of the launch for all members that are still valid, from half `half` of the memory to
-    the other. A member takes part while `turn` is below its `turns`; where one thread has all, turns count from its
-    ring."""
+    the other. A member takes part while turns are `left`; where one thread has all, as many as its ring are none."""
     load, store = make_memory(capacity)
     move = _make_move(features, capacity, force)
 
@@ -103,8 +102,7 @@ def make_substep(features: Features, capacity: int, keeps: bool, force):
     def substep(
         mine: int,
         k: int,
-        turn: int,
-        turns: int,
+        left: int,
         now: Carried,
         half: int,
         springs: force.Springs,
@@ -113,7 +111,7 @@ def make_substep(features: Features, capacity: int, keeps: bool, force):
     ) -> Carried:
         other = wp.static(3 * capacity) - half
         if wp.static(keeps):
-            if turn < turns:
+            if left > 0:
                 own = springs
                 if wp.static(force.width > IN_REGISTERS):
                     own = force.gather(mine, here)
@@ -125,7 +123,7 @@ def make_substep(features: Features, capacity: int, keeps: bool, force):
                 now.clearance = then.clearance
         else:
             for i in range(wp.static(capacity)):
-                if turn < turns - here.subdomains.rings[here.subdomain * wp.static(capacity) + i]:
+                if here.subdomains.rings[here.subdomain * wp.static(capacity) + i] < left:
                     now = load(here.shared, half + i)
                     if now.x[3] > 0.0:
                         store(move(i, k, now, half, force.gather(i, here), here, step), here.shared, other + i)

@@ -56,12 +56,14 @@ def pace(collider: ColliderMotion, step: Step) -> float:
 @wp.struct
 class Met:
     """Where it is kept what particle number `slot` meets: which colliders are near, their motion from `first_sweep` on,
-    what earlier iterations did, and forces [N], which are corrections over the inverse mass times `share` [1/s^2]."""
+    what earlier iterations did, and forces [N], which are corrections over the inverse mass times `share` [1/s^2].
+    colliders: those of the world."""
 
     slot: int
     first_sweep: int
     share: float
     near: Near
+    colliders: wp.array(dtype=ColliderMotion)
     sweeps: wp.array(dtype=Sweep)
     contacts: wp.array(dtype=wp.vec4)
     forces: wp.array(dtype=wp.vec4)
@@ -149,7 +151,6 @@ def make_touch(features: Features):
         i: int,
         met: Met,
         material: Material,
-        colliders: wp.array(dtype=ColliderMotion),
         step: Step,
         x: wp.uint64,
         low_address: wp.uint64,
@@ -168,9 +169,9 @@ def make_touch(features: Features):
         push = Push()
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
-        while c < colliders.shape[0]:
+        while c < met.colliders.shape[0]:
             k = met.first_sweep + c
-            entry = met.slot * colliders.shape[0] + c
+            entry = met.slot * met.colliders.shape[0] + c
             before = wp.vec4(0.0)
             if not step.first:
                 before = load_row(met.contacts, entry)
@@ -179,10 +180,10 @@ def make_touch(features: Features):
             offset = (position - met.sweeps[k].position) + displacement
             path = wp.length(displacement - met.sweeps[k].motion)
             path += met.sweeps[k].spin * (wp.length(offset) + path)
-            away = wp.length(offset) - path - colliders[c].reach - material.thickness
+            away = wp.length(offset) - path - met.colliders[c].reach - material.thickness
             close = close or away < width
             if away < 0.0:
-                collider = colliders[c]
+                collider = met.colliders[c]
                 sweep = met.sweeps[k]
                 low = xyz(load4(low_address, i))
                 # Relative motion in the collider's axes, without the difference of two large positions.
@@ -233,6 +234,7 @@ def make_met_in(features: Features):
         met.first_sweep = here.sweep
         met.share = share_of(here.step, here.frame.substeps)
         met.near = near_of(here)
+        met.colliders = here.colliders
         met.sweeps = here.state.sweeps
         met.contacts = here.state.contacts
         met.forces = here.state.contact_forces
@@ -250,7 +252,7 @@ def make_contact(features: Features):
     @wp.func
     def contact(i: int, met: Met, here: Here):
         width = here.body.width
-        close = touch(i, met, here.material, here.colliders, here.step, here.x, here.low, here.d, width)
+        close = touch(i, met, here.material, here.step, here.x, here.low, here.d, width)
         if wp.static(features.surface):
             if here.step.first:
                 here.state.close[met.slot] = wp.where(close, 1, 0)

@@ -218,7 +218,7 @@ def make_yield(features: Features):
                 moved = displacement - xyz(load4(here.low, i))
                 add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, here.step))
             # Its facets may have moved it into a collider: it has the last word.
-            touch(i, met, here.material, here.colliders, here.step, here.x, here.low, here.d, 0.0)
+            touch(i, met, here.material, here.step, here.x, here.low, here.d, 0.0)
 
     return give_way
 
