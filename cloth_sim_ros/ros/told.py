@@ -30,9 +30,18 @@ class Told:
         else:
             self._log.warning(sentence)
 
-    def forget_reasons(self) -> None:
-        """A new simulation says of every object how it is computed."""
+    def start(self, sim: Simulation, values: Mapping[str, Any]) -> None:
+        """How each object of a new simulation is computed, and which of them start where nothing can be."""
         self._reasons.clear()
+        self.reasons(sim)
+        for name, each in sim.report().items():
+            if each["max_penetration"] > 1.01 * _half_thickness(name, each, values):
+                deep = f"{each['max_penetration']:.2g} m deep in a collider"
+                self._log.warning(f"{name} starts {deep}, which pushes it out hard; start them apart")
+            if each.get("crossings"):
+                self._crossed.add((name, "crossings"))
+                through = f"{each['crossings']} edges go through it where it starts"
+                self._log.warning(f"{name} is not kept apart from itself: {through}, and may stay so; start it without")
 
     def reasons(self, sim: Simulation) -> None:
         """How each object is computed where that is chosen, and what is missed."""
@@ -42,17 +51,6 @@ class Told:
             if self._reasons.get(name) != told and (softer or sim.settings.method == "auto"):
                 self.say(not softer, f"{name} {choice.reason}")
             self._reasons[name] = told
-
-    def starts(self, report: Report, values: Mapping[str, Any]) -> None:
-        """Which objects start where nothing can be, by the report of a simulation that has not moved yet."""
-        for name, each in report.items():
-            if each["max_penetration"] > 1.01 * _half_thickness(name, each, values):
-                deep = f"{each['max_penetration']:.2g} m deep in a collider"
-                self._log.warning(f"{name} starts {deep}, which pushes it out hard; start them apart")
-            if each.get("crossings"):
-                self._crossed.add((name, "crossings"))
-                through = f"{each['crossings']} edges go through it where it starts"
-                self._log.warning(f"{name} is not kept apart from itself: {through}, and may stay so; start it without")
 
     def report(self, report: Report, values: Mapping[str, Any]) -> None:
         """What of a simulation's report a user should know."""

@@ -90,9 +90,7 @@ class World:
         self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
         self.estimates, self._unjudged = {}, 0.0
         self.grasps.tell_empty(sim, values)
-        self._told.forget_reasons()
-        self._told.reasons(self.sim)
-        self._told.starts(self.sim.report(), self.in_effect)
+        self._told.start(sim, values)
         self.compiling.start(sim)
         return True
 

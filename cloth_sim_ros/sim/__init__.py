@@ -3,7 +3,8 @@
 
 - scene, objects, materials, colliders/, settings: what there is and how to compute it, checked against the one table;
 - topology/: an object as particles and elements, in NumPy: grids, meshes, chains, lines, plates, subdomains;
-- model and state: what kernels read and write, constant and varying; model_arrays, state_arrays, live_array make it;
+- model, state and rope_state: what kernels read and write, constant and varying; model_arrays, state_arrays and
+  live_array make it; compiled: how kernels are compiled;
 - physics/: formulas on plain values, one concept a file; intrinsics and simd: the little that Warp cannot say;
 - stages/: what one particle, panel or contact does in a substep; lines/ and ropes/: each solved as a whole;
 - methods/: the program of a substep, written once; what method, substeps and iterations an object is given, and why;

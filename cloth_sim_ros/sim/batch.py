@@ -17,8 +17,9 @@ from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
 from cloth_sim_ros.sim.masses import Masses
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
+from cloth_sim_ros.sim.rope_state import Drive, EndTurn, Reel
 from cloth_sim_ros.sim.stages.tearing import LEFT
-from cloth_sim_ros.sim.state import Arrays, Drive, EndTurn, Material, Reel
+from cloth_sim_ros.sim.state import Arrays, Material
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.torn import Torn

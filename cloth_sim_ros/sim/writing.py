@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.state import Reel
+from cloth_sim_ros.sim.rope_state import Reel
 
 
 @compiled

@@ -19,8 +19,8 @@ from cloth_sim_ros.sim.physics.chain import (
     turn_frame,
     turned_end,
 )
+from cloth_sim_ros.sim.rope_state import Segment
 from cloth_sim_ros.sim.ropes.segments import forward
-from cloth_sim_ros.sim.state import Segment
 
 SEGMENTS = 16
 LENGTH = 1.0 / SEGMENTS

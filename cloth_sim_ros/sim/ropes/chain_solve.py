@@ -13,6 +13,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load4, quick_quotient, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.rope_state import Segment
 from cloth_sim_ros.sim.ropes.chain_bending import make_bend_after, make_bend_before
 from cloth_sim_ros.sim.ropes.drum import first_out
 from cloth_sim_ros.sim.ropes.newton_step import make_attempt
@@ -21,7 +22,6 @@ from cloth_sim_ros.sim.ropes.segment_simd import lack
 from cloth_sim_ros.sim.ropes.segments import NEWTON_STEPS, make_prepare
 from cloth_sim_ros.sim.ropes.two_sided import prepare_both_ends, solve_both_ends
 from cloth_sim_ros.sim.stages.here import Here
-from cloth_sim_ros.sim.state import Segment
 
 
 @wp.func

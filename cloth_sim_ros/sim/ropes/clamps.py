@@ -6,9 +6,9 @@ moves."""
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load4
+from cloth_sim_ros.sim.rope_state import Twist
 from cloth_sim_ros.sim.stages.grasp import grip_of, orientation_of
 from cloth_sim_ros.sim.stages.here import Here
-from cloth_sim_ros.sim.state import Twist
 
 
 @wp.func

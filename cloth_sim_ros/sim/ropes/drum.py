@@ -22,8 +22,9 @@ from cloth_sim_ros.sim.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.integrate import split_sum
 from cloth_sim_ros.sim.physics.winch import next_rate
+from cloth_sim_ros.sim.rope_state import Drive, Reel
 from cloth_sim_ros.sim.stages.here import Here
-from cloth_sim_ros.sim.state import Drive, Reel, State
+from cloth_sim_ros.sim.state import State
 
 BORN = wp.constant(0.5)  # of the next segment on the drum: with so much more than its own, a segment is two
 SWALLOWED = wp.constant(0.45)  # of its own length: with less it is part of the next

@@ -6,8 +6,9 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import quick_quotient
 from cloth_sim_ros.sim.model import Body
 from cloth_sim_ros.sim.physics.chain import Span, inverse_beside, join, span_of, symmetric_product, turned_end
+from cloth_sim_ros.sim.rope_state import Segment
 from cloth_sim_ros.sim.ropes.segments import pull_of, stiffness_across
-from cloth_sim_ros.sim.state import Segment, State
+from cloth_sim_ros.sim.state import State
 
 
 @wp.struct

@@ -20,9 +20,9 @@ from cloth_sim_ros.sim.physics.chain import (
     turn_frame,
     turned_end,
 )
+from cloth_sim_ros.sim.rope_state import Segment
 from cloth_sim_ros.sim.ropes.partition import Reach, Share
 from cloth_sim_ros.sim.ropes.segments import change_of, near_of
-from cloth_sim_ros.sim.state import Segment
 
 THREADS = 256  # most that share a chain
 SLOTS = wp.constant(9)  # vec4 by which a thread hands on its span and a frame: odd, so that no two meet in a bank

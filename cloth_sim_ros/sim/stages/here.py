@@ -5,7 +5,8 @@ import warp as wp
 
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.integrate import Step
-from cloth_sim_ros.sim.state import ColliderMotion, Drive, Frame, HandleMotion, Material, State
+from cloth_sim_ros.sim.rope_state import Drive
+from cloth_sim_ros.sim.state import ColliderMotion, Frame, HandleMotion, Material, State
 
 
 @wp.struct
