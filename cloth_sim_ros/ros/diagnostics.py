@@ -95,7 +95,7 @@ def _verdict(
     if by_clock is not None:
         return (DiagnosticStatus.WARN, by_clock) if by_clock else (DiagnosticStatus.OK, "follows /clock")
     if pace.real_time_factor < SLOW:
-        return DiagnosticStatus.WARN, f"slower than real time by a factor of {pace.real_time_factor:.2f}"
+        return DiagnosticStatus.WARN, f"slower than real time, at {pace.real_time_factor:.2f} of it"
     return DiagnosticStatus.OK, "running"
 
 
