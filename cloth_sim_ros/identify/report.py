@@ -51,7 +51,7 @@ def sentences(candidates: Candidates, found: Estimate) -> list[str]:
 
 
 def _delay(each: Delay, value: float, low: float, high: float) -> str:
-    if high / low > each.high / each.low:
+    if high * each.low > low * each.high:
         return f"The recording cannot tell the delay, {each.shown(value):.3g} s fits best."
     low, high = each.shown(low), each.shown(high)
     return f"What was seen is late by {each.shown(value):.4g} s, with 95 % from {low:.4g} to {high:.4g} s."

@@ -14,6 +14,10 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from cloth_sim_ros.identify import __main__ as program
+from cloth_sim_ros.identify.recording import Recording
+from cloth_sim_ros.identify.robot import robot_recording
+from cloth_sim_ros.identify.transforms import Transforms
+from cloth_sim_ros.record.topics import Topics
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.study.scene_file import read_plan
 
@@ -37,6 +41,9 @@ START = 1_700_000_000.0  # [s], when the scene starts
 FRAMES = 60
 CAMERA = Rotation.from_euler("xyz", [2.0, 0.3, -0.7]), np.array([0.4, -1.2, 0.8])  # in the frame "base"
 BASE = Rotation.from_euler("xyz", [0.1, -0.2, 1.1]), np.array([2.0, 1.0, 0.5])  # in the frame "map"
+
+
+EMPTY = {"/hand": "geometry_msgs/msg/PoseStamped", "/tf_static": "tf2_msgs/msg/TFMessage"}
 
 
 def hand(time):
@@ -78,18 +85,21 @@ def pose(stamp, frame, place, turn):
     return of("geometry_msgs/msg/PoseStamped", header=header(stamp, frame), pose=inner)
 
 
-def cloud(stamp, frame, points):
-    """As a driver sends it: in two rows, with colours between, and a point that the camera could not see."""
+def cloud(stamp, frame, points, layout="<f4", names="xyz", lost=0):
+    """As a driver sends it: in two rows, with colours between, and points that the camera could not see. lost: bytes
+    that are not there."""
     points = np.concatenate([points, np.full((2 + len(points) % 2, 3), np.nan)])
-    data = np.zeros(len(points), np.dtype("<f4, V4, <f4, <f4"))
+    data = np.zeros(len(points), f"{layout}, V4, {layout}, {layout}")
     for name, column in zip(("f0", "f2", "f3"), points.T, strict=True):
         data[name] = column
+    kinds = dict(zip([names[0], "rgb", *names[1:]], [data.dtype.fields[f"f{k}"] for k in range(4)], strict=True))
     fields = [
-        of("sensor_msgs/msg/PointField", name=name, offset=offset, datatype=7, count=1)
-        for name, offset in (("x", 0), ("rgb", 4), ("y", 8), ("z", 12))
+        of("sensor_msgs/msg/PointField", name=name, offset=offset, datatype={4: 7, 8: 8}[kind.itemsize], count=1)
+        for name, (kind, offset) in kinds.items()
     ]
-    rest = {"height": 2, "width": len(points) // 2, "is_bigendian": False, "is_dense": False}
-    rest |= {"point_step": 16, "row_step": 8 * len(points), "data": np.frombuffer(data.tobytes(), np.uint8)}
+    step, sent = data.dtype.itemsize, np.frombuffer(data.tobytes(), np.uint8)
+    rest = {"height": 2, "width": len(points) // 2, "is_bigendian": layout[0] == ">", "is_dense": False}
+    rest |= {"point_step": step, "row_step": step * len(points) // 2, "data": sent[: len(sent) - lost]}
     return of("sensor_msgs/msg/PointCloud2", header=header(stamp, frame), fields=fields, **rest)
 
 
@@ -97,7 +107,7 @@ def write(path, topics):
     """A bag: topic -> messages."""
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         for topic, messages in topics.items():
-            kind = messages[0].__msgtype__ if messages else "geometry_msgs/msg/PoseStamped"
+            kind = messages[0].__msgtype__ if messages else EMPTY[topic]
             connection = writer.add_connection(topic, kind, typestore=TYPES)
             for k, message in enumerate(messages):
                 writer.write(connection, k, TYPES.serialize_cdr(message, kind))
@@ -142,35 +152,179 @@ def topics(tmp_path_factory):
     }
 
 
+SEEN = ["--points", "cloth=/camera/points", "--poses", "hand=/hand"]
+
+
 @pytest.fixture
 def identified(topics, tmp_path, monkeypatch, capsys):
-    """identified(*arguments, without=(), **others): exit status, what was said, and what was found."""
+    """identified(*arguments, fit=names, changed=topics): exit status, what was said, and the values that were found."""
 
-    def run(*arguments, others=None):
+    def run(*arguments, fit=tuple(TRUTH), changed=None):
         (tmp_path / "scene.yaml").write_text(SCENE)
-        bag, found = tmp_path / "bag", tmp_path / "found.yaml"
-        write(bag, {topic: messages for topic, messages in (topics | (others or {})).items() if messages is not None})
-        line = ["identify", str(bag), "--scene", str(tmp_path / "scene.yaml"), "--device", "cpu", "--worlds", "16"]
-        line += ["--output", str(found), "--fit", *(f"{name}=0.003:{3.0}" for name in TRUTH), *arguments]
-        monkeypatch.setattr(sys, "argv", line)
+        write(tmp_path / "bag", topics | (changed or {}))
+        line = ["identify", str(tmp_path / "bag"), "--scene", str(tmp_path / "scene.yaml"), "--device", "cpu"]
+        line += ["--output", str(tmp_path / "found.yaml"), "--worlds", str(16 if len(fit) > 1 else 4)]
+        monkeypatch.setattr(sys, "argv", [*line, "--fit", *(f"{name}=0.003:3" for name in fit), *arguments])
         status, told = program.main(), capsys.readouterr()
-        values = yaml.safe_load(found.read_text())["/**"]["ros__parameters"] if found.exists() else {}
-        return (
-            status,
-            told.out + told.err,
-            {name: values[name.split(".")[0]][name.split(".")[1]] for name in TRUTH if values},
-        )
+        if status:
+            return status, told.err, {}
+        found = yaml.safe_load((tmp_path / "found.yaml").read_text())["/**"]["ros__parameters"]
+        values = [found[group][name] for group, name in (each.split(".") for each in fit)]
+        return status, told.out, dict(zip(fit, values, strict=True))
 
     return run
 
 
-SEEN = ["--points", "cloth=/camera/points", "--poses", "hand=/hand"]
+def number(told, before):
+    """The number behind these words."""
+    return float(told.split(before)[1].split()[0])
 
 
 def test_material_and_delay_are_found(identified):
     status, told, values = identified(*SEEN, "--delay=-0.02:0.1")
-    print(told)
     assert status == 0, told
     assert values == pytest.approx(TRUTH, rel=0.05)
-    (line,) = [line for line in told.splitlines() if line.startswith("What was seen is late by ")]
-    assert float(line.split()[6]) == pytest.approx(DELAY, abs=0.005)
+    assert number(told, "What was seen is late by ") == pytest.approx(DELAY, abs=0.005)
+    assert "/camera/points: 30 of 30 messages, from 0.0633 to 1.03 s after the start, show cloth" in told
+    assert "clocks" not in told and number(told, "The motion with these numbers is ") < 0.004
+
+
+def test_what_clocks_apart_do_is_told(identified):
+    status, told, values = identified(*SEEN, fit=list(TRUTH)[:1])
+    assert status == 0, told
+    assert abs(values["cloth.stretch_compliance"] / TRUTH["cloth.stretch_compliance"] - 1.0) > 0.1
+    assert "The clocks of camera and poses are taken to agree; --delay LOW:HIGH finds" in told
+    assert number(told, "The motion with these numbers is ") > 0.004
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.21])
+def test_all_is_brought_into_the_scenes_frame_and_time(topics, tmp_path, begin):
+    """The hand is told in a base that drives and turns, and was as the closed form of its motion says."""
+    write(tmp_path / "bag", topics)
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    names = {"cloth": "/camera/points"}, {"hand": "/hand"}
+    recording = robot_recording(tmp_path / "bag", read_plan(tmp_path / "scene.yaml"), *names, begin)[0]
+    clouds = np.arange(2, FRAMES + 1, 2) / 60 + DELAY - begin
+    assert np.allclose(recording.times, clouds[clouds >= 0], atol=1e-6)
+    assert recording.pose_times[0] == 0 and recording.pose_times[-1] >= recording.times[-1]
+    held = [hand(min(begin + time, 164 / 150)) for time in recording.pose_times]
+    assert np.allclose(recording.pose["hand"][:, :3], [place for place, _ in held], atol=1e-4)
+    off = Rotation.from_quat(recording.pose["hand"][:, 3:]) * Rotation.concatenate([turn for _, turn in held]).inv()
+    assert off.magnitude().max() < 1e-3
+    if not begin:  # level at first, fallen little
+        first = recording.points["cloth"][0]
+        assert np.isfinite(first[:250]).all() and np.abs(first[:250] * [1, 1, 0]).max() < 0.32
+
+
+def test_places_of_points_and_frames_between_stamps(tmp_path):
+    """A camera turns about z on an arm that drives along x, seen from a frame beside: all by hand."""
+    still = Rotation.identity()
+    moving = [transforms(START + k, "arm", "camera", Rotation.from_rotvec([0, 0, 1.2 * k]), [0, 0, 1]) for k in (0, 1)]
+    moving += [transforms(START + k, "root", "arm", still, [2.0 * k, 0, 0]) for k in (0, 2)]
+    write(tmp_path / "bag", {"/tf": moving, "/tf_static": [transforms(0, "root", "map", still, [0, 5, 0])]})
+    stamps = np.array([-0.1, 0.25, 1.0, 1.5])
+    tree = Transforms(Topics(tmp_path / "bag"))
+    known, place = tree.place("camera", "map", np.rint((START + stamps) * 1e9).astype(np.int64))
+    assert known.tolist() == [False, True, True, False], "between the first and the last of each transform alone"
+    assert np.allclose(place.positions, [[0.5, -5, 1], [2, -5, 1]], atol=1e-6)
+    assert np.allclose(place.turns.as_rotvec(), [[0, 0, 0.3], [0, 0, 1.2]], atol=1e-6)
+
+
+@pytest.mark.parametrize("layout", ["<f4", ">f8"])
+def test_large_clouds_are_thinned_evenly(topics, tmp_path, layout):
+    line = np.linspace([0, 0, 1], [1, 2, 3], 5000)
+    large = [cloud(START + k, "map", line, layout) for k in range(2)]
+    write(tmp_path / "bag", {"/line": large})
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    plan = read_plan(tmp_path / "scene.yaml")
+    recording, said = robot_recording(tmp_path / "bag", plan, {"cloth": "/line"}, {}, 0.0)
+    assert recording.points["cloth"].shape == (2, 2000, 3) and recording.times.tolist() == [0.0, 1.0]
+    assert np.allclose(recording.points["cloth"][1], np.linspace([0, 0, 1], [1, 2, 3], 2000), atol=1e-3)
+    assert "show cloth, with at most 2000 points each." in said[0]
+
+
+LATER = 10.0  # [s] after all that the bag has
+NOWHERE = np.full((4, 3), np.nan)
+STILL = Rotation.identity()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "changed", "words"),
+    [
+        (
+            ["--points", "cloth=/dots"],
+            {},
+            "/dots is not there in BAG; allowed is a topic of sensor_msgs/msg/PointCloud2: /camera/points",
+        ),
+        (
+            ["--points", "cloth=/hand"],
+            {},
+            "/hand is geometry_msgs/msg/PoseStamped in BAG; allowed is a topic of sensor",
+        ),
+        (["--points", "flag=/camera/points"], {}, "--points names flag; allowed of this scene is cloth"),
+        ([*SEEN[:2], "--poses", "ball=/hand"], {}, "--poses names ball; allowed of this scene is hand"),
+        (["--points", "cloth:/dots"], {}, "--points cloth:/dots is given; allowed is NAME=/topic, once for each name"),
+        ([*SEEN, *SEEN[:2]], {}, "--points cloth=/camera/points is given; allowed is NAME=/topic, once for each name"),
+        (SEEN[2:], {}, "--poses and --begin are of the bag of a robot; allowed are they with --points OBJECT=/topic"),
+        ([*SEEN, "--begin", "nan"], {}, "--begin is nan; allowed is a number of seconds"),
+        ([*SEEN, "--begin", "60"], {}, "--begin is 60, and BAG has no cloud after that; allowed is an earlier time"),
+        ([*SEEN, "--delay", "0.1"], {}, "the delay is looked for from 0 to 0 s; allowed is LOW:HIGH that rises within"),
+        ([*SEEN, "--delay", "0:9"], {}, "the recording ends at 1.03 s; allowed is a delay below that, not 9 s"),
+        (SEEN, {"/hand": []}, "/hand has no messages in BAG; allowed are messages in one frame"),
+        (
+            SEEN,
+            {"/hand": [pose(START + k, frame, [0, 0, 0], STILL) for k, frame in enumerate("ab")]},
+            "/hand has messages in the frames a, b in BAG; allowed are messages in one frame",
+        ),
+        (SEEN, {"/hand": [pose(START, "map", [0, 0, 0], STILL)] * 2}, "all 2 messages of /hand have one stamp in BAG"),
+        (
+            SEEN,
+            {"/hand": [pose(START, "map", [0, np.nan, 0], STILL)]},
+            "the position of /hand is not finite everywhere",
+        ),
+        (
+            SEEN,
+            {"/tf_static": []},
+            "BAG has no transform between 'camera' of its messages and 'map' of the scene; it has 'rover' in 'map'",
+        ),
+        (
+            SEEN,
+            {"/hand": [pose(START + LATER + k, "rover", [0, 0, 0], STILL) for k in range(2)]},
+            "BAG has transforms between 'rover' of /hand and 'map' of the scene at other times only; allowed are",
+        ),
+        (SEEN[:2], {"/camera/points": [cloud(START, "map", NOWHERE)]}, "the recording shows no object; allowed are"),
+        (
+            SEEN[:2],
+            {"/camera/points": [cloud(START, "map", NOWHERE, names="xyw")]},
+            "/camera/points has clouds of x, rgb, y, w; allowed are x, y and z of 32 or 64 bits",
+        ),
+        (
+            SEEN[:2],
+            {"/camera/points": [cloud(START, "map", NOWHERE, lost=1)]},
+            "/camera/points has a cloud of 95 bytes that are not 2 rows of 3 points; allowed are 48 bytes a row and 16",
+        ),
+    ],
+)
+def test_what_cannot_be_read_is_refused_in_one_sentence(identified, tmp_path, arguments, changed, words):
+    status, told, _ = identified(*arguments, changed=changed)
+    assert status == 2 and told.startswith("error: ") and told.count("\n") == 1
+    assert words.replace("BAG", str(tmp_path / "bag")) in told
+
+
+def test_poses_have_times_of_their_own_in_an_array_file_too(tmp_path):
+    poses = np.tile((0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), (5, 1))
+    given = Recording([0.1, 0.2, 0.3], {"cloth": np.ones((3, 4, 3))}, pose={"hand": poses}, pose_times=np.arange(5) / 9)
+    given.write(tmp_path / "recording.npz")
+    late = Recording.read(tmp_path / "recording.npz").delayed(-0.1, 0.2)
+    assert late.times.tolist() == [0.2, 0.3] and late.positions["cloth"].shape == (2, 4, 3)
+    assert np.array_equal(late.pose_times, np.arange(5) / 9) and late.pose["hand"].shape == (5, 7)
+
+
+def test_topics_of_an_array_file_are_refused(identified, tmp_path, monkeypatch, capsys):
+    line = ["identify", "recording.npz", "--scene", str(tmp_path / "scene.yaml"), "--fit", "cloth.damping", *SEEN]
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    monkeypatch.setattr(sys, "argv", line)
+    assert program.main() == 2
+    assert capsys.readouterr().err == (
+        "error: --points names topics, and recording.npz is no bag; allowed is the folder of one\n"
+    )
