@@ -221,13 +221,19 @@ def test_places_of_points_and_frames_between_stamps(tmp_path):
     still = Rotation.identity()
     moving = [transforms(START + k, "arm", "camera", Rotation.from_rotvec([0, 0, 1.2 * k]), [0, 0, 1]) for k in (0, 1)]
     moving += [transforms(START + k, "root", "arm", still, [2.0 * k, 0, 0]) for k in (0, 2)]
-    write(tmp_path / "bag", {"/tf": moving, "/tf_static": [transforms(0, "root", "map", still, [0, 5, 0])]})
+    write(
+        tmp_path / "bag",
+        {
+            "/tf": moving,
+            "/tf_static": [transforms(0, "root", "map", Rotation.from_rotvec([0, 0, np.pi / 2]), [0, 5, 0])],
+        },
+    )
     stamps = np.array([-0.1, 0.25, 1.0, 1.5])
     tree = Transforms(Topics(tmp_path / "bag"))
     known, place = tree.place("camera", "map", np.rint((START + stamps) * 1e9).astype(np.int64))
     assert known.tolist() == [False, True, True, False], "between the first and the last of each transform alone"
-    assert np.allclose(place.positions, [[0.5, -5, 1], [2, -5, 1]], atol=1e-6)
-    assert np.allclose(place.turns.as_rotvec(), [[0, 0, 0.3], [0, 0, 1.2]], atol=1e-6)
+    assert np.allclose(place.positions, [[-5, -0.5, 1], [-5, -2, 1]], atol=1e-6)
+    assert np.allclose(place.turns.as_rotvec(), [[0, 0, 0.3 - np.pi / 2], [0, 0, 1.2 - np.pi / 2]], atol=1e-6)
 
 
 @pytest.mark.parametrize("layout", ["<f4", ">f8"])
