@@ -17,6 +17,7 @@ from cloth_sim_ros.ros.scene_plan import Plan  # noqa: TID251 (free of rclpy)
 
 POSE = "geometry_msgs/msg/PoseStamped"
 _MOST_POINTS = 2000  # of a cloud: each is compared with every particle
+_LONGEST = 3600.0  # [s]: stamps further apart are of different clocks
 _FORMATS = {7: "f4", 8: "f8"}  # of sensor_msgs/PointField
 
 
@@ -43,6 +44,12 @@ def robot_recording(
         raise ValueError(f"--begin is {begin:g}, and {path} has no cloud after that; allowed is an earlier time [s]")
     tracks = {name: each.place.after(Track.of(each.rows, each.topic)) for name, each in moves.items()}
     end = max(int(each[-1]) for each in [stamps, *(track.times for track in tracks.values())])
+    if 1e-9 * (end - zero) > _LONGEST:
+        topics = ", ".join([*points.values(), *poses.values()])
+        raise ValueError(
+            f"stamps of {topics} are {1e-9 * (end - zero):.0f} s apart in {path}; "
+            f"allowed are those of one clock, and at most {_LONGEST:g} s"
+        )
     frame_dt = plan.settings.frame_dt
     grid = frame_dt * np.arange(np.ceil(1e-9 * (end - zero) / frame_dt) + 1)
     pose = {name: track.at(zero + np.rint(1e9 * grid).astype(np.int64)) for name, track in tracks.items()}
