@@ -80,7 +80,7 @@ class Recording:
         kept = self.times >= high
         if not kept.any():
             raise ValueError(
-                f"the recording ends at {self.times[-1]:g} s; allowed is a delay below that, not {high:g} s"
+                f"the recording ends at {self.times[-1]:.3g} s; allowed is a delay below that, not {high:g} s"
             )
         positions, points = (
             {name: rows[kept] for name, rows in seen.items()} for seen in (self.positions, self.points)
