@@ -10,11 +10,11 @@ from pathlib import Path
 
 import warp as wp
 
-from cloth_sim_ros.identify.candidates import Candidates
+from cloth_sim_ros.identify.candidates import Candidates, bounds_of
 from cloth_sim_ros.identify.fit import MOST_STEPS, Estimate, identify
 from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.identify.report import draw, sentences
-from cloth_sim_ros.sim import Scene
+from cloth_sim_ros.ros.scene_plan import Plan  # noqa: TID251 (free of rclpy)
 from cloth_sim_ros.study.scene_file import read_plan, with_values
 
 
@@ -29,6 +29,11 @@ def main() -> int:
     parser.add_argument("--ray", metavar="local|ADDRESS", help="spread candidates over a cluster: its GPUs, else CPUs")
     parser.add_argument("--seed", type=int, default=0, help="of the first candidates")
     parser.add_argument("--output", type=Path, help="YAML with what was found; else SCENE_identified.yaml; .png beside")
+    topic = {"action": "append", "default": [], "metavar": "NAME=/topic"}
+    parser.add_argument("--points", help="clouds of an object, in the bag of a robot; may be given again", **topic)
+    parser.add_argument("--poses", help="poses of a collider or handle, likewise", **topic)
+    parser.add_argument("--begin", type=float, default=0.0, help="start of the scene in that bag [s]")
+    parser.add_argument("--delay", metavar="LOW:HIGH", help="by how much the camera may be late [s]; it is found")
     arguments = parser.parse_args()
     wp.config.log_level = wp.LOG_WARNING
     try:
@@ -42,7 +47,9 @@ def main() -> int:
 def run(arguments: argparse.Namespace) -> Estimate:
     """Find, tell, draw and write. Raises ValueError in one sentence."""
     plan = read_plan(arguments.scene)
-    recording = _read(arguments.recording, plan.scene, plan.settings.frame_dt)
+    recording = _read(arguments, plan)
+    if arguments.delay:
+        recording = recording.delayed(*bounds_of(arguments.delay))
     device = arguments.device or plan.device
     given = (plan.scene, plan.settings, recording, arguments.fit, arguments.worlds, device)
     candidates = _spread(arguments.ray, given) if arguments.ray else Candidates(*given)
@@ -51,7 +58,7 @@ def run(arguments: argparse.Namespace) -> Estimate:
     start, found = identify(candidates, arguments.seed)
     candidates.told = lambda frames: None
     path = arguments.output or arguments.scene.with_name(f"{arguments.scene.stem}_identified.yaml")
-    values = {each.name: float(f"{value:.6g}") for each, value in zip(candidates.sought, found.values, strict=True)}
+    values = {each.name: float(f"{value:.6g}") for each, value in zip(candidates.live, found.values, strict=False)}
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(with_values(arguments.scene, values))
     draw(candidates, start, found, path.with_suffix(".png"))
@@ -60,14 +67,43 @@ def run(arguments: argparse.Namespace) -> Estimate:
     return found
 
 
-def _read(path: Path, scene: Scene, frame_dt: float) -> Recording:
+def _topics(option: str, texts: list[str]) -> dict[str, str]:
+    """Topics by name, of NAME=/topic."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, _, topic = text.partition("=")
+        if not name or not topic.startswith("/") or name in found:
+            raise ValueError(f"{option} {text} is given; allowed is NAME=/topic, once for each name")
+        found[name] = topic
+    return found
+
+
+def _read(arguments: argparse.Namespace, plan: Plan) -> Recording:
+    """What was seen, by any of the three kinds of recordings."""
+    path, robot = arguments.recording, bool(arguments.points)
+    if not robot and (arguments.poses or arguments.begin):
+        raise ValueError("--poses and --begin are of the bag of a robot; allowed are they with --points OBJECT=/topic")
     if path.suffix == ".npz":
+        if robot:
+            raise ValueError(f"--points names topics, and {path} is no bag; allowed is the folder of one")
         return Recording.read(path)
     try:
-        from cloth_sim_ros.identify.bag import recording_of
+        if not robot:
+            from cloth_sim_ros.identify.bag import recording_of
+
+            return recording_of(path, plan.scene, plan.settings.frame_dt)
+        from cloth_sim_ros.identify.robot import robot_recording
+
+        points, poses = (_topics(f"--{which}", getattr(arguments, which)) for which in ("points", "poses"))
+        found, said = robot_recording(path, plan, points, poses, arguments.begin)
     except ImportError as error:
         raise ValueError(f"{path} is a bag, and to read it {error.name} is missing; allowed are .npz files") from None
-    return recording_of(path, scene, frame_dt)
+    if poses and not arguments.delay:
+        said.append(
+            "The clocks of camera and poses are taken to agree; --delay LOW:HIGH finds by how much they do not."
+        )
+    print(*said, sep="\n")
+    return found
 
 
 def _spread(address: str, given: tuple) -> Candidates:

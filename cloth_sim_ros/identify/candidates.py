@@ -12,6 +12,7 @@ from cloth_sim_ros.identify.observe import Observer
 from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.sim import Scene, Settings, Simulation
 
+_DELAY = 0.1  # [s] of which a logarithm stands for a delay: slopes are found from 2 ms to either side
 _RANGES = (30.0, 10.0, 3.0, 1.0)  # a parameter is looked for within the first factor of its value that is allowed
 
 
@@ -34,15 +35,34 @@ class Sought:
             factor = next(factor for factor in _RANGES if _allows(sim, name, value * factor))
             low, high = value / factor, value * factor
         else:
-            low, high = _numbers(bounds)
+            low, high = bounds_of(bounds)
         if not 0.0 < low < high < np.inf:
             raise ValueError(f"--fit {text} is looked for from {low:g} to {high:g}; allowed is NAME=LOW:HIGH above 0")
         for bound in (low, high, value):
             sim.set(name, bound)
         return Sought(name, low, high)
 
+    def shown(self, value: np.ndarray) -> np.ndarray:
+        """Found values as they are to be read."""
+        return value
 
-def _numbers(bounds: str) -> tuple[float, float]:
+
+class Delay(Sought):
+    """By how much what was seen is late, sought as the exponential of delay / 0.1 s, which makes its scale even."""
+
+    @staticmethod
+    def between(low: float, high: float) -> Delay:
+        """From bounds [s]."""
+        return Delay("delay", *np.exp(np.array([low, high]) / _DELAY))
+
+    def shown(self, value: np.ndarray) -> np.ndarray:
+        """As delays [s]."""
+        with np.errstate(divide="ignore"):
+            return _DELAY * np.log(value)
+
+
+def bounds_of(bounds: str) -> tuple[float, float]:
+    """Two numbers LOW:HIGH, both 0 where they are none."""
     try:
         low, high = map(float, bounds.split(":"))
     except ValueError:
@@ -59,7 +79,8 @@ def _allows(sim: Simulation, name: str, value: float) -> bool:
 
 
 class Candidates:
-    """A scene in `worlds` worlds, each with values of its own for what is `sought`.
+    """A scene in `worlds` worlds, each with values of its own for what is `sought`: live numbers and at last, where a
+    recording may be late, its delay. live: those without it.
 
     It is computed in the same substeps for all values, those that the stiffest need. frames: simulated so far, in all
     worlds; told: called with it after each.
@@ -77,14 +98,17 @@ class Candidates:
         pair = Simulation(scene, settings, device, worlds=2)
         recording.check(pair)
         self.sought = [Sought.of(text, pair) for text in fit]
-        self.settings = _pinned(pair, self.sought)
+        self.live, self.settings = list(self.sought), _pinned(pair, self.sought)
+        if recording.late:
+            self.sought.append(Delay.between(*recording.late))
         self.sim = Simulation(scene, self.settings, device, worlds=worlds)
         self.recording, self.frames = recording, 0
         self.told: Callable[[int], None] = lambda frames: None
         seen = [(name, rows, True) for name, rows in recording.positions.items()]
         seen += [(name, rows, False) for name, rows in recording.points.items()]
         self._observers = [Observer(self.sim, *each) for each in seen]
-        self.length = int(np.ceil(recording.times[-1] / self.settings.frame_dt - 1e-6))
+        longest = recording.times[-1] - min(recording.late or (0.0,))
+        self.length = int(np.ceil(longest / self.settings.frame_dt - 1e-6))
         self.count = sum(int(np.isfinite(rows).all(axis=2).sum()) * (3 if ordered else 1) for _, rows, ordered in seen)
 
     def values(self, units: np.ndarray) -> np.ndarray:
@@ -146,29 +170,34 @@ class Candidates:
         values = self.values(units)
         rows = np.minimum(np.arange(self.sim.worlds), len(values) - 1)
         self.sim.reset()
-        for k, each in enumerate(self.sought):
+        for k, each in enumerate(self.live):
             self.sim.set(each.name, values[rows, k])
         self._place()
-        found, squares, bad = [], np.zeros(self.sim.worlds), np.zeros(self.sim.worlds, dtype=bool)
-        frame = 0
-        for f, time in enumerate(self.recording.times):
-            wanted = time / self.settings.frame_dt
-            while frame < wanted - 1e-6 or frame == 0:
-                self._step(frame)
-                bad |= self.sim.recovered()
-                frame += 1
-            for observer in self._observers:
-                residuals = observer.residuals(f, wanted - (frame - 1))
-                squares += (residuals.astype(np.float64) ** 2).sum(axis=1)
+        squares, bad = np.zeros(self.sim.worlds), np.zeros(self.sim.worlds, dtype=bool)
+        times = np.tile(self.recording.times[:, None], self.sim.worlds)
+        if self.recording.late:
+            times -= self.sought[-1].shown(values[rows, -1])
+        wanted = times / self.settings.frame_dt  # (F, worlds)
+        ends = np.maximum(np.ceil(wanted - 1e-6), 1.0).astype(int)  # of which frames are looked into
+        size = sum(observer.size for observer in self._observers)
+        found = np.zeros((len(values), len(times), size) if keep else 0, dtype=np.float64)
+        for frame in range(1, ends.max() + 1):
+            self._step(frame - 1)
+            bad |= self.sim.recovered()
+            for f in np.flatnonzero((ends == frame).any(axis=1)).tolist():
+                now = ends[f] == frame
+                parts = [observer.residuals(f, wanted[f] - (frame - 1)) for observer in self._observers]
+                for residuals in parts:
+                    squares[now] += (residuals[now].astype(np.float64) ** 2).sum(axis=1)
                 if keep:
-                    found.append(residuals[: len(values)])
+                    found[now[: len(values)], f] = np.concatenate(parts, axis=1)[: len(values)][now[: len(values)]]
         squares[bad] = np.inf
-        return np.concatenate(found, axis=1).astype(np.float64) if keep else squares[: len(values)]
+        return found.reshape(len(values), -1) if keep else squares[: len(values)]
 
     def _place(self) -> None:
         """Colliders and handles begin where they were at the start, if the recording says so."""
         for name, rows in self.recording.pose.items():
-            if self.recording.times[0] == 0.0:
+            if self.recording.pose_times[0] == 0.0:
                 self._mover(name)(name, rows[0, :3], rows[0, 3:], sweep=False)
 
     def _mover(self, name: str) -> Callable[..., None]:
@@ -178,7 +207,7 @@ class Candidates:
         """One frame, to the end of which colliders and handles go as was recorded."""
         time = (frame + 1) * self.settings.frame_dt
         for name, rows in self.recording.pose.items():
-            pose = [np.interp(time, self.recording.times, column) for column in rows.T]
+            pose = [np.interp(time, self.recording.pose_times, column) for column in rows.T]
             self._mover(name)(name, pose[:3], pose[3:])
         for observer in self._observers:
             observer.keep()

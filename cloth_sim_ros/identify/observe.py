@@ -19,12 +19,14 @@ def between(
     v0: wp.array3d(dtype=float),
     x1: wp.array3d(dtype=float),
     v1: wp.array3d(dtype=float),
-    t: float,
+    shares: wp.array(dtype=float),
     dt: float,
     places: wp.array2d(dtype=wp.vec3),
 ):
-    """Where particles are at the share t of a frame of dt [s]: the cubic through places and velocities at its ends."""
+    """Where particles are at each world's share of a frame of dt [s]: the cubic through places and velocities at its
+    ends."""
     w, i = wp.tid()
+    t = shares[w]
     a = t * t * (3.0 - 2.0 * t)
     b = dt * t * (1.0 - t) * (1.0 - t)
     c = dt * t * t * (1.0 - t)
@@ -105,14 +107,14 @@ def off_points(
     first: int,
     out: wp.array2d(dtype=float),
 ):
-    """How far each particle is from the nearest seen point, up to a cap, times a weight."""
+    """How far each particle is from the nearest seen point, up to a cap, times a weight; 0 where none was seen."""
     w, i = wp.tid()
     least = float(1.0e30)
     for m in range(seen.shape[0]):
         d = wp.length_sq(places[w, i] - seen[m])
         if d < least:  # which what was not seen is not
             least = d
-    out[w, first + i] = weight * wp.min(wp.sqrt(least), cap)
+    out[w, first + i] = wp.where(least < 1.0e30, weight * wp.min(wp.sqrt(least), cap), 0.0)
 
 
 class Observer:
@@ -159,10 +161,11 @@ class Observer:
         for last, now in zip(self._last, self._now(), strict=True):
             wp.copy(last, now)
 
-    def residuals(self, frame: int, share: float) -> np.ndarray:
-        """(worlds, size) float32 [m] from what was seen at `frame` of the recording, at this share of the last frame of
-        the simulation."""
-        inputs = [*self._last, *self._now(), share, self._sim.settings.frame_dt, self._places]
+    def residuals(self, frame: int, share: np.ndarray) -> np.ndarray:
+        """(worlds, size) float32 [m] from what was seen at `frame` of the recording, at these shares (worlds,) of the
+        last frame of the simulation."""
+        shares = wp.array(share.astype(np.float32), device=self._device)
+        inputs = [*self._last, *self._now(), shares, self._sim.settings.frame_dt, self._places]
         self._launch(between, self._shape[1], inputs)
         seen = self._seen[frame]
         if self._ordered:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,8 @@ import numpy as np
 from cloth_sim_ros.sim import Simulation
 
 _KINDS = {"positions": 3, "points": 3, "pose": 7}  # kind -> columns
+_MOST_DELAY = 10.0  # [s]
+_TIMES = ("times", "pose_times")
 
 
 @dataclass(frozen=True)
@@ -20,23 +22,29 @@ class Recording:
 
     positions: object -> (F, N, 3) [m], its particles in order, not a number where they were not seen. points: object ->
     (F, M, 3) [m], points anywhere on it in any order, likewise. pose: collider or handle -> (F, 7), x y z [m] and x y z
-    w of its orientation, reached at these times. Raises ValueError for what cannot be.
+    w of its orientation, reached at `pose_times` (F,), which are `times` unless given. late: between what [s] all times
+    but those of poses are late; one number of that range is found. Raises ValueError for what cannot be.
     """
 
     times: np.ndarray
     positions: dict[str, np.ndarray] = field(default_factory=dict)
     points: dict[str, np.ndarray] = field(default_factory=dict)
     pose: dict[str, np.ndarray] = field(default_factory=dict)
+    pose_times: np.ndarray | None = None
+    late: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        times = np.asarray(self.times, dtype=np.float64)
-        object.__setattr__(self, "times", times)
-        if times.ndim != 1 or not len(times) or not (np.diff(times) > 0).all() or not times[0] >= 0:
-            raise ValueError(f"times have shape {times.shape}; allowed are seconds from 0 on that rise")
+        for which in _TIMES:
+            given = getattr(self, which)
+            times = np.asarray(self.times if given is None else given, dtype=np.float64)
+            object.__setattr__(self, which, times)
+            if times.ndim != 1 or not len(times) or not (np.diff(times) > 0).all() or not times[0] >= 0:
+                raise ValueError(f"{which} have shape {times.shape}; allowed are seconds from 0 on that rise")
         for kind, columns in _KINDS.items():
             for name, rows in getattr(self, kind).items():
-                wanted = (len(times), 7) if columns == 7 else (len(times), "any number", 3)
-                if len(np.shape(rows)) != len(wanted) or np.shape(rows)[0] != len(times) or rows.shape[-1] != columns:
+                count = len(self.pose_times if kind == "pose" else self.times)
+                wanted = (count, 7) if columns == 7 else (count, "any number", 3)
+                if len(np.shape(rows)) != len(wanted) or np.shape(rows)[0] != count or rows.shape[-1] != columns:
                     raise ValueError(f"{kind}/{name} has shape {np.shape(rows)}; allowed is {wanted}")
         if not any(np.isfinite(rows).any() for seen in (self.positions, self.points) for rows in seen.values()):
             raise ValueError("the recording shows no object; allowed are positions/NAME or points/NAME")
@@ -54,16 +62,35 @@ class Recording:
             kind, _, owner = name.partition("/")
             if owner and kind in _KINDS:
                 found[kind][owner] = rows
-            elif name != "times":
-                raise ValueError(f"{path} has {name!r}; allowed are times and {', '.join(f'{k}/NAME' for k in _KINDS)}")
+            elif name not in _TIMES:
+                others = ", ".join([f"{kind}/NAME" for kind in _KINDS] + ["pose_times"])
+                raise ValueError(f"{path} has {name!r}; allowed are times and {others}")
         if "times" not in arrays:
             raise ValueError(f"{path} has no times; allowed is an array of seconds from 0 on that rise")
-        return Recording(arrays["times"], **found)
+        return Recording(arrays["times"], **found, pose_times=arrays.get("pose_times"))
+
+    def delayed(self, low: float, high: float) -> Recording:
+        """The same, of which all but poses is late by `low` to `high` [s], without what may be of before the start.
+        Raises ValueError where that cannot be."""
+        if not -_MOST_DELAY <= low < high <= _MOST_DELAY:
+            raise ValueError(
+                f"the delay is looked for from {low:g} to {high:g} s; allowed is LOW:HIGH that rises within "
+                f"-{_MOST_DELAY:g} to {_MOST_DELAY:g}"
+            )
+        kept = self.times >= high
+        if not kept.any():
+            raise ValueError(
+                f"the recording ends at {self.times[-1]:.3g} s; allowed is a delay below that, not {high:g} s"
+            )
+        positions, points = (
+            {name: rows[kept] for name, rows in seen.items()} for seen in (self.positions, self.points)
+        )
+        return replace(self, times=self.times[kept], positions=positions, points=points, late=(low, high))
 
     def write(self, path: Path) -> None:
-        """Into an .npz file."""
+        """Into an .npz file, all but `late`."""
         arrays = {f"{kind}/{name}": rows for kind in _KINDS for name, rows in getattr(self, kind).items()}
-        np.savez_compressed(path, times=self.times, **arrays)
+        np.savez_compressed(path, times=self.times, pose_times=self.pose_times, **arrays)
 
     def check(self, sim: Simulation) -> None:
         """Raise ValueError where it does not belong to a simulation's scene."""

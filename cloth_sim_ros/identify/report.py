@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from cloth_sim_ros.identify.candidates import Candidates
+from cloth_sim_ros.identify.candidates import Candidates, Delay
 from cloth_sim_ros.identify.fit import Estimate
 
 _WIDE = 2.0  # a value that may be twice or half of what fits best is not known
@@ -17,11 +17,13 @@ _MATTERS = 1.05  # an interval that is narrower needs no such words
 
 
 def sentences(candidates: Candidates, found: Estimate) -> list[str]:
-    """One for each value, and what the recording cannot tell."""
+    """One for each value, what the recording cannot tell, and what is left."""
     sought, said = candidates.sought, []
     for k, each in enumerate(sought):
         value, low, high = found.values[k], found.low[k], found.high[k]
-        if high > _WIDE * value:
+        if isinstance(each, Delay):
+            said.append(_delay(each, value, low, high))
+        elif high > _WIDE * value:
             said.append(
                 f"The recording cannot tell {each.name}, {value:.3g} fits best: where it doubles, the motion changes "
                 f"by {found.felt[k]:.2g} m RMS, and the recording is {found.noise:.2g} m RMS off."
@@ -29,19 +31,30 @@ def sentences(candidates: Candidates, found: Estimate) -> list[str]:
         else:
             said.append(f"{each.name} is {value:.4g}, with 95 % from {low:.4g} to {high:.4g}.")
         if not 1e-3 < found.units[k] < 1.0 - 1e-3:
+            option = "--delay " if isinstance(each, Delay) else f"--fit {each.name}="
             said.append(
-                f"{each.name} lies at the end of where it was looked for, {each.low:.3g} to {each.high:.3g}: allowed "
-                f"is a wider range, --fit {each.name}=LOW:HIGH."
+                f"{each.name} lies at the end of where it was looked for, {each.shown(each.low):.3g} to "
+                f"{each.shown(each.high):.3g}: allowed is a wider range, {option}LOW:HIGH."
             )
     factors = found.high / found.values
     for a in range(len(sought)):
         for b in range(a):
             if abs(found.alike[a, b]) > _ALIKE and min(factors[a], factors[b]) > _MATTERS:
+                if isinstance(sought[a], Delay):
+                    said.append(f"The recording hardly tells {sought[b].name} and the delay apart.")
+                    continue
                 what = "ratio" if found.alike[a, b] > 0 else "product"
                 said.append(
                     f"The recording tells the {what} of {sought[b].name} and {sought[a].name} better than each of them."
                 )
-    return said
+    return [*said, f"The motion with these numbers is {found.noise:.2g} m RMS off the recording."]
+
+
+def _delay(each: Delay, value: float, low: float, high: float) -> str:
+    if high * each.low > low * each.high:
+        return f"The recording cannot tell the delay, {each.shown(value):.3g} s fits best."
+    low, high = each.shown(low), each.shown(high)
+    return f"What was seen is late by {each.shown(value):.4g} s, with 95 % from {low:.4g} to {high:.4g} s."
 
 
 def draw(candidates: Candidates, start: np.ndarray, found: Estimate, path: Path) -> None:
@@ -58,10 +71,12 @@ def draw(candidates: Candidates, start: np.ndarray, found: Estimate, path: Path)
         units = np.tile(found.units, (candidates.sim.worlds, 1))
         units[:, k] = np.linspace(0.0, 1.0, len(units))
         squares = candidates.squares(units)
-        values = candidates.values(units)[:, k]
+        values = each.shown(candidates.values(units)[:, k])
+        low, high = each.shown(max(found.low[k], each.low)), each.shown(min(found.high[k], each.high))
         axes.plot(values, np.sqrt(squares / candidates.count), ".-")
-        axes.axvspan(max(found.low[k], each.low), min(found.high[k], each.high), alpha=0.3, label="95 %")
-        axes.axvline(found.values[k], color="black", lw=0.8)
-        axes.set(xlabel=each.name, xscale="log", yscale="log", ylabel="off the recording, RMS [m]")
+        axes.axvspan(low, high, alpha=0.3, label="95 %")
+        axes.axvline(each.shown(found.values[k]), color="black", lw=0.8)
+        scale = {"xlabel": "delay [s]"} if isinstance(each, Delay) else {"xlabel": each.name, "xscale": "log"}
+        axes.set(yscale="log", ylabel="off the recording, RMS [m]", **scale)
         axes.legend()
     figure.savefig(path, dpi=110)

@@ -5,14 +5,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from cloth_sim_ros.record.topics import CLOUD, Topics
 from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.journal import VERSION
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
 MAKE_ONE = "make one with cloth_sim_record or `ros2 bag record -a`"
 
 Stamp = tuple[int, int]  # seconds, nanoseconds
@@ -26,12 +25,9 @@ class Bag:
     """
 
     def __init__(self, path: Path):
-        from rosbags.typesys import Stores, get_typestore
-
-        self._path, self._types = path, get_typestore(Stores.ROS2_JAZZY)
-        with self._read() as reader:
-            journals = {each.topic for each in reader.connections if each.topic.endswith("/journal")}
-            clouds = {each.topic for each in reader.connections if each.msgtype == CLOUD}
+        self._path, self._topics = path, Topics(path)
+        journals = {topic for topic in self._topics.types if topic.endswith("/journal")}
+        clouds = {topic for topic, kind in self._topics.types.items() if kind == CLOUD}
         if len(journals) != 1:
             found = f"topics {', '.join(sorted(journals))}" if journals else "no topic /NODE/journal"
             raise ValueError(f"{path} has {found}; a replay needs one, which says when inputs acted: {MAKE_ONE}")
@@ -45,11 +41,11 @@ class Bag:
         if not self._clouds:
             raise ValueError(f"{path} has no topic {self.node}/OBJECT/particles to compare with; {MAKE_ONE}")
         self.objects = tuple(self._clouds)
-        self.journal = self._with_clouds([self._entry(message.data) for message in self._messages(topic)])
+        self.journal = self._with_clouds([self._entry(message.data) for message in self._topics.messages(topic)])
 
     def clouds(self, name: str) -> Iterator[tuple[Stamp, Any]]:
         """Stamp and cloud of an object, in the order of the bag."""
-        for message in self._messages(self._clouds[name]):
+        for message in self._topics.messages(self._clouds[name]):
             yield (message.header.stamp.sec, message.header.stamp.nanosec), message
 
     def _with_clouds(self, journal: list[dict]) -> list[dict]:
@@ -91,24 +87,3 @@ class Bag:
         if version != VERSION:
             raise ValueError(f"{self._path} has a journal of version {version}; allowed is {VERSION}")
         return entry
-
-    def _messages(self, topic: str) -> Iterator[Any]:
-        with self._read() as reader:
-            chosen = [each for each in reader.connections if each.topic == topic]
-            for connection, _, data in reader.messages(chosen):
-                yield self._types.deserialize_cdr(data, connection.msgtype)
-
-    @contextmanager
-    def _read(self) -> Iterator[Any]:
-        from rosbags.rosbag2 import Reader
-
-        if not self._path.exists():
-            raise ValueError(f"{self._path} is not there; allowed is the folder of a bag")
-        try:
-            with Reader(self._path) as reader:
-                yield reader
-        except (ValueError, GeneratorExit):
-            raise
-        except Exception as error:  # whatever rosbags raises for some damage, the user gets one sentence
-            words = " ".join(str(error).split()) or type(error).__name__
-            raise ValueError(f"{self._path} is no bag, or is damaged or cut short: {words}") from None

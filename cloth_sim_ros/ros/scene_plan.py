@@ -40,13 +40,14 @@ Values = Mapping[str, Any]  # full parameter name -> checked value
 @dataclass(frozen=True)
 class Plan:
     """What to build, and `problems`: name of an object, collider, handle or group -> why it is left out, in one
-    sentence. grippers: whose fingers are among the colliders."""
+    sentence. grippers: whose fingers are among the colliders. frame_id: the frame of the scene."""
 
     scene: Scene
     settings: Settings
     device: str
     problems: dict[str, str] = field(default_factory=dict)
     grippers: dict[str, Gripper] = field(default_factory=dict)
+    frame_id: str = "world"
 
     def without(self, names: Container[str]) -> Plan:
         """The same plan without the objects of these names."""
@@ -92,6 +93,7 @@ def make_plan(values: Values) -> Plan:
         device=values["device"],
         problems=problems,
         grippers=grippers,
+        frame_id=values["frame_id"],
     )
 
 

@@ -117,14 +117,15 @@ def test_points_are_measured_from_the_surface(device):
     random = np.random.default_rng(3)
     points = random.uniform(-0.4, 0.4, (50, 3)) * [1, 1, 0.1]
     points[7] = np.nan
-    observer = Observer(sim, "cloth", points[None], False)
+    observer = Observer(sim, "cloth", np.stack([points, np.full_like(points, np.nan)]), False)
     observer.keep()
-    found = observer.residuals(0, 1.0)
+    found = observer.residuals(0, np.ones(2))
     outside = np.maximum(np.abs(points[:, :2]) - 0.3, 0.0)
     wanted = np.nan_to_num(np.sqrt((outside**2).sum(axis=1) + points[:, 2] ** 2))
     assert np.allclose(found[:, :50], wanted, atol=1e-6)
     tree = cKDTree(points[np.isfinite(points[:, 0])])
     assert np.allclose(found[:, 50:], tree.query(sim.rest_positions("cloth"))[0], atol=1e-6)
+    assert not observer.residuals(1, np.ones(2)).any(), "a frame in which nothing was seen counts nothing"
 
 
 YAML = """
