@@ -70,7 +70,6 @@ class World:
             check_solver(plan)
             sim = Simulation(plan.scene, plan.settings, device=plan.device)
             sim.step()  # compiles what is left to compile, so that no later frame waits for it
-            sim.report()
             sim.reset()
         except Exception as error:
             goes_on = "the simulation before goes on" if self.sim else "waiting for a parameter change"

@@ -104,14 +104,14 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                     missing -= near
                 else:
                     missing = missing_of(share.start, here)
-            segment, near, votes = attempt(t, share, segment, missing, near, first, here, shared)
-            placed = placed or votes[1] > 0
+            segment, near, eventful, torn, unsettled = attempt(t, share, segment, missing, first, here, shared)
+            placed = placed or torn
             move(share, segment, near, here)
             steps += 1
             again = int(0)
-            if votes[0] > 0:
+            if eventful:
                 if steps < NEWTON_STEPS:
-                    again = sync_any(votes[2])
+                    again = sync_any(unsettled)
         if wp.static(beam):
             sync()
             bend_after(t, here, shared)

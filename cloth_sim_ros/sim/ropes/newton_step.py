@@ -15,42 +15,35 @@ from cloth_sim_ros.sim.stages.here import Here
 def make_attempt(threads: int, stored: bool):
     """A Warp function: a Newton step of a thread's segments, taken again where one of them would go too far.
 
-    It returns the last segment, how its near particle moves, and votes: whether anything happened, whether a segment
-    went too far or is torn, and how many are unsettled.
+    It returns the last segment, how its near particle moves, whether anything happened to the chain, whether a segment
+    of it went too far or is torn, and how many of the thread's own are unsettled.
     """
     sweep, settle_all = _make_sweep(threads, stored), _make_settle_all(threads, stored)
 
     @wp.func
-    def attempt(
-        t: int,
-        share: Share,
-        last: Segment,
-        missing: wp.vec3,
-        moved: wp.vec3,
-        first: wp.mat33,
-        here: Here,
-        shared: wp.uint64,
-    ):
+    def attempt(t: int, share: Share, last: Segment, missing: wp.vec3, first: wp.mat33, here: Here, shared: wp.uint64):
         segment = last
-        near = moved
-        votes = wp.vec3i(0)
+        near = wp.vec3(0.0)
+        eventful = bool(False)
+        placed = bool(False)
+        unsettled = int(0)
         count = int(0)
         while count < ATTEMPTS:
             count += 1
-            segment, u, near, change = sweep(t, share, segment, missing, near, first, here, shared)
+            segment, u, near, change = sweep(t, share, segment, missing, first, here, shared)
             segment, near, found = settle_all(share, segment, u, near, change, here)
+            unsettled = found[2]
             # One vote, as long as nothing happens. It also holds back what is stored next for the others: what they
             # read of displacements, spans and meeting was before it.
-            eventful = sync_any(found[0] + found[1] + found[2])
-            votes = wp.vec3i(eventful, votes[1], found[2])
+            eventful = sync_any(found[0] + found[1] + found[2]) > 0
             solved = bool(True)
-            if eventful > 0:
+            if eventful:
                 solved = sync_any(found[0]) == 0
                 if sync_any(found[0] + found[1]) > 0:
-                    votes = wp.vec3i(eventful, 1, found[2])
+                    placed = True
             if solved:
                 count = ATTEMPTS
-        return segment, near, votes
+        return segment, near, eventful, placed, unsettled
 
     return attempt
 
@@ -62,18 +55,9 @@ def _make_sweep(threads: int, stored: bool):
     scan_forward, meet, scan_backward = make_scans(threads, stored) if threads > 1 else (None, None, None)
 
     @wp.func
-    def sweep(
-        t: int,
-        share: Share,
-        last: Segment,
-        missing: wp.vec3,
-        moved: wp.vec3,
-        first: wp.mat33,
-        here: Here,
-        shared: wp.uint64,
-    ):
+    def sweep(t: int, share: Share, last: Segment, missing: wp.vec3, first: wp.mat33, here: Here, shared: wp.uint64):
         segment = last
-        near = moved
+        near = wp.vec3(0.0)
         # What lies before the thread's first segment, in that one's frame.
         y = wp.identity(n=3, dtype=float) * load4(here.d, share.start)[3]
         q = missing
