@@ -17,17 +17,22 @@ class Pairs:
 
     clock: (4,) substeps since the last search, for how many it holds, whether one is due, and how old the list before
     was. failed: which panels were torn then. balls, drifts: middle and radius of the ball around a panel and all that
-    it may meet, and its mean velocity.
+    it may meet, and its mean velocity. starts: how far parts were apart when the substep began [m]. sums: (W, 3) of all
+    velocities at the last search, in whole numbers. rounds: (2,) whether the bound has more to shorten, and how
+    often it did in this substep.
     """
 
     couples: wp.array2d(dtype=wp.vec2i)
     parts: wp.array2d(dtype=wp.vec4i)
+    starts: wp.array2d(dtype=float)
     sides: wp.array2d(dtype=wp.vec2i)
     counts: wp.array2d(dtype=int)
     clock: wp.array(dtype=int)
     failed: wp.array(dtype=bool)
     balls: wp.array(dtype=wp.vec4)
     drifts: wp.array(dtype=wp.vec3)
+    sums: wp.array2d(dtype=wp.int64)
+    rounds: wp.array(dtype=int)
 
 
 @wp.func
@@ -125,3 +130,22 @@ def list_test(members: Members, pairs: Pairs, w: int, test: int, a: Panel, b: Pa
     if n < pairs.parts.shape[1]:
         pairs.parts[w, n] = parts
         pairs.sides[w, n] = wp.vec2i(a.body, b.body)
+
+
+@wp.struct
+class Pair:
+    """Particles, and of each the arrays that it is in."""
+
+    particles: wp.vec4i
+    surfaces: wp.vec4i
+
+
+@wp.func
+def pair_of(members: Members, pairs: Pairs, w: int, k: int) -> Pair:
+    parts, sides = pairs.parts[w, k], pairs.sides[w, k]
+    a = members.bodies[sides[0]][0] * members.worlds + w
+    b = members.bodies[sides[1]][0] * members.worlds + w
+    pair = Pair()
+    pair.particles = wp.vec4i(wp.where(parts[0] >= 0, parts[0], -1 - parts[0]), parts[1], parts[2], parts[3])
+    pair.surfaces = wp.vec4i(a, wp.where(parts[0] >= 0, b, a), b, b)
+    return pair
