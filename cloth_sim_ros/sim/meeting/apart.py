@@ -15,7 +15,7 @@ import warp as wp
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.meeting.nearest import nearest
-from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, apart_by, pair_of
+from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, pair_of
 from cloth_sim_ros.sim.meeting.surfaces import Members, place, velocity
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction
@@ -68,7 +68,7 @@ def _look(members: Members, pairs: Pairs, close: Close, width: int):
             for q in range(4):
                 moves = load_row(members.surfaces[pair.surfaces[q]].displacements, pair.particles[q])
                 moved += m.weights[q] * wp.dot(n, xyz(moves))
-            kept = apart_by(members, of_a, of_b, sides[0], sides[1])
+            kept = pairs.kept[w, k]
             if apart + moved < 1.25 * kept:  # others may yet push it
                 # What was nearer comes apart at a pace that flings nothing.
                 wanted = wp.min(kept, apart + _PARTING * of_a.frames[0].dt)

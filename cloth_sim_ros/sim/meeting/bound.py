@@ -13,7 +13,7 @@ import warp as wp
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.meeting.nearest import nearest
-from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, apart_by, pair_of
+from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, pair_of
 from cloth_sim_ros.sim.meeting.search import SPEED
 from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, panel_of
 from cloth_sim_ros.sim.stages.contact import NOISE
@@ -67,10 +67,8 @@ def _bound(members: Members, pairs: Pairs, width: int):
     carried = _carried(members, pairs, w)
     for k in range(wp.tid() - w * width, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
         apart = pairs.starts[w, k]
-        pair, sides = pair_of(members, pairs, w, k), pairs.sides[w, k]
-        of_a, of_b = members.surfaces[pair.surfaces[0]], members.surfaces[pair.surfaces[3]]
-        least = wp.static(_LEAST) * apart_by(members, of_a, of_b, sides[0], sides[1])
-        left = wp.max(wp.static(_LEFT) * apart, least)
+        pair = pair_of(members, pairs, w, k)
+        left = wp.max(wp.static(_LEFT) * apart, wp.static(_LEAST) * pairs.kept[w, k])
         longest = float(0.0)
         for q in range(4):
             longest = wp.max(longest, wp.length(_way(members.surfaces[pair.surfaces[q]], pair.particles[q], carried)))

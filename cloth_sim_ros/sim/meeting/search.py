@@ -2,8 +2,7 @@
 """Which parts of objects may meet soon, and which have come through one another.
 
 Each panel has a box around its way to come at the speed that it has, with some slack. Warp's tree of boxes finds panels
-whose boxes overlap, and of these the corners, triangles and edges that may meet are listed. Of one object, what is
-nearer at rest than it would be kept apart is left out.
+whose boxes overlap, and of these the corners, triangles and edges that may meet are listed.
 
 A list holds for a time ahead, and while no particle is off its way by more than the slack. So no pair is missed,
 however particles are pushed, and what rests is hardly ever looked at.
@@ -221,6 +220,7 @@ class Search:
         self.pairs.couples = wp.zeros((worlds, _COUPLES_A_PANEL * self._panels), dtype=wp.vec2i, device=device)
         room = (worlds, PAIRS_A_PANEL * self._panels)
         self.pairs.parts = wp.zeros(room, dtype=wp.vec4i, device=device)
+        self.pairs.kept = wp.zeros(room, dtype=float, device=device)
         self.pairs.starts = wp.zeros(room, dtype=float, device=device)
         self.pairs.sums = wp.zeros((worlds, 3), dtype=wp.int64, device=device)
         self.pairs.rounds = wp.zeros(2, dtype=int, device=device)
