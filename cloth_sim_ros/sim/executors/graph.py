@@ -8,7 +8,7 @@ compiler's choices.
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Protocol
 
 import warp as wp
@@ -145,10 +145,10 @@ class Graph:
 
     def _launches(self, substeps: int, iterations: int, outer: int) -> list[Launch]:
         frame, members = [], self._members
+        if self._meeting is not None:
+            frame.append(Call(partial(self._meeting[0].look, ends=False)))
         outer_ends = {j * substeps // outer for j in range(outer + 1)}
         for substep in range(substeps):
-            if self._meeting is not None:
-                frame.append(Call(self._meeting[0].look))
             for member in members:
                 frame += member.begin(substep, substep in outer_ends)
             for iteration in range(iterations):
@@ -160,7 +160,8 @@ class Graph:
                 if self._meeting is not None:
                     frame += self._part(*now)
             if self._meeting is not None:
-                frame.append(Call(self._meeting[2].launch))
+                search, _, bound = self._meeting
+                frame += [Call(partial(search.look, ends=True)), Call(bound.launch)]
             for member in members:
                 frame += member.finish(substep, iterations)
         for member in members:

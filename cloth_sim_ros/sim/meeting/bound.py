@@ -5,7 +5,7 @@ Two parts begin a substep on two sides of the plane between their nearest points
 of a plane of that direction, each of their particles stops on its own side of the plane where that was (divide and
 truncate, Chen et al. 2025, Offset geometric contact). Ways are straight, so nothing crosses on the way either.
 
-Planes move at the mean velocity of all that meets, so that what flies as a whole is not slowed.
+Planes move at the mean velocity of all that meets, where nothing is pinned: what flies as a whole is not slowed.
 """
 
 import warp as wp
@@ -26,7 +26,9 @@ _LEAST = wp.constant(0.05)  # of what they are kept apart, nearer than which the
 
 @wp.func
 def _carried(members: Members, pairs: Pairs, w: int) -> wp.vec3:
-    """How far all that meets in world w moves in a substep, on average [m]."""
+    """How far all that meets in world w moves in a substep, on average [m]; not at all where something is pinned."""
+    if pairs.sums[w, 3] > wp.int64(0):
+        return wp.vec3(0.0)
     count, dt = float(0.0), float(0.0)
     for b in range(members.bodies.shape[0]):
         surface = members.surfaces[members.bodies[b][0] * members.worlds + w]
@@ -54,8 +56,9 @@ def _from(members: Members, pair: Pair, q: int) -> wp.vec3:
 @wp.func
 def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs):
     """Ask a particle to go no further than there is room [m]."""
-    rounding = wp.static(_ROUNDING) * wp.length(xyz(load_row(surface.displacements, i)))
-    if goes > wp.max(room, 0.0) + rounding and pairs.rounds[1] < wp.static(_ROUNDS):
+    d = load_row(surface.displacements, i)
+    moves = goes > wp.max(room, 0.0) + wp.static(_ROUNDING) * wp.length(xyz(d)) and d[3] > 0.0
+    if moves and pairs.rounds[1] < wp.static(_ROUNDS):
         wp.atomic_max(surface.shortened, i, 1.0 - wp.max(room, 0.0) / goes)
         pairs.rounds[0] = 1
 
@@ -111,13 +114,15 @@ def _shorten(members: Members, pairs: Pairs):
         if (panel.own >> q) & 1 == 1 and surface.shortened[i] > 0.0:
             less = -surface.shortened[i] * _way(surface, i, _carried(members, pairs, w))
             surface.shortened[i] = 0.0
-            change = wp.vec4(less[0], less[1], less[2], 0.0)
-            store_row(surface.displacements, i, load_row(surface.displacements, i) + change)
+            d = load_row(surface.displacements, i) + wp.vec4(less[0], less[1], less[2], 0.0)
+            store_row(surface.displacements, i, d)
             if surface.last_displacements.shape[0] > 0:
-                # It hits something, which changes its velocity at once: see come_apart in apart.py.
-                surface.last_displacements[i] = surface.last_displacements[i] + less
+                # BDF2 carries its past on. As if it had moved like this before, it does not bounce.
+                moved = d - load_row(surface.low, i)
+                surface.last_displacements[i] = xyz(moved)
                 v = load_row(surface.velocities, i)
-                store_row(surface.velocities, i, v + change / surface.frames[0].dt)
+                moved = moved / surface.frames[0].dt
+                store_row(surface.velocities, i, wp.vec4(moved[0], moved[1], moved[2], v[3]))
 
 
 class Bound:

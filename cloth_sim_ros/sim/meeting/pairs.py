@@ -22,8 +22,8 @@ class Pairs:
 
     clock: (4,) substeps since the last search, for how many it holds, whether one is due, and how old the list before
     was. failed: which panels were torn then. balls, drifts: middle and radius of the ball around a panel and all that
-    it may meet, and its mean velocity. sums: (W, 3) of all velocities at the last search, in whole numbers. rounds:
-    (2,) whether the bound has more to shorten, and how often it did in this substep.
+    it may meet, and its mean velocity. sums: (W, 4) of all velocities at the last search, in whole numbers, and
+    whether a particle is pinned. rounds: (2,) whether the bound has more to shorten, and how often it did so far.
     """
 
     couples: wp.array2d(dtype=wp.vec2i)
@@ -126,6 +126,7 @@ def list_test(members: Members, pairs: Pairs, w: int, test: int, a: Panel, b: Pa
         pairs.parts[w, n] = parts
         pairs.sides[w, n] = wp.vec2i(a.body, b.body)
         pairs.kept[w, n] = kept
+        pairs.starts[w, n] = gap[0]
 
 
 @wp.struct

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.intrinsics import xyz
+from cloth_sim_ros.sim.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.meeting.nearest import crosses
 from cloth_sim_ros.sim.meeting.pairs import TESTS, Pairs, list_test, slack, time_ahead
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, may_touch, panel_of, place, velocity
@@ -34,26 +34,38 @@ def _has_failed(panel: Panel) -> bool:
     return panel.corners[0] == panel.corners[1]
 
 
+@wp.func
+def _goes(surface: Surface, i: int, ends: bool) -> wp.vec3:
+    """At which velocity a particle goes: in the substep that ends, or until the next one begins [m/s]."""
+    if ends:
+        return xyz(load_row(surface.displacements, i) - load_row(surface.low, i)) / surface.frames[0].dt
+    return velocity(surface, i)
+
+
 @compiled
-def _watch(members: Members, pairs: Pairs):
-    """A search is due where a particle is off its way, or a triangle is torn."""
+def _watch(members: Members, pairs: Pairs, ends: bool):
+    """A search is due where a particle is off its way, or ends this substep off it, or a triangle is torn."""
     panels = members.panels.shape[0]
     w = wp.tid() / panels
     panel = panel_of(members, wp.tid() - w * panels, w)
     surface = members.surfaces[panel.surface]
-    time = float(pairs.clock[0]) * surface.frames[0].dt
+    dt = surface.frames[0].dt
+    time = float(pairs.clock[0]) * dt
     if _has_failed(panel) != pairs.failed[wp.tid()]:
         pairs.clock[2] = 1
     for q in range(3):
         if (panel.own >> q) & 1 == 1:
             i = panel.corners[q]
-            off = wp.length(place(surface, i) - surface.seen[i] - time * surface.going[i])
-            if not off <= slack(members, surface, panel.body):
+            off = place(surface, i) - surface.seen[i] - time * surface.going[i]
+            most = wp.length(off)
+            if ends:
+                most = wp.max(most, wp.length(off + dt * (_goes(surface, i, ends) - surface.going[i])))
+            if not most <= slack(members, surface, panel.body):
                 pairs.clock[2] = 1
 
 
 @compiled
-def _decide(pairs: Pairs):
+def _decide(pairs: Pairs, ends: bool):
     """Whether to search now, and for how many substeps: twice as many as the last list held."""
     age = pairs.clock[0]
     if pairs.clock[2] == 1 or age >= pairs.clock[1]:
@@ -61,27 +73,32 @@ def _decide(pairs: Pairs):
         pairs.clock[2] = 1
         pairs.clock[3] = age
         age = 0
-    pairs.clock[0] = age + 1
+    pairs.clock[0] = age + wp.where(ends, 1, 0)
     pairs.rounds[1] = 0
 
 
 @compiled
-def _foresee(members: Members, pairs: Pairs):
+def _foresee(members: Members, pairs: Pairs, ends: bool):
     """Where particles are, and where they go: what trembles goes at its mean velocity since the last search."""
     panels = members.panels.shape[0]
     w = wp.tid() / panels
     panel = panel_of(members, wp.tid() - w * panels, w)
     surface = members.surfaces[panel.surface]
-    time = float(wp.max(pairs.clock[3], 1)) * surface.frames[0].dt
+    dt = surface.frames[0].dt
+    time = float(wp.max(pairs.clock[3], 1)) * dt
     pairs.failed[wp.tid()] = _has_failed(panel)
     for q in range(3):
         if (panel.own >> q) & 1 == 1:
             i = panel.corners[q]
-            mean, now = (place(surface, i) - surface.seen[i]) / time, velocity(surface, i)
-            surface.going[i] = wp.where(wp.length(mean) < 0.5 * wp.length(now), mean, now)
+            mean, now = (place(surface, i) - surface.seen[i]) / time, _goes(surface, i, ends)
+            trembles = wp.length(mean) < 0.5 * wp.length(now)
+            near = dt * wp.length(mean - now) < 0.5 * slack(members, surface, panel.body)
+            surface.going[i] = wp.where(trembles and near, mean, now)
             surface.seen[i] = place(surface, i)
             for k in range(3):
                 wp.atomic_add(pairs.sums, w, k, wp.int64(surface.going[i][k] * float(SPEED)))
+            if load_row(surface.positions, i)[3] == 0.0:
+                pairs.sums[w, 3] = wp.int64(1)
 
 
 @wp.func
@@ -222,7 +239,7 @@ class Search:
         self.pairs.parts = wp.zeros(room, dtype=wp.vec4i, device=device)
         self.pairs.kept = wp.zeros(room, dtype=float, device=device)
         self.pairs.starts = wp.zeros(room, dtype=float, device=device)
-        self.pairs.sums = wp.zeros((worlds, 3), dtype=wp.int64, device=device)
+        self.pairs.sums = wp.zeros((worlds, 4), dtype=wp.int64, device=device)
         self.pairs.rounds = wp.zeros(2, dtype=int, device=device)
         self.pairs.sides = wp.zeros(room, dtype=wp.vec2i, device=device)
         self.pairs.counts = wp.zeros((worlds, 2), dtype=int, device=device)
@@ -239,15 +256,18 @@ class Search:
             self._tree.rebuild()
         self._age += 1
 
-    def look(self) -> None:
-        """Before a substep: list the pairs that may meet, where the last list does not hold."""
-        self._launch(_watch, len(self._groups), self._members, self.pairs)
-        self._launch(_decide, 1, self.pairs)
-        wp.capture_if(self._due, self._find)
+    def look(self, ends: bool) -> None:
+        """List the pairs that may meet, where the last list does not hold for a substep that ends, or that begins now.
 
-    def _find(self) -> None:
+        The list then holds for the way of this substep too, whatever pushes a particle.
+        """
+        self._launch(_watch, len(self._groups), self._members, self.pairs, ends)
+        self._launch(_decide, 1, self.pairs, ends)
+        wp.capture_if(self._due, self._find, ends=ends)
+
+    def _find(self, ends: bool) -> None:
         self.pairs.sums.zero_()
-        self._launch(_foresee, len(self._groups), self._members, self.pairs)
+        self._launch(_foresee, len(self._groups), self._members, self.pairs, ends)
         self._enclose_all(True)
         self._tree.refit()
         self.pairs.counts.zero_()
