@@ -17,8 +17,7 @@ from cloth_sim_ros.sim.topology import Topology
 
 Motion = tuple[Quaternion, np.ndarray]  # a turn about the origin of the world, then a shift [m]
 _STEPS = 100  # along a way out, at most
-_LEAST = 1e-3  # of the size of an object: the shortest of these steps
-_FLAT = 1e-3  # of the size of an object: what is thinner lies in a plane
+_LITTLE = 1e-3  # of the size of an object: the shortest of these steps, and how thin it is where it lies in a plane
 _FARTHEST = 3.0  # depths: the longest way out of an object that lies in no plane
 _SHORTER = 0.95  # of the way found so far: the length below which another one is better
 _NUDGE = 1e-5  # of the mean rest length of the springs
@@ -52,8 +51,7 @@ class Depth:
         self._arrays.state.positions = wp.clone(given.state.positions)
         self._rows = self._arrays.state.positions[batch.span(name)]
         self._result = wp.zeros(4, dtype=float, device=batch.device)
-        self._kernel, panels = make_measure_contacts(batch.features.shapes), batch.panels(name)
-        self._panels = panels.stop - panels.start
+        self._kernel, self._panels = make_measure_contacts(batch.features.shapes), batch.panels(name)
         self._inverse = self._rows.numpy()[:, 3]
         if batch.features.handles:
             self._inverse = np.where(batch.read_rows("grips", name, 0)[0, :, 3] > 0.0, 0.0, self._inverse)
@@ -63,8 +61,8 @@ class Depth:
         """What `report` would call max_penetration [m], with particles at `positions` (N, 3)."""
         self._rows.assign(np.column_stack([positions, self._inverse]).astype(np.float32))
         self._result.zero_()
-        inputs = [self._arrays, self._body, self._result]
-        wp.launch(self._kernel, dim=self._panels, inputs=inputs, device=self._result.device)
+        inputs, dim = [self._arrays, self._body, self._result], self._panels.stop - self._panels.start
+        wp.launch(self._kernel, dim=dim, inputs=inputs, device=self._result.device)
         return float(self._result.numpy()[PARTICLES:].max())
 
 
@@ -84,7 +82,7 @@ def way_out(positions: np.ndarray, depth: Depth, up: np.ndarray) -> tuple[Motion
     values, axes = np.linalg.eigh(np.cov(positions.T))
     ways = sorted((*axes.T, *-axes.T, *np.eye(3), *-np.eye(3)), key=lambda way: -round(float(way @ up), 6))
     size = float(np.linalg.norm(np.ptp(positions, axis=0)))
-    limit = size if values[0] <= _FLAT**2 * values[2] else _FARTHEST * depth.at(positions)
+    limit = size if values[0] <= _LITTLE**2 * values[2] else _FARTHEST * depth.at(positions)
     best = None
     for path in _paths(positions, depth.fixed, ways):
         length = 0.0
@@ -95,7 +93,7 @@ def way_out(positions: np.ndarray, depth: Depth, up: np.ndarray) -> tuple[Motion
             if deep == 0.0:
                 best, limit = (path(length), length), _SHORTER * length
                 break
-            length += max(deep, _LEAST * size)  # no particle goes farther, so the deepest is not out before
+            length += max(deep, _LITTLE * size)  # no particle goes farther, so the deepest is not out before
     return best
 
 
