@@ -45,8 +45,9 @@ _MOST_WORLDS = 65536
 class Bodies:
     """The objects of `scene` in batches of those that share a kernel, built again where method auto changes its choice.
 
-    builds: how often they were built; what comes of `device_arrays` holds until it changes. Raises ValueError for a
-    number of worlds or a device that cannot be, and for a mesh that is not manifold.
+    builds: how often they were built; what comes of `device_arrays` holds until it changes. moves: name -> by what an
+    object starts elsewhere than in the scene. Raises ValueError for a number of worlds or a device that cannot be, and
+    for a mesh that is not manifold.
     """
 
     def __init__(self, scene: Scene, settings: Settings, device: str, worlds: int) -> None:
@@ -64,7 +65,7 @@ class Bodies:
         self._data = [collider.data(self.warp_device) for collider in scene.colliders.values()]  # kept alive
         self.fixed = len(scene.colliders)  # rows of colliders before those that are added
         self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
-        self._moves: dict[str, Motion] = {}
+        self.moves: dict[str, Motion] = {}
         self.elastic = {name: self._topology(name, thing, False) for name, thing in scene.objects.items()}
         self.strained: set[str] = set()
         self._sharpest: dict[str, Collider] = {}
@@ -165,14 +166,9 @@ class Bodies:
         self.scene = replace(self.scene, objects={**self.scene.objects, name: thing})
         self._build_around({each: self._choose_now(each) for each in self.batch})
 
-    def start_elsewhere(self, name: str, motion: Motion) -> None:
-        """From the next restart on an object starts by a motion from where the scene has it."""
-        self._moves[name] = motion
-        self.describe_again(name, self.scene.objects[name])
-
     def _topology(self, name: str, thing: Cloth | Rope, direct_ropes: bool) -> Topology:
         found = build_topology(thing, name, direct_ropes)
-        return replace(found, rest=moved(found.rest, self._moves[name])) if name in self._moves else found
+        return replace(found, rest=moved(found.rest, self.moves[name])) if name in self.moves else found
 
     def _build_around(self, choices: dict[str, Choice]) -> None:
         """Everything on the device anew, with the state that there is."""

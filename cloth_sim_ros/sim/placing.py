@@ -29,10 +29,10 @@ class Placing:
         self._bodies, self._queries, self._hands = bodies, queries, hands
 
     def leave_colliders(self) -> dict[str, tuple[float, float]]:
-        """Let objects that start inside of rigid colliders start outside of them, see starts.way_out.
+        """Let objects that start inside of rigid colliders start outside of them from the next restart on.
 
         Returns name -> how deep it lay and how far it was moved [m]. Objects that are kept apart from one another stay
-        where they are, as one could be moved into another.
+        where they are, as one could be moved into another. See starts.way_out.
         """
         bodies, found = self._bodies, {}
         rows = bodies.colliders.mirrors()["rows"][0]
@@ -45,8 +45,8 @@ class Placing:
             deep, thickness = depth.at(topology.rest), float(bodies.materials_of(name, 0)["thickness"][0])
             way = way_out(topology.rest, depth, -np.array(bodies.scene.gravity)) if deep > _INSIDE * thickness else None
             if way is not None:
-                found[name] = deep, way[1]
-                bodies.start_elsewhere(name, way[0])
+                bodies.moves[name], found[name] = way[0], (deep, way[1])
+                bodies.describe_again(name, bodies.scene.objects[name])
         return found
 
     def set_positions(self, name: str, positions: Any, world: Any = None) -> None:
