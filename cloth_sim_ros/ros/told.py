@@ -34,6 +34,9 @@ class Told:
         """How each object of a new simulation is computed, and which of them start where nothing can be."""
         self._reasons.clear()
         self.reasons(sim)
+        for name, (deep, way) in sim.moved.items():
+            where = f"{deep:.2g} m deep in a collider and was moved out by up to {way:.2g} m"
+            self._log.warning(f"{name} starts {where}; start them apart")
         for name, each in sim.report().items():
             if each["max_penetration"] > 1.01 * _half_thickness(name, each, values):
                 deep = f"{each['max_penetration']:.2g} m deep in a collider"

@@ -33,6 +33,7 @@ from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.sizes import sharpest
 from cloth_sim_ros.sim.stages.near import FEW
+from cloth_sim_ros.sim.starts import Motion, moved
 from cloth_sim_ros.sim.state import Arrays, ColliderMotion, Frame, HandleMotion
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.topology import build as build_topology
@@ -44,8 +45,9 @@ _MOST_WORLDS = 65536
 class Bodies:
     """The objects of `scene` in batches of those that share a kernel, built again where method auto changes its choice.
 
-    builds: how often they were built; what comes of `device_arrays` holds until it changes. Raises ValueError for a
-    number of worlds or a device that cannot be, and for a mesh that is not manifold.
+    builds: how often they were built; what comes of `device_arrays` holds until it changes. moves: name -> by what an
+    object starts elsewhere than in the scene. Raises ValueError for a number of worlds or a device that cannot be, and
+    for a mesh that is not manifold.
     """
 
     def __init__(self, scene: Scene, settings: Settings, device: str, worlds: int) -> None:
@@ -63,7 +65,8 @@ class Bodies:
         self._data = [collider.data(self.warp_device) for collider in scene.colliders.values()]  # kept alive
         self.fixed = len(scene.colliders)  # rows of colliders before those that are added
         self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
-        self.elastic = {name: build_topology(thing, name, False) for name, thing in scene.objects.items()}
+        self.moves: dict[str, Motion] = {}
+        self.elastic = {name: self._topology(name, thing, False) for name, thing in scene.objects.items()}
         self.strained: set[str] = set()
         self._sharpest: dict[str, Collider] = {}
 
@@ -106,7 +109,7 @@ class Bodies:
         """Everything on the device, for these methods."""
         self._choices = choices
         self.topologies = {
-            name: build_topology(thing, name, True)
+            name: self._topology(name, thing, True)
             if choices[name].method == "xpbd" and isinstance(thing, Rope)
             else self.elastic[name]
             for name, thing in self.scene.objects.items()
@@ -159,9 +162,13 @@ class Bodies:
 
     def describe_again(self, name: str, thing: Cloth | Rope) -> None:
         """An object of as many particles takes the place of `name`, and goes on from where it is."""
-        self.elastic[name] = build_topology(thing, name, False)
+        self.elastic[name] = self._topology(name, thing, False)
         self.scene = replace(self.scene, objects={**self.scene.objects, name: thing})
         self._build_around({each: self._choose_now(each) for each in self.batch})
+
+    def _topology(self, name: str, thing: Cloth | Rope, direct_ropes: bool) -> Topology:
+        found = build_topology(thing, name, direct_ropes)
+        return replace(found, rest=moved(found.rest, self.moves[name])) if name in self.moves else found
 
     def _build_around(self, choices: dict[str, Choice]) -> None:
         """Everything on the device anew, with the state that there is."""
@@ -181,7 +188,7 @@ class Bodies:
         other = copy.copy(self)
         other.scene, other.settings, other.strained, other.collider_row = scene, settings, strained, rows
         changed = {name: thing for name, thing in scene.objects.items() if thing is not self.scene.objects[name]}
-        other.elastic = {**self.elastic, **{name: build_topology(changed[name], name, False) for name in changed}}
+        other.elastic = {**self.elastic, **{name: self._topology(name, changed[name], False) for name in changed}}
         if changed or any(choices[name].kernels != self._choices[name].kernels for name in choices):
             other.build(choices)
         other._choices = choices

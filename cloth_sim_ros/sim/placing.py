@@ -14,10 +14,12 @@ from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live_array import Some
 from cloth_sim_ros.sim.methods.choose import is_strained
 from cloth_sim_ros.sim.queries import Queries
-from cloth_sim_ros.sim.starts import off_symmetry
+from cloth_sim_ros.sim.starts import Depth, off_symmetry, way_out
+from cloth_sim_ros.sim.state import ColliderMotion
 
 _FAR = 1e6  # [m] the largest coordinate that positions may be given in
 _FAST = 1e6  # [m/s] the same of velocities
+_INSIDE = 1.01  # of the thickness: a surface that lies deeper is inside of a collider, as the node's log says
 
 
 class Placing:
@@ -25,6 +27,27 @@ class Placing:
 
     def __init__(self, bodies: Bodies, queries: Queries, hands: Hands) -> None:
         self._bodies, self._queries, self._hands = bodies, queries, hands
+
+    def leave_colliders(self) -> dict[str, tuple[float, float]]:
+        """Let objects that start inside of rigid colliders start outside of them from the next restart on.
+
+        Returns name -> how deep it lay and how far it was moved [m]. Objects that are kept apart from one another stay
+        where they are, as one could be moved into another. See starts.way_out.
+        """
+        bodies, found = self._bodies, {}
+        rows = bodies.colliders.mirrors()["rows"][0]
+        rigid = rows[(rows["shape"] >= 0) & (rows["compliance"] == 0.0)]
+        if not len(rigid) or (bodies.scene.object_contact and len(bodies.batch) > 1):
+            return found
+        colliders = wp.array(rigid, dtype=ColliderMotion, device=bodies.warp_device)
+        for name, topology in bodies.elastic.items():
+            depth = Depth(bodies.batch[name], name, colliders)
+            deep, thickness = depth.at(topology.rest), float(bodies.materials_of(name, 0)["thickness"][0])
+            way = way_out(topology.rest, depth, -np.array(bodies.scene.gravity)) if deep > _INSIDE * thickness else None
+            if way is not None:
+                bodies.moves[name], found[name] = way[0], (deep, way[1])
+                bodies.describe_again(name, bodies.scene.objects[name])
+        return found
 
     def set_positions(self, name: str, positions: Any, world: Any = None) -> None:
         """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew.

@@ -54,6 +54,8 @@ class Simulation:
     `step` may return before a GPU is done; whatever reads the state waits. `worlds` copies of the scene run side by
     side in the same launches. Each has its own state, materials, collider poses, wind and gravity. What reads takes the
     number of a world. What writes takes one, a mask (worlds,) of bool or, with None, all of them.
+
+    moved: name -> depth and way [m] of objects that the scene puts inside of a collider and that start outside of it.
     """
 
     def __init__(self, scene: Scene, settings: Settings | None = None, device: str = "auto", worlds: int = 1) -> None:
@@ -80,6 +82,9 @@ class Simulation:
         self._frames = 0
         self._live.write_scene()
         self._hands.reset(None)
+        self.moved = self._placing.leave_colliders()
+        if self.moved:
+            self.reset()
 
     masses = _of("_queries", Queries.masses)
     triangles = _of("_queries", Queries.triangles)
@@ -231,6 +236,7 @@ class Simulation:
         """An object goes on, in all worlds, from where it is in the first world of another simulation. That one has to
         have it with the same structure. It keeps positions, velocities, what a winch has paid out and the twist."""
         self._placing.take_over(name, other._placing)
+        self.moved.pop(name, None)
 
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
         """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], particle_penetration [m], contacts, residual

@@ -87,11 +87,16 @@ def build(changes):
 
 
 def test_what_starts_inside_of_a_collider_or_crosses_itself_is_told_at_once(caplog):
-    """A ball of 0.3 m has its middle in the sheet of 5 mm. Then it is away, and a rope goes through the sheet."""
+    """A ball of 0.3 m has its middle in the sheet of 5 mm, which can be moved or not. Then it is away, and a rope goes
+    through the sheet."""
     apart = {f"{name}__position": (10.0 * k, 10.0, -5.0) for k, name in enumerate(COLLIDERS)}
     build({**apart, "ball__position": (0.0, 0.0, 0.0)})
-    assert "sheet starts 0.31 m deep in a collider, which pushes it out hard; start them apart" in caplog.text
-    assert "line starts" not in caplog.text
+    told = "sheet starts 0.31 m deep in a collider"
+    assert f"{told} and was moved out by up to 0.66 m; start them apart" in caplog.text
+    assert "line starts" not in caplog.text and "hard" not in caplog.text
+    caplog.clear()
+    build({**apart, "ball__position": (0.0, 0.0, 0.0), "sheet__pins": "edges"})
+    assert f"{told}, which pushes it out hard; start them apart" in caplog.text and "moved" not in caplog.text
     caplog.clear()
     build({**apart, "line__start": (0.01, 0.02, 0.5), "line__end": (0.01, 0.02, -0.51), "object_contact": True})
     assert "deep in a collider" not in caplog.text

@@ -40,7 +40,7 @@ def scene(world=None):
     for name, kind in shapes.items():
         own = {key.split(".")[1]: values for key, values in SIZES.items() if key.split(".")[0] == name}
         fields = {} if world is None else {field: values[world] for field, values in own.items()}
-        colliders[name] = kind(position=(*CORNERS[name], -0.28), **fields)
+        colliders[name] = kind(position=(*CORNERS[name], -0.32), **fields)
     return Scene({"sheet": Cloth(resolution=(8, 8), pins="none")}, colliders)
 
 
