@@ -122,8 +122,9 @@ class Simulation:
     def step(self, frames: int = 1) -> None:
         """Simulate `frames` frames of settings.frame_dt each, to the same bits as by as many calls.
 
-        A GPU runs up to ten of them as one CUDA graph. A frame in which a collider or a handle moves is alone, as is
-        each of a scene whose objects touch themselves or one another: before it, the host has something to tell.
+        A GPU runs up to ten of them as one CUDA graph. Frames in which colliders or handles move run one by one, as the
+        host tells the next one that they rest. So do those of objects that touch themselves or one another, as the host
+        looks after their tree of boxes.
         """
         while frames > 0:
             self._begin()
