@@ -157,6 +157,7 @@ class State:
     seen: wp.array(dtype=wp.vec3)  # (N,) positions [m] at the last search for what meets, and
     going: wp.array(dtype=wp.vec3)  # (N,) velocities [m/s] at which they were foreseen then
     asked: wp.array(dtype=wp.int64)  # (7 N,) what pairs ask of a particle, see meeting/apart.py
+    shortened: wp.array(dtype=float)  # (N,) and what share of its way it gives up, or it came through something
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
     near: wp.array(dtype=wp.uint64)  # (B K/64,) bits of the colliders that a body may meet in this frame, see near.py
     extents: wp.array(dtype=float)  # (8 B,)

@@ -67,6 +67,7 @@ def make_states(
         "seen": particles if features.meets else 0,
         "going": particles if features.meets else 0,
         "asked": ASKED * particles if features.meets else 0,
+        "shortened": particles if features.meets else 0,
         "sweeps": SWEPT * bodies * colliders,
         "near": bodies * words_of(colliders),
         "extents": EXTENT * bodies if colliders else 0,

@@ -15,6 +15,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.meeting.apart import PASSES, Apart
+from cloth_sim_ros.sim.meeting.bound import Bound
 from cloth_sim_ros.sim.meeting.search import Search
 from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.methods.stage import Stage
@@ -97,10 +98,10 @@ class Member:
 class Graph:
     """The launches of batches that advance together. `advance()` simulates a frame of every body in every world.
 
-    meeting: what finds, and what keeps apart, the parts of bodies that may touch one another.
+    meeting: what finds the parts of bodies that may touch, what keeps them apart, and what lets none through.
     """
 
-    def __init__(self, members: Sequence[Member], meeting: tuple[Search, Apart] | None = None) -> None:
+    def __init__(self, members: Sequence[Member], meeting: tuple[Search, Apart, Bound] | None = None) -> None:
         self._members, self._meeting = members, meeting
         self._frames: dict[tuple[int, int, int], list[Launch]] = {}
 
@@ -130,6 +131,8 @@ class Graph:
                     frame += member.iterate(member.program.touched, *now)
                 if self._meeting is not None:
                     frame += self._part(*now)
+            if self._meeting is not None:
+                frame.append(Call(self._meeting[2].launch))
             for member in members:
                 frame += member.finish(substep, iterations)
         for member in members:

@@ -15,8 +15,7 @@ import warp as wp
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.meeting.nearest import nearest
-from cloth_sim_ros.sim.meeting.pairs import Pairs, apart_by
-from cloth_sim_ros.sim.meeting.search import THREADS
+from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, pair_of
 from cloth_sim_ros.sim.meeting.surfaces import Members, place, velocity
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction
@@ -45,32 +44,13 @@ class Close:
     counts: wp.array(dtype=int)
 
 
-@wp.struct
-class Pair:
-    """Particles, and of each the arrays that it is in."""
-
-    particles: wp.vec4i
-    surfaces: wp.vec4i
-
-
-@wp.func
-def _pair_of(members: Members, pairs: Pairs, w: int, k: int) -> Pair:
-    parts, sides = pairs.parts[w, k], pairs.sides[w, k]
-    a = members.bodies[sides[0]][0] * members.worlds + w
-    b = members.bodies[sides[1]][0] * members.worlds + w
-    pair = Pair()
-    pair.particles = wp.vec4i(wp.where(parts[0] >= 0, parts[0], -1 - parts[0]), parts[1], parts[2], parts[3])
-    pair.surfaces = wp.vec4i(a, wp.where(parts[0] >= 0, b, a), b, b)
-    return pair
-
-
 @compiled
 def _look(members: Members, pairs: Pairs, close: Close, width: int):
     """List the pairs that are close: `width` threads a world."""
     w = wp.tid() / width
     for k in range(wp.tid() - w * width, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
         is_corner = pairs.parts[w, k][0] >= 0
-        pair, sides = _pair_of(members, pairs, w, k), pairs.sides[w, k]
+        pair, sides = pair_of(members, pairs, w, k), pairs.sides[w, k]
         of_a, of_b = members.surfaces[pair.surfaces[0]], members.surfaces[pair.surfaces[3]]
         a, c = place(of_a, pair.particles[0]), place(of_b, pair.particles[2])
         b, d = place(of_b, pair.particles[1]), place(of_b, pair.particles[3])
@@ -79,6 +59,7 @@ def _look(members: Members, pairs: Pairs, close: Close, width: int):
         m = nearest(is_corner, a, b, c, d)
         start = m.weights[0] * a + m.weights[1] * b + m.weights[2] * c + m.weights[3] * d
         apart = wp.length(start)
+        pairs.starts[w, k] = apart
         body_a, body_b = members.bodies[sides[0]][1], members.bodies[sides[1]][1]
         seen = m.inside or (of_a.bodies[body_a].is_rope and of_b.bodies[body_b].is_rope)
         if seen and apart >= NOISE:  # what lies in one place has no sides
@@ -87,7 +68,7 @@ def _look(members: Members, pairs: Pairs, close: Close, width: int):
             for q in range(4):
                 moves = load_row(members.surfaces[pair.surfaces[q]].displacements, pair.particles[q])
                 moved += m.weights[q] * wp.dot(n, xyz(moves))
-            kept = apart_by(members, of_a, of_b, sides[0], sides[1])
+            kept = pairs.kept[w, k]
             if apart + moved < 1.25 * kept:  # others may yet push it
                 # What was nearer comes apart at a pace that flings nothing.
                 wanted = wp.min(kept, apart + _PARTING * of_a.frames[0].dt)
@@ -141,7 +122,7 @@ def _claim(members: Members, pairs: Pairs, close: Close, width: int):
     """Sum what pairs lack at each particle: it is split between them in proportion."""
     w = wp.tid() / width
     for j in range(wp.tid() - w * width, close.counts[w], width):
-        pair, weights = _pair_of(members, pairs, w, close.which[w, j]), close.weights[w, j]
+        pair, weights = pair_of(members, pairs, w, close.which[w, j]), close.weights[w, j]
         touch = _touch_of(members, pair, weights, close.lines[w, j], close.gaps[w, j])
         if touch.lacks > 0.0:
             for q in range(4):
@@ -159,7 +140,7 @@ def _part(members: Members, pairs: Pairs, close: Close, width: int):
     w = wp.tid() / width
     for j in range(wp.tid() - w * width, close.counts[w], width):
         k = close.which[w, j]
-        pair, weights = _pair_of(members, pairs, w, k), close.weights[w, j]
+        pair, weights = pair_of(members, pairs, w, k), close.weights[w, j]
         touch = _touch_of(members, pair, weights, close.lines[w, j], close.gaps[w, j])
         yielding = float(0.0)
         inverse = wp.vec4(0.0)
@@ -192,7 +173,7 @@ def _part(members: Members, pairs: Pairs, close: Close, width: int):
 class Apart:
     """The launches that keep the pairs of a search apart."""
 
-    def __init__(self, members: Members, pairs: Pairs, device: wp.Device) -> None:
+    def __init__(self, members: Members, pairs: Pairs, width: int, device: wp.Device) -> None:
         worlds, room = pairs.parts.shape
         self._close = Close()
         self._close.which = wp.zeros((worlds, room), dtype=int, device=device)
@@ -200,7 +181,6 @@ class Apart:
         self._close.lines = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
         self._close.gaps = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
         self._close.counts = wp.zeros(worlds, dtype=int, device=device)
-        width = 1 if device.is_cpu else THREADS
         inputs, dim = [members, pairs, self._close, width], worlds * width
         self._look = wp.launch(_look, dim=dim, inputs=inputs, device=device, record_cmd=True)
         self._claim = wp.launch(_claim, dim=dim, inputs=inputs, device=device, record_cmd=True)

@@ -2,8 +2,7 @@
 """Which parts of objects may meet soon, and which have come through one another.
 
 Each panel has a box around its way to come at the speed that it has, with some slack. Warp's tree of boxes finds panels
-whose boxes overlap, and of these the corners, triangles and edges that may meet are listed. Of one object, what is
-nearer at rest than it would be kept apart is left out.
+whose boxes overlap, and of these the corners, triangles and edges that may meet are listed.
 
 A list holds for a time ahead, and while no particle is off its way by more than the slack. So no pair is missed,
 however particles are pushed, and what rests is hardly ever looked at.
@@ -24,7 +23,9 @@ PAIRS_A_PANEL = 64  # room in the list of pairs
 _COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
 _EVERY = 64  # frames after which the tree is built anew; until then its boxes are fitted
 _LONGEST = 400  # substeps that a list holds at most
-THREADS = 16384  # of a launch over all pairs of a world, on a GPU
+SPEED = wp.constant(wp.int64(1 << 24))  # units of a metre a second in sums of velocities
+THREADS = 65536  # of a launch over the pairs of all worlds, on a GPU
+_TEAM = 16  # of them that look at a couple
 
 
 @wp.func
@@ -61,6 +62,7 @@ def _decide(pairs: Pairs):
         pairs.clock[3] = age
         age = 0
     pairs.clock[0] = age + 1
+    pairs.rounds[1] = 0
 
 
 @compiled
@@ -78,6 +80,8 @@ def _foresee(members: Members, pairs: Pairs):
             mean, now = (place(surface, i) - surface.seen[i]) / time, velocity(surface, i)
             surface.going[i] = wp.where(wp.length(mean) < 0.5 * wp.length(now), mean, now)
             surface.seen[i] = place(surface, i)
+            for k in range(3):
+                wp.atomic_add(pairs.sums, w, k, wp.int64(surface.going[i][k] * float(SPEED)))
 
 
 @wp.func
@@ -196,12 +200,16 @@ def _cross(
 
 
 class Search:
-    """Looks for pairs in all worlds; `pairs` are what was found last."""
+    """Looks for pairs in all worlds; `pairs` are what was found last.
+
+    width: how many threads a world a launch over its pairs has.
+    """
 
     def __init__(self, members: Members, device: wp.Device) -> None:
         self._members, self._device = members, device
         self._panels, worlds = members.panels.shape[0], members.worlds
         total = worlds * self._panels
+        self.width = 1 if device.is_cpu else max(8 * _TEAM, THREADS // worlds)
         self._boxes = [wp.zeros(total, dtype=wp.vec3, device=device) for _ in range(2)]
         groups = np.repeat(np.arange(worlds, dtype=np.int32), self._panels)
         self._groups = wp.array(groups, dtype=int, device=device)
@@ -212,6 +220,10 @@ class Search:
         self.pairs.couples = wp.zeros((worlds, _COUPLES_A_PANEL * self._panels), dtype=wp.vec2i, device=device)
         room = (worlds, PAIRS_A_PANEL * self._panels)
         self.pairs.parts = wp.zeros(room, dtype=wp.vec4i, device=device)
+        self.pairs.kept = wp.zeros(room, dtype=float, device=device)
+        self.pairs.starts = wp.zeros(room, dtype=float, device=device)
+        self.pairs.sums = wp.zeros((worlds, 3), dtype=wp.int64, device=device)
+        self.pairs.rounds = wp.zeros(2, dtype=int, device=device)
         self.pairs.sides = wp.zeros(room, dtype=wp.vec2i, device=device)
         self.pairs.counts = wp.zeros((worlds, 2), dtype=int, device=device)
         self.pairs.clock = wp.zeros(4, dtype=int, device=device)
@@ -234,13 +246,14 @@ class Search:
         wp.capture_if(self._due, self._find)
 
     def _find(self) -> None:
+        self.pairs.sums.zero_()
         self._launch(_foresee, len(self._groups), self._members, self.pairs)
         self._enclose_all(True)
         self._tree.refit()
         self.pairs.counts.zero_()
         self._launch(_couple, len(self._groups), self._members, self.pairs, self._tree.id, *self._boxes)
-        width, team = (1, 1) if self._device.is_cpu else (THREADS, 16)
-        self._launch(_pair, self._members.worlds * width, self._members, self.pairs, width, team)
+        team = 1 if self._device.is_cpu else _TEAM
+        self._launch(_pair, self._members.worlds * self.width, self._members, self.pairs, self.width, team)
 
     def _launch(self, kernel: wp.Kernel, dim: int, *inputs: Any) -> None:
         wp.launch(kernel, dim=dim, inputs=list(inputs), device=self._device)

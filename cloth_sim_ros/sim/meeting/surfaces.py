@@ -27,9 +27,11 @@ class Surface:
     low: wp.array(dtype=wp.vec4)
     displacements: wp.array(dtype=wp.vec4)
     velocities: wp.array(dtype=wp.vec4)
+    last_displacements: wp.array(dtype=wp.vec3)
     seen: wp.array(dtype=wp.vec3)
     going: wp.array(dtype=wp.vec3)
     asked: wp.array(dtype=wp.int64)
+    shortened: wp.array(dtype=float)
 
 
 @wp.struct
@@ -124,6 +126,7 @@ def _surface_of(arrays: Arrays) -> Surface:
     model, state = arrays.model, arrays.state
     surface.bodies, surface.panels, surface.panel_parts = model.bodies, model.panels, model.panel_parts
     surface.rest, surface.frames, surface.materials = model.rest, arrays.frames, arrays.materials
-    for name in ("positions", "low", "displacements", "velocities", "seen", "going", "asked"):
+    moving = ("positions", "low", "displacements", "velocities", "last_displacements")
+    for name in (*moving, "seen", "going", "asked", "shortened"):
         setattr(surface, name, getattr(state, name))
     return surface

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.executors.graph import Graph, Member
 from cloth_sim_ros.sim.meeting.apart import Apart
+from cloth_sim_ros.sim.meeting.bound import Bound
 from cloth_sim_ros.sim.meeting.search import Search
 from cloth_sim_ros.sim.meeting.surfaces import members_of
 
@@ -24,9 +25,9 @@ class Together:
         by_itself = [name in itself for name in self._names]
         members = members_of([batch.worlds for batch in batches], by_itself, among, device)
         self._search = Search(members, device)
-        apart = Apart(members, self._search.pairs, device)
+        keeping = (kind(members, self._search.pairs, self._search.width, device) for kind in (Apart, Bound))
         each = [Member(batch.features, batch.worlds, device) for batch in batches]
-        self._graph = Graph(each, (self._search, apart))
+        self._graph = Graph(each, (self._search, *keeping))
         for batch in batches:
             batch.executor = self._graph
 

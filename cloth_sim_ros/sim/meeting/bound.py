@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What lets no part come through another in a substep, whatever asks it to.
+
+Two parts begin a substep on two sides of the plane between their nearest points. Where they do not end it on two sides
+of a plane of that direction, each of their particles stops on its own side of the plane where that was (divide and
+truncate, Chen et al. 2025, Offset geometric contact). Ways are straight, so nothing crosses on the way either.
+
+Planes move at the mean velocity of all that meets, so that what flies as a whole is not slowed.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.compiled import compiled
+from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
+from cloth_sim_ros.sim.meeting.nearest import nearest
+from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, pair_of
+from cloth_sim_ros.sim.meeting.search import SPEED
+from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, panel_of
+from cloth_sim_ros.sim.stages.contact import NOISE
+
+_ROUNDS = 64  # at most, as what stops may stand in the way of what did not have to; each mends its pairs for good
+_ROUNDING = wp.constant(1.0e-6)  # of a displacement
+_LEFT = wp.constant(0.1)  # of what two parts are apart, that no substep takes away
+_LEAST = wp.constant(0.05)  # of what they are kept apart, nearer than which they do not come
+
+
+@wp.func
+def _carried(members: Members, pairs: Pairs, w: int) -> wp.vec3:
+    """How far all that meets in world w moves in a substep, on average [m]."""
+    count, dt = float(0.0), float(0.0)
+    for b in range(members.bodies.shape[0]):
+        surface = members.surfaces[members.bodies[b][0] * members.worlds + w]
+        count += float(surface.bodies[members.bodies[b][1]].count)
+        dt = surface.frames[0].dt
+    scale = dt / (float(SPEED) * count)
+    return scale * wp.vec3(float(pairs.sums[w, 0]), float(pairs.sums[w, 1]), float(pairs.sums[w, 2]))
+
+
+@wp.func
+def _way(surface: Surface, i: int, carried: wp.vec3) -> wp.vec3:
+    """How far a particle goes in this substep beside what all do [m]."""
+    return xyz(load_row(surface.displacements, i) - load_row(surface.low, i)) - carried
+
+
+@wp.func
+def _from(members: Members, pair: Pair, q: int) -> wp.vec3:
+    """Where particle q of a pair was when the substep began, from its first one [m]; to all that is known of both."""
+    of, of_first = members.surfaces[pair.surfaces[q]], members.surfaces[pair.surfaces[0]]
+    i, first = pair.particles[q], pair.particles[0]
+    high = load_row(of.positions, i) - load_row(of_first.positions, first)
+    return xyz(high + (load_row(of.low, i) - load_row(of_first.low, first)))
+
+
+@wp.func
+def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs):
+    """Ask a particle to go no further than there is room [m]."""
+    rounding = wp.static(_ROUNDING) * wp.length(xyz(load_row(surface.displacements, i)))
+    if goes > wp.max(room, 0.0) + rounding and pairs.rounds[1] < wp.static(_ROUNDS):
+        wp.atomic_max(surface.shortened, i, 1.0 - wp.max(room, 0.0) / goes)
+        pairs.rounds[0] = 1
+
+
+@compiled
+def _bound(members: Members, pairs: Pairs, width: int):
+    """Find by what share particles have to shorten their ways: `width` threads a world."""
+    w = wp.tid() / width
+    carried = _carried(members, pairs, w)
+    for k in range(wp.tid() - w * width, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
+        apart = pairs.starts[w, k]
+        pair = pair_of(members, pairs, w, k)
+        left = wp.max(wp.static(_LEFT) * apart, wp.static(_LEAST) * pairs.kept[w, k])
+        longest = float(0.0)
+        for q in range(4):
+            longest = wp.max(longest, wp.length(_way(members.surfaces[pair.surfaces[q]], pair.particles[q], carried)))
+        if 2.0 * longest <= apart - left or apart < NOISE:
+            continue
+        is_corner = pairs.parts[w, k][0] >= 0
+        first = wp.where(is_corner, 1, 2)  # particles of the first part
+        b, c, d = _from(members, pair, 1), _from(members, pair, 2), _from(members, pair, 3)
+        m = nearest(is_corner, wp.vec3(0.0), b, c, d).weights
+        line = m[1] * b + m[2] * c + m[3] * d
+        apart, n = wp.length(line), wp.normalize(line)
+        middle = -0.5 * apart
+        if not is_corner:
+            middle = wp.min(0.0, wp.dot(n, b)) - 0.5 * apart
+        # How far particles are from the plane, on their own sides, and how far they go towards it.
+        offs, goes, ends = wp.vec4(0.0), wp.vec4(0.0), wp.vec2(1.0e30)
+        for q in range(4):
+            side = wp.where(q < first, 1.0, -1.0)
+            offs[q] = side * (wp.dot(n, _from(members, pair, q)) - middle)
+            goes[q] = -side * wp.dot(n, _way(members.surfaces[pair.surfaces[q]], pair.particles[q], carried))
+            part = wp.where(q < first, 0, 1)
+            ends[part] = wp.min(ends[part], offs[q] - goes[q])
+        if ends[0] + ends[1] < left:
+            for q in range(4):
+                _ask(members.surfaces[pair.surfaces[q]], pair.particles[q], goes[q], offs[q] - 0.5 * left, pairs)
+
+
+@compiled
+def _shorten(members: Members, pairs: Pairs):
+    """Shorten the ways of particles, each by the share that was found."""
+    panels = members.panels.shape[0]
+    w = wp.tid() / panels
+    panel = panel_of(members, wp.tid() - w * panels, w)
+    surface = members.surfaces[panel.surface]
+    if wp.tid() == 0:
+        pairs.rounds[0] = 0
+        pairs.rounds[1] = pairs.rounds[1] + 1
+    for q in range(3):
+        i = panel.corners[q]
+        if (panel.own >> q) & 1 == 1 and surface.shortened[i] > 0.0:
+            less = -surface.shortened[i] * _way(surface, i, _carried(members, pairs, w))
+            surface.shortened[i] = 0.0
+            change = wp.vec4(less[0], less[1], less[2], 0.0)
+            store_row(surface.displacements, i, load_row(surface.displacements, i) + change)
+            if surface.last_displacements.shape[0] > 0:
+                # It hits something, which changes its velocity at once: see come_apart in apart.py.
+                surface.last_displacements[i] = surface.last_displacements[i] + less
+                v = load_row(surface.velocities, i)
+                store_row(surface.velocities, i, v + change / surface.frames[0].dt)
+
+
+class Bound:
+    """The launches that shorten ways at the end of a substep."""
+
+    def __init__(self, members: Members, pairs: Pairs, width: int, device: wp.Device) -> None:
+        panels, worlds = members.panels.shape[0], members.worlds
+        inputs = [members, pairs]
+        self._find = wp.launch(_bound, worlds * width, [*inputs, width], device=device, record_cmd=True)
+        self._shorten = wp.launch(_shorten, worlds * panels, inputs, device=device, record_cmd=True)
+        self._more = pairs.rounds[:1]
+
+    def launch(self) -> None:
+        """Shorten until no pair asks for more."""
+        self._find.launch()
+        wp.capture_while(self._more, self._again)
+
+    def _again(self) -> None:
+        self._shorten.launch()
+        self._find.launch()
