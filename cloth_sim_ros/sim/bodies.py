@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import copy
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,8 @@ from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.device import find_device
 from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.executors.choose import goes_in_rows
-from cloth_sim_ros.sim.executors.frames import LONGEST, Frames
 from cloth_sim_ros.sim.forces import name_of
+from cloth_sim_ros.sim.frames import LONGEST, Frames
 from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
 from cloth_sim_ros.sim.meeting.together import Together
 from cloth_sim_ros.sim.methods import choose as choosing
@@ -119,7 +118,7 @@ class Bodies:
         itself = [name for name, thing in self.scene.objects.items() if thing.self_contact]
         self.together = Together(together, itself, self.scene.object_contact) if together else None
         self._arrays: list[wp.array] = []
-        self._graphs = Frames(self.warp_device) if self.warp_device.is_cuda else None
+        self.frames = Frames(self.batches, self.together, self.warp_device)
         self._write_substeps()
         self.builds += 1
 
@@ -131,27 +130,6 @@ class Bodies:
         """How many of the next `most` frames can be run as one, because the host has nothing to do between them."""
         still = self.colliders.are_still and self.handles.are_still
         return min(most, LONGEST) if still and self.together is None else 1
-
-    def advance(self, finer: int, frames: int = 1, ending: Callable[[], None] | None = None) -> None:
-        """Frames of all objects that are alike, in `finer` times the substeps that are set; `ending` is launched behind
-        each."""
-        if self.together is not None:
-            self.together.begin()
-        if self._graphs is None:
-            for _ in range(frames):
-                self._launch_frame(finer, ending)
-            return
-        lengths = (batch.frame.written for batch in self.batches)
-        self._graphs.run(frames, partial(self._launch_frame, finer, ending), finer, ending, *lengths)
-
-    def _launch_frame(self, finer: int, ending: Callable[[], None] | None) -> None:
-        for batch in self.batches:
-            if not batch.features.meets:
-                batch.advance(finer)
-        if self.together is not None:
-            self.together.advance(finer)
-        if ending is not None:
-            ending()
 
     def _write_substeps(self) -> None:
         """Every batch takes the most substeps and iterations that are chosen for an object in it; of those that advance

@@ -215,9 +215,9 @@ class Simulation:
         return notes
 
     def _advance(self, finer: int = 1, frames: int = 1, ending: Callable[[], None] | None = None) -> None:
-        """Frames as by `Bodies.advance`, with the live numbers as they are now."""
+        """Frames as by `Frames.advance`, with the live numbers as they are now."""
         self._upload(finer)
-        self._bodies.advance(finer, frames, ending)
+        self._bodies.frames.advance(finer, frames, ending)
 
     def _upload(self, finer: int = 1) -> None:
         if finer != self._finer or self._bodies.frame.is_changed:
