@@ -68,6 +68,7 @@ class Batch:
         self.lines = collected.lines
         self._bodies = collected.bodies
         self.counts = [row["count"] for row in self._bodies]
+        self._spans = [slice(row["particles"], row["particles"] + row["count"]) for row in self._bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)
         self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
         self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
@@ -75,7 +76,7 @@ class Batch:
         self.frame = BatchFrame(frame, self.materials, plate_rates, worlds, device)
         self.live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         self.states = make_states(collected, features, shared.colliders.array.shape[1], worlds, device)
-        self.masses = Masses(list(topologies.values()), self.materials, worlds, device)
+        self.masses = Masses(list(topologies.values()), self._spans, self.materials, worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None
@@ -106,8 +107,7 @@ class Batch:
 
     def span(self, name: str) -> slice:
         """Where the particles of a body lie."""
-        row = self._bodies[self.index[name]]
-        return slice(row["particles"], row["particles"] + row["count"])
+        return self._spans[self.index[name]]
 
     def panels(self, name: str) -> slice:
         """Where the triangles of a sheet, or the segments of a rope, lie in Model.panels."""

@@ -14,7 +14,8 @@ from cloth_sim_ros.sim.state import Frame
 class BatchFrame:
     """The rows of Frame of one batch: `rows`, and `safe_rows` of a frame that is done again.
 
-    shared: the row of all objects. plate_rates: of each body that has slow forces, see Topology.
+    shared: the row of all objects. plate_rates: of each body that has slow forces, see Topology. written: the length of
+    a frame [s], its substeps, iterations and steps of slow forces, and substeps done again, as they were written last.
     """
 
     def __init__(
@@ -23,12 +24,12 @@ class BatchFrame:
         self.rows, self.safe_rows = LiveArray(Frame, 1, worlds, device), LiveArray(Frame, 1, worlds, device)
         self.substeps = self.iterations = self.safe_substeps = self.outer = 1
         self._shared, self._materials, self._plate_rates = shared, materials, plate_rates
-        self._written: tuple[float, int, int, int, int] | None = None  # as it was last
+        self.written: tuple[float, int, int, int, int] | None = None
 
     def write(self, frame_dt: float, finer: int = 1) -> None:
         """What all objects share, and a frame of `frame_dt` [s] in `finer` times as many substeps."""
-        self._written = self._lengths(frame_dt, finer)
-        (substeps, iterations, self.outer), safe = self._written[1:4], self._written[4]
+        self.written = self._lengths(frame_dt, finer)
+        (substeps, iterations, self.outer), safe = self.written[1:4], self.written[4]
         self.rows.edit()[:] = self._shared.read(0, None)[:, None]
         numbers = {"substeps": substeps, "iterations": iterations, "outer": self.outer}
         self.rows.write(0, None, dt=frame_dt / substeps, **numbers)
@@ -37,7 +38,7 @@ class BatchFrame:
 
     def refresh(self, frame_dt: float) -> None:
         """The same where a number of the batch's own changed; what all objects share is left to the next frame."""
-        if self._written != self._lengths(frame_dt, 1):
+        if self.written != self._lengths(frame_dt, 1):
             self.write(frame_dt)
 
     def upload(self) -> None:

@@ -21,6 +21,7 @@ from cloth_sim_ros.sim.device import find_device
 from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.executors.choose import goes_in_rows
 from cloth_sim_ros.sim.forces import name_of
+from cloth_sim_ros.sim.frames import LONGEST, Frames
 from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
 from cloth_sim_ros.sim.meeting.together import Together
 from cloth_sim_ros.sim.methods import choose as choosing
@@ -120,6 +121,7 @@ class Bodies:
         itself = [name for name, thing in self.scene.objects.items() if thing.self_contact]
         self.together = Together(together, itself, self.scene.object_contact) if together else None
         self._arrays: list[wp.array] = []
+        self.frames = Frames(self.batches, self.together, self.warp_device)
         self._write_substeps()
         self.builds += 1
 
@@ -127,13 +129,10 @@ class Bodies:
         """Whether an object is kept apart from itself or from others."""
         return self.scene.objects[name].self_contact or (self.scene.object_contact and len(self.scene.objects) > 1)
 
-    def advance(self, finer: int) -> None:
-        """One frame of all objects, in `finer` times the substeps that are set."""
-        for batch in self.batches:
-            if not batch.features.meets:
-                batch.advance(finer)
-        if self.together is not None:
-            self.together.advance(finer)
+    def alike(self, most: int) -> int:
+        """How many of the next `most` frames can be run as one, because the host has nothing to do between them."""
+        still = self.colliders.are_still and self.handles.are_still
+        return min(most, LONGEST) if still and self.together is None else 1
 
     def _write_substeps(self) -> None:
         """Every batch takes the most substeps and iterations that are chosen for an object in it; of those that advance

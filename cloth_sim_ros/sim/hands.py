@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -196,12 +197,15 @@ class Hands:
         """The same of all handles (H, 6) float32: force [N], then torque [N m]."""
         return self.loads.read(world)
 
-    def judge(self) -> None:
-        """At the end of a frame: handles whose load is too large let go. On the device alone."""
-        if self._breakable:
-            inputs = [self._bodies.handles.array, self.loads.measure(), self._leaves, self.breaks]
-            wp.launch(find_broken, dim=self._leaves.shape, inputs=inputs, device=self._bodies.warp_device)
-            self._drop()
+    @property
+    def ending(self) -> Callable[[], None] | None:
+        """What a frame ends with, on the device alone: handles whose load is too large let go. None where none can."""
+        return self._judge if self._breakable else None
+
+    def _judge(self) -> None:
+        inputs = [self._bodies.handles.array, self.loads.measure(), self._leaves, self.breaks]
+        wp.launch(find_broken, dim=self._leaves.shape, inputs=inputs, device=self._bodies.warp_device)
+        self._drop()
 
     def reset(self, some: Some) -> None:
         """Back to where the scene put them, holding what it says of objects that started anew, which nothing holds."""

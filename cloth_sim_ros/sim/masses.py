@@ -54,16 +54,17 @@ def put_inverse(inverse: wp.array2d(dtype=float), chosen: wp.array(dtype=int), p
 class Masses:
     """Mass and end mass [kg] of the bodies of a batch in every world, and what follows from them on the device.
 
-    masses, inverse: (worlds, N) float32 [kg] and [1/kg], of what is pinned 0; particles of all bodies. `materials` gets
-    what kernels know of it besides.
+    spans: where the particles of each body lie. masses, inverse: (worlds, N) float32 [kg] and [1/kg], of what is pinned
+    0; particles of all bodies. `materials` gets what kernels know of it besides.
     """
 
-    def __init__(self, topologies: list[Topology], materials: LiveArray, worlds: int, device: wp.Device) -> None:
+    def __init__(
+        self, topologies: list[Topology], spans: list[slice], materials: LiveArray, worlds: int, device: wp.Device
+    ) -> None:
         self._materials, self._device = materials, device
-        self._topologies = topologies
-        self._first = np.concatenate([[0], np.cumsum([len(topology.masses) for topology in topologies])]).tolist()
+        self._topologies, self._spans = topologies, spans
         self._kg = np.zeros((worlds, len(topologies), len(MASSES)))
-        self.masses, self.inverse = (wp.zeros((worlds, self._first[-1]), dtype=float, device=device) for _ in range(2))
+        self.masses, self.inverse = (wp.zeros((worlds, spans[-1].stop), dtype=float, device=device) for _ in range(2))
         self._given = [tuple(wp.array(rows, dtype=wp.float64, device=device) for rows in _given(t)) for t in topologies]
         for b, topology in enumerate(topologies):
             self.write(b, None, np.array([_mass(topology), topology.load]))
@@ -85,10 +86,6 @@ class Masses:
         """Of rows (k, 2), whether a body weighs as it does in the topology."""
         topology = self._topologies[b]
         return (np.abs(kg[:, 0] / _mass(topology) - 1.0) < _SAME) & (kg[:, 1] == topology.load)
-
-    def span(self, b: int) -> slice:
-        """Where the particles of a body lie."""
-        return slice(self._first[b], self._first[b + 1])
 
     def of_pinned(self, b: int) -> np.ndarray:
         """Which particles (N,) of a body are pinned."""
@@ -114,7 +111,7 @@ class Masses:
         same, factor = self._same(b, rows), rows[:, 0] / _mass(topology)
         shares = wp.array(np.column_stack([factor, rows[:, 1], same]), dtype=wp.float64, device=self._device)
         chosen = wp.array(numbers, dtype=int, device=self._device)
-        inputs = [*self._given[b], shares, chosen, self._first[b], self.masses, self.inverse]
+        inputs = [*self._given[b], shares, chosen, self._spans[b].start, self.masses, self.inverse]
         wp.launch(weigh, dim=(len(numbers), len(topology.masses)), inputs=inputs, device=self._device)
         total = topology.masses.sum()
         self._materials.write(b, world, lightness=np.where(same, 1.0, total / rows.sum(axis=1)))
@@ -124,7 +121,7 @@ class Masses:
         numbers = np.arange(len(self._kg), dtype=np.int32)[worlds_of(world)]
         chosen = wp.array(numbers, dtype=int, device=self._device)
         for rows in positions:
-            inputs = [self.inverse[:, self.span(b)], chosen, rows]
+            inputs = [self.inverse[:, self._spans[b]], chosen, rows]
             wp.launch(put_inverse, dim=(len(numbers), rows.shape[1]), inputs=inputs, device=self._device)
 
     def mirrors(self) -> dict[str, np.ndarray]:

@@ -16,7 +16,10 @@ from cloth_sim_ros.sim.quaternion import unit_quaternion, unit_quaternions
 
 
 class Motions(LiveArray):
-    """The motions of `rows` things in each of `worlds` worlds, in rows of `struct`, and the poses wanted of them."""
+    """The motions of `rows` things in each of `worlds` worlds, in rows of `struct`, and the poses wanted of them.
+
+    are_still: whether all rest in this frame, and in those to come while nothing is moved.
+    """
 
     def __init__(self, struct, rows: int, worlds: int, device: wp.Device) -> None:
         super().__init__(struct, rows, worlds, device)
@@ -24,7 +27,7 @@ class Motions(LiveArray):
         self._position, self._orientation = np.zeros((worlds, rows, 3)), np.zeros((worlds, rows, 4))
         # Bytes in a row to x y z, and then x y z w, at the end of the frame.
         self.pose_offset = np.dtype(struct.numpy_dtype()).fields["end_position"][1]
-        self._at_rest = True  # all of them: asked every frame, for less than NumPy takes to look
+        self.are_still = True  # all of them: asked every frame, for less than NumPy takes to look
 
     def reach(self, row: int, world: Some, name: str, pose: tuple[Any, Any], sweep: bool) -> None:
         """What is called `name` goes to a pose, or to the one of each world: by `move` with `sweep`, else by `place`.
@@ -42,7 +45,7 @@ class Motions(LiveArray):
         worlds = worlds_of(world)
         self._position[worlds, row], self._orientation[worlds, row] = position, orientation
         self._wanted[worlds, row] = True
-        self._at_rest = False
+        self.are_still = False
 
     def place(self, row: int, world: Some, position: Sequence[float], orientation: Sequence[float]) -> None:
         """A thing is at a pose at once and was never anywhere else."""
@@ -59,11 +62,11 @@ class Motions(LiveArray):
     def touch(self) -> None:
         """See LiveArray; some may move now."""
         super().touch()
-        self._at_rest = False
+        self.are_still = False
 
     def advance(self) -> None:
         """Begin a frame: what was wanted since the last one begins to move, what has arrived rests."""
-        if self._at_rest:
+        if self.are_still:
             return
         moved = self._moving | self._wanted
         motion, wanted = self.edit(), self._wanted
@@ -75,7 +78,7 @@ class Motions(LiveArray):
         motion["end_position"][wanted] = self._position[wanted]
         self._moving, self._wanted = self._wanted, self._moving
         self._wanted[:] = False
-        self._at_rest = not self._moving.any()
+        self.are_still = not self._moving.any()
 
 
 def checked_poses(poses: np.ndarray, name: str) -> np.ndarray:

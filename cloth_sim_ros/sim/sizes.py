@@ -15,14 +15,13 @@ def write_size(rows: LiveArray, row: int, collider: Collider, field: str, value:
     """Give a dimension of a collider a checked value [m], or one for each of some worlds; its reach follows."""
     sizes = rows.read(row, world)["size"].astype(np.float64)
     sizes[:, collider.place_in_size(field)] = value
-    reaches = [collider.resized(size).reach() for size in sizes.tolist()]
-    rows.write(row, world, size=sizes, reach=reaches)
+    rows.write(row, world, size=sizes, reach=collider.resized(sizes).reach())
 
 
 def sharpest(rows: LiveArray, row: int, collider: Collider) -> Collider:
     """The collider at the size, of those that it has in all worlds, at which it comes between particles most easily."""
     if not any(each.live for each in collider.dimensions):
         return collider
-    sizes = rows.read(row, None)["size"]
-    sizes = sizes[:1] if (sizes == sizes[0]).all() else sizes
-    return min(map(collider.resized, sizes.tolist()), key=lambda each: each.roundness())
+    sizes = rows.read(row, None)["size"].astype(np.float64)
+    roundness = np.broadcast_to(collider.resized(sizes).roundness(), len(sizes))
+    return collider.resized(sizes[roundness.argmin()])

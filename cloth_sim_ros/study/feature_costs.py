@@ -59,11 +59,12 @@ def measure(cloth: Cloth, device: str, substeps: int, rounds: int, frames: int) 
     for name, (scene, settings, _) in chosen.items():
         with forced_executor(executor):
             sims[name] = Simulation(scene, Settings(**{**plain, **settings}), device=device)
-        sims[name].step(3)  # compiles, captures
     scene = chosen["all springs"][0]
     with forced_executor(executor):
         sims[""] = Simulation(scene, Settings(**plain), device=device)
-    sims[""].step(3)
+    for sim in sims.values():
+        for _ in range(3):  # compiles, captures
+            sim.step()
     times = {name: [] for name in sims}
     for _ in range(rounds):
         for name, sim in sims.items():

@@ -142,7 +142,8 @@ def measure(resolution: int, arguments: argparse.Namespace) -> dict:
             continue
         with forced_executor(executor):
             sim = Simulation(scene, Settings(**settings), arguments.device, arguments.worlds)
-        sim.step(3)  # compiles, captures
+        for _ in range(3):  # compiles, captures
+            sim.step()
         sims[executor] = sim
         frames[executor] = max(3, int(1e3 * arguments.seconds / frame_time(sim, 5)))
     found = {executor: [] for executor in sims}
@@ -161,7 +162,8 @@ def measure(resolution: int, arguments: argparse.Namespace) -> dict:
 def _wall(sim: Simulation, frames: int) -> float:
     """Milliseconds per frame of the host's clock, from the first call to the last frame read back."""
     start = time.perf_counter()
-    sim.step(frames=frames)
+    for _ in range(frames):
+        sim.step()
     sim.positions("cloth")
     return 1e3 * (time.perf_counter() - start) / frames
 

@@ -3,8 +3,22 @@
 
 import numpy as np
 import pytest
+from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Readback, Rope, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim import (
+    Box,
+    Capsule,
+    Cloth,
+    Handle,
+    Plane,
+    Readback,
+    Rope,
+    Scene,
+    Settings,
+    Simulation,
+    Sphere,
+    Wind,
+)  # fmt: skip
 
 
 def sheet_sim(device, colliders=None, wind=None, **fields):
@@ -196,3 +210,53 @@ def test_penetration_is_of_the_surface(device):
     sim = Simulation(Scene({"rope": rope}, {"ball": Sphere(radius=0.05, position=(0, 0, -5))}), device=device)
     sim.set_collider_pose("ball", (0.25, 0.25, 0.02), sweep=False)
     assert sim.report()["rope"]["max_penetration"] == pytest.approx(0.031, abs=1e-4)
+
+
+BALL = {"ball": Sphere(radius=0.2, position=(0, 0, -0.25))}
+HAND = {"hand": Handle(position=(0.5, 0.5, 0), reach=0.1, attached=True, break_force=4.0)}
+STEPPED = {  # scene, settings, worlds
+    "bare sheet": (Scene({"it": Cloth(resolution=(7, 7))}), {"order": 2}, 1),
+    "ball and wind": (Scene({"it": Cloth(resolution=(7, 7), pins="none")}, BALL, Wind((1, 0, 0))), {}, 1),
+    "explicit, worlds": (Scene({"it": Cloth(resolution=(7, 7))}, BALL), {"method": "verlet", "substeps": 120}, 3),
+    "done again": (Scene({"it": Cloth(resolution=(7, 7), pins="top")}), {"method": "verlet", "substeps": 120}, 2),
+    "hand that lets go": (Scene({"it": Cloth(resolution=(7, 7), pins=(0,))}, handles=HAND), {}, 2),
+    "ropes": (Scene({"it": Rope(segments=9), "other": Rope(segments=5, bend_compliance=5.0)}, BALL), {}, 1),
+    "itself": (Scene({"it": Cloth(resolution=(7, 7), pins=(0, 1), self_contact=True)}, BALL), {}, 1),
+}
+
+
+def run_in_calls(case, device, whole, captured=False):
+    """What several calls of step leave, each `whole` or frame by frame: positions, velocities, times and counts."""
+    scene, settings, worlds = STEPPED[case]
+    sim = Simulation(scene, fixed(**settings), device, worlds)
+    sim._bodies.frames.captures |= captured  # Warp captures on a CPU too
+    if case == "done again":
+        sim.set_positions("it", sim.rest_positions("it") * (3.0, 3.0, 1.0), world=1)
+    found = []
+    for call, frames in enumerate((1, 4, 13, 4, 4, 13)):
+        if scene.colliders:
+            sim.set_collider_pose("ball", (0, 0.01 * call, -0.25 + 0.05 * call), (0, 0, 0.1 * call, 1))
+        if scene.handles:
+            sim.set_handle_pose("hand", (0.5, 0.5, 0.05 * call))
+        if call == 4:
+            sim.set("solver.substeps", 2 * sim.settings.substeps)
+        for _ in range(1 if whole else frames):
+            sim.step(frames if whole else 1)
+        for name in scene.objects:
+            found += [sim.positions(name, None).copy(), sim.velocities(name, None).copy()]
+        found.append(np.array([sim.time, *(sim.broken(hand) for hand in scene.handles)]))
+    return found, sim
+
+
+@pytest.mark.parametrize("case", STEPPED)
+def test_many_frames_of_a_call_are_those_of_as_many_calls(device, case):
+    one_by_one, sim = run_in_calls(case, device, whole=False)
+    assert sim.time == pytest.approx(39 / 60)
+    if case == "done again":
+        assert sim.report(1)["it"]["redone"] > sim.report(0)["it"]["redone"] == 0
+    if sim.scene.handles:
+        assert sim.broken("hand") == 1
+    for captured in (False, True):
+        found, _ = run_in_calls(case, device, whole=True, captured=captured)
+        assert all(np.array_equal(a, b) for a, b in zip(found, one_by_one, strict=True)), captured
+    assert not np.array_equal(found[0], found[-1 - 2 * len(sim.scene.objects)]), "something moves"

@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import (
@@ -19,6 +20,9 @@ from cloth_sim_ros.sim import (
     Sphere,
     Variation,
 )  # fmt: skip
+from cloth_sim_ros.sim.live_array import LiveArray
+from cloth_sim_ros.sim.sizes import sharpest, write_size
+from cloth_sim_ros.sim.state import ColliderMotion
 
 WORLDS = 3
 SIZES = {  # of which float32 has every digit
@@ -83,6 +87,21 @@ def test_one_thin_world_has_colliders_kept_out_between_particles_in_all(device, 
     assert sim.choices["sheet"].surface and [sim.get("ball.radius", w) for w in range(WORLDS)] == [5.0, 0.02, 5.0]
     sim.set("sheet.stretch_compliance", 2e-3)
     assert sim.choices["sheet"].surface, "sizes of the file count"
+
+
+def test_reach_and_roundness_of_many_sizes_are_those_of_each():
+    shapes = [Sphere(), Box(), Capsule(), Cylinder(), Ellipsoid()]
+    sizes = np.random.default_rng(3).uniform(0.05, 0.5, (40, 3))
+    for shape in shapes:
+        many, each = shape.resized(sizes), [shape.resized(size) for size in sizes]
+        assert np.array_equal(np.broadcast_to(many.reach(), 40), [one.reach() for one in each])
+        roundness = [one.roundness() for one in each]
+        assert np.array_equal(np.broadcast_to(many.roundness(), 40), roundness)
+        rows, name = LiveArray(ColliderMotion, 1, 40, wp.get_device("cpu")), shape.dimensions[0].name
+        write_size(rows, 0, shape, name, sizes[:, shape.place_in_size(name)], None)
+        assert sharpest(rows, 0, shape).roundness() == pytest.approx(min(roundness), rel=1e-6)
+    assert Box(half_extents=(0.2, 0.3, 0.6)).reach() == pytest.approx(0.7)
+    assert Ellipsoid((0.1, 0.4, 0.2)).roundness() == pytest.approx(0.025)
 
 
 def test_sizes_are_drawn(device):

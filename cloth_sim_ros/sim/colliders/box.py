@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A box around the local origin; its size is its half extents."""
 
-import math
 from dataclasses import dataclass
 
+import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.colliders.collider import Collider, lengths
@@ -19,7 +19,7 @@ class Box(Collider):
 
     def reach(self) -> float:
         """From the middle to a corner [m]."""
-        return math.hypot(*self.half_extents)
+        return np.linalg.norm(self.half_extents, axis=0)
 
 
 @wp.func

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
 import warp as wp
 
 from cloth_sim_ros import parameters as table
@@ -27,7 +27,8 @@ class Collider:
     has a force only where they are not rigid.
 
     A shape adds its lengths as fields, their rows in `dimensions`, and `reach()`, from its origin to the farthest of it
-    [m]. One that needs more than three numbers gives `data` and its own `size()` too; its rows are not live then.
+    [m]. That and `roundness()` take numbers or, for as many sizes, arrays (k,) in their place. A shape that needs more
+    than three numbers gives `data` and its own `size()` too; its rows are not live then.
     `convex`: whether its signed distance is convex along every line. Raises ValueError for what cannot be.
     """
 
@@ -57,12 +58,12 @@ class Collider:
             first += row.length or 1
         raise KeyError(name)
 
-    def resized(self, size: Sequence[float]) -> Collider:
-        """The same of another size (3,) [m], which has been checked."""
+    def resized(self, size: np.ndarray) -> Collider:
+        """The same of another size (3,) [m], which has been checked; of many (k, 3) with arrays for numbers."""
         other = copy.copy(self)
         for row in self.dimensions:
             place = self.place_in_size(row.name)
-            value = tuple(size[place]) if isinstance(place, slice) else size[place]
+            value = tuple(size.T[place]) if isinstance(place, slice) else size.T[place]
             object.__setattr__(other, row.name, value)
         return other
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A cylinder along local z with flat ends; its size is (radius, half length, -)."""
 
-import math
 from dataclasses import dataclass
 
+import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.colliders.collider import Tube
@@ -15,7 +15,7 @@ class Cylinder(Tube):
 
     def reach(self) -> float:
         """From the middle to a rim [m]."""
-        return math.hypot(self.radius, self.half_length)
+        return np.hypot(self.radius, self.half_length)
 
 
 @wp.func

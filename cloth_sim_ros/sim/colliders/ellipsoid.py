@@ -3,6 +3,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.colliders.collider import Collider, lengths
@@ -18,11 +19,11 @@ class Ellipsoid(Collider):
 
     def reach(self) -> float:
         """The largest radius [m]."""
-        return max(self.radii)
+        return np.max(self.radii, axis=0)
 
     def roundness(self) -> float:
         """At the tips of the longest axis [m]."""
-        return min(self.radii) ** 2 / max(self.radii)
+        return np.min(self.radii, axis=0) ** 2 / np.max(self.radii, axis=0)
 
 
 @wp.func

@@ -53,13 +53,6 @@ class Block:
             record_cmd=True,
         )
 
-    def prepare(self, substeps: int, iterations: int) -> None:
-        """Nothing: the launch is the same for all numbers."""
-
-    def launches(self, substeps: int, iterations: int) -> list[wp.Launch]:
-        """The launch of a frame."""
-        return [self._launch]
-
     def advance(self, substeps: int, iterations: int, outer: int) -> None:
         """Launch one frame; the numbers are read from the device's Frame, where they are already."""
         self._launch.launch()

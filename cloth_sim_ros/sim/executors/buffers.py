@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What executors that cut bodies into pieces share: the two buffers between which a launch takes its particles, the
-memory that a piece has, and the graphs of frames."""
-
-from collections.abc import Callable
+"""What executors that cut bodies into pieces share: the two buffers between which a launch takes its particles, and the
+memory that a piece has."""
 
 import warp as wp
 
 from cloth_sim_ros.sim.executors.block import shared_memory
-from cloth_sim_ros.sim.executors.graph import GRAPHS
 from cloth_sim_ros.sim.intrinsics import array_address
 from cloth_sim_ros.sim.state import State
 
@@ -47,24 +44,3 @@ def make_buffer_of(pieces):
         return found
 
     return buffer_of
-
-
-class Frames:
-    """Runs frames on a device; on a GPU each set of numbers is captured in a graph, of which a few are kept."""
-
-    def __init__(self, launch_frame: Callable[..., None], device: wp.Device) -> None:
-        self._launch_frame, self._device = launch_frame, device
-        self._graphs: dict[tuple[int, ...], wp.Graph] = {}
-
-    def run(self, *numbers: int) -> None:
-        """One frame."""
-        if numbers in self._graphs:
-            wp.capture_launch(self._graphs[numbers])
-            return
-        self._launch_frame(*numbers)
-        if self._device.is_cuda:
-            with wp.ScopedCapture(device=self._device) as capture:
-                self._launch_frame(*numbers)
-            if len(self._graphs) == GRAPHS:
-                self._graphs.pop(next(iter(self._graphs)))
-            self._graphs[numbers] = capture.graph

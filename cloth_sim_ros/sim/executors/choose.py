@@ -94,5 +94,5 @@ def _block_or_graph(
     """A block a body where they fit; launches of their own where they do not, or are to be `spread`."""
     largest = max(counts)
     if spread or largest > capacity(device, features):
-        return Graph([Member(features, worlds, device)], device)
+        return Graph([Member(features, worlds, device)])
     return Block(features, worlds, device, largest, threads_for(features, largest, len(counts) * len(worlds), device))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One launch a stage, for bodies that touch one another or are too large for a block; on a GPU one CUDA graph a frame.
+"""One launch a stage, for bodies that touch one another or are too large for a block.
 
 The same program as the block executor, on plain device arrays: both give the same state but for the rounding of the
 compiler's choices.
@@ -22,7 +22,7 @@ from cloth_sim_ros.sim.methods.stage import Stage
 from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 
-GRAPHS = 4  # frames kept at a time, for as many triples of substeps, iterations and outer steps
+_KEPT = 4  # frames kept at a time, for as many triples of substeps, iterations and outer steps
 
 
 class Launch(Protocol):
@@ -43,11 +43,8 @@ class Member:
         self._bodies = [dict(zip(Body.vars, body, strict=True)) for body in bodies]
         self._groups = worlds[0].model.groups.numpy().tolist()
         self._recorded: dict[tuple, wp.Launch] = {}
-
-    def load(self) -> None:
-        """Have all kernels on the device."""
-        for kernel in self._kernels.values():
-            kernel.module.load(self._device)
+        for kernel in self._kernels.values():  # as none may have to be loaded while a frame is captured
+            kernel.module.load(device)
 
     def begin(self, substep: int, begins_outer: bool) -> list[Launch]:
         """What begins a substep."""
@@ -104,44 +101,19 @@ class Graph:
     meeting: what finds the parts of bodies that may touch, what keeps them apart, and what lets none through.
     """
 
-    def __init__(
-        self, members: Sequence[Member], device: wp.Device, meeting: tuple[Search, Apart, Bound] | None = None
-    ) -> None:
-        self._members, self._device, self._meeting = members, device, meeting
-        self._frames: dict[tuple[int, int, int], list[Launch] | wp.Graph] = {}
+    def __init__(self, members: Sequence[Member], meeting: tuple[Search, Apart, Bound] | None = None) -> None:
+        self._members, self._meeting = members, meeting
+        self._frames: dict[tuple[int, int, int], list[Launch]] = {}
 
     def advance(self, substeps: int, iterations: int, outer: int) -> None:
-        """Launch one frame; new numbers are recorded, on a GPU in a graph; a few are kept."""
+        """Launch one frame; what new numbers launch is recorded, and a few are kept."""
         settings = (substeps, iterations, outer)
         if settings not in self._frames:
-            if len(self._frames) == GRAPHS:
+            if len(self._frames) == _KEPT:
                 self._frames.pop(next(iter(self._frames)))
-            self._frames[settings] = self._record(*settings)
-        frame = self._frames[settings]
-        if isinstance(frame, wp.Graph):
-            wp.capture_launch(frame)
-            return
-        for each in frame:
+            self._frames[settings] = self._launches(*settings)
+        for each in self._frames[settings]:
             each.launch()
-
-    def prepare(self, substeps: int, iterations: int) -> None:
-        """Make the launches of such a frame, outside of a capture."""
-        self._frame = self._launches(substeps, iterations, 1)
-        for member in self._members:
-            member.load()
-
-    def launches(self, substeps: int, iterations: int) -> list[Launch]:
-        """The launches of a frame, which `prepare` has made."""
-        return self._frame
-
-    def _record(self, substeps: int, iterations: int, outer: int) -> list[Launch] | wp.Graph:
-        frame = self._launches(substeps, iterations, outer)
-        if not self._device.is_cuda:
-            return frame
-        with wp.ScopedCapture(device=self._device) as capture:
-            for each in frame:
-                each.launch()
-        return capture.graph
 
     def _launches(self, substeps: int, iterations: int, outer: int) -> list[Launch]:
         frame, members = [], self._members

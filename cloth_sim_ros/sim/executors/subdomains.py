@@ -8,13 +8,12 @@ between is computed twice instead of waited for (temporal blocking). Every parti
 same order, however a body is cut. Where all subdomains are on the GPU at once, a frame is one launch. In it subdomains
 wait for what their neighbours send (halo_exchange.py). Elsewhere it is a launch every few substeps, between two
 buffers. A body of one subdomain has no halo and makes all substeps of a frame in one launch. Slow forces at outer steps
-look farther than springs and use up as many rings more. The launches of a frame are captured in one CUDA graph.
+look farther than springs and use up as many rings more.
 """
 
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.executors.buffers import Frames
 from cloth_sim_ros.sim.executors.subdomain_forces import Widths
 from cloth_sim_ros.sim.executors.subdomain_kernels import make_kernels
 from cloth_sim_ros.sim.executors.subdomain_plan import plan, upload
@@ -52,13 +51,9 @@ class Subdomains:
         self._reach = max(each.reach for each in chosen.around)
         widths = Widths(first.types.shape[1], first.corners.shape[1], first.plate.shape[1], self._reach)
         self._kernels = make_kernels(features, chosen.capacity, self._block, widths, chosen.waits)
-        self._frames = Frames(self._launch_frame, device)
 
     def advance(self, substeps: int, iterations: int, outer: int) -> None:
         """Launch one frame."""
-        self._frames.run(substeps, outer)
-
-    def _launch_frame(self, substeps: int, outer: int) -> None:
         turns = [(0, substeps)] if self.waits else launches(substeps, outer, self.depth, self._reach)
         for turn, (first, count) in enumerate(turns):
             self._launch("advance", turn % 2, first, count, self.depth)

@@ -110,7 +110,6 @@ class Trial:
             wp.launch(judge, dim=self._worlds * bodies, inputs=inputs, device=self._device, record_cmd=True)
         )
         self._restore = [self._launch(restore_start, count, b, count) for b, count in enumerate(counts)]
-        self._graphs: dict[int, wp.Graph] = {}
 
     def _launch(self, kernel: wp.Kernel, size: int, *numbers: int) -> wp.Launch:
         inputs = [self._given, *(numbers or (size,))]
@@ -125,26 +124,14 @@ class Trial:
         """Simulate one frame, with `outer` steps of slow forces; of XPBD it would take `safe_substeps`."""
         _run(self._before)
         self.explicit.advance(substeps, 1, outer)
-        if self._device.is_cpu:
-            _run(self._check)
-            if self._any.numpy()[0]:
-                self._any.zero_()
-                self.make_ready()
-                _run(self._restore)
-                self._safe.advance(safe_substeps, 1, 1)
-            return
-        if safe_substeps not in self._graphs:
-            self._safe.prepare(safe_substeps, 1)
-            with wp.ScopedCapture(device=self._device) as capture:
-                self._any.zero_()
-                _run(self._check)
-                wp.capture_if(self._any, on_true=self._redo, substeps=safe_substeps)
-            self._graphs[safe_substeps] = capture.graph
-        wp.capture_launch(self._graphs[safe_substeps])
+        _run(self._check)
+        wp.capture_if(self._any, on_true=self._redo, substeps=safe_substeps)
 
     def _redo(self, substeps: int) -> None:
+        self._any.zero_()
+        self.make_ready()
         _run(self._restore)
-        _run(self._safe.launches(substeps, 1))
+        self._safe.advance(substeps, 1, 1)
 
 
 def _run(launches: list[wp.Launch]) -> None:

@@ -27,13 +27,16 @@ class Together:
         self._search = Search(members, device)
         keeping = (kind(members, self._search.pairs, self._search.width, device) for kind in (Apart, Bound))
         each = [Member(batch.features, batch.worlds, device) for batch in batches]
-        self._graph = Graph(each, device, (self._search, *keeping))
+        self._graph = Graph(each, (self._search, *keeping))
         for batch in batches:
             batch.executor = self._graph
 
+    def begin(self) -> None:
+        """What the host does before a frame."""
+        self._search.begin()
+
     def advance(self, finer: int = 1) -> None:
         """Simulate one frame of all, as their frames were written last."""
-        self._search.begin()
         frame = self.batches[0].frame
         self._graph.advance(finer * frame.substeps, frame.iterations, 1)
 
