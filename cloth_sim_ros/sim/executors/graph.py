@@ -112,8 +112,7 @@ class Graph:
             if len(self._frames) == _KEPT:
                 self._frames.pop(next(iter(self._frames)))
             self._frames[settings] = self._launches(*settings)
-        for each in self._frames[settings]:
-            each.launch()
+        _run(self._frames[settings])
 
     def _launches(self, substeps: int, iterations: int, outer: int) -> list[Launch]:
         frame, members = [], self._members
@@ -143,12 +142,17 @@ class Graph:
     def _part(self, *now: int) -> list[Launch]:
         """What keeps bodies apart in an iteration."""
         apart = self._meeting[1]
-        frame: list[Launch] = [Call(apart.look)]
+        passes: list[Launch] = []
         for _ in range(PASSES):
-            frame.append(Call(apart.part))
+            passes.append(Call(apart.part))
             for member in self._members:
-                frame += member.iterate(member.program.parted, *now)
-        return frame
+                passes += member.iterate(member.program.parted, *now)
+        return [Call(apart.look), Call(partial(apart.where_close, partial(_run, passes)))]
+
+
+def _run(launches: Sequence[Launch]) -> None:
+    for each in launches:
+        each.launch()
 
 
 @dataclass(frozen=True)

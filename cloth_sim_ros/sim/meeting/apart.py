@@ -10,6 +10,8 @@ split between them (mass splitting, Tonge et al. 2012), so that all together do 
 What is asked is summed in whole numbers, so that the order of pairs decides no bit.
 """
 
+from collections.abc import Callable
+
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
@@ -34,7 +36,7 @@ _PARTING = wp.constant(0.1)  # [m/s] at which parts that are too near to one ano
 class Close:
     """Of pairs that may touch in this substep: which, the weights of their particles in the line between the nearest
     points, that line's direction, how far they are apart when it begins, how far they shall be [m], and how urgent that
-    is. counts: (W,).
+    is. counts: (W,). some: (1,) whether there is one.
     """
 
     which: wp.array2d(dtype=int)
@@ -42,6 +44,7 @@ class Close:
     lines: wp.array2d(dtype=wp.vec3)
     gaps: wp.array2d(dtype=wp.vec3)
     counts: wp.array(dtype=int)
+    some: wp.array(dtype=int)
 
 
 @compiled
@@ -72,6 +75,7 @@ def _look(members: Members, pairs: Pairs, close: Close, width: int):
             if apart + moved < 1.25 * kept:  # others may yet push it
                 # What was nearer comes apart at a pace that flings nothing.
                 wanted = wp.min(kept, apart + _PARTING * of_a.frames[0].dt)
+                close.some[0] = 1
                 place_in_list = wp.atomic_add(close.counts, w, 1)
                 close.which[w, place_in_list] = k
                 close.weights[w, place_in_list] = m.weights
@@ -180,7 +184,8 @@ class Apart:
         self._close.weights = wp.zeros((worlds, room), dtype=wp.vec4, device=device)
         self._close.lines = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
         self._close.gaps = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
-        self._close.counts = wp.zeros(worlds, dtype=int, device=device)
+        numbers = wp.zeros(worlds + 1, dtype=int, device=device)
+        self._numbers, self._close.counts, self._close.some = numbers, numbers[:worlds], numbers[worlds:]
         inputs, dim = [members, pairs, self._close, width], worlds * width
         self._look = wp.launch(_look, dim=dim, inputs=inputs, device=device, record_cmd=True)
         self._claim = wp.launch(_claim, dim=dim, inputs=inputs, device=device, record_cmd=True)
@@ -188,8 +193,12 @@ class Apart:
 
     def look(self) -> None:
         """Find which pairs are close, where particles would go now."""
-        self._close.counts.zero_()
+        self._numbers.zero_()
         self._look.launch()
+
+    def where_close(self, launch: Callable[[], None]) -> None:
+        """Launch this where some pairs are close."""
+        wp.capture_if(self._close.some, launch)
 
     def part(self) -> None:
         """Ask their particles to move."""

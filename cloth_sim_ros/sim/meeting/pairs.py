@@ -76,8 +76,11 @@ def _share(parts: wp.vec4i) -> bool:
 
 
 @wp.func
-def _gap(of_a: Surface, of_b: Surface, parts: wp.vec4i) -> wp.vec2:
-    """How far two parts are apart [m], and how fast a particle of one moves from one of the other at most [m/s]."""
+def _gap(of_a: Surface, of_b: Surface, parts: wp.vec4i, time: float) -> wp.vec2:
+    """How far two parts are apart, and how far along the line between them after a time on their ways [m].
+
+    Ways are straight, so in between they are no nearer than the lesser of both.
+    """
     is_corner = parts[0] >= 0
     first = wp.where(is_corner, parts[0], -1 - parts[0])
     a, v = place(of_a, first), wp.vec3(of_a.going[first])
@@ -86,13 +89,16 @@ def _gap(of_a: Surface, of_b: Surface, parts: wp.vec4i) -> wp.vec2:
         b, v_b = place(of_a, parts[1]), wp.vec3(of_a.going[parts[1]])
     c, d = place(of_b, parts[2]), place(of_b, parts[3])
     w = nearest(is_corner, a, b, c, d).weights
-    v_c, v_d = of_b.going[parts[2]], of_b.going[parts[3]]
-    apart = wp.max(wp.length(v_c - v), wp.length(v_d - v))
+    line = w[0] * a + w[1] * b + w[2] * c + w[3] * d
+    # Where particles are then along the line, which goes from the second part, c and d, to the first.
+    n = wp.normalize(line)
+    at_b = wp.dot(n, b - a + time * (v_b - v))
+    at_second = wp.max(
+        wp.dot(n, c - a + time * (of_b.going[parts[2]] - v)), wp.dot(n, d - a + time * (of_b.going[parts[3]] - v))
+    )
     if is_corner:
-        apart = wp.max(apart, wp.length(v_b - v))
-    else:
-        apart = wp.max(apart, wp.max(wp.length(v_c - v_b), wp.length(v_d - v_b)))
-    return wp.vec2(wp.length(w[0] * a + w[1] * b + w[2] * c + w[3] * d), apart)
+        return wp.vec2(wp.length(line), -wp.max(at_second, at_b))
+    return wp.vec2(wp.length(line), wp.min(at_b, 0.0) - at_second)
 
 
 @wp.func
@@ -112,9 +118,9 @@ def list_test(members: Members, pairs: Pairs, w: int, test: int, a: Panel, b: Pa
     if parts[3] < 0 or (a.body == b.body and _share(parts)):
         return
     of_a, of_b = members.surfaces[a.surface], members.surfaces[b.surface]
-    gap = _gap(of_a, of_b, parts)
+    gap = _gap(of_a, of_b, parts, time_ahead(pairs, of_a))
     kept = of_a.materials[members.bodies[a.body][1]].thickness + of_b.materials[members.bodies[b.body][1]].thickness
-    free = gap[0] - slack(members, of_a, a.body) - slack(members, of_b, b.body) - time_ahead(pairs, of_a) * gap[1]
+    free = wp.min(gap[0], gap[1]) - slack(members, of_a, a.body) - slack(members, of_b, b.body)
     if free >= kept:
         return
     if a.body == b.body:

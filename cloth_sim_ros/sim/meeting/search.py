@@ -127,7 +127,6 @@ def _enclose(
     surface = members.surfaces[panel.surface]
     time, margin = float(0.0), float(0.0)
     if ahead:
-        pairs.clock[2] = 0
         time = time_ahead(pairs, surface)
         thickness = surface.materials[members.bodies[panel.body][1]].thickness
         margin = thickness + slack(members, surface, panel.body)
@@ -182,6 +181,17 @@ def _pair(members: Members, pairs: Pairs, width: int, team: int):
                 list_test(members, pairs, w, test, b, a)
             else:
                 list_test(members, pairs, w, test, a, b)
+
+
+@compiled
+def _accept(pairs: Pairs):
+    """A list that is too long is made again for a shorter time."""
+    full = bool(False)
+    for w in range(pairs.counts.shape[0]):
+        full = full or pairs.counts[w, 0] > pairs.couples.shape[1] or pairs.counts[w, 1] > pairs.parts.shape[1]
+    pairs.clock[2] = wp.where(full and pairs.clock[1] > 1, 1, 0)
+    if full:
+        pairs.clock[1] = wp.max(pairs.clock[1] / 4, 1)
 
 
 @compiled
@@ -248,6 +258,13 @@ class Search:
         self.pairs.failed = wp.zeros(total, dtype=bool, device=device)
         self.pairs.balls = wp.zeros(total, dtype=wp.vec4, device=device)
         self.pairs.drifts = wp.zeros(total, dtype=wp.vec3, device=device)
+        self._watches = [
+            [
+                wp.launch(_watch, total, [members, self.pairs, ends], device=device, record_cmd=True),
+                wp.launch(_decide, 1, [self.pairs, ends], device=device, record_cmd=True),
+            ]
+            for ends in (False, True)
+        ]
 
     def begin(self) -> None:
         """Before a frame: now and then the tree is built anew, as its boxes have moved."""
@@ -261,19 +278,23 @@ class Search:
 
         The list then holds for the way of this substep too, whatever pushes a particle.
         """
-        self._launch(_watch, len(self._groups), self._members, self.pairs, ends)
-        self._launch(_decide, 1, self.pairs, ends)
+        for each in self._watches[ends]:
+            each.launch()
         wp.capture_if(self._due, self._find, ends=ends)
 
     def _find(self, ends: bool) -> None:
         self.pairs.sums.zero_()
         self._launch(_foresee, len(self._groups), self._members, self.pairs, ends)
+        wp.capture_while(self._due, self._list)
+
+    def _list(self) -> None:
         self._enclose_all(True)
         self._tree.refit()
         self.pairs.counts.zero_()
         self._launch(_couple, len(self._groups), self._members, self.pairs, self._tree.id, *self._boxes)
         team = 1 if self._device.is_cpu else _TEAM
         self._launch(_pair, self._members.worlds * self.width, self._members, self.pairs, self.width, team)
+        self._launch(_accept, 1, self.pairs)
 
     def _launch(self, kernel: wp.Kernel, dim: int, *inputs: Any) -> None:
         wp.launch(kernel, dim=dim, inputs=list(inputs), device=self._device)
