@@ -117,7 +117,8 @@ class Graph:
     def _launches(self, substeps: int, iterations: int, outer: int) -> list[Launch]:
         frame, members = [], self._members
         if self._meeting is not None:
-            frame.append(Call(partial(self._meeting[0].look, ends=False)))
+            search, _, bound = self._meeting
+            frame += [Call(bound.begin), Call(partial(search.look, ends=False))]
         outer_ends = {j * substeps // outer for j in range(outer + 1)}
         for substep in range(substeps):
             for member in members:
@@ -131,7 +132,6 @@ class Graph:
                 if self._meeting is not None:
                     frame += self._part(*now)
             if self._meeting is not None:
-                search, _, bound = self._meeting
                 frame += [Call(partial(search.look, ends=True)), Call(bound.launch)]
             for member in members:
                 frame += member.finish(substep, iterations)

@@ -14,12 +14,12 @@ from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, pair_of
-from cloth_sim_ros.sim.meeting.search import SPEED
-from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, panel_of
+from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, panel_of, velocity
 from cloth_sim_ros.sim.stages.contact import NOISE
 
 _ROUNDS = 64  # at most, as what stops may stand in the way of what did not have to; each mends its pairs for good
 _ROUNDING = wp.constant(1.0e-6)  # of a displacement
+_SPEED = wp.constant(wp.int64(1 << 24))  # units of a metre a second in sums of velocities
 _LEFT = wp.constant(0.1)  # of what two parts are apart, that no substep takes away
 _LEAST = wp.constant(0.05)  # of what they are kept apart, nearer than which they do not come
 
@@ -34,8 +34,24 @@ def _carried(members: Members, pairs: Pairs, w: int) -> wp.vec3:
         surface = members.surfaces[members.bodies[b][0] * members.worlds + w]
         count += float(surface.bodies[members.bodies[b][1]].count)
         dt = surface.frames[0].dt
-    scale = dt / (float(SPEED) * count)
+    scale = dt / (float(_SPEED) * count)
     return scale * wp.vec3(float(pairs.sums[w, 0]), float(pairs.sums[w, 1]), float(pairs.sums[w, 2]))
+
+
+@compiled
+def _sum(members: Members, pairs: Pairs):
+    """Sum the velocities of all particles of a world, and find out whether one is pinned."""
+    panels = members.panels.shape[0]
+    w = wp.tid() / panels
+    panel = panel_of(members, wp.tid() - w * panels, w)
+    surface = members.surfaces[panel.surface]
+    for q in range(3):
+        if (panel.own >> q) & 1 == 1:
+            v = velocity(surface, panel.corners[q])
+            for k in range(3):
+                wp.atomic_add(pairs.sums, w, k, wp.int64(v[k] * float(_SPEED)))
+            if load_row(surface.positions, panel.corners[q])[3] == 0.0:
+                pairs.sums[w, 3] = wp.int64(1)
 
 
 @wp.func
@@ -131,9 +147,16 @@ class Bound:
     def __init__(self, members: Members, pairs: Pairs, width: int, device: wp.Device) -> None:
         panels, worlds = members.panels.shape[0], members.worlds
         inputs = [members, pairs]
+        self._sums = pairs.sums
+        self._sum = wp.launch(_sum, worlds * panels, inputs, device=device, record_cmd=True)
         self._find = wp.launch(_bound, worlds * width, [*inputs, width], device=device, record_cmd=True)
         self._shorten = wp.launch(_shorten, worlds * panels, inputs, device=device, record_cmd=True)
         self._more = pairs.rounds[:1]
+
+    def begin(self) -> None:
+        """Before a frame: find how all moves."""
+        self._sums.zero_()
+        self._sum.launch()
 
     def launch(self) -> None:
         """Shorten until no pair asks for more."""

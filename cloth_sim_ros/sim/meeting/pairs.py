@@ -22,7 +22,7 @@ class Pairs:
 
     clock: (4,) substeps since the last search, for how many it holds, whether one is due, and how old the list before
     was. failed: which panels were torn then. balls, drifts: middle and radius of the ball around a panel and all that
-    it may meet, and its mean velocity. sums: (W, 4) of all velocities at the last search, in whole numbers, and
+    it may meet, and its mean velocity. sums: (W, 4) of all velocities when the frame began, in whole numbers, and
     whether a particle is pinned. rounds: (2,) whether the bound has more to shorten, and how often it did so far.
     """
 
@@ -53,17 +53,37 @@ def time_ahead(pairs: Pairs, surface: Surface) -> float:
 
 
 @wp.func
-def _parts(test: int, a: Panel, b: Panel) -> wp.vec4i:
-    """The particles of a test of two panels: a corner of a and the triangle b or, with -1 - the first of them, two
-    edges. The last is -1 where another couple has this test, or there is no such triangle."""
-    place = test % 3
-    if test < 6:
-        has = (a.own >> place) & 1 == 1 and b.corners[1] != b.corners[2]
-        return wp.vec4i(a.corners[place], b.corners[0], b.corners[1], wp.where(has, b.corners[2], -1))
-    side = (test - 6) / 3
-    has = (a.own >> (3 + side)) & 1 == 1 and (b.own >> (3 + place)) & 1 == 1
-    end = wp.where(has, b.corners[(place + 1) % 3], -1)
-    return wp.vec4i(-1 - a.corners[side], a.corners[(side + 1) % 3], b.corners[place], end)
+def tests_of(a: Panel, b: Panel) -> int:
+    """The tests of two panels as bits: three corners of a, three of b, and three sides of b for each of a.
+
+    Of panels that share a part, one has its tests.
+    """
+    tests = wp.where(b.corners[1] != b.corners[2], a.own & 7, 0)
+    tests |= wp.where(a.corners[1] != a.corners[2], b.own & 7, 0) << 3
+    sides = (b.own >> 3) & 7
+    for side in range(3):
+        tests |= wp.where((a.own >> (3 + side)) & 1 == 1, sides, 0) << (6 + 3 * side)
+    return tests
+
+
+@wp.struct
+class Ways:
+    """Where the corners of a panel are, and at which velocities they go, in rows."""
+
+    x: wp.mat33
+    v: wp.mat33
+
+
+@wp.func
+def ways_of(surface: Surface, panel: Panel) -> Ways:
+    """Those of a panel from the last search on."""
+    ways = Ways()
+    for q in range(3):
+        x, v = place(surface, panel.corners[q]), wp.vec3(surface.going[panel.corners[q]])
+        for k in range(3):
+            ways.x[q, k] = x[k]
+            ways.v[q, k] = v[k]
+    return ways
 
 
 @wp.func
@@ -76,27 +96,26 @@ def _share(parts: wp.vec4i) -> bool:
 
 
 @wp.func
-def _gap(of_a: Surface, of_b: Surface, parts: wp.vec4i, time: float) -> wp.vec2:
-    """How far two parts are apart, and how far along the line between them after a time on their ways [m].
+def _gap(of_corner: bool, p: int, first: Ways, q: int, second: Ways, time: float) -> wp.vec2:
+    """How far two parts are apart, and how far along the line between them after a time on their ways [m]: corner p or
+    side p of the first panel, and the second panel or its side q.
 
     Ways are straight, so in between they are no nearer than the lesser of both.
     """
-    is_corner = parts[0] >= 0
-    first = wp.where(is_corner, parts[0], -1 - parts[0])
-    a, v = place(of_a, first), wp.vec3(of_a.going[first])
-    b, v_b = place(of_b, parts[1]), wp.vec3(of_b.going[parts[1]])
-    if not is_corner:
-        b, v_b = place(of_a, parts[1]), wp.vec3(of_a.going[parts[1]])
-    c, d = place(of_b, parts[2]), place(of_b, parts[3])
-    w = nearest(is_corner, a, b, c, d).weights
+    q = wp.where(of_corner, 1, q)
+    r, t = (p + 1) % 3, (q + 1) % 3
+    a, v = first.x[p], first.v[p]
+    b = wp.where(of_corner, second.x[0], first.x[r])
+    v_b = wp.where(of_corner, second.v[0], first.v[r])
+    c, d = second.x[q], second.x[t]
+    w = nearest(of_corner, a, b, c, d).weights
     line = w[0] * a + w[1] * b + w[2] * c + w[3] * d
     # Where particles are then along the line, which goes from the second part, c and d, to the first.
     n = wp.normalize(line)
     at_b = wp.dot(n, b - a + time * (v_b - v))
-    at_second = wp.max(
-        wp.dot(n, c - a + time * (of_b.going[parts[2]] - v)), wp.dot(n, d - a + time * (of_b.going[parts[3]] - v))
-    )
-    if is_corner:
+    at_c = wp.dot(n, c - a + time * (second.v[q] - v))
+    at_second = wp.max(at_c, wp.dot(n, d - a + time * (second.v[t] - v)))
+    if of_corner:
         return wp.vec2(wp.length(line), -wp.max(at_second, at_b))
     return wp.vec2(wp.length(line), wp.min(at_b, 0.0) - at_second)
 
@@ -112,13 +131,15 @@ def _apart_at_rest(rest: wp.array(dtype=wp.vec3), parts: wp.vec4i) -> float:
 
 
 @wp.func
-def list_test(members: Members, pairs: Pairs, w: int, test: int, a: Panel, b: Panel):
-    """List the parts of one test of two panels where they may meet."""
-    parts = _parts(test, a, b)
-    if parts[3] < 0 or (a.body == b.body and _share(parts)):
+def list_test(members: Members, pairs: Pairs, w: int, a: Panel, first: Ways, p: int, b: Panel, second: Ways, q: int):
+    """List a pair where it may meet: corner p of panel a and panel b or, where q is not below 0, side p and side q."""
+    parts = wp.vec4i(a.corners[p], b.corners[0], b.corners[1], b.corners[2])
+    if q >= 0:
+        parts = wp.vec4i(-1 - a.corners[p], a.corners[(p + 1) % 3], b.corners[q], b.corners[(q + 1) % 3])
+    if a.body == b.body and _share(parts):
         return
     of_a, of_b = members.surfaces[a.surface], members.surfaces[b.surface]
-    gap = _gap(of_a, of_b, parts, time_ahead(pairs, of_a))
+    gap = _gap(q < 0, p, first, q, second, time_ahead(pairs, of_a))
     kept = of_a.materials[members.bodies[a.body][1]].thickness + of_b.materials[members.bodies[b.body][1]].thickness
     free = wp.min(gap[0], gap[1]) - slack(members, of_a, a.body) - slack(members, of_b, b.body)
     if free >= kept:

@@ -16,14 +16,13 @@ import warp as wp
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.meeting.nearest import crosses
-from cloth_sim_ros.sim.meeting.pairs import TESTS, Pairs, list_test, slack, time_ahead
+from cloth_sim_ros.sim.meeting.pairs import TESTS, Pairs, list_test, slack, tests_of, time_ahead, ways_of
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, may_touch, panel_of, place, velocity
 
 PAIRS_A_PANEL = 64  # room in the list of pairs
 _COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
 _EVERY = 64  # frames after which the tree is built anew; until then its boxes are fitted
 _LONGEST = 400  # substeps that a list holds at most
-SPEED = wp.constant(wp.int64(1 << 24))  # units of a metre a second in sums of velocities
 THREADS = 65536  # of a launch over the pairs of all worlds, on a GPU
 _TEAM = 16  # of them that look at a couple
 
@@ -95,10 +94,6 @@ def _foresee(members: Members, pairs: Pairs, ends: bool):
             near = dt * wp.length(mean - now) < 0.5 * slack(members, surface, panel.body)
             surface.going[i] = wp.where(trembles and near, mean, now)
             surface.seen[i] = place(surface, i)
-            for k in range(3):
-                wp.atomic_add(pairs.sums, w, k, wp.int64(surface.going[i][k] * float(SPEED)))
-            if load_row(surface.positions, i)[3] == 0.0:
-                pairs.sums[w, 3] = wp.int64(1)
 
 
 @wp.func
@@ -176,11 +171,16 @@ def _pair(members: Members, pairs: Pairs, width: int, team: int):
     for item in range(t / team, wp.min(pairs.counts[w, 0], pairs.couples.shape[1]), width / team):
         couple = pairs.couples[w, item]
         a, b = panel_of(members, couple[0], w), panel_of(members, couple[1], w)
+        first, second = ways_of(members.surfaces[a.surface], a), ways_of(members.surfaces[b.surface], b)
+        tests = tests_of(a, b)
         for test in range(t % team, wp.static(TESTS), team):
-            if test >= 3 and test < 6:
-                list_test(members, pairs, w, test, b, a)
-            else:
-                list_test(members, pairs, w, test, a, b)
+            if (tests >> test) & 1 == 1:
+                if test < 3:
+                    list_test(members, pairs, w, a, first, test, b, second, -1)
+                elif test < 6:
+                    list_test(members, pairs, w, b, second, test - 3, a, first, -1)
+                else:
+                    list_test(members, pairs, w, a, first, test / 3 - 2, b, second, test % 3)
 
 
 @compiled
@@ -283,7 +283,6 @@ class Search:
         wp.capture_if(self._due, self._find, ends=ends)
 
     def _find(self, ends: bool) -> None:
-        self.pairs.sums.zero_()
         self._launch(_foresee, len(self._groups), self._members, self.pairs, ends)
         wp.capture_while(self._due, self._list)
 
