@@ -66,10 +66,12 @@ class Case:
             raise ValueError(f"--seconds is {seconds:g} with case {self.name}; allowed is {known}")
         return dataclasses.replace(self, frames=frames)
 
-    def simulation(self, resolution: int, constant: float, settings: Settings, device: str) -> Simulation:
+    def simulation(
+        self, resolution: int, constant: float, settings: Settings, device: str, worlds: int = 1
+    ) -> Simulation:
         """The product's simulation of the case at its start."""
         scene = Scene(objects={BODY: self.body(resolution, constant)}, colliders=self.colliders)
-        return Simulation(scene, settings, device=device)
+        return Simulation(scene, settings, device=device, worlds=worlds)
 
     def system(self, resolution: int, constant: float) -> tuple[SpringSystem, np.ndarray]:
         """The same masses and springs in float64, and the positions (N, 3) [m] that they start from, at rest."""

@@ -21,7 +21,8 @@ from cloth_sim_ros.study.timing import frame_times
 
 @dataclass(frozen=True)
 class Run:
-    """One run to make: of a case at `resolution` with springs of `constant` [N/m] on `device`."""
+    """One run to make: of a case at `resolution` with springs of `constant` [N/m] on `device`, in `worlds` copies at
+    once. What it gives is the motion of the first copy, and the time of all."""
 
     case: Case
     resolution: int
@@ -29,6 +30,7 @@ class Run:
     device: str
     substeps: int
     iterations: int
+    worlds: int = 1
 
 
 Simulate = Callable[[Run], tuple[np.ndarray, np.ndarray]]
@@ -49,8 +51,10 @@ class Contender:
     numpy: bool = False
     own_limit: bool = False
 
-    def takes(self, case: Case) -> bool:
-        """Whether it has a run to make of `case`."""
+    def takes(self, case: Case, worlds: int = 1) -> bool:
+        """Whether it has a run to make of so many copies of `case`."""
+        if self.numpy and worlds > 1:
+            return False
         if self.own_limit:
             return case.springs_alone and not case.is_rope
         return case.springs_alone or not self.numpy
@@ -69,11 +73,11 @@ def product(**settings: object) -> Simulate:
             error = min(ERROR * (20.0 / run.substeps) ** 2, 1.0)
             numbers |= {"substeps": 0, "iterations": 0, "error": error, "budget": BUDGET}
         chosen = Settings(**numbers, **settings)
-        sim = run.case.simulation(run.resolution, run.constant, chosen, run.device)
+        sim = run.case.simulation(run.resolution, run.constant, chosen, run.device, run.worlds)
         frame_times(sim, 2)  # compiles
         sim.reset()
-        frames = [sim.positions(BODY)]
-        times = frame_times(sim, run.case.frames, after=lambda: frames.append(sim.positions(BODY)))
+        frames = [sim.positions(BODY, world=0)]
+        times = frame_times(sim, run.case.frames, after=lambda: frames.append(sim.positions(BODY, world=0)))
         return np.array(frames, dtype=np.float64), times
 
     return simulate

@@ -47,24 +47,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sweeps", type=int, default=640, help="most substeps x iterations a frame")
     parser.add_argument("--numpy-sweeps", type=int, default=320, help="the same for the methods in NumPy; 0: none")
     parser.add_argument("--peers", action="store_true", help="also Newton, pyPBD and MuJoCo's flex, if installed")
+    parser.add_argument("--worlds", type=int, default=1, help="copies at once; times are of all of them")
     parser.add_argument("--output", type=Path, default=Path("study"), help="folder of the JSON, PNG and SVG")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, print the tables, write JSON and figures."""
     arguments.output.mkdir(parents=True, exist_ok=True)
-    arguments.contenders = (*CONTENDERS, *(peers_on(arguments.device) if arguments.peers else ()))
+    arguments.contenders = (*CONTENDERS, *(peers_on(arguments.device, arguments.worlds) if arguments.peers else ()))
     for case in CASES.values() if arguments.case == "all" else [CASES[arguments.case]]:
         judge(case if arguments.seconds is None else case.lasting(arguments.seconds), arguments)
     return 0
 
 
-def peers_on(device: str) -> list[Contender]:
-    """The peers that can run on `device`, and on standard error why the others cannot."""
+def peers_on(device: str, worlds: int = 1) -> list[Contender]:
+    """The peers that can run so many copies on `device`, and on standard error why the others cannot."""
     chosen = wp.get_device(None if device == "auto" else device).alias
     found = []
     for peer in (*PEERS, *OTHER_MODELS):
-        problem = peer.why_not(chosen)
+        problem = peer.why_not(chosen, worlds)
         if problem:
             print(problem, file=sys.stderr)
         else:
@@ -76,7 +77,7 @@ def peers_on(device: str) -> list[Contender]:
 def judge(case: Case, arguments: argparse.Namespace) -> None:
     """One case: its table, JSON and figures."""
     resolution, constant = arguments.resolution or case.resolution, arguments.constant or case.constant
-    title = case.title(resolution, constant)
+    title = case.title(resolution, constant) + f", {arguments.worlds} worlds" * (arguments.worlds > 1)
     print(f"computing the exact motion of: {title}", file=sys.stderr, flush=True)
     exact = reference(case, resolution, constant)
     rows = sweep(case, exact, resolution, constant, arguments)
@@ -85,7 +86,8 @@ def judge(case: Case, arguments: argparse.Namespace) -> None:
     if exact.trusted <= case.frames:
         print(f"compared up to frame {exact.trusted - 1} of {case.frames}: beyond it the motion is chaotic")
     print(table(rows), "cheapest for an error of", prices(rows), sep="\n")
-    path = arguments.output / f"error_{case.name}_{resolution}_{where['device'].replace(':', '')}"
+    size = f"{resolution}" + f"x{arguments.worlds}" * (arguments.worlds > 1)
+    path = arguments.output / f"error_{case.name}_{size}_{where['device'].replace(':', '')}"
     stored = {"title": title, "machine": where, "trusted_frames": exact.trusted, "rows": [finite(row) for row in rows]}
     path.with_suffix(".json").write_text(json.dumps(stored, indent=1))
     draw_error(rows, f"{title}\n{where['name']}", path)
@@ -96,7 +98,7 @@ def sweep(case: Case, exact: Reference, resolution: int, constant: float, argume
     """One row for every contender, number of substeps and of iterations."""
     rows, again = [], []
     for contender in arguments.contenders:
-        if not contender.takes(case):
+        if not contender.takes(case, arguments.worlds):
             continue
         own = own_limit(contender, case, resolution, constant, arguments) if contender.own_limit else None
         for iterations in contender.iterations or arguments.iterations:
@@ -104,7 +106,8 @@ def sweep(case: Case, exact: Reference, resolution: int, constant: float, argume
                 if substeps * iterations > (arguments.numpy_sweeps if contender.numpy else arguments.sweeps):
                     continue
                 print(f"\33[2K{contender.label}: {substeps} x {iterations}", end="\r", file=sys.stderr, flush=True)
-                wanted = Run(case, resolution, constant, arguments.device, substeps, iterations)
+                numbers = (substeps, iterations, arguments.worlds)
+                wanted = Run(case, resolution, constant, arguments.device, *numbers)
                 if own is None:
                     rows.append(measure(contender, wanted, exact))
                     if contender in CONTENDERS and not contender.numpy:
@@ -144,7 +147,11 @@ def own_limit(
     """What a contender of another model converges to with the most of its iterations."""
     print(f"computing what it converges to: {contender.label}", file=sys.stderr, flush=True)
     iterations = max(contender.iterations or arguments.iterations)
-    return limit(contender.simulate, Run(case, resolution, constant, arguments.device, 1, iterations), arguments.sweeps)
+    return limit(
+        contender.simulate,
+        Run(case, resolution, constant, arguments.device, 1, iterations, arguments.worlds),
+        arguments.sweeps,
+    )
 
 
 def measure(contender: Contender, wanted: Run, exact: Reference) -> dict:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Peers whose cloth is another model than springs: Newton's Style3D and MuJoCo's flex, where they are installed.
+"""Peers whose cloth is another model than springs, where they are installed: Newton's Style3D, and the flex of MuJoCo
+and of MuJoCo Warp.
 
 No exact motion of ours is theirs, so each is judged by its own limit: what it converges to with ever smaller steps, as
 far as it does. Both get masses, fixed particles and triangles of the case's sheet, and the moduli of its square grid of
@@ -13,6 +14,7 @@ import contextlib
 import dataclasses
 import io
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,9 +23,11 @@ import warp as wp
 from cloth_sim_ros.sim.topology import build
 from cloth_sim_ros.study import norms
 from cloth_sim_ros.study.case import BODY, FRAME_DT
-from cloth_sim_ros.study.peers import Frames, Peer, record, run_newton
+from cloth_sim_ros.study.peers import Frames, Peer, finalized, record, run_newton
 
 if TYPE_CHECKING:
+    import mujoco
+
     from cloth_sim_ros.study.contenders import Run, Simulate
 
 _COARSEST = 10  # substeps from which a limit is looked for
@@ -86,7 +90,7 @@ def style3d(run: Run) -> Frames:
         edge_aniso_ke=wp.vec3(0.0, 0.0, 0.0),
     )
     builder.particle_mass[:] = np.where(system.fixed, 0.0, system.masses).tolist()
-    model = builder.finalize(device=None if run.device == "auto" else run.device)
+    model = finalized(builder, run)
     config = solvers.SolverStyle3D.Config(iterations=run.iterations, linear_iterations=10)
     with contextlib.redirect_stdout(io.StringIO()):  # it tells how long it takes, into the study's table
         solver = solvers.SolverStyle3D(model, config=config)
@@ -96,7 +100,7 @@ def style3d(run: Run) -> Frames:
 
 _FLEX = """
 <mujoco>
-  <option timestep="{dt}" gravity="{gravity}" integrator="Euler"><flag contact="disable"/></option>
+  <option timestep="{dt}" gravity="{gravity}" integrator="Euler" solver="CG"><flag contact="disable"/></option>
   <size memory="400M"/>
   <worldbody>
     <flexcomp name="cloth" type="direct" dim="2" radius="0.0005" mass="0.2" point="{points}" element="{triangles}">
@@ -117,6 +121,59 @@ def flex(run: Run) -> Frames:
     """
     import mujoco
 
+    model, data, start = _flex(run)
+    kinds = mujoco.mjtWarning
+    bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
+
+    def frame() -> None:
+        for _ in range(run.substeps):
+            mujoco.mj_step(model, data)
+
+    def positions() -> np.ndarray:
+        blown_up = any(data.warning[kind].number for kind in bad)  # MuJoCo then starts again from rest
+        return np.where(blown_up, np.nan, _vertices(model, data))
+
+    return record(frame, positions, start, run.case.frames, wp.get_device("cpu"))
+
+
+def flex_on_gpu(run: Run) -> Frames:
+    """The same by MuJoCo Warp, all worlds at once and a captured graph a frame."""
+    import mujoco
+    import mujoco_warp
+
+    model, data, start = _flex(run)
+    mujoco.mj_forward(model, data)
+    device = wp.get_device(None if run.device == "auto" else run.device)
+    with wp.ScopedDevice(device):
+        there, state = mujoco_warp.put_model(model), mujoco_warp.put_data(model, data, nworld=run.worlds)
+        still = [wp.clone(array) for array in (state.qpos, state.qvel)]
+        mujoco_warp.step(there, state)  # compiles
+        with wp.ScopedCapture() as capture:
+            for _ in range(run.substeps):
+                mujoco_warp.step(there, state)
+        for array, start_of in zip((state.qpos, state.qvel), still, strict=True):
+            wp.copy(array, start_of)
+
+        def positions() -> np.ndarray:
+            data.qpos[:] = state.qpos.numpy()[0]
+            return _vertices(model, data)
+
+        return record(partial(wp.capture_launch, capture.graph), positions, start, run.case.frames, device)
+
+
+def _vertices(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Where the vertices are that the joints of MuJoCo's data tell (N, 3) [m]."""
+    import mujoco
+
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_flex(model, data)
+    return data.flexvert_xpos.copy()
+
+
+def _flex(run: Run) -> tuple[mujoco.MjModel, mujoco.MjData, np.ndarray]:
+    """MuJoCo's model of the case, its state at rest, and where its vertices then are (N, 3) [m]."""
+    import mujoco
+
     system, start = run.case.system(run.resolution, run.constant)
     sheet = build(run.case.body(run.resolution, run.constant), BODY, False)
     mujoco.set_mju_user_warning(lambda text: None)  # runs that blow up are part of the study
@@ -133,21 +190,7 @@ def flex(run: Run) -> Frames:
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
     mujoco.mj_resetData(model, data)
-
-    kinds = mujoco.mjtWarning
-    bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
-
-    def frame() -> None:
-        for _ in range(run.substeps):
-            mujoco.mj_step(model, data)
-
-    def positions() -> np.ndarray:
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_flex(model, data)
-        blown_up = any(data.warning[kind].number for kind in bad)  # MuJoCo then starts again from rest
-        return np.where(blown_up, np.nan, data.flexvert_xpos)
-
-    return record(frame, positions, start, run.case.frames, wp.get_device("cpu"))
+    return model, data, start
 
 
 def _listed(numbers: np.ndarray) -> str:
@@ -156,5 +199,6 @@ def _listed(numbers: np.ndarray) -> str:
 
 OTHER_MODELS = (
     Peer("Style3D, from its own limit", "newton", style3d, on_gpu=True),
-    Peer("MuJoCo flex, from its own limit", "mujoco", flex, on_gpu=False, iterates=False),
+    Peer("MuJoCo flex, from its own limit", "mujoco", flex, on_gpu=False, worlds=False, iterates=False),
+    Peer("MuJoCo Warp flex, from its own limit", "mujoco_warp", flex_on_gpu, on_gpu=True, on_cpu=False, iterates=False),
 )

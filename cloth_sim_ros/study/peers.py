@@ -30,21 +30,27 @@ Frames = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Peer:
-    """`simulate`(run) -> frames (F + 1, N, 3) [m] and milliseconds (F,); `package` is what it imports; whether it
-    `iterates` in a substep."""
+    """`simulate`(run) -> frames (F + 1, N, 3) [m] and milliseconds (F,); `package` is what it imports; whether it runs
+    on a GPU and on a CPU, in many `worlds` at once, and `iterates` in a substep."""
 
     label: str
     package: str
     simulate: Callable[[Run], Frames]
     on_gpu: bool
+    on_cpu: bool = True
+    worlds: bool = True
     iterates: bool = True
 
-    def why_not(self, device: str) -> str:
-        """One sentence why it cannot stand in the figure on `device`, or nothing."""
+    def why_not(self, device: str, worlds: int = 1) -> str:
+        """One sentence why it cannot stand in the figure of so many worlds on `device`, or nothing."""
         if importlib.util.find_spec(self.package) is None:
             return f"{self.label} is left out: the package {self.package!r} is not installed (extra [peers])"
         if device.startswith("cuda") and not self.on_gpu:
             return f"{self.label} is left out: it runs on the CPU alone"
+        if device == "cpu" and not self.on_cpu:
+            return f"{self.label} is left out: it is made for GPUs"
+        if worlds > 1 and not self.worlds:
+            return f"{self.label} is left out: it runs one world at a time"
         return ""
 
 
@@ -55,7 +61,7 @@ def newton(method: str) -> Callable[[Run], Frames]:
         from newton import solvers  # an optional package, imported where it is used
 
         system, start = run.case.system(run.resolution, run.constant)
-        model = _newton_model(system, start, run.device)
+        model = _newton_model(system, start, run)
         kind = {"xpbd": solvers.SolverXPBD, "vbd": solvers.SolverVBD}[method]
         return run_newton(kind(model, iterations=run.iterations), start, run)
 
@@ -63,7 +69,7 @@ def newton(method: str) -> Callable[[Run], Frames]:
 
 
 def run_newton(solver, start: np.ndarray, run: Run) -> Frames:
-    """Frames and times of a solver of Newton's from rest at `start` (N, 3) [m]."""
+    """Frames and times of a solver of Newton's from rest at `start` (N, 3) [m] in all worlds."""
     model = solver.model
     states, control = [model.state(), model.state()], model.control()
     substeps = run.substeps + run.substeps % 2  # both states take turns and must be back in place for a graph
@@ -80,23 +86,34 @@ def run_newton(solver, start: np.ndarray, run: Run) -> Frames:
         with wp.ScopedCapture(device=device) as capture:
             advance()
         step = partial(wp.capture_launch, capture.graph)
-    states[0].particle_q.assign(start.astype(np.float32))
+    states[0].particle_q.assign(np.tile(start.astype(np.float32), (run.worlds, 1)))
     states[0].particle_qd.zero_()
-    return record(step, lambda: states[0].particle_q.numpy(), start, run.case.frames, device)
+    return record(step, lambda: states[0].particle_q[: len(start)].numpy(), start, run.case.frames, device)
 
 
-def _newton_model(system: SpringSystem, start: np.ndarray, device: str):
+def _newton_model(system: SpringSystem, start: np.ndarray, run: Run):
     from newton import Axis, ModelBuilder
 
     builder = ModelBuilder(up_axis=Axis.Z, gravity=system.gravity)
     for position, mass, fixed in zip(start, system.masses, system.fixed, strict=True):
-        builder.add_particle(wp.vec3(*position), wp.vec3(0.0, 0.0, 0.0), 0.0 if fixed else float(mass), radius=1e-4)
+        # A radius would make particles touch, those of other worlds too, which lie where these do.
+        builder.add_particle(wp.vec3(*position), wp.vec3(0.0, 0.0, 0.0), 0.0 if fixed else float(mass), radius=0.0)
     for (i, j), constant in zip(system.pairs, system.constant, strict=True):
         builder.add_spring(int(i), int(j), float(constant), system.damping * float(constant), 0.0)
     builder.set_coloring(colours(system))  # builder.color() knows no springs: VBD would turn into Jacobi
-    model = builder.finalize(device=None if device == "auto" else device)
-    model.spring_rest_length.assign(system.rest_length.astype(np.float32))
+    model = finalized(builder, run)
+    model.spring_rest_length.assign(np.tile(system.rest_length.astype(np.float32), run.worlds))
     return model
+
+
+def finalized(builder, run: Run):
+    """Newton's model of all worlds of a run, of a builder of one."""
+    from newton import Axis, ModelBuilder
+
+    if run.worlds > 1:
+        one, builder = builder, ModelBuilder(up_axis=Axis.Z, gravity=builder.gravity)
+        builder.replicate(one, run.worlds)
+    return builder.finalize(device=None if run.device == "auto" else run.device)
 
 
 def colours(system: SpringSystem) -> list[np.ndarray]:
@@ -201,5 +218,5 @@ def flex_times(resolution: int, frames: int, steps: int = 4) -> np.ndarray:
 PEERS = (
     Peer("Newton XPBD", "newton", newton("xpbd"), on_gpu=True),
     Peer("Newton VBD", "newton", newton("vbd"), on_gpu=True),
-    Peer("pyPBD XPBD", "pypbd", pypbd, on_gpu=False),
+    Peer("pyPBD XPBD", "pypbd", pypbd, on_gpu=False, worlds=False),
 )

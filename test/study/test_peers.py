@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Peers run the same springs: at the same substeps and converged, first-order methods leave the same error."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Settings
 from cloth_sim_ros.study import norms
 from cloth_sim_ros.study.cases import BODY, CASES
-from cloth_sim_ros.study.contenders import Run
+from cloth_sim_ros.study.contenders import CONTENDERS, Run
 from cloth_sim_ros.study.exact import reference
 from cloth_sim_ros.study.other_models import OTHER_MODELS, limit
 from cloth_sim_ros.study.peers import PEERS, Peer, colours
@@ -40,6 +42,29 @@ def test_a_peer_that_cannot_stand_in_the_figure_is_named():
     there = Peer("CPU only", "numpy", PEERS[0].simulate, on_gpu=False)
     assert there.why_not("cpu") == ""
     assert "CPU alone" in there.why_not("cuda:0")
+    gpu = Peer("GPU only", "numpy", PEERS[0].simulate, on_gpu=True, on_cpu=False, worlds=False)
+    assert "made for GPUs" in gpu.why_not("cpu")
+    assert gpu.why_not("cuda:0") == ""
+    assert "one world at a time" in gpu.why_not("cuda:0", 2)
+
+
+@pytest.mark.parametrize(
+    "runs",
+    [*PEERS, *OTHER_MODELS, *CONTENDERS],
+    ids=lambda runs: runs.label,
+)
+def test_the_first_of_many_worlds_moves_as_one_alone(runs):
+    if isinstance(runs, Peer):
+        pytest.importorskip(runs.package)
+        if runs.why_not("cpu", 3):
+            pytest.skip(runs.why_not("cpu", 3))
+    elif not runs.takes(CASE, 3):
+        assert runs.numpy, "only what is written in NumPy knows one world alone"
+        return
+    run = Run(CASE.lasting(5 / 60), RESOLUTION, CASE.constant, "cpu", SUBSTEPS, 2)
+    alone, many = (runs.simulate(dataclasses.replace(run, worlds=worlds))[0] for worlds in (1, 3))
+    assert np.isfinite(alone).all() and np.abs(alone[-1] - alone[0]).max() > 1e-3
+    assert np.abs(many - alone).max() < 1e-6
 
 
 def test_no_spring_joins_particles_of_one_colour():
@@ -73,6 +98,8 @@ def test_a_limit_is_where_runs_draw_no_nearer():
 @pytest.mark.parametrize("peer", OTHER_MODELS, ids=lambda peer: peer.label)
 def test_another_model_converges_and_hangs_as_low_as_springs(peer):
     pytest.importorskip(peer.package)
+    if not peer.on_cpu:
+        pytest.skip(peer.why_not("cpu"))
     first = 6 if peer.iterates else 20  # Style3D's rounding takes over beyond 24, flex blows up below 20
     runs = [Run(CASE, RESOLUTION, CASE.constant, "cpu", substeps, 4) for substeps in (first, 2 * first, 4 * first)]
     coarse, middle, fine = (peer.simulate(run)[0] for run in runs)
