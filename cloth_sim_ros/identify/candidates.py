@@ -101,15 +101,28 @@ class Candidates:
         self.live, self.settings = list(self.sought), _pinned(pair, self.sought)
         if recording.late:
             self.sought.append(Delay.between(*recording.late))
-        self.sim = Simulation(scene, self.settings, device, worlds=worlds)
         self.recording, self.frames = recording, 0
         self.told: Callable[[int], None] = lambda frames: None
-        seen = [(name, rows, True) for name, rows in recording.positions.items()]
-        seen += [(name, rows, False) for name, rows in recording.points.items()]
-        self._observers = [Observer(self.sim, *each) for each in seen]
+        self._seen = [(name, rows, True) for name, rows in recording.positions.items()]
+        self._seen += [(name, rows, False) for name, rows in recording.points.items()]
+        self._scene, self._device = scene, device
+        self._make(worlds)
         longest = recording.times[-1] - min(recording.late or (0.0,))
         self.length = int(np.ceil(longest / self.settings.frame_dt - 1e-6))
-        self.count = sum(int(np.isfinite(rows).all(axis=2).sum()) * (3 if ordered else 1) for _, rows, ordered in seen)
+        self.count = sum(
+            int(np.isfinite(rows).all(axis=2).sum()) * (3 if ordered else 1) for _, rows, ordered in self._seen
+        )
+
+    def _make(self, worlds: int) -> None:
+        self.sim = Simulation(self._scene, self.settings, self._device, worlds=worlds)
+        self._observers = [Observer(self.sim, *each) for each in self._seen]
+
+    def narrow(self, worlds: int) -> None:
+        """Go on with at most so many worlds: a batch takes the time of all, however few its candidates are."""
+        if worlds < self.sim.worlds:
+            how = self.how
+            self._make(worlds)
+            self.how = how
 
     def values(self, units: np.ndarray) -> np.ndarray:
         """Values of what is sought, from places (K, P) between its bounds in 0 to 1, on a logarithmic scale."""
@@ -138,18 +151,18 @@ class Candidates:
         rows = rows.reshape(len(self.recording.times), -1)
         return np.split(rows, np.cumsum([each.size for each in self._observers])[:-1], axis=1)
 
-    def settle(self, units: np.ndarray) -> None:
-        """Judge by a good candidate (P,) what the distances of unordered points are worth."""
+    def settle(self, units: np.ndarray, aside: float = 1.0) -> None:
+        """Judge by a good candidate (P,) what the distances of unordered points are worth, see Observer.settle."""
         for observer, rows in zip(self._observers, self.by_frame(self.residuals(units[None])[0]), strict=True):
-            observer.settle(rows)
+            observer.settle(rows, aside)
 
     @property
-    def how(self) -> tuple[int, list[tuple[float, float]]]:
+    def how(self) -> tuple[int, list[tuple[float, float, float]]]:
         """How candidates are judged now: in how many substeps, and by what distances of points are worth."""
         return self.sim.settings.substeps, [each.worth for each in self._observers]
 
     @how.setter
-    def how(self, value: tuple[int, list[tuple[float, float]]]) -> None:
+    def how(self, value: tuple[int, list[tuple[float, float, float]]]) -> None:
         if value[0] != self.sim.settings.substeps:
             self.sim.set("solver.substeps", value[0])
         for observer, worth in zip(self._observers, value[1], strict=True):

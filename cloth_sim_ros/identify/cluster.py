@@ -62,9 +62,18 @@ class Spread(Candidates):
         if not ray.is_initialized():
             _join(address)
         gpus = device != "cpu" and ray.cluster_resources().get("GPU", 0) > 0
-        given = (scene, self.settings, recording, list(fit), worlds, "cuda:0" if gpus else "cpu")
-        self._key, self._given = uuid.uuid4().hex, ray.put(given)
         self._task = _run.options(num_gpus=1) if gpus else _run.options(num_cpus=1)
+        self._fit, self._kind = list(fit), "cuda:0" if gpus else "cpu"
+        self._share()
+
+    def _share(self) -> None:
+        """Tell all workers what they are to build."""
+        given = (self._scene, self.settings, self.recording, self._fit, self.sim.worlds, self._kind)
+        self._key, self._given = uuid.uuid4().hex, ray.put(given)
+
+    def narrow(self, worlds: int) -> None:
+        super().narrow(worlds)
+        self._share()
 
     def _all(self, parts: list[np.ndarray], keep: bool) -> list[np.ndarray]:
         """What `run` finds for each part, in their order."""

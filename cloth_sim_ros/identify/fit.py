@@ -14,6 +14,7 @@ from cloth_sim_ros.identify.candidates import Candidates
 STEP = 0.02  # of a logarithm, to either side, by which slopes are found: far above float32, far below what bends
 _MOST_POINTS = 20  # of a descent
 MOST_STEPS = 2 * _MOST_POINTS + 5  # batches of worlds, where one holds a point and its neighbours
+_ASIDE = 0.1  # of what points tell along a surface counts at last: the rest of it leads astray, see identify.md
 _SPREAD = 1.96  # standard deviations of an interval that holds 95 %
 
 
@@ -37,11 +38,13 @@ class Estimate:
 def identify(candidates: Candidates, seed: int = 0) -> tuple[np.ndarray, Estimate]:
     """The first good place (P,) between bounds, and the estimate. Raises ValueError where no candidate can be seen
     through."""
-    start = best_of(candidates, max(candidates.sim.worlds, 16 * len(candidates.sought)), seed)
+    count = len(candidates.sought)
+    start = best_of(candidates, max(candidates.sim.worlds, 16 * count), seed)
+    candidates.narrow(1 + 2 * count)  # of which `slopes` asks at a time
     candidates.settle(start)
     units = by_least_squares(candidates, start)
-    if candidates.recording.points:  # what the points are worth is known better now
-        candidates.settle(units)
+    if candidates.recording.points:  # edges have led near, and mislead where points are sparse or noisy
+        candidates.settle(units, _ASIDE)
         units = by_least_squares(candidates, units)
     return start, estimate(candidates, units)
 

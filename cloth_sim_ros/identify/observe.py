@@ -11,6 +11,7 @@ from cloth_sim_ros.sim.compiled import compiled
 
 _AXES = 3.0**0.5  # times a distance from the surface is one from a particle, for the same noise along three axes
 _FAR = 3.0  # times the median distance of particles from points, beyond which nothing was seen of them
+_LEAST = 0.01  # of what distances of particles may be worth, where points have no noise
 
 
 @compiled
@@ -46,15 +47,20 @@ def apart(places: wp.array2d(dtype=wp.vec3), seen: wp.array(dtype=wp.vec3), out:
 
 
 @wp.func
-def to_segment(p: wp.vec3, a: wp.vec3, b: wp.vec3) -> float:
+def on_segment(p: wp.vec3, a: wp.vec3, b: wp.vec3) -> wp.vec3:
+    """The point of a segment that is nearest to p."""
     edge = b - a
-    t = wp.clamp(wp.dot(p - a, edge) / wp.max(wp.dot(edge, edge), 1.0e-20), 0.0, 1.0)
-    return wp.length(p - a - t * edge)
+    return a + wp.clamp(wp.dot(p - a, edge) / wp.max(wp.dot(edge, edge), 1.0e-20), 0.0, 1.0) * edge
 
 
 @wp.func
-def to_triangle(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> float:
-    """The distance of p from a triangle: from its plane where it is above it, else from its edges."""
+def nearer(p: wp.vec3, a: wp.vec3, b: wp.vec3) -> wp.vec3:
+    return wp.where(wp.length_sq(p - a) <= wp.length_sq(p - b), a, b)
+
+
+@wp.func
+def on_triangle(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
+    """The point of a triangle that is nearest to p: in its plane where p is above it, else on its edges."""
     n = wp.cross(b - a, c - a)
     inside = (
         wp.dot(wp.cross(b - a, p - a), n) >= 0.0
@@ -62,8 +68,8 @@ def to_triangle(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> float:
         and wp.dot(wp.cross(a - c, p - c), n) >= 0.0
     )
     if inside and wp.dot(n, n) > 0.0:
-        return wp.abs(wp.dot(p - a, wp.normalize(n)))
-    return wp.min(to_segment(p, a, b), wp.min(to_segment(p, b, c), to_segment(p, c, a)))
+        return p - wp.dot(p - a, n) / wp.dot(n, n) * n
+    return nearer(p, on_segment(p, a, b), nearer(p, on_segment(p, b, c), on_segment(p, c, a)))
 
 
 @compiled
@@ -73,29 +79,47 @@ def off_surface(
     elements: wp.array(dtype=wp.vec3i),
     start: wp.array(dtype=int),
     around: wp.array(dtype=int),
+    aside: float,
     out: wp.array2d(dtype=float),
 ):
-    """How far each seen point is from the elements around the particle that is nearest to it, 0 where nothing was."""
+    """Each seen point less what is nearest to it on the elements around its nearest particle, 0 where nothing was seen.
+
+    What of that lies along the element, beyond an edge, is multiplied by `aside`. These are vectors, as a distance has
+    no slope where it is least, on the surface.
+    """
     w, m = wp.tid()
     p = seen[m]
-    if not wp.isfinite(p[0]):
-        out[w, m] = 0.0
-        return
-    nearest = int(0)
-    least = float(1.0e30)
-    for i in range(places.shape[1]):
-        d = wp.length_sq(places[w, i] - p)
-        if d < least:
-            least = d
-            nearest = i
-    found = wp.sqrt(least)
-    for k in range(start[nearest], start[nearest + 1]):
-        e = elements[around[k]]
-        if e[2] < 0:
-            found = wp.min(found, to_segment(p, places[w, e[0]], places[w, e[1]]))
-        else:
-            found = wp.min(found, to_triangle(p, places[w, e[0]], places[w, e[1]], places[w, e[2]]))
-    out[w, m] = found
+    off = wp.vec3(0.0)
+    if wp.isfinite(p[0]):
+        nearest = int(0)
+        least = float(1.0e30)
+        for i in range(places.shape[1]):
+            d = wp.length_sq(places[w, i] - p)
+            if d < least:
+                least = d
+                nearest = i
+        off = p - places[w, nearest]
+        across = off
+        for k in range(start[nearest], start[nearest + 1]):
+            e = elements[around[k]]
+            a = places[w, e[0]]
+            b = places[w, e[1]]
+            if e[2] < 0:
+                there = p - on_segment(p, a, b)
+                if wp.length_sq(there) <= wp.length_sq(off):
+                    off = there
+                    along = wp.normalize(b - a)
+                    across = there - wp.dot(there, along) * along
+            else:
+                c = places[w, e[2]]
+                there = p - on_triangle(p, a, b, c)
+                if wp.length_sq(there) <= wp.length_sq(off):
+                    off = there
+                    normal = wp.normalize(wp.cross(b - a, c - a))
+                    across = wp.dot(there, normal) * normal
+        off = across + aside * (off - across)
+    for k in range(3):
+        out[w, 3 * m + k] = off[k]
 
 
 @compiled
@@ -133,25 +157,27 @@ class Observer:
         self._places = wp.zeros(self._shape, dtype=wp.vec3, device=self._device)
         self._seen = wp.array(seen.astype(np.float32), dtype=wp.vec3, device=self._device)
         self._count = seen.shape[1]
-        self.worth = (1e15, 1.0)  # how far a particle from points counts at most [m], and times what; see settle
-        self.size = 3 * self._count if ordered else self._count + self._shape[1]
+        # How far a particle from points counts at most [m], times what, and times what points off edges do; see settle
+        self.worth = (1e15, 1.0, 1.0)
+        self.size = 3 * self._count + (0 if ordered else self._shape[1])
         self._out = wp.zeros((sim.worlds, self.size), dtype=float, device=self._device)
         self._elements, self._start, self._around = (
             wp.array(rows, dtype=dtype, device=self._device)
             for rows, dtype in zip(_surface(sim, name), (wp.vec3i, int, int), strict=True)
         )
 
-    def settle(self, residuals: np.ndarray) -> None:
-        """Judge by residuals (F, size) of a good candidate how much distances of particles from points are worth."""
+    def settle(self, residuals: np.ndarray, aside: float) -> None:
+        """Judge by residuals (F, size) of a good candidate how much distances of particles from points are worth, and
+        multiply by `aside` what is off along the surface: these and points beyond an edge."""
         if self._ordered:
             return
-        cap, weight = self.worth
+        cap, weight, _ = self.worth
         there = np.isfinite(self._seen.numpy()[:, :, 0])
-        points = residuals[:, : self._count][there]
-        particles = residuals[:, self._count :][there.any(axis=1)] / weight
+        points = residuals[:, : 3 * self._count].reshape(*there.shape, 3)[there]
+        particles = residuals[:, 3 * self._count :][there.any(axis=1)] / weight
         cap = min(cap, _FAR * float(np.median(particles)))
-        rms = [float(np.sqrt((rows**2).mean())) for rows in (points, np.minimum(particles, cap))]
-        self.worth = cap, min(1.0, _AXES * rms[0] / max(rms[1], 1e-30))
+        rms = np.sqrt([(points**2).sum(axis=1).mean(), (np.minimum(particles, cap) ** 2).mean()])
+        self.worth = cap, aside * float(np.clip(_AXES * rms[0] / max(rms[1], 1e-30), _LEAST, 1.0)), aside
 
     def _now(self) -> list[wp.array]:
         return [self._sim.tensor(self._name, what) for what in ("positions", "velocities")]
@@ -171,9 +197,10 @@ class Observer:
         if self._ordered:
             self._launch(apart, self._count, [self._places, seen, self._out])
         else:
-            surface = [self._elements, self._start, self._around]
+            cap, weight, aside = self.worth
+            surface = [self._elements, self._start, self._around, aside]
             self._launch(off_surface, self._count, [self._places, seen, *surface, self._out])
-            inputs = [self._places, seen, *self.worth, self._count, self._out]
+            inputs = [self._places, seen, cap, weight, 3 * self._count, self._out]
             self._launch(off_points, self._shape[1], inputs)
         return self._out.numpy().copy()
 

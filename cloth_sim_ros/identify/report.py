@@ -14,6 +14,7 @@ from cloth_sim_ros.identify.fit import Estimate
 _WIDE = 2.0  # a value that may be twice or half of what fits best is not known
 _ALIKE = 0.95  # correlation of errors beyond which two values are known together only
 _MATTERS = 1.05  # an interval that is narrower needs no such words
+_SHOWN = 25  # places along the range of a number, in the picture
 
 
 def sentences(candidates: Candidates, found: Estimate) -> list[str]:
@@ -68,7 +69,7 @@ def draw(candidates: Candidates, start: np.ndarray, found: Estimate, path: Path)
     left.set(xlabel="time [s]", ylabel="off the recording, RMS [m]", yscale="log")
     left.legend()
     for k, (axes, each) in enumerate(zip(others, candidates.sought, strict=True)):
-        units = np.tile(found.units, (candidates.sim.worlds, 1))
+        units = np.tile(found.units, (_SHOWN, 1))
         units[:, k] = np.linspace(0.0, 1.0, len(units))
         squares = candidates.squares(units)
         values = each.shown(candidates.values(units)[:, k])

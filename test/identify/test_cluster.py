@@ -46,7 +46,7 @@ def own_workers():
 
 
 def test_any_number_of_workers_finds_the_same_also_when_one_is_killed(workers):
-    recording = record(drawn(15), "cpu", noise=0.002, ordered=False, frames=20)
+    recording = record(drawn(15), "cpu", noise=0.002, seen="shuffled", frames=20)
     given = (scene(GUESS), SETTINGS, recording, FIT[:2], WORLDS, "cpu")
     alone = identify(Candidates(*given))[1]
     spread, killed = Spread("local", *given), []

@@ -40,15 +40,21 @@ def drawn(seed):
     return {name: value * 3.0 ** random.uniform(-1, 1) for name, value in GUESS.items()}
 
 
-def record(values, device, noise=0.0, ordered=True, seed=0, frames=60, settings=SETTINGS, rate=60.0):
-    """What a camera of `rate` sees of the scene with these values."""
+def record(values, device, noise=0.0, seen="particles", seed=0, frames=60, settings=SETTINGS, rate=60.0):
+    """What a camera of `rate` sees of the scene with these values: particles in order or shuffled, or as many points
+    anywhere on its surface."""
     sim, random, rows = Simulation(scene(values), settings, device), np.random.default_rng(seed), []
+    triangles = sim.triangles("cloth")
     for _ in range(frames):
         sim.step()
-        places = sim.positions("cloth") + noise * random.standard_normal((100, 3))
-        rows.append(places if ordered else random.permutation(places))
+        places = sim.positions("cloth")
+        if seen == "cloud":
+            corners = places[random.choice(triangles, 100)]
+            places = np.einsum("nk,nkd->nd", random.dirichlet(np.ones(3), 100), corners)
+        places = places + noise * random.standard_normal((100, 3))
+        rows.append(places if seen == "particles" else random.permutation(places))
     times = np.arange(1, frames + 1) / rate
-    return Recording(times, **{"positions" if ordered else "points": {"cloth": np.array(rows)}})
+    return Recording(times, **{"positions" if seen == "particles" else "points": {"cloth": np.array(rows)}})
 
 
 def errors(found, truth):
@@ -66,20 +72,30 @@ def test_four_parameters_are_found_to_2_percent(device, seed):
 
 def test_unordered_points_with_2_mm_noise_give_5_percent(device):
     truth = drawn(13)
-    recording = record(truth, device, noise=0.002, ordered=False)
+    recording = record(truth, device, noise=0.002, seen="shuffled")
     candidates = Candidates(scene(GUESS), SETTINGS, recording, FIT, 16, device)
     found = identify(candidates)[1]
     assert np.abs(errors(found, truth)).max() < 0.05, errors(found, truth)
     assert 0.001 < found.noise < 0.006
 
 
+@pytest.mark.parametrize(("seed", "noise", "most"), [(11, 0.0, 0.01), (13, 0.002, 0.05)])
+def test_a_cloud_anywhere_on_the_surface_gives_as_much(device, seed, noise, most):
+    """Which a depth camera sees: its points are no particles, and none of them lies at the edge."""
+    truth = drawn(seed)
+    recording = record(truth, device, noise, "cloud", frames=40)
+    found = identify(Candidates(scene(GUESS), SETTINGS, recording, FIT, 16, device))[1]
+    assert np.abs(errors(found, truth)).max() < most, errors(found, truth)
+
+
 @pytest.mark.long
-def test_intervals_hold_the_truth(device):
+@pytest.mark.parametrize("seen", ["particles", "shuffled", "cloud"])
+def test_intervals_hold_the_truth(device, seen):
     """Of ten recordings with noise, four values each, an interval of 95 % misses in 2 on average."""
     missed = 0
     for seed in range(20, 30):
         truth = drawn(seed)
-        recording = record(truth, device, noise=0.002, seed=seed)
+        recording = record(truth, device, 0.002, seen, seed)
         found = identify(Candidates(scene(GUESS), SETTINGS, recording, FIT, 16, device))[1]
         values = np.array(list(truth.values()))
         missed += int(((values < found.low) | (values > found.high)).sum())
@@ -102,6 +118,23 @@ def test_what_is_hidden_does_not_mislead_and_what_is_not_felt_is_said(device):
     assert found.felt[2] == 0 and np.isinf(found.high[2])
 
 
+def test_fewer_worlds_find_the_same_and_the_way_down_takes_as_few_as_it_needs(device):
+    recording = record(drawn(13), device, noise=0.002, seen="shuffled", frames=20)
+    candidates = Candidates(scene(GUESS), SETTINGS, recording, FIT[:2], 32, device)
+    units = np.random.default_rng(3).random((5, 2))
+    candidates.settle(units[0])
+    wide = candidates.residuals(units)
+    candidates.narrow(64)
+    assert candidates.sim.worlds == 32, "it is not widened"
+    candidates.narrow(3)
+    assert candidates.sim.worlds == 3
+    assert np.abs(candidates.residuals(units) - wide).max() < 1e-6
+    few, many = (Candidates(scene(GUESS), SETTINGS, recording, FIT[:2], worlds, device) for worlds in (5, 32))
+    best, found = (identify(each)[1].values for each in (few, many))
+    assert few.sim.worlds == many.sim.worlds == 5
+    assert np.allclose(best, found, rtol=1e-3)
+
+
 def test_times_between_frames_are_met_on_a_cubic(device):
     """A camera of 100 Hz, seen by frames of 60 Hz: what is off is what a cubic through both ends leaves."""
     fine = dataclasses.replace(SETTINGS, frame_dt=0.01, substeps=8)
@@ -120,11 +153,17 @@ def test_points_are_measured_from_the_surface(device):
     observer = Observer(sim, "cloth", np.stack([points, np.full_like(points, np.nan)]), False)
     observer.keep()
     found = observer.residuals(0, np.ones(2))
-    outside = np.maximum(np.abs(points[:, :2]) - 0.3, 0.0)
-    wanted = np.nan_to_num(np.sqrt((outside**2).sum(axis=1) + points[:, 2] ** 2))
-    assert np.allclose(found[:, :50], wanted, atol=1e-6)
+    wanted = np.nan_to_num(points - np.clip(points, [-0.3, -0.3, 0.0], [0.3, 0.3, 0.0]))
+    assert np.allclose(found[:, :150].reshape(2, 50, 3), wanted, atol=1e-6)
     tree = cKDTree(points[np.isfinite(points[:, 0])])
-    assert np.allclose(found[:, 50:], tree.query(sim.rest_positions("cloth"))[0], atol=1e-6)
+    nearest = tree.query(sim.rest_positions("cloth"))[0]
+    assert np.allclose(found[:, 150:], nearest, atol=1e-6)
+    observer.settle(np.stack([found[0], np.zeros_like(found[0])]), 0.1)
+    found = observer.residuals(0, np.ones(2))
+    assert np.allclose(found[:, :150].reshape(2, 50, 3), wanted * [0.1, 0.1, 1.0], atol=1e-6), "beyond an edge"
+    weight = 0.1 * np.sqrt(3.0 * (wanted**2).sum() / 49 / np.square(np.minimum(nearest, observer.worth[0])).mean())
+    assert observer.worth[0] == pytest.approx(3.0 * np.median(nearest), rel=1e-5)
+    assert np.allclose(found[:, 150:], weight * np.minimum(nearest, observer.worth[0]), rtol=1e-4)
     assert not observer.residuals(1, np.ones(2)).any(), "a frame in which nothing was seen counts nothing"
 
 
