@@ -169,8 +169,9 @@ class Bodies:
         self._build_around({each: self._choose_now(each) for each in self.batch})
 
     def _topology(self, name: str, thing: Cloth | Rope, direct_ropes: bool) -> Topology:
-        found = replace(build_topology(thing, name, direct_ropes), world_scales=self.scales.get(name))
-        return replace(found, rest=moved(found.rest, self.moves[name])) if name in self.moves else found
+        found = build_topology(thing, name, direct_ropes).at(self.scales.get(name))
+        places = ("rest", "origin") if name in self.moves else ()
+        return replace(found, **{place: moved(getattr(found, place), self.moves[name]) for place in places})
 
     def _build_around(self, choices: dict[str, Choice]) -> None:
         """Everything on the device anew, with the state that there is."""

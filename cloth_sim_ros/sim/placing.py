@@ -56,8 +56,9 @@ class Placing:
         """
         rows, some = self._rows(name, positions, "positions", _FAR), self._bodies.some(world)
         strained = self._leave_if_strained(name, rows, some)
-        if strained and self._bodies.elastic[name].reel is None:  # what is on a drum stays there
-            rows = off_symmetry(self._bodies.elastic[name], rows)
+        topology = self._bodies.elastic[name]
+        if strained and topology.reel is None:  # what is on a drum stays there
+            rows = off_symmetry(topology, rows, topology.scales_in(worlds_of(some)).min())
         self._write_positions(name, rows, some)
 
     def _write_positions(self, name: str, rows: np.ndarray, some: Some) -> None:

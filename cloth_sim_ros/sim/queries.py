@@ -59,8 +59,8 @@ class Queries:
         kinds = dict(topo.springs)
         if topo.chain is not None:
             kinds["structural"] = topo.chain
-        scale = topo.scales_in(world)
-        compliance = batch.materials.read(batch.index[name], self._bodies.one(world))["compliance"][0]
+        scale = topo.scales_in(self._bodies.one(world))
+        compliance = batch.materials.read(batch.index[name], world)["compliance"][0]
         found = {}
         for kind, elements in kinds.items():
             yields = elements.scale if len(topo.triangles) else elements.scale * scale

@@ -19,6 +19,7 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.bodies import Bodies
+from cloth_sim_ros.sim.checks import check_worlds
 from cloth_sim_ros.sim.colliders import SHAPES, shape_of
 from cloth_sim_ros.sim.forces import name_of
 from cloth_sim_ros.sim.hands import Hands
@@ -120,7 +121,10 @@ class Saving:
             settings=dataclasses.replace(bodies.settings, **header["settings"]),
             strained=set(header["strained"]),
             collider_row=rows,
-            scales={name: np.array(each) for name, each in header["scales"].items()},
+            scales={
+                name: check_worlds(table.SCALE, np.array(each), f"{name}.scale", bodies.worlds, None)
+                for name, each in header["scales"].items()
+            },
         )
 
     def _arrays(self, bodies: Bodies) -> dict[str, wp.array | np.ndarray]:

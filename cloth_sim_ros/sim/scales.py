@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ def set_scale(bodies: Bodies, owner: str, value: Any, world: Some) -> None:
     scales = np.broadcast_to(topology.scales_in(), bodies.worlds).copy()
     scales[worlds_of(world)] = value
     if bodies.settings.method == "verlet":
-        bodies.elastic[owner] = replace(topology, world_scales=scales)
+        bodies.elastic[owner] = topology.at(scales)
         try:
             rows = bodies.lightened(owner, bodies.materials_of(owner, None), None)
             check_rows(bodies, owner, rows, bodies.settings.substeps)

@@ -74,7 +74,7 @@ class Variation:
             parts = [values.get(f"{owner}.{part}", getattr(placed[owner], part)) for part in _POSE]
             pose = np.column_stack([np.broadcast_to(part, (sim.worlds, np.shape(part)[-1])) for part in parts])
             sim.write(owner, "pose", pose, mask, sweep=False)
-        resized = {name.removesuffix(".scale") for name in values}  # they start anew
+        resized = {name.removesuffix(".scale") for name in values if name.endswith(".scale")}  # they start anew
         if {*moved, *resized} & {*sim.scene.objects, *sim.scene.handles}:
             holding = [name for name, handle in sim.scene.handles.items() if handle.attached]
             for on in (False, True):  # as a reset does: what one has let go, another may grasp

@@ -7,6 +7,7 @@ live change of the material never touches these arrays. Nothing here knows of a 
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -97,8 +98,15 @@ class Topology:
 
     def rest_in(self, world: int) -> np.ndarray:
         """Rest positions (N, 3) [m] in one world."""
-        grown = self.origin + self.scales_in(world) * (self.rest - self.origin)
-        return self.rest if self.world_scales is None else grown
+        if self.world_scales is None:
+            return self.rest
+        return self.origin + self.world_scales[world] * (self.rest - self.origin)
+
+    def at(self, world_scales: np.ndarray | None) -> Topology:
+        """The same with other scales; what was found out about its shape stays known."""
+        found = copy.copy(self)
+        object.__setattr__(found, "world_scales", world_scales)
+        return found
 
     @cached_property
     def families(self) -> list[Family]:
