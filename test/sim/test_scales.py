@@ -8,10 +8,26 @@ import pytest
 import warp as wp
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Handle, Plane, Rope, Scene, Settings, Simulation, Sphere, Variation, Winch, Wind
+from cloth_sim_ros.sim import (
+    Box,
+    Cloth,
+    Handle,
+    Plane,
+    Rope,
+    Scene,
+    Settings,
+    Simulation,
+    Sphere,
+    Variation,
+    Winch,
+    Wind,
+)
 from cloth_sim_ros.sim import scaled as scaled_rows
 from cloth_sim_ros.sim.executors.choose import forced_executor
+from cloth_sim_ros.sim.methods import prices
+from cloth_sim_ros.sim.methods.prices import Surroundings
 from cloth_sim_ros.sim.model import Model
+from cloth_sim_ros.sim.topology import build
 
 SCALES = np.array([2.0, 0.5, 1.7])
 THIN = {"thickness": 1e-3, "damping": 1e-3}  # so that all sizes are so coarse that contact looks between particles
@@ -136,6 +152,7 @@ def test_scales_are_live_by_mask_outlive_a_reset_and_are_saved(device, tmp_path)
         many.set(f"{name}.scale", 1 / SCALES, mask)
     assert equal(states(many, 0), before[0]) and equal(states(many, 2), before[1]), "nothing happens to other worlds"
     assert np.array_equal(many.positions("mesh", 1), many.rest_positions("mesh", 1)), "and this one starts anew"
+    assert not many.velocities("mesh", 1).any()
     for name in many.scene.objects:
         many.set(f"{name}.scale", 0.5, 1)
     many.reset(mask)
@@ -157,6 +174,36 @@ def test_scales_are_live_by_mask_outlive_a_reset_and_are_saved(device, tmp_path)
     for sim in (many, other, alone):
         sim.step(5)
     assert equal(states(many, 1), states(alone)) and equal(states(other, 1), states(alone))
+
+
+def test_what_is_alike_but_in_its_scale_is_kept_apart(device):
+    sheet = Cloth((5, 5), pins="top", **THIN)
+    sims = [
+        Simulation(Scene({"a": sheet, "b": dataclasses.replace(sheet, position=(0, 2, 0))}), fixed(), device, 2)
+        for _ in "12"
+    ]
+    sims[0].set("a.scale", 2.0)
+    for other, scale in (("b", 0.5), ("b", 1.0)):
+        sims[0].set(f"{other}.scale", scale, 1)
+        assert np.array_equal(sims[0].positions("b", 0), sims[1].positions("b", 0))
+        assert np.ptp(sims[0].positions("b", 1), axis=0) == pytest.approx([scale, scale, 0], rel=1e-6)
+        assert np.ptp(sims[0].positions("a", 1), axis=0) == pytest.approx([2, 2, 0], rel=1e-6)
+
+
+def test_a_file_is_loaded_where_the_object_was_moved_out_of_a_collider(device, tmp_path):
+    """It is then larger about its place there."""
+    scenes = [
+        Scene({"it": Cloth((4, 4), (0.2, 0.2), pins="none", position=(0, 0, 0.5))}, {"box": Box(position=place)})
+        for place in ((0, 0, -1), (0, 0, 0.44))
+    ]
+    above, inside = (Simulation(scene, fixed(), device, 2) for scene in scenes)
+    up = inside.rest_positions("it") - above.rest_positions("it")
+    above.set("it.scale", 3.0, 1)
+    above.save(tmp_path / "state.npz")
+    inside.load(tmp_path / "state.npz")
+    assert list(inside.moved) == ["it"] and up[:, 2].min() > 0.03
+    for world in range(2):
+        assert np.allclose(inside.rest_positions("it", world), above.rest_positions("it", world) + up, atol=1e-6)
 
 
 def test_a_pose_is_that_of_a_body_of_its_size(device):
@@ -193,6 +240,41 @@ def test_the_choice_is_that_of_the_smallest_world(device, kind):
     assert (sim.choices["it"].method, sim.choices["it"].substeps) == (whole.method, whole.substeps)
 
 
+def test_the_largest_world_decides_what_rounding_heats(device):
+    """Long springs that are stiff are no longer for explicit steps."""
+    small, large = (Cloth((8, 8), (size, size), stretch_compliance=1e-5) for size in (1.0, 900.0))
+    settings = Settings(error=1e-6)
+    sims = [Simulation(Scene({"it": thing}), settings, device, 2) for thing in (small, large)]
+    assert "too stiff" not in sims[0].choices["it"].reason and "too stiff" in sims[1].choices["it"].reason
+    sims[0].set("it.scale", 900.0, 1)
+    assert "too stiff" in sims[0].choices["it"].reason
+
+
+def test_explicit_steps_give_bending_as_many_impulses_as_the_smallest_world_needs(device):
+    sims = [
+        Simulation(Scene({"it": Cloth.from_mesh(*bowl(scale), **PLATE)}), fixed(method="verlet", substeps=200), device)
+        for scale in (0.1, 1.0)
+    ]
+    for sim in sims:
+        sim.step()
+    outer = [sim.device_arrays("it")[0].frames.numpy()["outer"][0] for sim in sims]
+    assert outer[0] > outer[1]
+    sims[1].set("it.scale", 0.1)
+    sims[1].step()
+    assert sims[1].device_arrays("it")[0].frames.numpy()["outer"][0] == outer[0]
+
+
+def test_what_takes_one_shape_of_all_worlds_is_left_to_others(device):
+    """Vector rows of a CPU, which are cheaper than meshes, and subdomains of a GPU."""
+    around, grid = Surroundings("cpu", False, 0), build(Cloth((8, 8)), "it", False)
+    assert prices.verlet(grid.at(np.ones(1)), around) > prices.verlet(grid, around)
+    around = dataclasses.replace(around, device="cuda")
+    assert prices.verlet(grid.at(np.ones(1)), around) != prices.verlet(grid, around)
+    sim = Simulation(Scene({"it": Cloth((8, 8))}), fixed(method="verlet", substeps=200), device)
+    with forced_executor("subdomains"), pytest.raises(ValueError, match="is forced with scales, which .* is one rest"):
+        sim.set("it.scale", 2.0)
+
+
 def test_the_largest_world_decides_whether_colliders_come_between_particles(device):
     sim = Simulation(
         Scene({"it": Cloth((9, 9), (0.2, 0.2))}, {"ball": Sphere(0.5, position=(0, 0, -3))}), fixed(), device, 2
@@ -211,6 +293,10 @@ def test_positions_strain_only_worlds_of_another_size(device):
     for world, strained in ((1, False), (0, True)):
         sim.set_positions("it", sim.rest_positions("it", 1), world)
         assert ("strained" in sim.choices["it"].reason) == strained
+    sim.set("it.scale", 0.01, 1)
+    sim.set_positions("it", sim.rest_positions("it", 0), 1)
+    moved = np.abs(sim.positions("it", 1) - sim.rest_positions("it", 0)).max()
+    assert 0.0 < moved < 3e-8, "by a hundred-thousandth of a spring of that world"
 
 
 def test_scales_are_drawn_and_hands_grasp_what_is_there_then(device):
@@ -253,8 +339,14 @@ def test_bad_scales_are_refused_and_change_nothing(device):
         sim.set("line.scale", np.array([1.0, 0.001]))
     with pytest.raises(ValueError, match="substeps is 40 with method 'verlet'; allowed is at least .* of it"):
         sim.set("it.scale", 0.001)
+    for bad_world in (-1, 2):
+        for read in (sim.springs, sim.rest_positions):
+            with pytest.raises(ValueError, match="allowed is a whole number from 0 to 1"):
+                read("it", bad_world)
     assert [sim.get("it.scale", w) for w in range(2)] == [1.0, 1.5] and sim.get("line.scale", 1) == 1.0
     assert equal(states(sim, 1), before)
+    sim.set("it.scale", 1.2, 0)
+    assert [sim.get("it.scale", w) for w in range(2)] == [1.2, 1.5]
     one_size = {
         "hangs on a winch": Rope(segments=4, winch=Winch(0.5)),
         "tears": Cloth((4, 4), tear_strain=0.5),

@@ -56,7 +56,7 @@ def make_executor(
     if _forced == "subdomains" or (_forced is None and device.is_cuda and sheets):
         try:
             if topologies[0].world_scales is not None:
-                raise Unfit("subdomains are asked of worlds of different scales; allowed is one rest shape")
+                raise Unfit("scales, which may differ between worlds", "one rest shape")
             return Subdomains(features, worlds, [topology.layout for topology in topologies], device)
         except Unfit:
             if _forced == "subdomains":
