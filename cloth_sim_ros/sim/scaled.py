@@ -30,10 +30,12 @@ def scale_rows(
     powers: wp.array(dtype=int),
     origin: wp.array(dtype=wp.float64),
     scales: wp.array(dtype=wp.float64),
+    chosen: wp.array(dtype=int),
     out: wp.array2d(dtype=Any),
 ):
-    """Number i of a rest shape in world w. origin: what stays as it is, for each column."""
-    w, i = wp.tid()
+    """Number i of a rest shape in world chosen[k]. origin: what stays as it is, for each column."""
+    k, i = wp.tid()
+    w = chosen[k]
     column = i % powers.shape[0]
     away = base[i] - origin[column]
     if powers[column] == LOST:
@@ -69,7 +71,7 @@ class Scaled:
             if len(rows):
                 origin = topology.origin if name == "rest" else np.zeros(len(powers))
                 self.own[name] = self._add(rows, powers, origin, Model.vars[name].type.dtype)
-        self.write()
+        self.write(wp.array(np.arange(len(self._scales)), dtype=int, device=device))
 
     def _add(self, base: np.ndarray, powers: tuple[int, ...], origin: np.ndarray, dtype: type) -> wp.array:
         """An array of `dtype` that is to hold `base` in each world."""
@@ -81,15 +83,16 @@ class Scaled:
         self._parts.append((*(wp.array(rows, dtype=each, device=self._device) for rows, each in given), flat, out))
         return out
 
-    def write(self) -> None:
-        """Bring Topology.world_scales to the device."""
+    def write(self, chosen: wp.array) -> None:
+        """Bring Topology.world_scales to the device, in worlds of these numbers."""
         self.plate_rates[0][:] = self._body["plate_rate"] / self._scales**2
         lengths = {name: self._body[name] * self._scales for name in ("spacing", "width")}
         self._bodies.write(0, None, plate_rate=self.plate_rates[0], **lengths)
         self._bodies.upload()
         scales = wp.array(self._scales, dtype=wp.float64, device=self._device)
         for *given, flat, _ in self._parts:
-            wp.launch(scale_rows, dim=flat.shape, inputs=[*given, scales, flat], device=self._device)
+            dim = (len(chosen), flat.shape[1])
+            wp.launch(scale_rows, dim=dim, inputs=[*given, scales, chosen, flat], device=self._device)
 
 
 def softened(topology: Topology, rows: np.ndarray, scales: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ def set_scale(bodies: Bodies, owner: str, value: Any, world: Some) -> None:
             bodies.elastic[owner] = topology
     if owner in bodies.scales:
         bodies.scales[owner][:] = scales
-        bodies.batch[owner].scaled.write()
+        bodies.batch[owner].scaled.write(bodies.chosen(world))
         bodies.choose_again()
     elif (scales != 1.0).any():
         bodies.scales[owner] = scales
