@@ -18,6 +18,7 @@ from cloth_sim_ros.sim.masses import Masses
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
 from cloth_sim_ros.sim.rope_state import Drive, EndTurn, Reel
+from cloth_sim_ros.sim.scaled import Scaled
 from cloth_sim_ros.sim.stages.tearing import LEFT
 from cloth_sim_ros.sim.state import Arrays, Material
 from cloth_sim_ros.sim.state_arrays import make_states, row_of, state_of
@@ -39,8 +40,9 @@ class Shared:
 class Batch:
     """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
-    rows: whether they are computed in vector rows. The model is there once; `states` has a row a world, and `worlds[w]`
-    is what kernels know of world w.
+    rows: whether they are computed in vector rows. The model is there once, but for what is `scaled`, which is alone in
+    its batch. `states` has a row a world, and `worlds[w]` is what kernels know of world w. rest: name ->
+    as `write_positions` takes it.
     """
 
     def __init__(
@@ -55,11 +57,10 @@ class Batch:
     ):
         self.features, self.device = features, device
         self.index = {name: b for b, name in enumerate(topologies)}
-        self._local = {name: topology.layout for name, topology in topologies.items()}
-        self._rest = {
-            name: wp.array(topology.rest[None], dtype=wp.float64, device=device)
-            for name, topology in topologies.items()
-        }
+        self._local, self.rest = (
+            {name: wp.array(getattr(t, part)[None], dtype=wp.float64, device=device) for name, t in topologies.items()}
+            for part in ("layout", "rest")
+        )
         self._reels = {name: _wound(topology) for name, topology in topologies.items() if topology.reel is not None}
         spokes = features.method == "verlet" and not rows  # which lay out their own
         collected = ModelArrays(spokes, lanes=device.is_cpu)
@@ -72,8 +73,13 @@ class Batch:
         self.materials = LiveArray(Material, len(topologies), worlds, device)
         self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
         self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
-        plate_rates = [row["plate_rate"] for row in self._bodies] if features.has_outer else []
-        self.frame = BatchFrame(frame, self.materials, plate_rates, worlds, device)
+        plate_rates = [row["plate_rate"] for row in self._bodies]
+        name, topology = next(iter(topologies.items()))
+        self.scaled = Scaled(topology, collected, device) if topology.world_scales is not None else None
+        if self.scaled is not None:
+            self._local[name], self.rest[name] = self.scaled.layout, self.scaled.rest
+            plate_rates = self.scaled.plate_rates
+        self.frame = BatchFrame(frame, self.materials, plate_rates if features.has_outer else [], worlds, device)
         self.live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         self.states = make_states(collected, features, shared.colliders.array.shape[1], worlds, device)
         self.masses = Masses(list(topologies.values()), self._spans, self.materials, worlds, device)
@@ -97,6 +103,8 @@ class Batch:
         own = {name: getattr(arrays.state, name) for name in LEFT} if self.features.tears else {}
         if self.features.winch:
             own = {"particle_masses": self.masses.masses[w]}
+        if self.scaled is not None:
+            own = {name: rows[w] for name, rows in self.scaled.own.items()}
         arrays.model = _with_own(model, own) if own else model
         arrays.frames, arrays.materials = self.frame.rows.array[w], self.materials.array[w]
         arrays.colliders, arrays.drives = row_of(shared.colliders.array, w), row_of(self.drives.array, w)
@@ -134,7 +142,7 @@ class Batch:
         for name, reel in self._reels.items():
             for array in ("reels", "good_reels"):
                 writing.put(self.states[array], self.index[name], reel, chosen)
-        for name, rest in self._rest.items():
+        for name, rest in self.rest.items():
             self._put_positions(name, rest, chosen)
 
     def write_positions(self, name: str, positions: wp.array, chosen: wp.array) -> None:
@@ -155,9 +163,9 @@ class Batch:
 
     def write_pose(self, name: str, poses: np.ndarray, chosen: wp.array) -> None:
         """A body in its rest shape at poses (worlds, 7), x y z [m] and a unit x y z w, at rest, in these worlds."""
-        points, poses = (wp.array(rows, dtype=wp.float64, device=self.device) for rows in (self._local[name], poses))
-        values = wp.zeros((poses.shape[0], *points.shape), dtype=wp.float64, device=self.device)
-        dim = (len(chosen), points.shape[0])
+        points, poses = self._local[name], wp.array(poses, dtype=wp.float64, device=self.device)
+        values = wp.zeros((poses.shape[0], *points.shape[1:]), dtype=wp.float64, device=self.device)
+        dim = (len(chosen), points.shape[1])
         wp.launch(writing.place, dim=dim, inputs=[points, poses, chosen, values], device=self.device)
         self.write_positions(name, values, chosen)
         writing.clear(self.states["velocities"], self.span(name), chosen)

@@ -30,6 +30,7 @@ from cloth_sim_ros.sim.methods.prices import Surroundings
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.poses import Motions
+from cloth_sim_ros.sim.scaled import softened
 from cloth_sim_ros.sim.scene import Scene
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.sizes import sharpest
@@ -47,8 +48,8 @@ class Bodies:
     """The objects of `scene` in batches of those that share a kernel, built again where method auto changes its choice.
 
     builds: how often they were built; what comes of `device_arrays` holds until it changes. moves: name -> by what an
-    object starts elsewhere than in the scene. Raises ValueError for a number of worlds or a device that cannot be, and
-    for a mesh that is not manifold.
+    object starts elsewhere than in the scene. scales: name -> Topology.world_scales. Raises ValueError for a number of
+    worlds or a device that cannot be, and for a mesh that is not manifold.
     """
 
     def __init__(self, scene: Scene, settings: Settings, device: str, worlds: int) -> None:
@@ -67,6 +68,7 @@ class Bodies:
         self.fixed = len(scene.colliders)  # rows of colliders before those that are added
         self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
         self.moves: dict[str, Motion] = {}
+        self.scales: dict[str, np.ndarray] = {}
         self.elastic = {name: self._topology(name, thing, False) for name, thing in scene.objects.items()}
         self.strained: set[str] = set()
         self._sharpest: dict[str, Collider] = {}
@@ -84,27 +86,31 @@ class Bodies:
 
     def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]], thickness: float) -> Choice:
         """How an object with these pairs of compliances and damping, and this least thickness, is to be computed."""
-        kind = "cpu" if self.warp_device.is_cpu else "cuda"
-        gap = self.elastic[name].widest_gap
+        topology, rows = self.elastic[name], self.colliders.array.shape[1]
+        gap = topology.widest_gap * topology.scales_in().max()
         enters = any(each.enters(gap, thickness) for each in {**self.scene.colliders, **self._sharpest}.values())
         surface = enters or self.scene.spare_colliders > 0
-        wind, rows = self.scene.wind is not None, self.colliders.array.shape[1]
-        tears = self.elastic[name].tear_strain > 0.0
-        around = Surroundings(kind, wind, rows, self.worlds, surface, self._meets(name), tears)
-        choice = choosing.choose(self.settings, self.elastic[name], list(materials), name in self.strained, around)
+        wind, meets, tears = self.scene.wind is not None, self._meets(name), topology.tear_strain > 0.0
+        around = Surroundings(
+            "cpu" if self.warp_device.is_cpu else "cuda", wind, rows, self.worlds, surface, meets, tears
+        )
+        choice = choosing.choose(self.settings, topology, list(materials), name in self.strained, around)
         if surface:
             choice = replace(choice, reason=f"{choice.reason}; colliders touch it between its particles too")
-        return choice
+        scaled = "; its scale may differ between worlds" if name in self.scales else ""
+        return replace(choice, reason=choice.reason + scaled)
 
     def _choose_now(self, name: str) -> Choice:
         """The same for an object as its materials and masses are now."""
         rows = self.lightened(name, self.materials_of(name, None), None)
         return self.choose(name, distinct(rows), float(rows["thickness"].min()))
 
-    def lightened(self, name: str, rows: np.ndarray, world: Some) -> np.ndarray:
-        """Rows of Material of an object in some worlds, as what chooses and checks methods takes them."""
+    def lightened(self, name: str, rows: np.ndarray, world: Some, kg: np.ndarray | None = None) -> np.ndarray:
+        """Rows of Material of an object in some worlds, as what chooses and checks methods takes them, where it weighs
+        `kg` (k, 2), see Masses, or what it does."""
         masses, b = self.batch[name].masses, self.batch[name].index[name]
-        return masses.lightened(b, rows, masses.read(b, world))
+        rows = masses.lightened(b, rows, masses.read(b, world) if kg is None else kg)
+        return softened(self.elastic[name], rows, self.elastic[name].scales_in(worlds_of(world)))
 
     def build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""
@@ -140,11 +146,8 @@ class Bodies:
         together = [name for name in self.batch if self._meets(name)]
         for batch in self.batches:
             chosen = [self._choices[name] for name in (together if batch.features.meets else batch.index)]
-            most = [
-                max(numbers)
-                for numbers in zip(*((c.substeps, c.iterations, c.safe_substeps) for c in chosen), strict=True)
-            ]
-            batch.set_substeps(*most)
+            needed = zip(*((c.substeps, c.iterations, c.safe_substeps) for c in chosen), strict=True)
+            batch.set_substeps(*map(max, needed))
             batch.frame.refresh(self.settings.frame_dt)
 
     def choose_again(self) -> None:
@@ -166,8 +169,9 @@ class Bodies:
         self._build_around({each: self._choose_now(each) for each in self.batch})
 
     def _topology(self, name: str, thing: Cloth | Rope, direct_ropes: bool) -> Topology:
-        found = build_topology(thing, name, direct_ropes)
-        return replace(found, rest=moved(found.rest, self.moves[name])) if name in self.moves else found
+        found = build_topology(thing, name, direct_ropes).at(self.scales.get(name))
+        places = ("rest", "origin") if name in self.moves else ()
+        return replace(found, **{place: moved(getattr(found, place), self.moves[name]) for place in places})
 
     def _build_around(self, choices: dict[str, Choice]) -> None:
         """Everything on the device anew, with the state that there is."""
@@ -177,17 +181,16 @@ class Bodies:
             give(self.batch[name], name, state)
         self._write_substeps()
 
-    def twin(
-        self, scene: Scene, settings: Settings, choices: dict[str, Choice], strained: set[str], rows: dict[str, int]
-    ) -> Bodies:
-        """Bodies of the same structure as other pins, settings, choices and added colliders in `rows` describe them.
+    def twin(self, choices: dict[str, Choice], **parts: Any) -> Bodies:
+        """Bodies of the same structure with other choices, and `parts` scene, settings, strained, collider_row, scales.
 
         They share with these all arrays that can stay. Nothing here changes, until `become`.
         """
         other = copy.copy(self)
-        other.scene, other.settings, other.strained, other.collider_row = scene, settings, strained, rows
-        changed = {name: thing for name, thing in scene.objects.items() if thing is not self.scene.objects[name]}
-        other.elastic = {**self.elastic, **{name: self._topology(name, changed[name], False) for name in changed}}
+        vars(other).update(parts)
+        scaled, things = bool(other.scales or self.scales), other.scene.objects
+        changed = {name: thing for name, thing in things.items() if scaled or thing is not self.scene.objects[name]}
+        other.elastic = {**self.elastic, **{name: other._topology(name, changed[name], False) for name in changed}}
         if changed or any(choices[name].kernels != self._choices[name].kernels for name in choices):
             other.build(choices)
         other._choices = choices
@@ -201,11 +204,10 @@ class Bodies:
     def _make_batches(self) -> list[Batch]:
         """A batch of each group of objects with the same features, in vector rows or not."""
         wind = self.scene.wind is not None
-        forces = np.array([force.numbers() for force in self.scene.forces.values()]).reshape(-1, 4)
-        shared = Shared(
-            self.colliders, self.handles, self.handle_counts, wp.array(forces, dtype=wp.vec4, device=self.warp_device)
-        )
-        alike: dict[tuple[Features, bool], dict[str, Topology]] = {}
+        numbers = np.array([force.numbers() for force in self.scene.forces.values()]).reshape(-1, 4)
+        forces = wp.array(numbers, dtype=wp.vec4, device=self.warp_device)
+        shared = Shared(self.colliders, self.handles, self.handle_counts, forces)
+        alike: dict[tuple[Features, bool, str], dict[str, Topology]] = {}
         for name, topo in self.topologies.items():
             choice = self._choices[name]
             features = Features.of(topo, wind, self.shapes, choice.order, choice.method, self.worlds > 1)
@@ -218,10 +220,10 @@ class Bodies:
                 listed=self.colliders.array.shape[1] > FEW,
             )
             rows = goes_in_rows(features, topo, self.warp_device)
-            alike.setdefault((features, rows), {})[name] = topo
+            alike.setdefault((features, rows, name if name in self.scales else ""), {})[name] = topo
         return [
             Batch(bodies, features, rows, self.frame, shared, self.worlds, self.warp_device)
-            for (features, rows), bodies in alike.items()
+            for (features, rows, _), bodies in alike.items()
         ]
 
     def leave_to_implicit(self, name: str) -> None:

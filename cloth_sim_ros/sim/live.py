@@ -20,6 +20,7 @@ from cloth_sim_ros.sim.live_values import COMPLIANCES, OF_FRAME
 from cloth_sim_ros.sim.masses import MASSES
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.rope_queries import Ropes
+from cloth_sim_ros.sim.scales import set_scale
 from cloth_sim_ros.sim.sizes import write_size
 
 _FAR_AWAY = 1e30  # [m]
@@ -84,11 +85,12 @@ class Live:
         self.set("wind.velocity", velocity, world)
 
     def set(self, name: str, value: Any, world: Any = None) -> None:
-        """Set a live parameter such as "cloth.stretch_compliance", "cloth.mass", "ball.radius", "gravity" or
-        "solver.substeps".
+        """Set a live parameter such as "cloth.stretch_compliance", "cloth.mass", "cloth.scale", "ball.radius",
+        "gravity" or "solver.substeps".
 
         An array whose first axis is all worlds gives each its own number or vector. Those of the solver hold in all
-        worlds.
+        worlds. With another scale an object starts anew: its rest shape is so many times as large, and all else is as
+        set. A sheet grows about its position, a rope from its start.
         """
         owner, _, field = name.rpartition(".")
         world = self._bodies.some(world)
@@ -148,7 +150,8 @@ class Live:
         if field == "pins":
             self._set_pins(owner, value, world)
             return
-        row = _live(table.CLOTH if isinstance(thing, Cloth) else (*table.ROPE, *table.TWIST), field, name)
+        rows = table.CLOTH if isinstance(thing, Cloth) else (*table.ROPE, *table.TWIST)
+        row = _live((*rows, table.SCALE), field, name)
         needed = "twist_compliance" if field == "end_turn" else field
         if needed in ("shear_compliance", "bend_compliance", "twist_compliance") and getattr(thing, needed) is None:
             raise ValueError(f"{name} is set but {owner} was built without; allowed is an object built with {needed}")
@@ -158,6 +161,9 @@ class Live:
             return
         if field in MASSES:
             self._set_mass(owner, field, value, world)
+            return
+        if field == "scale":
+            set_scale(self._bodies, owner, value, world)
             return
         materials = self._bodies.materials_of(owner, world)
         if field in COMPLIANCES:
@@ -180,7 +186,7 @@ class Live:
         kg = batch.masses.read(batch.index[owner], world)
         kg[:, MASSES[field]] = value
         if self._bodies.settings.method == "verlet":
-            rows = batch.masses.lightened(batch.index[owner], self._bodies.materials_of(owner, world), kg)
+            rows = self._bodies.lightened(owner, self._bodies.materials_of(owner, world), world, kg=kg)
             check_rows(self._bodies, owner, rows, self._bodies.settings.substeps)
         batch.write_masses(owner, kg, world)
         self._bodies.choose_again()

@@ -71,6 +71,8 @@ def _of_object(bodies: Bodies, name: str, field: str, world: int) -> Any:
     thing, batch = bodies.scene.objects[name], bodies.batch[name]
     if field == "pins":
         return thing.pins or "none"
+    if field == "scale":
+        return bodies.topology(name).scales_in(world).item()
     if not _is_live(table.CLOTH if isinstance(thing, Cloth) else (*table.ROPE, *table.TWIST), field):
         return None
     if getattr(thing, "twist_compliance" if field == "end_turn" else field) is None:

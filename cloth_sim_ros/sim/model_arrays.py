@@ -212,15 +212,18 @@ class ModelArrays:
         spokes[slot, hub] = np.stack([rim, types], 1)
         return self._append("spokes", spokes.reshape(-1, 2)), int(degree.max())
 
+    def joined(self, name: str) -> np.ndarray:
+        """The rows of an array in Model of all bodies, in NumPy."""
+        return np.concatenate(self._rows[name]) if self._rows[name] else np.zeros(0)
+
     def upload(self, device: wp.Device) -> Model:
         """The arrays on `device`. An absent kind is an array of no element."""
         model = Model()
         self._append("panel_start", np.array([self.size["particle_panels"]]))
         if self.curve_width:
             self._append("curve_start", np.array([self.size["curve_entries"]]))
-        for name, parts in self._rows.items():
-            rows = np.concatenate(parts) if parts else []
-            setattr(model, name, wp.array(rows, dtype=Model.vars[name].type.dtype, device=device))
+        for name in self._rows:
+            setattr(model, name, wp.array(self.joined(name), dtype=Model.vars[name].type.dtype, device=device))
         model.plate_strides = wp.vec2i(1, 0) if self._lanes else wp.vec2i(0, 1)
         model.curve_width = self.curve_width
         seams = np.array(self._seams, dtype=Seams.numpy_dtype())

@@ -11,7 +11,7 @@ import warp as wp
 from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.checks import finite_array
 from cloth_sim_ros.sim.hands import Hands
-from cloth_sim_ros.sim.live_array import Some
+from cloth_sim_ros.sim.live_array import Some, worlds_of
 from cloth_sim_ros.sim.methods.choose import is_strained
 from cloth_sim_ros.sim.queries import Queries
 from cloth_sim_ros.sim.starts import Depth, off_symmetry, way_out
@@ -55,19 +55,24 @@ class Placing:
         Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
         """
         rows, some = self._rows(name, positions, "positions", _FAR), self._bodies.some(world)
-        strained = self._leave_if_strained(name, rows)
-        if strained and self._bodies.elastic[name].reel is None:  # what is on a drum stays there
-            rows = off_symmetry(self._bodies.elastic[name], rows)
+        strained = self._leave_if_strained(name, rows, some)
+        topology = self._bodies.elastic[name]
+        if strained and topology.reel is None:  # what is on a drum stays there
+            rows = off_symmetry(topology, rows, topology.scales_in(worlds_of(some)).min())
         self._write_positions(name, rows, some)
 
     def _write_positions(self, name: str, rows: np.ndarray, some: Some) -> None:
         values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
         self._bodies.batch[name].write_positions(name, values, self._bodies.chosen(some))
 
-    def _leave_if_strained(self, name: str, rows: np.ndarray) -> bool:
-        """Whether positions strain a spring by more than half; `auto` then leaves the object to implicit steps."""
+    def _leave_if_strained(self, name: str, rows: np.ndarray, some: Some) -> bool:
+        """Whether positions strain a spring by more than half in some worlds; `auto` then leaves the object to implicit
+        steps."""
         torn = self._queries.torn(name) if self._queries.tears(name) else {}
-        strained = is_strained(self._bodies.elastic[name], rows, torn)
+        topology = self._bodies.elastic[name]
+        scales = np.unique(topology.scales_in(worlds_of(some)))
+        # Of each spring, the smallest or the largest of its rest lengths is strained most.
+        strained = any(is_strained(topology, rows / scale, torn) for scale in {*scales[:1], *scales[-1:]})
         if strained and self._bodies.settings.method == "auto":
             self._bodies.leave_to_implicit(name)
         return strained
@@ -96,7 +101,7 @@ class Placing:
         if batch.features.winch:
             batch.write_body("reels", name, source.read_body("reels", name, 0))
         rows = other._queries.positions(name)
-        self._leave_if_strained(name, rows)
+        self._leave_if_strained(name, rows, None)
         self._write_positions(name, rows, None)
         self.set_velocities(name, other._queries.velocities(name))
         batch = self._bodies.batch[name]  # all may have been built anew for what is strained

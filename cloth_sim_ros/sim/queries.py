@@ -48,9 +48,9 @@ class Queries:
         batch = self._bodies.batch[name]
         return batch.worlds[world].state.panels[batch.panels(name)]
 
-    def rest_positions(self, name: str) -> np.ndarray:
-        """Rest positions (N, 3) float32 [m] in the world."""
-        return self._bodies.topology(name).rest.astype(np.float32)
+    def rest_positions(self, name: str, world: int = 0) -> np.ndarray:
+        """Rest positions (N, 3) float32 [m] in one world, where the scene puts the object."""
+        return self._bodies.topology(name).rest_in(self._bodies.one(world)).astype(np.float32)
 
     def springs(self, name: str, world: int = 0) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Kind -> (pairs (S, 2) int, rest_length (S,) [m], constant (S,) [N/m], infinite where rigid), as they are
@@ -59,12 +59,14 @@ class Queries:
         kinds = dict(topo.springs)
         if topo.chain is not None:
             kinds["structural"] = topo.chain
-        compliance = batch.materials.read(batch.index[name], self._bodies.one(world))["compliance"][0]
+        scale = topo.scales_in(self._bodies.one(world))
+        compliance = batch.materials.read(batch.index[name], world)["compliance"][0]
         found = {}
         for kind, elements in kinds.items():
+            yields = elements.scale if len(topo.triangles) else elements.scale * scale
             with np.errstate(divide="ignore"):
-                constant = 1.0 / (float(compliance[KINDS.index(kind)]) * elements.scale)
-            found[kind] = (elements.particles.astype(np.int64), elements.rest.copy(), constant)
+                constant = 1.0 / (float(compliance[KINDS.index(kind)]) * yields)
+            found[kind] = (elements.particles.astype(np.int64), elements.rest * scale, constant)
         return found
 
     def torn(self, name: str, world: int = 0) -> dict[str, np.ndarray]:

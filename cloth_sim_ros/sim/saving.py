@@ -19,6 +19,7 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.bodies import Bodies
+from cloth_sim_ros.sim.checks import check_worlds
 from cloth_sim_ros.sim.colliders import SHAPES, shape_of
 from cloth_sim_ros.sim.forces import name_of
 from cloth_sim_ros.sim.hands import Hands
@@ -50,6 +51,7 @@ class Saving:
             "batches": _names(bodies),
             "settings": {name: getattr(bodies.settings, name) for name in _LIVE_SETTINGS},
             "choices": {name: dataclasses.asdict(choice) for name, choice in bodies.choices.items()},
+            "scales": {name: rows.tolist() for name, rows in bodies.scales.items()},
             "strained": sorted(bodies.strained),
             "pins": {name: thing.pins for name, thing in bodies.scene.objects.items()},
             "grasps": self._hands.objects,
@@ -114,11 +116,15 @@ class Saving:
         for name, (row, shape, fields) in header["added"].items():
             rows[name], colliders[name] = row, SHAPES[shape][0](**fields)
         return bodies.twin(
-            dataclasses.replace(bodies.scene, objects=objects, colliders=colliders),
-            dataclasses.replace(bodies.settings, **header["settings"]),
             {name: Choice(**header["choices"][name]) for name in objects},
-            set(header["strained"]),
-            rows,
+            scene=dataclasses.replace(bodies.scene, objects=objects, colliders=colliders),
+            settings=dataclasses.replace(bodies.settings, **header["settings"]),
+            strained=set(header["strained"]),
+            collider_row=rows,
+            scales={
+                name: check_worlds(table.SCALE, np.array(each), f"{name}.scale", bodies.worlds, None)
+                for name, each in header["scales"].items()
+            },
         )
 
     def _arrays(self, bodies: Bodies) -> dict[str, wp.array | np.ndarray]:

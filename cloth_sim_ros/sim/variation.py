@@ -33,7 +33,7 @@ class Variation:
 
     vary: such as {"cloth.stretch_compliance": {"log_uniform": [1e-4, 1e-2]}, "wind.velocity": {"normal": [[1, 0, 0],
     0.5]}}; a name of DISTRIBUTIONS with its two numbers, or vectors as long as the parameter. Orientations are scaled
-    to length 1: normal of mean 0 is any. Raises ValueError for what cannot be.
+    to length 1: normal of mean 0 is any. What has a "scale" starts anew. Raises ValueError for what cannot be.
     """
 
     def __init__(self, vary: Mapping[str, Mapping[str, Any]], seed: int = 0) -> None:
@@ -74,7 +74,8 @@ class Variation:
             parts = [values.get(f"{owner}.{part}", getattr(placed[owner], part)) for part in _POSE]
             pose = np.column_stack([np.broadcast_to(part, (sim.worlds, np.shape(part)[-1])) for part in parts])
             sim.write(owner, "pose", pose, mask, sweep=False)
-        if set(moved) & {*sim.scene.objects, *sim.scene.handles}:
+        resized = {name.removesuffix(".scale") for name in values if name.endswith(".scale")}  # they start anew
+        if {*moved, *resized} & {*sim.scene.objects, *sim.scene.handles}:
             holding = [name for name, handle in sim.scene.handles.items() if handle.attached]
             for on in (False, True):  # as a reset does: what one has let go, another may grasp
                 for name in holding:

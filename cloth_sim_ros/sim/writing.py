@@ -46,15 +46,19 @@ def put_positions(
 
 @compiled
 def place(
-    points: wp.array2d(dtype=wp.float64),
+    points: wp.array3d(dtype=wp.float64),
     poses: wp.array2d(dtype=wp.float64),
     chosen: wp.array(dtype=int),
     values: wp.array3d(dtype=wp.float64),
 ):
-    """Where point i (x y z) in the axes of a pose of world chosen[k] lies; poses: x y z, then a unit x y z w."""
+    """Where point i (x y z) in the axes of a pose of world chosen[k] lies; poses: x y z, then a unit x y z w.
+
+    points: (worlds, N, 3), or (1, N, 3) for each.
+    """
     k, i = wp.tid()
     w = chosen[k]
-    point = wp.vec3d(points[i, 0], points[i, 1], points[i, 2])
+    row = wp.where(points.shape[0] == 1, 0, w)
+    point = wp.vec3d(points[row, i, 0], points[row, i, 1], points[row, i, 2])
     turned = wp.quat_rotate(wp.quatd(poses[w, 3], poses[w, 4], poses[w, 5], poses[w, 6]), point)
     for c in range(3):
         values[w, i, c] = poses[w, c] + turned[c]

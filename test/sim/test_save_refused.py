@@ -69,14 +69,15 @@ def changed(path, to, **header):
 
 def test_another_version_or_content_is_refused(whole, tmp_path):
     sim, path = whole
-    for version in (0, 1, 3, None, "2"):
+    for version in (0, 1, 2, None, "3"):
         told = refusal(sim, changed(path, tmp_path / "v.npz", format=version, package="9.9"), tmp_path)
-        assert f"has format version {version!r}, of package 9.9; allowed is version 2" in told
+        assert f"has format version {version!r}, of package 9.9; allowed is version 3" in told
     bad = {
         "batches": [["else"]],
         "settings": {"substeps": -1},
         "choices": {},
         "pins": {"cloth": [999]},
+        "scales": {"cloth": [0.0]},
         "added": {"box": [1, "torus", {}]},
         "frames": None,
         "batch0__positions": None,

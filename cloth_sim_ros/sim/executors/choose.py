@@ -55,6 +55,8 @@ def make_executor(
     sheets = all(len(topology.triangles) for topology in topologies)
     if _forced == "subdomains" or (_forced is None and device.is_cuda and sheets):
         try:
+            if topologies[0].world_scales is not None:
+                raise Unfit("scales, which may differ between worlds", "one rest shape")
             return Subdomains(features, worlds, [topology.layout for topology in topologies], device)
         except Unfit:
             if _forced == "subdomains":

@@ -70,7 +70,8 @@ class VectorRows:
 
 def fits_rows(features: Features, topology: Topology, device: wp.Device) -> bool:
     """Whether a body can be computed in vector rows."""
-    return device.is_cpu and features.method == "verlet" and topology.grid is not None
+    is_grid = topology.grid is not None and topology.world_scales is None  # of one rest shape in all worlds
+    return device.is_cpu and features.method == "verlet" and is_grid
 
 
 def spokes_of(topology: Topology) -> list[tuple[int, int, float, np.ndarray]]:

@@ -110,15 +110,16 @@ def explicit_substeps(
     if not values:
         return 1
     found, constants = topology.frequencies(crumples), tuple(1.0 / value for value in values)
+    length = found.mean_length * topology.scales_in().max()
     plate = 0.0 if topology.plate is None else topology.plate_rate / float(compliance[2])
     about, margin = found.near(constants)
     least, most = (
-        _substeps_for(topology, share * about + plate, found.mean_length, damping, frame_dt)
+        _substeps_for(topology, share * about + plate, length, damping, frame_dt)
         for share in (1.0 - margin, 1.0 + margin)
     )
     if least == most:
         return least
-    return _substeps_for(topology, found.exact(constants) + plate, found.mean_length, damping, frame_dt)
+    return _substeps_for(topology, found.exact(constants) + plate, length, damping, frame_dt)
 
 
 def _substeps_for(topology: Topology, largest: float, length: float, damping: float, frame_dt: float) -> float:

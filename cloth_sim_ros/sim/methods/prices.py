@@ -52,12 +52,12 @@ class Surroundings:
 def verlet(topology: Topology, around: Surroundings) -> float:
     """Of explicit steps."""
     count = len(topology.masses)
-    if around.device == "cuda" and around.surface:
+    if around.device == "cuda" and (around.surface or topology.world_scales is not None):
         return _launched(topology, 4 + around.wind + (topology.plate is not None), around)
     if around.device == "cuda":
         slow = 1.0 + 0.5 * around.wind + 0.1 * around.near + 0.5 * (topology.plate is not None)
         return slow * (_TILES + _TILES_PARTICLE * count * around.worlds)
-    springs = _MESH if topology.grid is None else _GRID
+    springs = _GRID if topology.grid is not None and topology.world_scales is None else _MESH
     return (
         around.worlds
         * count

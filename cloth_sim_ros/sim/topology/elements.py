@@ -7,6 +7,7 @@ live change of the material never touches these arrays. Nothing here knows of a 
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -68,7 +69,8 @@ class Topology:
     subdomains. grid: particles along x and y, None for what is no grid. reel: of a rope on a winch, the last particle
     at the drum and the rest length [m] of the segment that begins there. plate: what a sheet resists bending with.
     twists: whether a rope resists twist. tear_strain: beyond which its springs fail, 0 for never. load: what of
-    the last mass is no part of the object [kg].
+    the last mass is no part of the object [kg]. world_scales: (worlds,) by how much it is larger than all this says in
+    each world, about `origin` (3,) [m] in the world; None where no world ever had another size.
     """
 
     rest: np.ndarray
@@ -87,6 +89,24 @@ class Topology:
     grid: tuple[int, int] | None = None
     tear_strain: float = 0.0
     load: float = 0.0
+    origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    world_scales: np.ndarray | None = None
+
+    def scales_in(self, worlds: Any = ...) -> np.ndarray:
+        """By how much it is larger than `rest` in worlds of an index, (k,), or 1 for any."""
+        return np.ones(1) if self.world_scales is None else self.world_scales[worlds]
+
+    def rest_in(self, world: int) -> np.ndarray:
+        """Rest positions (N, 3) [m] in one world."""
+        if self.world_scales is None:
+            return self.rest
+        return self.origin + self.world_scales[world] * (self.rest - self.origin)
+
+    def at(self, world_scales: np.ndarray | None) -> Topology:
+        """The same with other scales; what was found out about its shape stays known."""
+        found = copy.copy(self)
+        object.__setattr__(found, "world_scales", world_scales)
+        return found
 
     @cached_property
     def families(self) -> list[Family]:

@@ -66,6 +66,7 @@ def of_sheet(
         plate=bending,
         grid=grid,
         tear_strain=cloth.tear_strain,
+        origin=np.asarray(cloth.position),
     )
 
 

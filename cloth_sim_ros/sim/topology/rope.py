@@ -30,8 +30,9 @@ def of_rope(rope: Rope, direct: bool) -> Topology:
     stretch = Elements(pairs, length, length)
     pinned = pinned_particles(rope.pins, named, count)
     bends, weights = _bends(rope, points, length, pinned)
+    rest = rotate(rope.orientation, points) + np.asarray(rope.position)
     return Topology(
-        rest=rotate(rope.orientation, points) + np.asarray(rope.position),
+        rest=rest,
         masses=masses,
         pinned=pinned,
         springs={} if direct else {"structural": stretch},
@@ -44,6 +45,7 @@ def of_rope(rope: Rope, direct: bool) -> Topology:
         bend_weights=weights,
         chain=stretch if direct else None,
         load=rope.end_mass,
+        origin=rest[0],
     )
 
 
