@@ -98,7 +98,7 @@ class Candidates:
         pair = Simulation(scene, settings, device, worlds=2)
         recording.check(pair)
         self.sought = [Sought.of(text, pair) for text in fit]
-        self.live, self.settings = list(self.sought), _pinned(pair, self.sought)
+        self.live, self._asked, self.settings = list(self.sought), settings, _pinned(pair, self.sought)
         if recording.late:
             self.sought.append(Delay.between(*recording.late))
         self.recording, self.frames = recording, 0
@@ -106,22 +106,22 @@ class Candidates:
         self._seen = [(name, rows, True) for name, rows in recording.positions.items()]
         self._seen += [(name, rows, False) for name, rows in recording.points.items()]
         self._scene, self._device = scene, device
-        self._make(worlds)
+        self._make(worlds, self.settings)
         longest = recording.times[-1] - min(recording.late or (0.0,))
         self.length = int(np.ceil(longest / self.settings.frame_dt - 1e-6))
         self.count = sum(
             int(np.isfinite(rows).all(axis=2).sum()) * (3 if ordered else 1) for _, rows, ordered in self._seen
         )
 
-    def _make(self, worlds: int) -> None:
-        self.sim = Simulation(self._scene, self.settings, self._device, worlds=worlds)
+    def _make(self, worlds: int, settings: Settings) -> None:
+        self.sim = Simulation(self._scene, settings, self._device, worlds=worlds)
         self._observers = [Observer(self.sim, *each) for each in self._seen]
 
     def narrow(self, worlds: int) -> None:
         """Go on with at most so many worlds: a batch takes the time of all, however few its candidates are."""
         if worlds < self.sim.worlds:
             how = self.how
-            self._make(worlds)
+            self._make(worlds, self.settings)
             self.how = how
 
     def values(self, units: np.ndarray) -> np.ndarray:
@@ -138,13 +138,24 @@ class Candidates:
         return np.concatenate(self._all(self._parts(units), True))
 
     def error(self, units: np.ndarray) -> np.ndarray:
-        """(n,) by how much the residuals of one candidate (P,) change towards ever more substeps, by Richardson."""
+        """(2, n) by how much the residuals of one candidate (P,) change towards ever more substeps, by Richardson, and
+        where it is computed as the scene's settings say."""
         order = 1 if self.settings.method == "xpbd" and self.settings.order == 1 else 2
         coarse = self.residuals(units[None])[0]
         self.sim.set("solver.substeps", 2 * self.settings.substeps)
         fine = self.residuals(units[None])[0]
         self.sim.set("solver.substeps", self.settings.substeps)
-        return (fine - coarse) / (1.0 - 0.5**order)
+        return np.stack([(fine - coarse) / (1.0 - 0.5**order), self._as_asked(units) - coarse])
+
+    def _as_asked(self, units: np.ndarray) -> np.ndarray:
+        """Residuals (n,) of one candidate (P,), computed as the scene's settings say."""
+        pinned, (_, worths) = (self.sim, self._observers), self.how
+        self._make(self.sim.worlds, self._asked)
+        for observer, worth in zip(self._observers, worths, strict=True):
+            observer.worth = worth
+        found = self.run(units[None], True)[0]
+        self.sim, self._observers = pinned
+        return found
 
     def by_frame(self, rows: np.ndarray) -> list[np.ndarray]:
         """Residuals (n,) of a candidate, observer by observer (F, size)."""

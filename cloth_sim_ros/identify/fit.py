@@ -98,7 +98,7 @@ def estimate(candidates: Candidates, units: np.ndarray) -> Estimate:
 
     The slopes of the misfit tell it, as by Gauss and Newton, where what is left is noise on its own at every number. It
     may be shared within a frame, which the sum of each frame's slopes tells (Liang and Zeger 1986). The larger counts.
-    To that comes by how much other values would fit with ever more substeps.
+    To that comes by how much other values would fit with ever more substeps, or with those of the scene.
     """
     width = np.log([each.high / each.low for each in candidates.sought])
     left, jacobian = slopes(candidates, units)
@@ -112,8 +112,9 @@ def estimate(candidates: Candidates, units: np.ndarray) -> Estimate:
     deviation = np.where(np.diag(information) > 0.0, np.sqrt(covariance), np.inf)
     scale = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
     values = candidates.values(units)
+    shifts = np.abs(inverse @ jacobian.T @ candidates.error(units).T).max(axis=1)
     with np.errstate(over="ignore"):
-        factor = np.exp(_SPREAD * deviation + np.abs(inverse @ jacobian.T @ candidates.error(units)))
+        factor = np.exp(_SPREAD * deviation + shifts)
     felt = np.log(2.0) * np.sqrt(np.diag(information) / candidates.count)
     alike = inverse / np.outer(scale, scale)
     return Estimate(units, values, values / factor, values * factor, float(np.sqrt(noise2)), felt, alike)

@@ -88,6 +88,16 @@ def test_a_cloud_anywhere_on_the_surface_gives_as_much(device, seed, noise, most
     assert np.abs(errors(found, truth)).max() < most, errors(found, truth)
 
 
+def test_an_interval_allows_for_how_a_node_computes(device):
+    """At the defaults, where substeps are those of the true values and the search takes those of the stiffest."""
+    truth = drawn(12)
+    recording = record(truth, device, settings=Settings(), frames=40)
+    found = identify(Candidates(scene(GUESS), Settings(), recording, FIT, 16, device))[1]
+    values = np.array(list(truth.values()))
+    assert ((found.low < values) & (values < found.high)).all()
+    assert (found.high < 1.05 * found.values).all(), "and tells as much as before"
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seen", ["particles", "shuffled", "cloud"])
 def test_intervals_hold_the_truth(device, seen):
