@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> Estimate:
     plan = read_plan(arguments.scene)
     recording = _read(arguments, plan)
     if arguments.delay:
-        recording = recording.delayed(*bounds_of(arguments.delay))
+        recording = recording.delayed(*bounds_of("--delay", arguments.delay))
     device = arguments.device or plan.device
     given = (plan.scene, plan.settings, recording, arguments.fit, arguments.worlds, device)
     candidates = _spread(arguments.ray, given) if arguments.ray else Candidates(*given)
@@ -58,7 +58,8 @@ def run(arguments: argparse.Namespace) -> Estimate:
     start, found = identify(candidates, arguments.seed)
     candidates.told = lambda frames: None
     path = arguments.output or arguments.scene.with_name(f"{arguments.scene.stem}_identified.yaml")
-    values = {each.name: float(f"{value:.6g}") for each, value in zip(candidates.live, found.values, strict=False)}
+    told = zip(candidates.live, found.values, found.felt, strict=False)
+    values = {each.name: float(f"{value:.6g}") for each, value, felt in told if felt > 0.0}
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(with_values(arguments.scene, values))
     draw(candidates, start, found, path.with_suffix(".png"))

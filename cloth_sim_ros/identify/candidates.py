@@ -35,7 +35,7 @@ class Sought:
             factor = next(factor for factor in _RANGES if _allows(sim, name, value * factor))
             low, high = value / factor, value * factor
         else:
-            low, high = bounds_of(bounds)
+            low, high = bounds_of(f"--fit {name}", bounds)
         if not 0.0 < low < high < np.inf:
             raise ValueError(f"--fit {text} is looked for from {low:g} to {high:g}; allowed is NAME=LOW:HIGH above 0")
         for bound in (low, high, value):
@@ -61,12 +61,12 @@ class Delay(Sought):
             return _DELAY * np.log(value)
 
 
-def bounds_of(bounds: str) -> tuple[float, float]:
-    """Two numbers LOW:HIGH, both 0 where they are none."""
+def bounds_of(what: str, bounds: str) -> tuple[float, float]:
+    """Two numbers LOW:HIGH, given as `what`. Raises ValueError in one sentence."""
     try:
         low, high = map(float, bounds.split(":"))
     except ValueError:
-        return 0.0, 0.0
+        raise ValueError(f"{what} is looked for within {bounds!r}; allowed are two numbers, LOW:HIGH") from None
     return low, high
 
 
@@ -82,8 +82,8 @@ class Candidates:
     """A scene in `worlds` worlds, each with values of its own for what is `sought`: live numbers and at last, where a
     recording may be late, its delay. live: those without it.
 
-    It is computed in the same substeps for all values, those that the stiffest need. frames: simulated so far, in all
-    worlds; told: called with it after each.
+    It is computed in the same substeps for all values, those that the stiffest need. until: how many times of the
+    recording are looked at. frames: simulated so far, in all worlds; told: called with it after each.
     """
 
     def __init__(
@@ -98,10 +98,13 @@ class Candidates:
         pair = Simulation(scene, settings, device, worlds=2)
         recording.check(pair)
         self.sought = [Sought.of(text, pair) for text in fit]
+        names = [each.name for each in self.sought]
+        if len(set(names)) < len(names):
+            raise ValueError(f"--fit names {', '.join(names)}; allowed is each number once")
         self.live, self._asked, self.settings = list(self.sought), settings, _pinned(pair, self.sought)
         if recording.late:
             self.sought.append(Delay.between(*recording.late))
-        self.recording, self.frames = recording, 0
+        self.recording, self.until, self.frames = recording, len(recording.times), 0
         self.told: Callable[[int], None] = lambda frames: None
         self._seen = [(name, rows, True) for name, rows in recording.positions.items()]
         self._seen += [(name, rows, False) for name, rows in recording.points.items()]
@@ -130,11 +133,12 @@ class Candidates:
         return np.exp(low + np.asarray(units) * (high - low))
 
     def squares(self, units: np.ndarray) -> np.ndarray:
-        """(K,) sums of squared residuals [m^2] of candidates (K, P); infinite where a world was put back."""
-        return np.concatenate(self._all(self._parts(units), False))
+        """(K, until) sums of squares [m^2] of candidates (K, P) up to each time; infinite where a world was put
+        back before."""
+        return np.concatenate(self._all(self._parts(units), False)).cumsum(axis=1)
 
     def residuals(self, units: np.ndarray) -> np.ndarray:
-        """(K, n) residuals [m] of candidates (K, P), over all frames of the recording."""
+        """(K, n) residuals [m] of candidates (K, P), over all times that are looked at."""
         return np.concatenate(self._all(self._parts(units), True))
 
     def error(self, units: np.ndarray) -> np.ndarray:
@@ -149,7 +153,7 @@ class Candidates:
 
     def _as_asked(self, units: np.ndarray) -> np.ndarray:
         """Residuals (n,) of one candidate (P,), computed as the scene's settings say."""
-        pinned, (_, worths) = (self.sim, self._observers), self.how
+        pinned, (_, worths, _) = (self.sim, self._observers), self.how
         self._make(self.sim.worlds, self._asked)
         for observer, worth in zip(self._observers, worths, strict=True):
             observer.worth = worth
@@ -159,7 +163,7 @@ class Candidates:
 
     def by_frame(self, rows: np.ndarray) -> list[np.ndarray]:
         """Residuals (n,) of a candidate, observer by observer (F, size)."""
-        rows = rows.reshape(len(self.recording.times), -1)
+        rows = rows.reshape(self.until, -1)
         return np.split(rows, np.cumsum([each.size for each in self._observers])[:-1], axis=1)
 
     def settle(self, units: np.ndarray, aside: float = 1.0) -> None:
@@ -168,16 +172,17 @@ class Candidates:
             observer.settle(rows, aside)
 
     @property
-    def how(self) -> tuple[int, list[tuple[float, float, float]]]:
-        """How candidates are judged now: in how many substeps, and by what distances of points are worth."""
-        return self.sim.settings.substeps, [each.worth for each in self._observers]
+    def how(self) -> tuple[int, list[tuple[float, float, float]], int]:
+        """How candidates are judged now: in how many substeps, what distances of points are worth, until when."""
+        return self.sim.settings.substeps, [each.worth for each in self._observers], self.until
 
     @how.setter
-    def how(self, value: tuple[int, list[tuple[float, float, float]]]) -> None:
+    def how(self, value: tuple[int, list[tuple[float, float, float]], int]) -> None:
         if value[0] != self.sim.settings.substeps:
             self.sim.set("solver.substeps", value[0])
         for observer, worth in zip(self._observers, value[1], strict=True):
             observer.worth = worth
+        self.until = value[2]
 
     def _parts(self, units: np.ndarray) -> list[np.ndarray]:
         return [units[k : k + self.sim.worlds] for k in range(0, len(units), self.sim.worlds)]
@@ -189,7 +194,7 @@ class Candidates:
     def run(self, units: np.ndarray, keep: bool) -> np.ndarray:
         """Simulate at most `worlds` candidates (K, P) side by side; those that are fewer are filled up by the last.
 
-        Returns their residuals (K, n) [m] or, unless they are to be kept, the sums of their squares (K,) [m^2].
+        Returns their residuals (K, n) [m] or, if not kept, sums of squares (K, until) [m^2] at each time.
         """
         values = self.values(units)
         rows = np.minimum(np.arange(self.sim.worlds), len(values) - 1)
@@ -197,8 +202,8 @@ class Candidates:
         for k, each in enumerate(self.live):
             self.sim.set(each.name, values[rows, k])
         self._place()
-        squares, bad = np.zeros(self.sim.worlds), np.zeros(self.sim.worlds, dtype=bool)
-        times = np.tile(self.recording.times[:, None], self.sim.worlds)
+        squares, bad = np.zeros((self.sim.worlds, self.until)), np.zeros(self.sim.worlds, dtype=bool)
+        times = np.tile(self.recording.times[: self.until, None], self.sim.worlds)
         if self.recording.late:
             times -= self.sought[-1].shown(values[rows, -1])
         wanted = times / self.settings.frame_dt  # (F, worlds)
@@ -212,10 +217,10 @@ class Candidates:
                 now = ends[f] == frame
                 parts = [observer.residuals(f, wanted[f] - (frame - 1)) for observer in self._observers]
                 for residuals in parts:
-                    squares[now] += (residuals[now].astype(np.float64) ** 2).sum(axis=1)
+                    squares[now, f] += (residuals[now].astype(np.float64) ** 2).sum(axis=1)
+                squares[now & bad, f] = np.inf
                 if keep:
                     found[now[: len(values)], f] = np.concatenate(parts, axis=1)[: len(values)][now[: len(values)]]
-        squares[bad] = np.inf
         return found.reshape(len(values), -1) if keep else squares[: len(values)]
 
     def _place(self) -> None:

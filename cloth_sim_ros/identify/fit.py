@@ -13,7 +13,9 @@ from cloth_sim_ros.identify.candidates import Candidates
 
 STEP = 0.02  # of a logarithm, to either side, by which slopes are found: far above float32, far below what bends
 _MOST_POINTS = 20  # of a descent
-MOST_STEPS = 2 * _MOST_POINTS + 5  # batches of worlds, where one holds a point and its neighbours
+_BEGINNINGS = (0.125, 0.25, 0.5)  # of a recording, that are followed before all of it
+_ROUGHLY = 1e-2  # of the range: how near the best place a beginning leads
+MOST_STEPS = 3 * _MOST_POINTS + 5  # batches of worlds, where one holds a point and its neighbours
 _ASIDE = 0.1  # of what points tell along a surface counts at last: the rest of it leads astray, see identify.md
 _SPREAD = 1.96  # standard deviations of an interval that holds 95 %
 
@@ -22,8 +24,8 @@ _SPREAD = 1.96  # standard deviations of an interval that holds 95 %
 class Estimate:
     """units (P,): the best place between bounds. values (P,); low, high (P,): where the value is, with 95 %.
 
-    noise [m]: RMS of what is left. felt (P,) [m]: RMS of how the motion changes where a value doubles. alike (P, P):
-    correlations of the errors.
+    noise [m]: RMS of what is left. rise: how many times more that is in the last quarter than in the first. felt (P,)
+    [m]: RMS of how the motion changes where a value doubles. alike (P, P): correlations of the errors.
     """
 
     units: np.ndarray
@@ -31,6 +33,7 @@ class Estimate:
     low: np.ndarray
     high: np.ndarray
     noise: float
+    rise: float
     felt: np.ndarray
     alike: np.ndarray
 
@@ -39,24 +42,44 @@ def identify(candidates: Candidates, seed: int = 0) -> tuple[np.ndarray, Estimat
     """The first good place (P,) between bounds, and the estimate. Raises ValueError where no candidate can be seen
     through."""
     count = len(candidates.sought)
-    start = best_of(candidates, max(candidates.sim.worlds, 16 * count), seed)
+    places = evenly(count, max(candidates.sim.worlds, 16 * count), seed)
+    squares = candidates.squares(places)
+    if not np.isfinite(squares[:, -1]).any():
+        raise ValueError("every candidate ran away; allowed are ranges in which the scene can be simulated")
+    start = places[np.argmin(squares[:, -1])]
     candidates.narrow(1 + 2 * count)  # of which `slopes` asks at a time
     candidates.settle(start)
-    units = by_least_squares(candidates, start)
+    units = by_least_squares(candidates, by_beginnings(candidates, places, squares))
     if candidates.recording.points:  # edges have led near, and mislead where points are sparse or noisy
         candidates.settle(units, _ASIDE)
         units = by_least_squares(candidates, units)
     return start, estimate(candidates, units)
 
 
-def best_of(candidates: Candidates, count: int, seed: int = 0) -> np.ndarray:
-    """The best (P,) of about `count` places that lie evenly between the bounds."""
-    sobol = qmc.Sobol(len(candidates.sought), seed=seed)
-    units = sobol.random_base2(max(1, int(np.ceil(np.log2(count)))))
-    squares = candidates.squares(units)
-    if not np.isfinite(squares).any():
-        raise ValueError("every candidate ran away; allowed are ranges in which the scene can be simulated")
-    return units[np.argmin(squares)]
+def evenly(numbers: int, count: int, seed: int = 0) -> np.ndarray:
+    """At least `count` places (K, P) that lie evenly between the bounds of so many numbers."""
+    return qmc.Sobol(numbers, seed=seed).random_base2(max(1, int(np.ceil(np.log2(count)))))
+
+
+def by_beginnings(candidates: Candidates, places: np.ndarray, squares: np.ndarray) -> np.ndarray:
+    """A place (P,) from which the way down ends well, from places (K, P) and their squares (K, F) up to each time.
+
+    A sheet that buckles in another way leaves a misfit with many minima. Its beginning has one, so that is followed
+    first, and then ever more of the recording. What the whole of it likes better wins.
+    """
+    frames = len(candidates.recording.times)
+    found = places[np.argmin(squares[:, -1])]
+    for share in _BEGINNINGS:
+        candidates.until = max(1, round(share * frames))
+        found = _better(candidates, found, places[np.argmin(squares[:, candidates.until - 1])])
+        found = by_least_squares(candidates, found, _ROUGHLY)
+    candidates.until = frames
+    return _better(candidates, found, places[np.argmin(squares[:, -1])])
+
+
+def _better(candidates: Candidates, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """That of two places (P,) whose squares are less."""
+    return (one, other)[np.argmin(candidates.squares(np.stack([one, other]))[:, -1])]
 
 
 def by_least_squares(candidates: Candidates, start: np.ndarray, tolerance: float = 1e-4) -> np.ndarray:
@@ -70,6 +93,8 @@ def by_least_squares(candidates: Candidates, start: np.ndarray, tolerance: float
             known[units.tobytes()] = slopes(candidates, units)
         return known[units.tobytes()]
 
+    if not both(start)[1].any():  # nothing feels it, and scipy divides by its slopes
+        return start
     found = least_squares(
         lambda units: both(units)[0],
         start,
@@ -117,4 +142,12 @@ def estimate(candidates: Candidates, units: np.ndarray) -> Estimate:
         factor = np.exp(_SPREAD * deviation + shifts)
     felt = np.log(2.0) * np.sqrt(np.diag(information) / candidates.count)
     alike = inverse / np.outer(scale, scale)
-    return Estimate(units, values, values / factor, values * factor, float(np.sqrt(noise2)), felt, alike)
+    rows = left.reshape(candidates.until, -1)
+    quarter = -(-len(rows) // 4)
+    rise = float(_rms(rows[-quarter:]) / max(_rms(rows[:quarter]), 1e-30))
+    return Estimate(units, values, values / factor, values * factor, float(np.sqrt(noise2)), rise, felt, alike)
+
+
+def _rms(rows: np.ndarray) -> float:
+    """Of what was seen, which is not 0."""
+    return np.sqrt((rows**2).sum() / max(np.count_nonzero(rows), 1))

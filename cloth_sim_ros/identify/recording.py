@@ -49,6 +49,12 @@ class Recording:
         if not any(np.isfinite(rows).any() for seen in (self.positions, self.points) for rows in seen.values()):
             raise ValueError("the recording shows no object; allowed are positions/NAME or points/NAME")
 
+    @property
+    def size(self) -> float:
+        """The longest edge [m] of the box in which objects were seen."""
+        seen = np.concatenate([rows.reshape(-1, 3) for part in (self.positions, self.points) for rows in part.values()])
+        return float(np.ptp(seen[np.isfinite(seen).all(axis=1)], axis=0).max())
+
     @staticmethod
     def read(path: Path) -> Recording:
         """The recording in an .npz file with the arrays times, positions/NAME, points/NAME and pose/NAME."""
@@ -56,7 +62,8 @@ class Recording:
             with np.load(path, allow_pickle=False) as file:
                 arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
         except (OSError, ValueError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{path} cannot be read as .npz: {error}") from None
+            why = "it is no .npz file of numbers" if "pickle" in str(error) else error
+            raise ValueError(f"{path} cannot be read: {why}") from None
         found: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in _KINDS}
         for name, rows in arrays.items():
             kind, _, owner = name.partition("/")

@@ -14,6 +14,8 @@ from cloth_sim_ros.identify.fit import Estimate
 _WIDE = 2.0  # a value that may be twice or half of what fits best is not known
 _ALIKE = 0.95  # correlation of errors beyond which two values are known together only
 _MATTERS = 1.05  # an interval that is narrower needs no such words
+_RISES = 3.0  # times more is left at the end of a recording than at its beginning: that is not noise
+_SMALL = 1e-3  # of the size of what was seen; where less is left, it matters to nobody
 _SHOWN = 25  # places along the range of a number, in the picture
 
 
@@ -24,6 +26,8 @@ def sentences(candidates: Candidates, found: Estimate) -> list[str]:
         value, low, high = found.values[k], found.low[k], found.high[k]
         if isinstance(each, Delay):
             said.append(_delay(each, value, low, high))
+        elif found.felt[k] == 0.0:
+            said.append(f"The recording cannot tell {each.name}, as nothing feels it: it stays as the scene has it.")
         elif high > _WIDE * value:
             said.append(
                 f"The recording cannot tell {each.name}, {value:.3g} fits best: where it doubles, the motion changes "
@@ -48,7 +52,14 @@ def sentences(candidates: Candidates, found: Estimate) -> list[str]:
                 said.append(
                     f"The recording tells the {what} of {sought[b].name} and {sought[a].name} better than each of them."
                 )
-    return [*said, f"The motion with these numbers is {found.noise:.2g} m RMS off the recording."]
+    said.append(f"The motion with these numbers is {found.noise:.2g} m RMS off the recording.")
+    if found.rise > _RISES and found.noise > _SMALL * candidates.recording.size:
+        said.append(
+            f"That is {found.rise:.2g} times more at its end than at its beginning, so it is not noise. The scene "
+            "differs from what was recorded, or it buckles in another way: the numbers may be further off than their "
+            "intervals say."
+        )
+    return said
 
 
 def _delay(each: Delay, value: float, low: float, high: float) -> str:
@@ -71,7 +82,7 @@ def draw(candidates: Candidates, start: np.ndarray, found: Estimate, path: Path)
     for k, (axes, each) in enumerate(zip(others, candidates.sought, strict=True)):
         units = np.tile(found.units, (_SHOWN, 1))
         units[:, k] = np.linspace(0.0, 1.0, len(units))
-        squares = candidates.squares(units)
+        squares = candidates.squares(units)[:, -1]
         values = each.shown(candidates.values(units)[:, k])
         low, high = each.shown(max(found.low[k], each.low)), each.shown(min(found.high[k], each.high))
         axes.plot(values, np.sqrt(squares / candidates.count), ".-")

@@ -236,7 +236,7 @@ def test_files_that_cannot_be_are_told(tmp_path):
     with pytest.raises(ValueError, match="^Mesh of '.* is open at 3 edges"):
         SignedDistance.from_file(str(tmp_path / "open.stl"))
     for name, sentence in {
-        "words.npz": "which cannot be read: ",
+        "words.npz": "which cannot be read: it is no .npz file of numbers",
         "nowhere.npz": "no such file is there",
         "other.npz": r"which has \['values'\]; allowed is one with \['values', 'origin', 'spacing'\]",
     }.items():

@@ -70,7 +70,10 @@ class SignedDistance(Collider):
         except FileNotFoundError:
             raise ValueError(f"{wrong}; no such file is there") from None
         except ValueError as error:
-            raise ValueError(str(error) if wrong in str(error) else f"{wrong}, which cannot be read: {error}") from None
+            if wrong in str(error):
+                raise
+            why = "it is no .npz file of numbers" if "pickle" in str(error) else error
+            raise ValueError(f"{wrong}, which cannot be read: {why}") from None
         except Exception as error:  # whatever NumPy and zipfile raise, the user gets one sentence
             raise ValueError(f"{wrong}, which cannot be read: {error}") from None
         spacing = spacing.item() if spacing.size == 1 else tuple(spacing.ravel().tolist())
