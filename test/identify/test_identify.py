@@ -272,8 +272,8 @@ def buckled():
 
 
 def test_a_sheet_that_buckles_is_followed_from_its_beginning(buckled):
-    """Its misfit has many minima: the best of 64 places led to one that was 13 % off, with an interval of 2 %."""
-    candidates = Candidates(buckling(3.9e-3), SHAKEN, buckled, ["cloth.stretch_compliance"], 64, "cpu")
+    """Its misfit has many minima: the best of 64 places leads to one that is 24 % off, with an interval of 4 %."""
+    candidates = Candidates(buckling(3.6e-3), SHAKEN, buckled, ["cloth.stretch_compliance"], 64, "cpu")
     found = identify(candidates)[1]
     assert found.values[0] == pytest.approx(4e-3, rel=1e-3)
     assert not any("its end" in line for line in sentences(candidates, found))

@@ -208,7 +208,7 @@ STILL = Rotation.identity()
         ([*SEEN, "--begin", "nan"], {}, "--begin is nan; allowed is a number of seconds"),
         ([*SEEN, "--begin", "60"], {}, "--begin is 60, and BAG has no cloud after that; allowed is an earlier time"),
         ([*SEEN, "--delay", "0.1"], {}, "--delay is looked for within '0.1'; allowed are two numbers, LOW:HIGH"),
-        ([*SEEN, "--delay", "0.2:0.1"], {}, "the delay is looked for from 0.2 to 0.1 s; allowed is LOW:HIGH that"),
+        ([*SEEN, "--delay", "0.2:0.1"], {}, "is looked for from 0.2 to 0.1 s; allowed is LOW:HIGH that rises"),
         ([*SEEN, "--delay", "0:9"], {}, "the recording ends at 0.763 s; allowed is a delay below that, not 9 s"),
         (SEEN, {"/hand": []}, "/hand has no messages in BAG; allowed are messages in one frame"),
         (
