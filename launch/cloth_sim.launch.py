@@ -6,6 +6,7 @@ from pathlib import Path
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
+from launch.conditions import evaluate_condition_expression
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -34,14 +35,19 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def start(context: LaunchContext) -> list:
-    """The actions for the arguments in `context`. Raises FileNotFoundError where a file is missing."""
+    """The actions for the arguments in `context`. Raises FileNotFoundError where a file is missing, and
+    InvalidConditionExpressionError for what is neither true nor false."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     config = Path(get_package_share_directory("cloth_sim_ros")) / "config"
     file = Path(given["params_file"]) if given["params_file"] else config / f"{given['scene']}.yaml"
     if not file.is_file():
         there = ", ".join(sorted(each.stem for each in config.glob("*.yaml")))
         raise FileNotFoundError(f"there is no {file}; the scenes are {there}")
-    set_here = {"use_sim_time": given["use_sim_time"] == "true"}
+    use_sim_time, viewer, driver, rviz = (
+        evaluate_condition_expression(context, [LaunchConfiguration(name)])
+        for name in ("use_sim_time", "viewer", "driver", "rviz")
+    )
+    set_here = {"use_sim_time": use_sim_time}
     if given["device"]:
         set_here["device"] = given["device"]
     node = Node(
@@ -53,23 +59,23 @@ def start(context: LaunchContext) -> list:
         output="screen",
     )
     actions = [node]
-    if given["driver"] == "true" and not given["params_file"] and has_driver(given["scene"]):
-        actions.append(_beside("cloth_sim_driver", given, given["scene"]))
-    if given["viewer"] == "true":
-        actions.append(_beside("cloth_sim_viewer", given))
-    if given["rviz"] == "true":
+    if driver and not given["params_file"] and has_driver(given["scene"]):
+        actions.append(_beside("cloth_sim_driver", given, use_sim_time, given["scene"]))
+    if viewer:
+        actions.append(_beside("cloth_sim_viewer", given, use_sim_time))
+    if rviz:
         actions += _rviz(config / f"{file.stem}.rviz")
     return actions
 
 
-def _beside(executable: str, given: dict[str, str], *words: str) -> Node:
+def _beside(executable: str, given: dict[str, str], use_sim_time: bool, *words: str) -> Node:
     """A program of this package that speaks with the node."""
     return Node(
         package="cloth_sim_ros",
         executable=executable,
         namespace=given["namespace"],
         arguments=list(words),
-        parameters=[{"node": given["name"]}],
+        parameters=[{"node": given["name"], "use_sim_time": use_sim_time}],
         output="screen",
     )
 

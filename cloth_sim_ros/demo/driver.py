@@ -27,6 +27,8 @@ from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
+from cloth_sim_ros.shared_files import shared
+
 RATE = 60.0  # [Hz] of poses and wind
 PATIENCE = 5.0  # [s] with which it waits for answers before it asks again
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -130,9 +132,10 @@ class SceneDriver(Node):
             if time.monotonic() - self._asked > PATIENCE:
                 self.begin_again()
             return
-        if self._begin is None:
-            self._begin = time.monotonic()
-        self.drive(time.monotonic() - self._begin)
+        now = 1e-9 * self.get_clock().now().nanoseconds  # of /clock, with use_sim_time
+        if self._begin is None or now < self._begin:
+            self._begin = now
+        self.drive(now - self._begin)
 
     def _stamp(self, message: PoseStamped | Vector3Stamped) -> None:
         message.header.frame_id = "world"
@@ -145,7 +148,8 @@ class SceneDriver(Node):
 
 def has_driver(scene: str) -> bool:
     """Whether a scene of config/ has a driver: a module of its name beside this one."""
-    return importlib.util.find_spec(f"cloth_sim_ros.demo.{scene}") is not None
+    known = scene.isidentifier() and shared(f"config/{scene}.yaml").is_file()
+    return known and importlib.util.find_spec(f"cloth_sim_ros.demo.{scene}") is not None
 
 
 def driver_of(scene: str) -> SceneDriver:
@@ -160,7 +164,9 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv if arguments is None else [sys.argv[0], *arguments]
     options = parser.parse_args(remove_ros_args(given)[1:])
     if not has_driver(options.scene):
-        print(f"cloth_sim_driver: {options.scene} has no driver", file=sys.stderr)
+        scenes = sorted(file.stem for file in shared("config/curtain.yaml").parent.glob("*.yaml"))
+        allowed = ", ".join(filter(has_driver, scenes))
+        print(f"cloth_sim_driver: {options.scene} has no driver; allowed is one of {allowed}", file=sys.stderr)
         return 1
     rclpy.init(args=given)
     driver = driver_of(options.scene)

@@ -33,6 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with tempfile.TemporaryDirectory(prefix="cloth_sim_") as folder:
             given = sys.argv if arguments is None else arguments
+            refuse_others(given[1:])
             arguments, keys = readable_arguments(given, Path(folder), log.error)
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
@@ -42,6 +43,19 @@ def main(arguments: list[str] | None = None) -> int:
     for number in NUMBERS:  # a second one, while the interpreter ends, is no news
         signal.signal(number, signal.SIG_IGN)
     return 0
+
+
+def refuse_others(arguments: list[str]) -> None:
+    """Raises ValueError where there are arguments that are not for ROS: outside of --ros-args ... --."""
+    others, is_for_ros = [], False
+    for argument in arguments:
+        if argument == ("--" if is_for_ros else "--ros-args"):
+            is_for_ros = not is_for_ros
+        elif not is_for_ros:
+            others.append(argument)
+    if others:
+        allowed = "allowed is --ros-args and what follows it, such as --params-file FILE or -p NAME:=VALUE"
+        raise ValueError(f"the arguments {' '.join(others)} are not known; {allowed}")
 
 
 def spin(stop: Stop, keys: dict[str, list[str]]) -> None:

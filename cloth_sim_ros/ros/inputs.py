@@ -32,7 +32,7 @@ def read_pose(message: PoseStamped | Marker, frames: Frames) -> Pose:
         shown = _shown(orientation)
         raise Refused("orientation", f"its orientation {shown} has norm {norm:.4g}, but must be of unit norm")
     pose = Pose(position, tuple(c / norm for c in orientation))
-    pose = frames.pose(pose, message.header.frame_id, Time.from_msg(message.header.stamp))
+    pose = frames.pose(pose, message.header.frame_id, _stamp(message))
     _bounded(pose.position, FARTHEST, "position", "m")
     return pose
 
@@ -41,7 +41,7 @@ def read_wind(message: Vector3Stamped, frames: Frames) -> Vector:
     """The message's wind velocity [m/s] in our frame. Raises Refused."""
     v = message.vector
     velocity = _bounded((v.x, v.y, v.z), STRONGEST_WIND, "velocity", "m/s")
-    return frames.vector(velocity, message.header.frame_id, Time.from_msg(message.header.stamp))
+    return frames.vector(velocity, message.header.frame_id, _stamp(message))
 
 
 def read_number(message: Float64, what: str) -> float:
@@ -53,7 +53,7 @@ def read_number(message: Float64, what: str) -> float:
 
 def read_polygon(message: PolygonStamped, frames: Frames) -> list[Vector]:
     """The corners of the message's polygon [m] in our frame. Raises Refused."""
-    stamp, frame, corners = Time.from_msg(message.header.stamp), message.header.frame_id, []
+    stamp, frame, corners = _stamp(message), message.header.frame_id, []
     for p in message.polygon.points:
         corner = Pose(_bounded((p.x, p.y, p.z), FARTHEST, "corner", "m"), (0.0, 0.0, 0.0, 1.0))
         corners.append(_bounded(frames.pose(corner, frame, stamp).position, FARTHEST, "corner", "m"))
@@ -72,6 +72,13 @@ def follow(track: PoseTrack, message: PoseStamped, frames: Frames) -> None:
         track.push(stamp or None, pose, arrival)
     except ValueError as error:
         raise Refused("stamp", str(error)) from None
+
+
+def _stamp(message: PoseStamped | Marker | Vector3Stamped | PolygonStamped) -> Time:
+    """When the message was sent. Raises Refused."""
+    if message.header.stamp.sec < 0:
+        raise Refused("stamp", f"its stamp is {message.header.stamp.sec} s; allowed are stamps from 0 on")
+    return Time.from_msg(message.header.stamp)
 
 
 def _bounded(vector: Vector, limit: float, what: str, unit: str) -> Vector:

@@ -136,9 +136,15 @@ class ClothSimNode(Node):
                     self._loop.submit(lambda: [world.take_away(name) for name in list(world.added.colliders)])
                 elif marker.action == Marker.DELETE:
                     self._loop.submit(partial(world.take_away, name_of(marker)))
-                else:
+                elif marker.action == Marker.ADD:
                     collider = read_marker(marker, self._frames)
+                    if marker.lifetime.sec or marker.lifetime.nanosec:
+                        sentence = f"{name_of(marker)} has a lifetime, and stays until a marker deletes it"
+                        self._complaints.cut("scene", sentence)
                     self._loop.submit(partial(self._put, name_of(marker), collider))
+                else:
+                    allowed = "allowed are ADD 0, DELETE 2 and DELETEALL 3"
+                    raise Refused("action", f"{name_of(marker)} has the action {marker.action}; {allowed}")
             except Refused as reason:
                 self._complaints.refuse("scene", reason)
 

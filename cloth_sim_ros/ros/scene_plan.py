@@ -260,7 +260,8 @@ def _made(values: Values, names: tuple[str, ...], make, problems: dict[str, str]
         try:
             things[name] = make(values, name)
         except ValueError as error:
-            problems[name] = str(error)
+            sentence = re.sub(r"^(Rope|Cloth)(?=[. ])", name, str(error))
+            problems[name] = sentence if name in sentence else f"{name}: {sentence}"
     return things
 
 

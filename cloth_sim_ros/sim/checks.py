@@ -68,15 +68,15 @@ def _ndim(value: Any) -> int:
         return -1
 
 
-def finite_array(value: Any, columns: int, name: str, dtype: type = np.float64) -> np.ndarray:
-    """`value` as a new (N, columns) array of finite numbers, N at least 1. Raises ValueError."""
+def finite_array(value: Any, columns: int, name: str, dtype: type = np.float64, least: int = 1) -> np.ndarray:
+    """`value` as a new (N, columns) array of finite numbers, N at least `least`. Raises ValueError."""
     try:
         array = np.array(value, dtype=dtype)
     except (TypeError, ValueError):
         array = np.zeros(0)
-    if array.ndim != 2 or array.shape[1] != columns or len(array) == 0 or not np.isfinite(array).all():
+    if array.ndim != 2 or array.shape[1] != columns or len(array) < least or not np.isfinite(array).all():
         raise ValueError(
-            f"{name} has shape {np.shape(value)}; allowed are N rows of {columns} finite numbers, N at least 1"
+            f"{name} has shape {np.shape(value)}; allowed are N rows of {columns} finite numbers, N at least {least}"
         )
     return array
 

@@ -51,9 +51,7 @@ class Cuts:
 
 def plane_of(polygon: Any) -> tuple[np.ndarray, np.ndarray]:
     """The corners (n, 3) [m] and the unit normal (3,) of a polygon. Raises ValueError where it is none or not flat."""
-    corners = finite_array(polygon, 3, "the polygon of a cut")
-    if len(corners) < 3:
-        raise ValueError(f"the polygon of a cut has {len(corners)} corners; allowed are 3 or more")
+    corners = finite_array(polygon, 3, "the polygon of a cut", least=3)
     middle = corners - corners.mean(axis=0)
     size = float(np.abs(middle).max())
     normal = np.cross(middle, np.roll(middle, -1, axis=0)).sum(axis=0)  # twice the area along it (Newell)

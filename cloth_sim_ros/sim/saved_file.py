@@ -45,7 +45,7 @@ def write_file(path: Path, header: dict[str, Any], arrays: dict[str, np.ndarray]
         text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
     except (TypeError, ValueError) as error:
         raise ValueError(f"the notes for {path} cannot be kept: {error}; allowed is what JSON can hold") from None
-    beside = path.with_name(f"{path.name}.{secrets.token_hex(8)}.tmp")
+    beside = path.parent / f"{path.name}.{secrets.token_hex(8)}.tmp"
     try:
         try:
             with open(beside, "xb") as file:

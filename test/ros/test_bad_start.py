@@ -104,3 +104,22 @@ def test_files_that_are_no_parameter_files(tmp_path, text, sentence):
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 1
     assert sentence in result.stderr and "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("program", "given", "sentence"),
+    [
+        (
+            "ros",
+            ["--params-file", "a.yaml"],
+            "--params-file a.yaml are not known; allowed is --ros-args and what",
+        ),
+        ("demo.driver", ["../config/curtain"], "../config/curtain has no driver; allowed is one of curtain, flag, "),
+        ("demo.driver", ["driver"], "driver has no driver; allowed is one of"),
+    ],
+)
+def test_what_a_program_cannot_take_is_one_sentence(program, given, sentence):
+    command = [sys.executable, "-m", f"cloth_sim_ros.{program}", *given]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 1
+    assert sentence in result.stderr and result.stderr.count("\n") == 1

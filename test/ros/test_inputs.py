@@ -56,6 +56,13 @@ def test_good_messages():
     assert read_wind(wind((1, 2, 3)), WORLD) == (1.0, 2.0, 3.0)
 
 
+def test_stamps_before_0_are_refused():
+    message = pose()
+    message.header.stamp.sec = -5
+    with pytest.raises(Refused, match="its stamp is -5 s; allowed are stamps from 0 on"):
+        read_pose(message, WORLD)
+
+
 @pytest.mark.parametrize("message", [pose(frame_id="map"), pose(frame_id="/world")])
 def test_foreign_frames_are_refused(message):
     with pytest.raises(Refused, match="frame_id"):

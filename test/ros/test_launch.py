@@ -83,11 +83,17 @@ def launched(installed, tmp_path):
 
 
 def test_a_scene_starts_in_a_namespace_with_its_driver_and_viewer(launched, client):
-    _, log = launched("scene:=towel", "namespace:=robot", "name:=sheets", "viewer:=true")
+    _, log = launched("scene:=towel", "namespace:=robot", "name:=sheets", "viewer:=True")
     clouds = client.listen(PointCloud2, "/robot/sheets/towel/particles", 1)
     client.until(lambda: clouds and fields(clouds[-1])[:, 2].max() > 0.1, timeout=90.0)  # the driver folds it
     client.until(lambda: "The page is at http://localhost:" in log.read_text())
     assert "Traceback" not in log.read_text()
+
+
+def test_what_is_neither_true_nor_false_is_refused(launched):
+    process, log = launched("viewer:=maybe")
+    assert process.wait(30.0) == 1
+    assert "valid condition expressions are" in log.read_text().lower() or "'maybe'" in log.read_text()
 
 
 def test_a_missing_scene_is_told_what_there_is(launched):

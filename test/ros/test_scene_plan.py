@@ -174,6 +174,12 @@ def test_a_path_that_is_none_leaves_the_rope_out(path, said):
     assert plan.problems == {"line": f"line.path {said}"} and "line" not in plan.scene.objects
 
 
+def test_what_is_no_rope_is_named():
+    plan = make_plan(values(line__start=(0.0, 0.0, 1.0), line__end=(0.0, 0.0, 1.0)))
+    assert "line" not in plan.scene.objects
+    assert plan.problems["line"].startswith("line has fewer than two points or a segment of no length; allowed")
+
+
 def test_the_rows_are_the_fields_of_the_scene():
     """Every row of the table under an object or collider ends up in the scene, or this test names it."""
     ours = {"type", "material", "mesh", "path", "shear", "bending", "twist", "shape", "dimensions"}

@@ -74,7 +74,17 @@ def test_what_cannot_be_added_is_told_and_nothing_changes(room, client):
     room.wait_for("Box.half_extents is (-0.5, 0.5, 0.5); allowed is", 5.0)
     send(client, *(marker(k, Marker.CYLINDER, (0.1, 0.1, 0.1), (9, 9, 9)) for k in range(3)))
     room.wait_for("box/2 is one collider too many; allowed are 2 added ones", 5.0)
+    send(client, marker(3, Marker.CUBE, (0.1, 0.1, 0.1), (0, 0, 1), action=9))
+    room.wait_for("box/3 has the action 9; allowed are ADD 0, DELETE 2 and DELETEALL 3", 5.0)
     assert reaches(room, client, 0.99, 1.01) and room.alive()
+
+
+def test_a_lifetime_is_told_to_be_none(room, client):
+    brief = marker(1, Marker.SPHERE, (0.2, 0.2, 0.2), (0, 0, 0.93))
+    brief.lifetime.sec = 1
+    send(client, brief)
+    room.wait_for("box/1 has a lifetime, and stays until a marker deletes it", 5.0)
+    assert reaches(room, client, 1.03, 1.045)
 
 
 def test_everything_that_is_there_is_shown(room, client):

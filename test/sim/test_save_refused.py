@@ -152,7 +152,7 @@ def test_a_file_is_replaced_as_a_whole_or_not_at_all(whole, tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert path.read_bytes() == before and [each.name for each in tmp_path.iterdir()] == ["state.npz"]
-    for place in ("not there/x.npz", "state.npz/x.npz", "a\0b"):
+    for place in ("not there/x.npz", "state.npz/x.npz", "a\0b", "/"):
         with pytest.raises(ValueError, match="cannot be written"):
             sim.save(tmp_path / place)
     with pytest.raises(ValueError, match="cannot be written: Is a directory"):

@@ -84,6 +84,17 @@ def test_pages_are_all_in_one_of_the_four_parts():
     assert parts == {"index.md", "tutorials", "how-to", "reference", "explanation", "notes"}
 
 
+def test_the_examples_of_many_worlds_run(tmp_path, monkeypatch):
+    text = (ROOT / "docs" / "how-to" / "worlds.md").read_text()
+    (vary,) = re.findall(r"```yaml\n(.*?)```", text, flags=re.DOTALL)
+    (tmp_path / "vary.yaml").write_text(vary)
+    monkeypatch.chdir(tmp_path)
+    there: dict = {}
+    for code in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
+        exec(code.replace("worlds=16", 'device="cpu", worlds=16'), there)
+    assert there["places"].shape == (16, 256, 3) and there["done"].shape == (16,)
+
+
 def test_sphinx_builds_them_without_a_warning(tmp_path):
     """Every link and reference leads somewhere, every page is in a table of contents, and every docstring is sound."""
     for needed in ("sphinx", "myst_parser", "furo"):
