@@ -23,20 +23,22 @@ ARGUMENTS = {
     "driver": ("true", "whether to run the scene's driver, if it has one, which moves hands, colliders and wind"),
     "rviz": ("false", "whether to show the scene in RViz"),
 }
+TRUTHS = ["true", "false", "True", "False", "1", "0"]
 
 
 def generate_launch_description() -> LaunchDescription:
     """The node on a scene, and on request a view of it."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=text)
+        DeclareLaunchArgument(
+            name, default_value=default, description=text, choices=TRUTHS if default in TRUTHS else None
+        )
         for name, (default, text) in ARGUMENTS.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=start)])
 
 
 def start(context: LaunchContext) -> list:
-    """The actions for the arguments in `context`. Raises FileNotFoundError where a file is missing, and
-    InvalidConditionExpressionError for what is neither true nor false."""
+    """The actions for the arguments in `context`. Raises FileNotFoundError where a file is missing."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     config = Path(get_package_share_directory("cloth_sim_ros")) / "config"
     file = Path(given["params_file"]) if given["params_file"] else config / f"{given['scene']}.yaml"
