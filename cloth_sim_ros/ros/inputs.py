@@ -19,6 +19,7 @@ from cloth_sim_ros.sim.cuts import plane_of
 
 FARTHEST = parameters.row(parameters.COLLIDER, "position").high  # [m]
 STRONGEST_WIND = parameters.row(parameters.WIND, "velocity").high  # [m/s]
+FAR = 0.1  # [m] in one frame, which flings what is met
 UNIT_TOLERANCE = 1e-2  # how far from 1 a quaternion's norm may be: rounding and integration drift, not mistakes
 
 
@@ -64,12 +65,15 @@ def read_polygon(message: PolygonStamped, frames: Frames) -> list[Vector]:
     return corners
 
 
-def follow(track: PoseTrack, message: PoseStamped, frames: Frames) -> None:
-    """Adds the message's pose to `track`. Raises Refused. A stamp of zero, as hand-typed messages have, means now."""
+def follow(track: PoseTrack, message: PoseStamped, frames: Frames) -> float:
+    """Adds the message's pose to `track`; returns how far [m] it jumps, see PoseTrack.push. Raises Refused.
+
+    A stamp of zero, as hand-typed messages have, means now.
+    """
     pose, arrival = read_pose(message, frames), time.monotonic()
     stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
     try:
-        track.push(stamp or None, pose, arrival)
+        return track.push(stamp or None, pose, arrival)
     except ValueError as error:
         raise Refused("stamp", str(error)) from None
 
@@ -110,6 +114,12 @@ class Complaints:
     def cut(self, topic: str, sentence: str) -> None:
         """Says what of a message on `topic` is cut to a limit."""
         self._say(topic, "cut", f"a message on {topic} is cut: {sentence}")
+
+    def jump(self, topic: str, way: float) -> None:
+        """Says that what a message on `topic` moves goes a `way` [m] in one frame, where that is far."""
+        if way > FAR:
+            why = "its pose is the first, or came after a gap of more than pose_timeout"
+            self._say(topic, "jump", f"{topic} goes {way:.3g} m in one frame: {why}")
 
     def _say(self, topic: str, kind: str, sentence: str) -> None:
         now = time.monotonic()

@@ -124,7 +124,7 @@ class ClothSimNode(Node):
 
     def _on_pose(self, name: str, topic: str, message: PoseStamped) -> None:
         try:
-            inputs.follow(self._loop.world.tracks[name], message, self._frames)
+            self._complaints.jump(topic, inputs.follow(self._loop.world.tracks[name], message, self._frames))
         except Refused as reason:
             self._complaints.refuse(topic, reason)
 

@@ -51,10 +51,11 @@ class PoseTrack:
         self._newest_arrival = -math.inf
         self._stamped = False
 
-    def push(self, stamp: float | None, pose: Pose, arrival: float) -> None:
+    def push(self, stamp: float | None, pose: Pose, arrival: float) -> float:
         """Adds a pose sent at `stamp` [s], or without a stamp (None), that came at `arrival` [s].
 
-        Raises ValueError if it is not newer. A sender with stamps goes before one without.
+        Returns how far [m] the next frame goes to it, where it begins the track or comes after a gap; else 0. Raises
+        ValueError if it is not newer. A sender with stamps goes before one without.
         """
         with self._lock:
             restarted = arrival - self._newest_arrival > self.timeout
@@ -68,11 +69,14 @@ class PoseTrack:
             if self._newest is not None and stamp <= self._newest and not restarted:
                 back = self._newest - stamp
                 raise ValueError(f"its stamp is {back:.6f} s behind the one before" if back else "its stamp repeats")
+            jump = 0.0
             if self._newest is None or not 0 < stamp - self._newest <= self.timeout:
                 self._ahead.clear()
                 self._now = None
+                jump = math.dist(self.pose.position, pose.position)
             self._ahead.append((stamp, pose))
             self._newest, self._newest_arrival = stamp, arrival
+            return jump
 
     def restart(self) -> None:
         """Stays where it is; the next pose may have any stamp, as clocks have gone back."""

@@ -95,3 +95,8 @@ def test_complaints_are_throttled_by_topic_and_kind():
             complaints.refuse(topic, Refused(kind, f"wrong {kind}"))
     assert len(said) == 4 and complaints.refused == 8
     assert said[0] == "a message on a is refused: wrong frame"
+    for way in (0.05, 0.2, 0.3):
+        complaints.jump("hand", way)
+    assert said[4:] == [
+        "hand goes 0.2 m in one frame: its pose is the first, or came after a gap of more than pose_timeout"
+    ]

@@ -68,9 +68,10 @@ def test_stays_where_the_last_pose_was():
 
 def test_a_gap_beyond_the_timeout_is_crossed_in_one_frame():
     track = PoseTrack(at(0), timeout=0.5)
-    track.push(10.0, at(1), arrival=0.0)
+    assert track.push(10.0, at(1), arrival=0.0) == 1.0, "and it says how far that is"
     track.advance(FRAME)
-    track.push(20.0, at(5), arrival=0.1)
+    assert track.push(10.1, at(2), arrival=0.1) == 0.0
+    assert track.push(20.0, at(5), arrival=0.1) == 4.0
     assert track.advance(FRAME) == at(5)
 
 
