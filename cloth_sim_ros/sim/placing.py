@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.methods.choose import is_strained
 from cloth_sim_ros.sim.queries import Queries
 from cloth_sim_ros.sim.starts import Depth, off_symmetry, way_out
 from cloth_sim_ros.sim.state import ColliderMotion
+from cloth_sim_ros.sim.topology import Topology
 
 _FAR = 1e6  # [m] the largest coordinate that positions may be given in
 _FAST = 1e6  # [m/s] the same of velocities
@@ -97,6 +98,11 @@ class Placing:
 
     def take_over(self, name: str, other: Placing) -> None:
         """See Simulation.take_over."""
+        ours, theirs = self._bodies.topology(name), other._bodies.topology(name)
+        as_ours, as_theirs = _structure_of(ours), _structure_of(theirs)
+        if as_ours != as_theirs or not np.array_equal(ours.triangles, theirs.triangles):
+            allowed = f"allowed is {as_ours} with the same triangles"
+            raise ValueError(f"{name} is {as_theirs} in the other simulation; {allowed}")
         batch, source = self._bodies.batch[name], other._bodies.batch[name]
         if batch.features.winch:
             batch.write_body("reels", name, source.read_body("reels", name, 0))
@@ -111,3 +117,9 @@ class Placing:
             batch.write_body("twists", name, source.read_body("twists", name, 0))
         if batch.features.handles and source.features.handles:
             self._hands.take_over(name, other._hands)
+
+
+def _structure_of(topology: Topology) -> str:
+    """What has to agree where an object goes on from another simulation, in words."""
+    kind = "a sheet" if len(topology.triangles) else "a rope" if topology.reel is None else "a rope on a winch"
+    return f"{kind} of {len(topology.masses)} particles"

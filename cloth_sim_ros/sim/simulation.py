@@ -238,7 +238,9 @@ class Simulation:
     def take_over(self, name: str, other: Simulation) -> None:
         """An object goes on, in all worlds, from where it is in the first world of another simulation. That one has to
         have it with the same structure. It keeps positions, velocities, what a winch has paid out and the twist. Its
-        scale is not taken along."""
+        scale is not taken along. Raises ValueError, and then nothing has changed."""
+        if not isinstance(other, Simulation):
+            raise ValueError(f"take_over of {name} is from {other!r}; allowed is a Simulation")
         self._placing.take_over(name, other._placing)
         self.moved.pop(name, None)
 

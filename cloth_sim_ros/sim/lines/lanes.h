@@ -13,6 +13,7 @@ const int* at = nodes.data + (size_t)8 * first;
 const float* rest = rests.data + (size_t)8 * first;
 const float* scale = scales.data + (size_t)8 * first;
 float* kept = multipliers.data + (size_t)8 * first;
+float* slip_rate = slips.data + (size_t)8 * first;
 
 Lanes x[4], d[4], motion[4];
 auto moved_of = [&](const int* at, const Lanes* d, Lanes* to) {  // this substep's motion, as a dashpot sees it
@@ -28,9 +29,20 @@ auto moved_of = [&](const int* at, const Lanes* d, Lanes* to) {  // this substep
         }
     }
 };
+auto longer = [&](const Lanes* edge, Lanes length, const Lanes* by) {  // than before it moved, without cancellation
+    Lanes was[3], sum[3];
+    for (int axis = 0; axis < 3; ++axis) {
+        was[axis] = edge[axis] - by[axis];
+        sum[axis] = edge[axis] + was[axis];
+    }
+    return dot(sum, by) / (length + __builtin_elementwise_sqrt(dot(was, was)) + 1.0e-30f);
+};
+const Row* v = (const Row*)(velocities.data + particle);
+Lanes speed[4];
 gather(x_address, at, x);
 gather(d_address, at, d);
 if (gamma > 0.0f) moved_of(at, d, motion);
+if (carried > 0.0f) gather((uint64_t)v, at, speed);
 Lanes columns[4];
 transpose(d, columns);
 Lanes weight = columns[3];
@@ -42,8 +54,10 @@ for (int k = 0; k + 1 < slots; ++k) {
     Lanes next_x[4], next_d[4], e[4];
     gather(x_address, next, next_x);
     gather(d_address, next, next_d);
+    Lanes before_x[4];
     for (int r = 0; r < 4; ++r) {
-        const Lanes edge = (next_x[r] - x[r]) + (next_d[r] - d[r]);
+        before_x[r] = next_x[r] - x[r];
+        const Lanes edge = before_x[r] + (next_d[r] - d[r]);
         e[r] = __builtin_shufflevector(edge, next_d[r], 0, 1, 2, 11, 4, 5, 6, 15);  // beside it the inverse mass
         x[r] = next_x[r];
     }
@@ -73,13 +87,24 @@ for (int k = 0; k + 1 < slots; ++k) {
             apart[r] = next_motion[r] - motion[r];
             motion[r] = next_motion[r];
         }
-        Lanes de[4], was[3];
+        Lanes de[4];
         transpose(apart, de);
-        for (int axis = 0; axis < 3; ++axis) was[axis] = columns[axis] - de[axis];
-        const Lanes lengths = length + __builtin_elementwise_sqrt(dot(was, was));
-        Lanes sum[3];
-        for (int axis = 0; axis < 3; ++axis) sum[axis] = columns[axis] + was[axis];
-        violation += gamma * (dot(sum, de) / (lengths + 1.0e-30f));
+        const Lanes slip = longer(columns, length, de);
+        violation += gamma * slip;
+        if (carried > 0.0f) {
+            Lanes next_speed[4];
+            gather((uint64_t)v, next, next_speed);
+            for (int r = 0; r < 4; ++r) {
+                apart[r] = span * (next_speed[r] - speed[r]);
+                speed[r] = next_speed[r];
+            }
+            Lanes edge[4];
+            transpose(before_x, edge);
+            transpose(apart, de);
+            const Lanes was_long = __builtin_elementwise_sqrt(dot(edge, edge));
+            violation += gamma * (longer(edge, was_long, de) - span * *(const Kept*)(slip_rate + 8 * k));
+        }
+        if (keeps) *(Kept*)(slip_rate + 8 * k) = slip - violation / (1.0f + gamma);
     }
     const Lanes both = weight + next_weight;
     const Lanes diagonal = (1.0f + gamma) * both + compliance + 1.0e-5f * both + 1.0e-30f;
@@ -111,6 +136,10 @@ for (int k = slots - 2; k >= 0; --k) {
     if (stores) {
         Kept& stored = *(Kept*)(kept + 8 * k);
         stored = fresh ? lambda : stored + lambda;
+    }
+    if (keeps) {
+        Kept& rate = *(Kept*)(slip_rate + 8 * k);
+        rate = (rate - alpha * *(const Kept*)(scale + 8 * k) * lambda / (1.0f + gamma)) / span;
     }
     Lanes by[4];
     for (int axis = 0; axis < 3; ++axis) {

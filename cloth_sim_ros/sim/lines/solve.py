@@ -8,6 +8,10 @@ For the springs j of a line, with unit vectors u_j, inverse masses w and violati
 is Macklin, Mueller and Chentanez (2016, eq. 18 and 26) for the line as one block. The matrix is tridiagonal. Its
 diagonal is w_i + w_j, and beside it stands -w u_j . u_j+1 of the particle between two springs. A share of 1e-5 of w_i +
 w_j is added, so that a rigid line between two pins has a solution.
+
+Lines that come later in the sweep move the particles on, so that the slip of a line is not yet that of the substep. Its
+dashpots would resist what is undone behind them: a sheet at rest under load would be too soft. So order 2 adds to the
+slip what came behind this solve in the substep before, which is all of that slip less `line_slips`.
 """
 
 from __future__ import annotations
@@ -75,8 +79,12 @@ def make_solve_row(slots_a_thread: int):
         carried: float,
         particle: int,
         last: wp.array(dtype=wp.vec3),
+        velocities: wp.array(dtype=wp.vec4),
+        slips: wp.array(dtype=float),
+        span: float,
         fresh: bool,
         stores: bool,
+        keeps: bool,
         x_address: wp.uint64,
         low: wp.uint64,
         d_address: wp.uint64,
@@ -99,7 +107,9 @@ def make_solve_line_row(features: Features):
         alpha = compliance_of(here.material, kind) * here.step.inverse_square
         gamma = here.material.damping * here.step.inverse
         carried = float(0.0)
+        keeps = bool(False)
         if wp.static(features.order == 2):
+            keeps = here.last and gamma > 0.0
             if here.step.second:
                 carried = wp.static(1.0 / 3.0)
         solve_row(
@@ -116,8 +126,12 @@ def make_solve_line_row(features: Features):
             carried,
             here.body.particles,
             here.state.last_displacements,
+            here.state.velocities,
+            here.state.line_slips,
+            here.step.effective,
             here.step.first,
             here.step.store,
+            keeps,
             here.x,
             here.low,
             here.d,

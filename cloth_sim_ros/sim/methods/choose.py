@@ -32,7 +32,8 @@ _LEAST_ROPE = 20  # of a rope at an error of 1e-3
 # sheets held at all edges, the hardest of the study's cases. `limit` are the substeps that leapfrog needs, side^2 the
 # particles. Of a sheet too stiff to be seen to stretch it is no more than _RIGID / substeps^2. One that is held along
 # one edge swings: _HUNG / substeps. Implicit Euler misses by _EULER / substeps at least.
-_BDF2, _RIGID, _HUNG, _EULER = 5.6, 30.0, 0.013, 0.1
+# What does not go by `limit` was measured in frames of _FRAME [s], and goes by the length of a substep.
+_BDF2, _RIGID, _HUNG, _EULER, _FRAME = 5.6, 30.0, 0.013, 0.1, 1.0 / 60.0
 _BENDING = 0.3  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
 _LEAPFROG = 4.0e-4  # error of leapfrog at its limit, likewise; by four with twice the substeps
 _MANY = 16  # materials that are looked at one by one, at most
@@ -138,7 +139,7 @@ def _not_explicit(settings: Settings, topology: Topology, needed: float, straine
 
 def _verlet(settings: Settings, needed: float, surface: bool) -> Choice:
     """Explicit steps: as many as stability asks for, and more where they would miss by more than is wanted."""
-    least = max(FEWEST, needed)
+    least = max(FEWEST * max(1.0, settings.frame_dt / _FRAME), needed)
     substeps = settings.substeps or least * max(1.0, math.sqrt(_LEAPFROG / settings.error))
     substeps = math.ceil(substeps) if math.isfinite(substeps) else 1
     error = _LEAPFROG * (least / substeps) ** 2 if math.isfinite(needed) else math.inf
@@ -158,7 +159,7 @@ def _xpbd(
     limit: substeps that leapfrog needs without dashpots.
     """
     order, iterations = settings.order or 2, settings.iterations or 1
-    constant, power = _error_law(topology, limit, order)
+    constant, power = _error_law(topology, limit, order, settings.frame_dt)
     effective = settings.frame_dt * (2.0 / 3.0 if order == 2 else 1.0)
     bending = effective * math.sqrt(_bending_rate(topology, materials) / _BENDING)
     wanted = max((constant / settings.error) ** (1.0 / power), bending)
@@ -168,7 +169,7 @@ def _xpbd(
     substeps = settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), fewest, _MOST_LINES))
     error = constant / substeps**power
     if not settings.order and _boils(topology, limit, substeps * iterations):
-        order, error = 1, max(error, _error_law(topology, limit, 1)[0] / substeps)
+        order, error = 1, max(error, _error_law(topology, limit, 1, settings.frame_dt)[0] / substeps)
     reason = f"is computed by xpbd order {order} in {substeps} x {iterations}"
     if not settings.substeps and substeps < math.floor(wanted):
         reason += f", where an error of {settings.error:g} would take {math.ceil(wanted)}: it may be {error:.2g}"
@@ -178,16 +179,17 @@ def _xpbd(
     return Choice("xpbd", order, substeps, iterations, error, reason, bending_share=share, surface=around.surface)
 
 
-def _error_law(topology: Topology, limit: float, order: int) -> tuple[float, int]:
+def _error_law(topology: Topology, limit: float, order: int, frame_dt: float) -> tuple[float, int]:
     """The constant and the power of substeps by which XPBD misses; `limit` are the substeps of leapfrog."""
+    long = frame_dt / _FRAME
     if topology.hangs:
-        constant, power = _HUNG, 1
+        constant, power = _HUNG * long, 1
     elif xpbd_is_direct(topology):
-        constant, power = _LEAST_ROPE**2 * 1e-3, 2
+        constant, power = _LEAST_ROPE**2 * 1e-3 * long**2, 2
     else:
         side = math.sqrt(len(topology.masses))
-        constant, power = min(_BDF2 * (limit / 44.0) ** 2 * (16.0 / side) ** 1.4, _RIGID), 2
-    return (constant, power) if order == 2 else (max(math.sqrt(constant), _EULER), 1)
+        constant, power = min(_BDF2 * (limit / 44.0) ** 2 * (16.0 / side) ** 1.4, _RIGID * long**2), 2
+    return (constant, power) if order == 2 else (max(math.sqrt(constant), _EULER * long), 1)
 
 
 def _boils(topology: Topology, limit: float, sweeps: int) -> bool:
