@@ -2,8 +2,10 @@
 """A recording of a real node, exported and read back: the vertices of the bag, and pictures that show them."""
 
 import json
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -39,9 +41,10 @@ def bag(tmp_path_factory, ros):
     node, client = NodeProcess(SCENE, (), folder / "node"), Client()
     try:
         node.ready()
-        command = [sys.executable, "-m", "cloth_sim_ros.record.recorder", str(folder / "bag"), "--seconds", "1.5"]
-        recorder = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
-        client.spin(1.0)
+        command = [sys.executable, "-m", "cloth_sim_ros.record.recorder", str(folder / "bag")]
+        recorder = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        while "Recording into" not in recorder.stdout.readline():
+            assert recorder.poll() is None
         assert client.call(Trigger, "/cloth_sim/reset").success
         height = [0.7]
 
@@ -49,7 +52,10 @@ def bag(tmp_path_factory, ros):
             height[0] += 0.001
             client.move("ball", (0.0, 0.0, height[0]))
 
-        client.until(lambda: recorder.poll() is not None, timeout=60.0, meanwhile=rise)
+        end = time.monotonic() + 1.5
+        client.until(lambda: height[0] > 0.75 and time.monotonic() > end, timeout=60.0, meanwhile=rise)
+        recorder.send_signal(signal.SIGINT)
+        recorder.communicate(timeout=60.0)
     finally:
         client.destroy()
         assert node.end() == 0
