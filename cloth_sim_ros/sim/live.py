@@ -92,6 +92,8 @@ class Live:
         worlds. With another scale an object starts anew: its rest shape is so many times as large, and all else is as
         set. A sheet grows about its position, a rope from its start.
         """
+        if not isinstance(name, str):
+            raise ValueError(f"set is given the name {name!r}; allowed is text such as 'gravity' or 'cloth.mass'")
         owner, _, field = name.rpartition(".")
         world = self._bodies.some(world)
         if name == "gravity":

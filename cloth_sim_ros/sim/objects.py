@@ -89,7 +89,8 @@ class Cloth:
 
         With a `material` of `materials.FABRICS` they win over its numbers, and the mass follows from the area. Its
         edges carry stretch and shear alike, so it has no shear_compliance; pins are indices, "all named pins" of a grid
-        do not exist. Raises ValueError for a mesh that is not manifold or names a vertex that does not exist.
+        do not exist. Raises ValueError for a triangle that names a vertex that does not exist. A Simulation raises it
+        for a mesh that is not manifold.
         """
         for name in ("resolution", "size"):
             if name in fields:
@@ -101,9 +102,12 @@ class Cloth:
                 "Cloth.from_mesh has shear_compliance; a mesh's edges carry shear, allowed is stretch_compliance"
             )
         points = finite_array(vertices, 3, "Cloth.from_mesh vertices")
-        faces = finite_array(triangles, 3, "Cloth.from_mesh triangles").astype(np.int32)
-        if faces.min() < 0 or faces.max() >= len(points):
-            raise ValueError(f"Cloth.from_mesh triangles name vertex {faces.max()}; allowed are 0 to {len(points) - 1}")
+        corners = finite_array(triangles, 3, "Cloth.from_mesh triangles")
+        wrong = corners[(corners < 0) | (corners >= len(points)) | (corners != np.floor(corners))]
+        if len(wrong):
+            allowed = f"whole numbers from 0 to {len(points) - 1}"
+            raise ValueError(f"Cloth.from_mesh triangles name vertex {wrong[0]:g}; allowed are {allowed}")
+        faces = corners.astype(np.int32)
         preset = {}
         if material:
             bending = fields.get("bending", "dihedral")

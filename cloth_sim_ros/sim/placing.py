@@ -113,7 +113,7 @@ class Placing:
         batch = self._bodies.batch[name]  # all may have been built anew for what is strained
         if batch.torn is not None and source.torn is not None:
             batch.torn.write(batch.index[name], source.torn.read(source.index[name], 0))
-        if batch.features.twist:
+        if batch.features.twist and source.features.twist:
             batch.write_body("twists", name, source.read_body("twists", name, 0))
         if batch.features.handles and source.features.handles:
             self._hands.take_over(name, other._hands)

@@ -29,6 +29,14 @@ def package_version() -> str:
         return "unknown"
 
 
+def path_of(path: Any) -> Path:
+    """`path` as a Path. Raises ValueError for what names no file."""
+    try:
+        return Path(path)
+    except TypeError:
+        raise ValueError(f"the path of a saved state is {path!r}; allowed is text or a pathlib.Path") from None
+
+
 def reason(error: Exception) -> str:
     """Why something failed, on one line of bounded length."""
     text = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__

@@ -26,7 +26,7 @@ from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live_array import LiveArray
 from cloth_sim_ros.sim.masses import Masses
 from cloth_sim_ros.sim.methods.choose import Choice
-from cloth_sim_ros.sim.saved_file import ALLOWED, read_file, reason, write_file
+from cloth_sim_ros.sim.saved_file import ALLOWED, path_of, read_file, reason, write_file
 
 _LIVE_OF_OBJECTS = {row.name for row in (*table.CLOTH, *table.ROPE, *table.TWIST, *table.WINCH) if row.live}
 _LIVE_OF_COLLIDERS = {"position", "orientation", "file", *(row.name for row in table.COLLIDER if row.live)}
@@ -57,11 +57,11 @@ class Saving:
             "grasps": self._hands.objects,
             "added": {name: (row, *_described(bodies.scene.colliders[name])) for name, row in added.items()},
         }
-        write_file(Path(path), header, _on_host(self._arrays(bodies)))
+        write_file(path_of(path), header, _on_host(self._arrays(bodies)))
 
     def load(self, path: str | os.PathLike) -> tuple[int, Any]:
         """Put back what a file holds: the number of frames, and the notes. Raises ValueError; nothing changes then."""
-        path = Path(path)
+        path = path_of(path)
         header, arrays = read_file(path)
         try:
             self._check_structure(path, header["structure"])

@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Callable
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -59,7 +60,11 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene, settings: Settings | None = None, device: str = "auto", worlds: int = 1) -> None:
-        self._bodies = Bodies(scene, settings or Settings(), device, worlds)
+        settings = Settings() if settings is None else settings
+        for given, kind in ((scene, Scene), (settings, Settings)):
+            if not isinstance(given, kind):
+                raise ValueError(f"Simulation is given {given!r:.80}; allowed is a {kind.__name__} in its place")
+        self._bodies = Bodies(scene, settings, device, worlds)
         self._queries = Queries(self._bodies)
         self._ropes = Ropes(self._bodies, self._queries)
         self._hands = Hands(self._bodies)
@@ -129,8 +134,10 @@ class Simulation:
 
         A GPU runs up to ten of them as one CUDA graph. Frames in which colliders or handles move run one by one, as the
         host tells the next one that they rest. So do those of objects that touch themselves or one another, as the host
-        looks after their tree of boxes.
+        looks after their tree of boxes. Raises ValueError for a number of frames that cannot be.
         """
+        if isinstance(frames, bool) or not isinstance(frames, Integral) or frames < 0:
+            raise ValueError(f"step is asked for {frames!r} frames; allowed is a whole number, 0 or more")
         while frames > 0:
             self._begin()
             alike = self._bodies.alike(frames)

@@ -84,6 +84,27 @@ def test_a_smaller_wanted_error_is_met_by_more_substeps(thing):
     assert found[-1].substeps > found[0].substeps
 
 
+@pytest.mark.parametrize(
+    "thing",
+    [
+        Cloth.of("cotton", resolution=(10, 10), size=(0.5, 0.5), pins="top"),
+        Rope.of("climbing rope", start=(0, 0, 0), end=(1, 0, 0), segments=20),
+    ],
+    ids=["sheet", "rope"],
+)
+def test_a_longer_frame_has_as_many_more_substeps(thing):
+    """Half a second of a swing at ten frames a second, beside a tenth of the substep: as right as what is told."""
+    sims = {
+        rate: Simulation(Scene({"it": thing}), Settings(frame_dt=1.0 / rate, **fine), "cpu")
+        for rate, fine in ((10, {}), (60, {"method": "xpbd", "order": 2, "substeps": 200, "iterations": 1}))
+    }
+    start = sims[10].positions("it").astype(np.float64)
+    for rate, sim in sims.items():
+        sim.step(rate // 2)
+    ways = [sim.positions("it") - start for sim in sims.values()]
+    assert np.linalg.norm(ways[0] - ways[1]) < 3.0 * sims[10].choices["it"].error * np.linalg.norm(ways[1])
+
+
 def test_beyond_the_budget_it_gives_the_nearest_and_says_what_is_missed():
     rich, poor = (choice(RIGID, budget=budget) for budget in (100.0, 1e-3))
     assert "would take" not in rich.reason and rich.error <= 1.05e-3

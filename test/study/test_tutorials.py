@@ -48,10 +48,11 @@ def test_the_first_towel_lies_over_its_ball_and_sags_when_soft(tmp_path):
     assert towel[:, 2].max() == pytest.approx(0.25 + 0.12, abs=0.005), "it lies on top of the ball"
     assert np.linalg.norm(towel - (0, 0, 0.25), axis=1).min() > 0.12 - 0.001
     assert towel[[0, 19, 380, 399], 2].max() < 0.25, "its corners hang"
-    strain, lowest = sim.report()["towel"]["max_strain"], towel[:, 2].min()
+    strain, height = sim.report()["towel"]["max_strain"], towel[:, 2].mean()
     sim.set("towel.stretch_compliance", 0.1)
     sim.step(60)
-    assert sim.report()["towel"]["max_strain"] > 2.0 * strain and sim.positions("towel")[:, 2].min() < lowest
+    assert sim.report()["towel"]["max_strain"] > 2.0 * strain
+    assert sim.positions("towel")[:, 2].mean() < height - 0.005
 
 
 def test_fingers_hold_the_towel_by_friction(tmp_path):

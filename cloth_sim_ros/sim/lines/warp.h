@@ -24,11 +24,28 @@ d[Slots] = make_float4(down(d[0].x, 1), down(d[0].y, 1), down(d[0].z, 1), 0.0f);
 const float w_next = down(w[0], 1);
 // By how much longer an edge is than before it moved by (x, y, z), without cancellation.
 auto longer = [](float ex, float ey, float ez, float length, float x, float y, float z) {
-    const float bx = ex - x, by = ey - y, bz = ez - z;
-    return ((ex + bx) * x + (ey + by) * y + (ez + bz) * z) / (length + sqrtf(bx * bx + by * by + bz * bz) + 1.0e-30f);
+    const float bx = ex - x, by = ey - y, bz = ez - z, square = bx * bx + by * by + bz * bz;
+    const float was_long = square * rsqrtf(square + 1.0e-30f);
+    return __fdividef((ex + bx) * x + (ey + by) * y + (ez + bz) * z, length + was_long + 1.0e-30f);
 };
+float slip[Slots];  // what a dashpot feels of the substep before, less what came behind its solve
+if (gamma > 0.0f && carried > 0.0f) {
+    float4 v[Slots + 1];
+    #pragma unroll
+    for (int j = 0; j < Slots; ++j) {
+        const wp::vec4& speed = velocities.data[particle + (node[j] < 0 ? 0 : node[j])];
+        v[j] = make_float4(span * speed[0], span * speed[1], span * speed[2], 0.0f);
+    }
+    v[Slots] = make_float4(down(v[0].x, 1), down(v[0].y, 1), down(v[0].z, 1), 0.0f);
+    #pragma unroll
+    for (int j = 0; j < Slots; ++j) {
+        const float wx = x[j + 1].x - x[j].x, wy = x[j + 1].y - x[j].y, wz = x[j + 1].z - x[j].z;
+        const float square = wx * wx + wy * wy + wz * wz, length = square * rsqrtf(square + 1.0e-30f);
+        slip[j] = longer(wx, wy, wz, length, v[j + 1].x - v[j].x, v[j + 1].y - v[j].y, v[j + 1].z - v[j].z)
+            - span * slips.data[(size_t)(first + j) * 32 + lane];
+    }
+}
 float4 m[Slots + 1];  // this substep's motion, as a dashpot sees it
-float4 v[Slots + 1];  // what would move as in the substep before
 if (gamma > 0.0f) {
     #pragma unroll
     for (int j = 0; j < Slots; ++j) {
@@ -40,11 +57,8 @@ if (gamma > 0.0f) {
             m[j].x -= carried * row[0];
             m[j].y -= carried * row[1];
             m[j].z -= carried * row[2];
-            const wp::vec4& speed = velocities.data[particle + i];
-            v[j] = make_float4(span * speed[0], span * speed[1], span * speed[2], 0.0f);
         }
     }
-    if (carried > 0.0f) v[Slots] = make_float4(down(v[0].x, 1), down(v[0].y, 1), down(v[0].z, 1), 0.0f);
     m[Slots] = make_float4(down(m[0].x, 1), down(m[0].y, 1), down(m[0].z, 1), 0.0f);
 }
 #pragma unroll
@@ -74,15 +88,10 @@ for (int j = 0; j < Slots; ++j) {
     if (!fresh) violation += compliance * multipliers.data[at];
     if (gamma > 0.0f) {
         const float ax = m[j + 1].x - m[j].x, ay = m[j + 1].y - m[j].y, az = m[j + 1].z - m[j].z;
-        const float slip = longer(ex, ey, ez, length, ax, ay, az);
-        violation += gamma * slip;
-        if (carried > 0.0f) {
-            const float wx = x[j + 1].x - x[j].x, wy = x[j + 1].y - x[j].y, wz = x[j + 1].z - x[j].z;
-            const float was_long = sqrtf(wx * wx + wy * wy + wz * wz);
-            const float all = longer(wx, wy, wz, was_long, v[j + 1].x - v[j].x, v[j + 1].y - v[j].y, v[j + 1].z - v[j].z);
-            violation += gamma * (all - span * slips.data[at]);
-        }
-        if (keeps) slips.data[at] = slip - violation / (1.0f + gamma);
+        const float own = longer(ex, ey, ez, length, ax, ay, az);
+        violation += gamma * own;
+        if (carried > 0.0f) violation += gamma * slip[j];
+        if (keeps) slip[j] = own - violation / (1.0f + gamma);
     }
     const float both = w[j] + (j + 1 < Slots ? w[j + 1 < Slots ? j + 1 : 0] : w_next);
     D[j] = there ? (1.0f + gamma) * both + compliance + 1.0e-5f * both + 1.0e-30f : 1.0f;
@@ -155,7 +164,7 @@ if (keeps) {
     #pragma unroll
     for (int j = 0; j < Slots; ++j) {
         const size_t at = (size_t)(first + j) * 32 + lane;
-        slips.data[at] = (slips.data[at] - alpha * scales.data[at] * R[j] / (1.0f + gamma)) / span;
+        slips.data[at] = (slip[j] - alpha * scales.data[at] * R[j] / (1.0f + gamma)) / span;
     }
 }
 const float l = R[Slots - 1];
