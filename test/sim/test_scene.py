@@ -7,7 +7,20 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Winch, Wind
+from cloth_sim_ros.sim import (
+    Box,
+    Capsule,
+    Cloth,
+    Plane,
+    Rope,
+    Scene,
+    Settings,
+    SignedDistance,
+    Simulation,
+    Sphere,
+    Winch,
+    Wind,
+)
 from cloth_sim_ros.sim.quaternion import rotate
 
 BAD = {
@@ -44,6 +57,11 @@ BAD = {
     "reserved name": (lambda: Scene({"wind": Rope()}), "'wind'"),
     "not an object": (lambda: Scene({"a": Sphere()}), "Cloth or a Rope"),
     "device": (lambda: Simulation(Scene(), device="cuda:99"), "cuda:99"),
+    "no scene": (lambda: Simulation({}), "a Scene"),
+    "no settings": (lambda: Simulation(Scene(), {"error": 1e-3}), "a Settings"),
+    "vertex before the first": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, -1]]), "vertex -1"),
+    "half a vertex": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 1.5]]), "vertex 1.5"),
+    "volume of text": (lambda: SignedDistance.from_mesh("peg.stl"), "'peg.stl'"),
 }
 
 

@@ -84,6 +84,12 @@ def test_set_state_and_read_it_back(device):
         lambda sim: sim.set("gravity", (0, 0)),
         lambda sim: sim.set("nobody.mass", 1.0),
         lambda sim: sim.set("ball.dimensions", 1.0),
+        lambda sim: sim.set(None, 1.0),
+        lambda sim: sim.step(-1),
+        lambda sim: sim.step(True),
+        lambda sim: sim.step(1.5),
+        lambda sim: sim.save(3),
+        lambda sim: sim.load(None),
     ],
 )
 def test_bad_values_are_refused_and_change_nothing(action):

@@ -86,7 +86,7 @@ class SignedDistance(Collider):
         fields: those of Collider, which the mesh does not pass on. Raises ValueError.
         """
         if not isinstance(mesh, Mesh):
-            raise ValueError(f"SignedDistance.from_mesh is given {mesh!r:.80}; allowed is a Mesh, or from_file of a path")
+            raise ValueError(f"SignedDistance.from_mesh is given {mesh!r:.80}; allowed is a Mesh")
         values, origin, spacing = bake(mesh, cells)
         kept = {"file": mesh.file, "scale": mesh.scale, **fields}
         return cls(values=values, origin=origin, spacing=spacing, **kept)
