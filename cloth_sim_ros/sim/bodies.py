@@ -125,7 +125,7 @@ class Bodies:
         self.batch = {name: batch for batch in self.batches for name in batch.index}
         together = [batch for batch in self.batches if batch.features.meets]
         itself = [name for name, thing in self.scene.objects.items() if thing.self_contact]
-        self.together = Together(together, itself, self.scene.object_contact) if together else None
+        self.together = Together(together, self.topologies, itself, self.scene.object_contact) if together else None
         self._arrays: list[wp.array] = []
         self.frames = Frames(self.batches, self.together, self.warp_device)
         self._write_substeps()

@@ -6,6 +6,7 @@ import logging
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
 from cloth_sim_ros.sim import Cloth, Readback, Rope, Scene, Settings, Simulation, Wind
 from cloth_sim_ros.sim.methods.limits import explicit_substeps
@@ -103,6 +104,40 @@ def test_a_longer_frame_has_as_many_more_substeps(thing):
         sim.step(rate // 2)
     ways = [sim.positions("it") - start for sim in sims.values()]
     assert np.linalg.norm(ways[0] - ways[1]) < 3.0 * sims[10].choices["it"].error * np.linalg.norm(ways[1])
+
+
+def cut(count, side, **fields):
+    """An irregular mesh of count^2 vertices that hangs by its upper edge, `side` [m] long."""
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(0.0, side, count), np.linspace(-side, 0.0, count)))
+    points = np.stack([x, y], axis=1)
+    inner = (x > 0.0) & (x < side) & (y > -side) & (y < 0.0)
+    points[inner] += np.random.default_rng(5).uniform(-0.25, 0.25, (inner.sum(), 2)) * side / count
+    pins = tuple(np.flatnonzero(y == 0.0).tolist())
+    return Cloth.from_mesh(np.c_[points, np.zeros(len(x))], Delaunay(points).simplices, pins=pins, **fields)
+
+
+@pytest.mark.parametrize(
+    "thing",
+    [
+        Cloth.of("cotton", resolution=(24, 24), size=(0.3, 0.3), pins="top"),
+        Cloth(resolution=(24, 24), size=(0.3, 0.3), mass=0.02, pins="top"),
+        cut(20, 1.2, mass=0.3),
+        cut(16, 0.5, material="cotton"),
+    ],
+    ids=["towel", "light", "mesh", "mesh of cotton"],
+)
+def test_what_hangs_swings_down_as_right_as_is_wanted(thing):
+    """From level, for 20 frames, beside many more substeps. A light sheet of 0.3 m was 1.1 % of its way off, a mesh of
+    cotton 1.4 %, while 0.1 % was wanted."""
+    sims = [auto(thing), auto(thing, method="xpbd", order=2, substeps=400, iterations=1)]
+    start = sims[0].positions("it").astype(float)
+    ways = [[], []]
+    for _ in range(20):
+        for sim, way in zip(sims, ways, strict=True):
+            sim.step()
+            way.append(sim.positions("it") - start)
+    assert sims[0].choices["it"].error < 1.05e-3
+    assert np.linalg.norm(np.subtract(*ways)) < 1.5e-3 * np.linalg.norm(ways[1])
 
 
 def test_beyond_the_budget_it_gives_the_nearest_and_says_what_is_missed():

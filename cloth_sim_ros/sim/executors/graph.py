@@ -16,6 +16,7 @@ import warp as wp
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.meeting.apart import PASSES, Apart
 from cloth_sim_ros.sim.meeting.bound import Bound
+from cloth_sim_ros.sim.meeting.flat import Flat
 from cloth_sim_ros.sim.meeting.search import Search
 from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.methods.stage import Stage
@@ -98,10 +99,11 @@ class Member:
 class Graph:
     """The launches of batches that advance together. `advance()` simulates a frame of every body in every world.
 
-    meeting: what finds the parts of bodies that may touch, what keeps them apart, and what lets none through.
+    meeting: what tells whether parts of bodies may touch at all, what finds them, what keeps them apart, and what lets
+    none through.
     """
 
-    def __init__(self, members: Sequence[Member], meeting: tuple[Search, Apart, Bound] | None = None) -> None:
+    def __init__(self, members: Sequence[Member], meeting: tuple[Flat, Search, Apart, Bound] | None = None) -> None:
         self._members, self._meeting = members, meeting
         self._frames: dict[tuple[int, int, int], list[Launch]] = {}
 
@@ -117,8 +119,10 @@ class Graph:
     def _launches(self, substeps: int, iterations: int, outer: int) -> list[Launch]:
         frame, members = [], self._members
         if self._meeting is not None:
-            search, _, bound = self._meeting
-            frame += [Call(bound.begin), Call(partial(search.look, ends=False))]
+            flat, search, _, bound = self._meeting
+            look = Call(partial(search.look, ends=False))
+            frame += [Call(bound.begin), Call(flat.begin), Call(partial(flat.where_folded, look.launch))]
+            hold = partial(_run, [Call(partial(search.look, ends=True)), Call(bound.launch)])
         outer_ends = {j * substeps // outer for j in range(outer + 1)}
         for substep in range(substeps):
             for member in members:
@@ -132,7 +136,7 @@ class Graph:
                 if self._meeting is not None:
                     frame += self._part(*now)
             if self._meeting is not None:
-                frame += [Call(partial(search.look, ends=True)), Call(bound.launch)]
+                frame += [Call(flat.end), Call(partial(flat.where_folded, hold))]
             for member in members:
                 frame += member.finish(substep, iterations)
         for member in members:
@@ -141,13 +145,14 @@ class Graph:
 
     def _part(self, *now: int) -> list[Launch]:
         """What keeps bodies apart in an iteration."""
-        apart = self._meeting[1]
+        flat, _, apart, _ = self._meeting
         passes: list[Launch] = []
         for _ in range(PASSES):
             passes.append(Call(apart.part))
             for member in self._members:
                 passes += member.iterate(member.program.parted, *now)
-        return [Call(apart.look), Call(partial(apart.where_close, partial(_run, passes)))]
+        part = [Call(apart.look), Call(partial(apart.where_close, partial(_run, passes)))]
+        return [Call(partial(flat.where_folded, partial(_run, part)))]
 
 
 def _run(launches: Sequence[Launch]) -> None:

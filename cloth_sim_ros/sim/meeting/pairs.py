@@ -10,7 +10,7 @@ TESTS = 15  # of two triangles: three corners of each against the other, and nin
 _SLACK = 0.05  # of the mean length of springs, that a particle may be off its way
 # Of how far parts of one body are apart at rest, that they are kept apart at most. A rope then bends to a radius of 1.1
 # times its own, and a sheet to 1.1 times its thickness: the chord of an arc of 2.26 radians is 0.8 of it.
-_OF_REST = 0.8
+OF_REST = 0.8
 
 
 @wp.struct
@@ -24,6 +24,9 @@ class Pairs:
     was. failed: which panels were torn then. balls, drifts: middle and radius of the ball around a panel and all that
     it may meet, and its mean velocity. sums: (W, 4) of all velocities when the frame began, in whole numbers, and
     whether a particle is pinned. rounds: (2,) whether the bound has more to shorten, and how often it did so far.
+
+    folded: (2,) whether parts of one body may meet, see flat.py, now and in the frame before. turns: (W x B,) how the
+    rest shapes of bodies lie.
     """
 
     couples: wp.array2d(dtype=wp.vec2i)
@@ -38,6 +41,8 @@ class Pairs:
     drifts: wp.array(dtype=wp.vec3)
     sums: wp.array2d(dtype=wp.int64)
     rounds: wp.array(dtype=int)
+    folded: wp.array(dtype=int)
+    turns: wp.array(dtype=wp.mat33)
 
 
 @wp.func
@@ -145,7 +150,7 @@ def list_test(members: Members, pairs: Pairs, w: int, a: Panel, first: Ways, p: 
     if free >= kept:
         return
     if a.body == b.body:
-        kept = wp.min(kept, wp.static(_OF_REST) * _apart_at_rest(of_a.rest, parts))
+        kept = wp.min(kept, wp.static(OF_REST) * _apart_at_rest(of_a.rest, parts))
         if free >= kept:
             return
     n = wp.atomic_add(pairs.counts, w, 1, 1)

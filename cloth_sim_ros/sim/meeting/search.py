@@ -255,6 +255,8 @@ class Search:
         self.pairs.counts = wp.zeros((worlds, 2), dtype=int, device=device)
         self.pairs.clock = wp.zeros(4, dtype=int, device=device)
         self._due = self.pairs.clock[2:3]
+        self.pairs.folded = wp.ones(2, dtype=int, device=device)
+        self.pairs.turns = wp.zeros(worlds * len(members.bodies), dtype=wp.mat33, device=device)
         self.pairs.failed = wp.zeros(total, dtype=bool, device=device)
         self.pairs.balls = wp.zeros(total, dtype=wp.vec4, device=device)
         self.pairs.drifts = wp.zeros(total, dtype=wp.vec3, device=device)

@@ -11,6 +11,7 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.model import Body
 from cloth_sim_ros.sim.state import Arrays, Frame, Material
+from cloth_sim_ros.sim.topology import Topology
 
 
 @wp.struct
@@ -40,13 +41,15 @@ class Members:
 
     surfaces: (batches x worlds,), all worlds of the first batch first. panels: (P,) batch and number there. bodies:
     (B,) batch, number there, and whether it is kept apart from itself. owners: (P,) the body of a panel. among: whether
-    bodies meet one another.
+    bodies meet one another. gaps, ends: (B,) Topology.fold_gap and far_ends.
     """
 
     surfaces: wp.array(dtype=Surface)
     panels: wp.array(dtype=wp.vec2i)
     bodies: wp.array(dtype=wp.vec3i)
     owners: wp.array(dtype=int)
+    gaps: wp.array(dtype=float)
+    ends: wp.array(dtype=wp.vec4i)
     worlds: int
     among: bool
 
@@ -100,10 +103,17 @@ def may_touch(members: Members, a: int, b: int) -> bool:
     return members.among
 
 
-def members_of(batches: Sequence[Sequence[Arrays]], itself: Sequence[bool], among: bool, device: wp.Device) -> Members:
+def members_of(
+    batches: Sequence[Sequence[Arrays]],
+    topologies: Sequence[Topology],
+    itself: Sequence[bool],
+    among: bool,
+    device: wp.Device,
+) -> Members:
     """The Members of batches, of each its arrays in all worlds.
 
-    itself: of each body whether it is kept apart from itself. among: whether bodies are kept apart from one another.
+    topologies, itself: of each body, and whether it is kept apart from itself. among: whether bodies are kept apart
+    from one another.
     """
     members = Members()
     surfaces, panels, bodies, owners = [], [], [], []
@@ -117,6 +127,9 @@ def members_of(batches: Sequence[Sequence[Arrays]], itself: Sequence[bool], amon
     members.panels = wp.array(np.concatenate(panels).astype(np.int32), dtype=wp.vec2i, device=device)
     members.bodies = wp.array(np.array(bodies, np.int32), dtype=wp.vec3i, device=device)
     members.owners = wp.array(np.concatenate(owners).astype(np.int32), dtype=int, device=device)
+    members.gaps = wp.array([topology.fold_gap for topology in topologies], dtype=float, device=device)
+    ends = [topology.far_ends for topology in topologies]
+    members.ends = wp.array(np.array(ends, np.int32), dtype=wp.vec4i, device=device)
     members.worlds, members.among = len(batches[0]), among
     return members
 

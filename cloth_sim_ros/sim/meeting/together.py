@@ -3,31 +3,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.executors.graph import Graph, Member
 from cloth_sim_ros.sim.meeting.apart import Apart
 from cloth_sim_ros.sim.meeting.bound import Bound
+from cloth_sim_ros.sim.meeting.flat import Flat
 from cloth_sim_ros.sim.meeting.search import Search
 from cloth_sim_ros.sim.meeting.surfaces import members_of
+from cloth_sim_ros.sim.topology import Topology
 
 
 class Together:
     """Batches of such objects.
 
-    itself: names of those that are kept apart from themselves. among: whether all are kept apart from one another.
+    topologies: by name. itself: names of those that are kept apart from themselves. among: whether all are kept apart
+    from one another.
     """
 
-    def __init__(self, batches: Sequence[Batch], itself: Sequence[str], among: bool) -> None:
+    def __init__(
+        self, batches: Sequence[Batch], topologies: Mapping[str, Topology], itself: Sequence[str], among: bool
+    ) -> None:
         self.batches, device = batches, batches[0].device
         self._names = [name for batch in batches for name in batch.index]
         by_itself = [name in itself for name in self._names]
-        members = members_of([batch.worlds for batch in batches], by_itself, among, device)
+        each = [topologies[name] for name in self._names]
+        members = members_of([batch.worlds for batch in batches], each, by_itself, among, device)
         self._search = Search(members, device)
+        flat = Flat(members, self._search.pairs, device)
         keeping = (kind(members, self._search.pairs, self._search.width, device) for kind in (Apart, Bound))
-        each = [Member(batch.features, batch.worlds, device) for batch in batches]
-        self._graph = Graph(each, (self._search, *keeping))
+        stages = [Member(batch.features, batch.worlds, device) for batch in batches]
+        self._graph = Graph(stages, (flat, self._search, *keeping))
         for batch in batches:
             batch.executor = self._graph
 

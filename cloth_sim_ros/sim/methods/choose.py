@@ -31,10 +31,11 @@ _LEAST_ROPE = 20  # of a rope at an error of 1e-3
 # BDF2 by lines misses the motion by _BDF2 (limit / 44)^2 (16 / side)^1.4 / substeps^2, relative to it. That is in
 # sheets held at all edges, the hardest of the study's cases. `limit` are the substeps that leapfrog needs, side^2 the
 # particles. Of a sheet too stiff to be seen to stretch it is no more than _RIGID / substeps^2. One that is held along
-# one edge swings: _HUNG / substeps. Implicit Euler misses by _EULER / substeps at least.
+# one edge swings: _HUNG / substeps, or _HUNG_MESH side / substeps, where it is _LENGTH [m] long, and as the rate of a
+# pendulum. Implicit Euler misses by _EULER / substeps at least.
 # What does not go by `limit` was measured in frames of _FRAME [s], and goes by the length of a substep.
-_BDF2, _RIGID, _HUNG, _EULER, _FRAME = 5.6, 30.0, 0.013, 0.1, 1.0 / 60.0
-_BENDING = 0.3  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
+_BDF2, _RIGID, _HUNG, _HUNG_MESH, _LENGTH, _EULER, _FRAME = 5.6, 30.0, 0.013, 1e-3, 1.2, 0.1, 1.0 / 60.0
+_BENDING = 0.2  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
 _LEAPFROG = 4.0e-4  # error of leapfrog at its limit, likewise; by four with twice the substeps
 _MANY = 16  # materials that are looked at one by one, at most
 
@@ -158,43 +159,56 @@ def _xpbd(
 
     limit: substeps that leapfrog needs without dashpots.
     """
-    order, iterations = settings.order or 2, settings.iterations or 1
-    constant, power = _error_law(topology, limit, order, settings.frame_dt)
-    effective = settings.frame_dt * (2.0 / 3.0 if order == 2 else 1.0)
-    bending = effective * math.sqrt(_bending_rate(topology, materials) / _BENDING)
-    wanted = max((constant / settings.error) ** (1.0 / power), bending)
+    iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
     fewest = FEWEST if xpbd_is_direct(topology) else max(FEWEST, math.ceil(math.sqrt(len(topology.masses)) / _SIDE))
     fewest = max(fewest, _FEWEST_LAYERS) if around.meets else fewest
     affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
-    substeps = settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), fewest, _MOST_LINES))
+
+    def substeps_of(order: int, least: float) -> tuple[int, float]:
+        """How many are taken, and how many are wanted."""
+        constant, power = _error_law(topology, limit, order, settings.frame_dt)
+        bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
+        wanted = max((constant / settings.error) ** (1.0 / power), bending, least)
+        return settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), fewest, _MOST_LINES)), wanted
+
+    order, calm = settings.order or 2, 0.0 if settings.order else _calm(topology, limit) / iterations
+    substeps, wanted = substeps_of(order, calm)
+    if substeps < calm or (not settings.order and substeps_of(1, 0.0)[0] < substeps):
+        order = 1
+        substeps, wanted = substeps_of(order, 0.0)
+    constant, power = _error_law(topology, limit, order, settings.frame_dt)
     error = constant / substeps**power
-    if not settings.order and _boils(topology, limit, substeps * iterations):
-        order, error = 1, max(error, _error_law(topology, limit, 1, settings.frame_dt)[0] / substeps)
     reason = f"is computed by xpbd order {order} in {substeps} x {iterations}"
     if not settings.substeps and substeps < math.floor(wanted):
         reason += f", where an error of {settings.error:g} would take {math.ceil(wanted)}: it may be {error:.2g}"
-    share = limits.bending_share(_bending_rate(topology, materials), effective / substeps)
+    share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
         reason += f", and {share:.2g} of its bending rigidity acts"
     return Choice("xpbd", order, substeps, iterations, error, reason, bending_share=share, surface=around.surface)
 
 
+def _effective(settings: Settings, order: int) -> float:
+    """Substeps times their effective length h_e [s]."""
+    return settings.frame_dt * (2.0 / 3.0 if order == 2 else 1.0)
+
+
 def _error_law(topology: Topology, limit: float, order: int, frame_dt: float) -> tuple[float, int]:
     """The constant and the power of substeps by which XPBD misses; `limit` are the substeps of leapfrog."""
     long = frame_dt / _FRAME
-    if topology.hangs:
-        constant, power = _HUNG * long, 1
+    side = math.sqrt(len(topology.masses))
+    if topology.hung_length > 0.0:
+        swing = math.sqrt(_LENGTH / (topology.hung_length * topology.scales_in().min()))
+        constant, power = (_HUNG if topology.grid is not None else _HUNG_MESH * side) * swing * long, 1
     elif xpbd_is_direct(topology):
         constant, power = _LEAST_ROPE**2 * 1e-3 * long**2, 2
     else:
-        side = math.sqrt(len(topology.masses))
         constant, power = min(_BDF2 * (limit / 44.0) ** 2 * (16.0 / side) ** 1.4, _RIGID * long**2), 2
     return (constant, power) if order == 2 else (max(math.sqrt(constant), _EULER * long), 1)
 
 
-def _boils(topology: Topology, limit: float, sweeps: int) -> bool:
-    """Whether sweeps of second order leave so much of the stiff springs of a mesh that they shake it for ever."""
-    return bool(len(topology.triangles)) and topology.grid is None and limit > _MOST_STIFF * sweeps
+def _calm(topology: Topology, limit: float) -> float:
+    """The least sweeps of second order that do not leave so much of the stiff springs of a mesh that these shake it."""
+    return limit / _MOST_STIFF if len(topology.triangles) and topology.grid is None else 0.0
 
 
 def _bending_rate(topology: Topology, materials: Collection[tuple[Sequence[float], float]]) -> float:

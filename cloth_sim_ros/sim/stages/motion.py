@@ -198,8 +198,9 @@ def store_velocity(i: int, here: Here):
 
 
 # BDF2 extrapolates the last displacement. A substep may depart from it by this share of the spacing, as after a stroke
-# of a collider or a stretched start. The next one is implicit Euler then, which is stable whatever came before.
-SMOOTH = wp.constant(0.05)
+# of a collider or a stretched start. The next one is implicit Euler then, which is stable whatever came before. Hems of
+# towels that swing depart by a tenth. A rope that comes from a wild start trembles on its winch beyond a twentieth.
+SMOOTH_SHEET, SMOOTH_ROPE = 0.2, 0.05
 
 
 @wp.func
@@ -218,6 +219,7 @@ MOST_SPACINGS = wp.constant(0.25)
 
 def make_finish(features: Features):
     """The stage that turns the displacement of particle i into its velocity and position."""
+    smooth = SMOOTH_ROPE if features.chain else SMOOTH_SHEET
 
     @wp.func
     def finish(i: int, here: Here):
@@ -233,7 +235,7 @@ def make_finish(features: Features):
             if here.step.second:
                 base = carried(here.state.last_displacements[g])
             velocity = rate_of(displacement - base, here.step)
-            if wp.length(displacement - here.state.last_displacements[g]) > SMOOTH * here.body.spacing:
+            if wp.length(displacement - here.state.last_displacements[g]) > wp.static(smooth) * here.body.spacing:
                 here.state.events[2 * here.body.index + here.substep % 2] = here.substep + 1
             before = xyz(load_row(here.state.velocities, g))
             if wp.static(features.panels != ""):

@@ -137,13 +137,55 @@ class Topology:
         return {}
 
     @cached_property
-    def hangs(self) -> bool:
-        """Whether a sheet is held along a line and nowhere else, so that it swings more than it stretches."""
+    def fold_gap(self) -> float:
+        """How far parts of a sheet that share no particle are apart at rest [m], at least: a triangle's least height.
+
+        It is 0 where the rest shape is not a flat convex piece, or may be torn into one that is none.
+        """
+        if not len(self.triangles) or self.tear_strain > 0.0:
+            return 0.0
+        middle = self.layout.mean(axis=0)
+        _, spread, axes = np.linalg.svd(self.layout - middle, full_matrices=False)
+        if spread[2] > 1e-6 * spread[0]:
+            return 0.0
+        flat = (self.layout - middle) @ axes[:2].T
+        edges = np.sort(np.concatenate([self.triangles[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
+        found, times = np.unique(edges, axis=0, return_counts=True)
+        starts, ways = flat[found[times == 1, 0]], np.diff(flat[found[times == 1]], axis=1)[:, 0]
+        normals = np.column_stack([-ways[:, 1], ways[:, 0]]) / np.linalg.norm(ways, axis=1, keepdims=True)
+        off = flat @ normals.T - (starts * normals).sum(axis=1)  # of each particle, from each edge of the outline
+        if (np.minimum(off.max(axis=0), -off.min(axis=0)) > 1e-6 * spread[0]).any():
+            return 0.0
+        sides = np.diff(flat[self.triangles[:, [0, 1, 2, 0]]], axis=1)
+        doubled = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+        return float((doubled / np.linalg.norm(sides, axis=2).max(axis=1)).min())
+
+    @property
+    def far_ends(self) -> list[int]:
+        """Two particles far from one another, and two more on both sides of the line between these."""
+        out = self.layout - self.layout.mean(axis=0)
+        first = np.linalg.norm(out, axis=1).argmax()
+        second = np.linalg.norm(out - out[first], axis=1).argmax()
+        axis = (out[second] - out[first]) / np.linalg.norm(out[second] - out[first])
+        beside = out - np.outer(out @ axis, axis)
+        along = beside @ beside[np.linalg.norm(beside, axis=1).argmax()]
+        return [int(k) for k in (first, second, along.argmin(), along.argmax())]
+
+    @cached_property
+    def hung_length(self) -> float:
+        """How far a sheet reaches from the line along which it is held [m], so that it swings more than it stretches.
+
+        It is 0 where a sheet is held elsewhere too, or by few particles, and of a rope.
+        """
         held = self.layout[self.pinned]
         if not len(self.triangles) or len(held) < 0.5 * math.sqrt(len(self.masses)):
-            return False
-        spread = np.linalg.svd(held - held.mean(axis=0), compute_uv=False)
-        return bool(len(spread) > 1 and spread[1] < 1e-6 * max(spread[0], 1e-300))
+            return 0.0
+        middle = held.mean(axis=0)
+        _, spread, axes = np.linalg.svd(held - middle, full_matrices=False)
+        if spread[1] >= 1e-6 * max(spread[0], 1e-300):
+            return 0.0
+        out = self.layout - middle
+        return float(np.linalg.norm(out - np.outer(out @ axes[0], axes[0]), axis=1).max())
 
     @property
     def bends_by_angles(self) -> bool:
