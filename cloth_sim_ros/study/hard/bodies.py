@@ -197,7 +197,8 @@ class Energy:
         return (float(self.rest.mean()) * 2.0**-24) ** 2 / 3.0 * highest**3 / 8.0
 
     def _bending(self, x: np.ndarray) -> float:
-        return 0.5 * float((x * (self._bends @ x)).sum())
+        """Of the share of the rigidity that acts."""
+        return 0.5 * self._sim.choices[BODY].bending_share * float((x * (self._bends @ x)).sum())
 
 
 def _bending_matrix(sim: Simulation) -> sparse.csr_array:
