@@ -154,7 +154,7 @@ def pulled_knot(device, self_contact):
     t, diameter = np.linspace(-2.3, 2.3, 2000), 0.016
     curve = np.stack([0.05 * (t**3 - 3 * t), 0.05 * (t**4 - 4 * t**2), 0.03 * (t**5 / 5 - 2 * t)], 1)
     along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
-    points = np.stack([np.interp(np.linspace(0.0, along[-1], 181), along, axis) for axis in curve.T], 1)
+    points = np.stack([np.interp(np.linspace(0.0, along[-1], 271), along, axis) for axis in curve.T], 1)
     smooth = {"static_friction": 0.0, "kinetic_friction": 0.0, "damping": 1e-3, "self_contact": self_contact}
     rope = Rope(points=points, pins=None, radius=0.5 * diameter, mass=0.1, **smooth)
     hands = {name: Handle(reach=0.02, position=points[end]) for name, end in (("left", 0), ("right", -1))}
@@ -178,10 +178,10 @@ def pulled_knot(device, self_contact):
 def test_a_knot_is_tight_where_an_ideal_one_is(device):
     """The tightest open trefoil takes 10.1 diameters of a smooth rope (Pieranski, Przybyl and Stasiak 2001).
 
-    This one is a polygon whose sides are two thirds as long as it is thick.
+    This one is a polygon whose sides are half as long as it is thick. With 180, 270, 360 sides it takes 12.1, 11.1, 10.8.
     """
     more, tension = pulled_knot(device, True)
-    assert more[np.argmax(tension > 2.0)] == pytest.approx(10.1, rel=0.15)
+    assert more[np.argmax(tension > 2.0)] == pytest.approx(10.1, rel=0.12)
     assert tension[more > 16.0].max() < 1.0
     more, tension = pulled_knot(device, False)
     assert tension.max() < 0.1 and more[-1] < 8.5, "without contact there is no knot"

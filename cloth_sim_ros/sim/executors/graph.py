@@ -14,7 +14,7 @@ from typing import Protocol
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.meeting.apart import PASSES, Apart
+from cloth_sim_ros.sim.meeting.apart import Apart
 from cloth_sim_ros.sim.meeting.bound import Bound
 from cloth_sim_ros.sim.meeting.flat import Flat
 from cloth_sim_ros.sim.meeting.search import Search
@@ -119,10 +119,8 @@ class Graph:
     def _launches(self, substeps: int, iterations: int, outer: int) -> list[Launch]:
         frame, members = [], self._members
         if self._meeting is not None:
-            flat, search, _, bound = self._meeting
-            look = Call(partial(search.look, ends=False))
-            frame += [Call(bound.begin), Call(flat.begin), Call(partial(flat.where_folded, look.launch))]
-            hold = partial(_run, [Call(partial(search.look, ends=True)), Call(bound.launch)])
+            flat, search, apart, bound = self._meeting
+            frame += [Call(bound.begin), Call(flat.begin), Call(partial(search.look, ends=False))]
         outer_ends = {j * substeps // outer for j in range(outer + 1)}
         for substep in range(substeps):
             for member in members:
@@ -134,25 +132,14 @@ class Graph:
                 for member in members:
                     frame += member.iterate(member.program.touched, *now)
                 if self._meeting is not None:
-                    frame += self._part(*now)
+                    frame.append(apart)
             if self._meeting is not None:
-                frame += [Call(flat.end), Call(partial(flat.where_folded, hold))]
+                frame += [Call(partial(search.look, ends=True)), bound]
             for member in members:
                 frame += member.finish(substep, iterations)
         for member in members:
             frame += member.end(substeps)
         return frame
-
-    def _part(self, *now: int) -> list[Launch]:
-        """What keeps bodies apart in an iteration."""
-        flat, _, apart, _ = self._meeting
-        passes: list[Launch] = []
-        for _ in range(PASSES):
-            passes.append(Call(apart.part))
-            for member in self._members:
-                passes += member.iterate(member.program.parted, *now)
-        part = [Call(apart.look), Call(partial(apart.where_close, partial(_run, passes)))]
-        return [Call(partial(flat.where_folded, partial(_run, part)))]
 
 
 def _run(launches: Sequence[Launch]) -> None:
@@ -173,7 +160,7 @@ def make_kernels(features: Features, on_cpu: bool) -> tuple[Program, dict[str, w
     program = make_program(features, on_cpu)
     module = wp.get_module(f"cloth_sim_ros.graph.{features.key()}.{'cpu' if on_cpu else 'cuda'}")
     begin, enter = make_begin(features), make_enter(features)
-    each = (program.outer, program.before, program.solved, program.parted, program.touched)
+    each = (program.outer, program.before, program.solved, program.touched)
     stages = itertools.chain(*each, program.after, program.ending)
     return program, {stage.name: _make_kernel(stage, features, begin, enter, module) for stage in stages}
 

@@ -10,22 +10,19 @@ split between them (mass splitting, Tonge et al. 2012), so that all together do 
 What is asked is summed in whole numbers, so that the order of pairs decides no bit.
 """
 
-from collections.abc import Callable
-
 import warp as wp
 
-from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
+from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
+from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, recorded, sync_all
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, pair_of
-from cloth_sim_ros.sim.meeting.surfaces import Members, place, velocity
-from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, place, surface_of
 from cloth_sim_ros.sim.physics.friction import friction_correction
-from cloth_sim_ros.sim.stages.contact import NOISE, least_mass, length_of
-from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.stages.contact import NOISE
+from cloth_sim_ros.sim.stages.grasp import HELD
 from cloth_sim_ros.sim.stages.motion import pack
 
-PASSES = 4  # of all pairs in an iteration: each finds what the one before left of layers upon layers
+_PASSES = 4  # of all pairs in an iteration: each finds what the one before left of layers upon layers
 _METRE = wp.constant(wp.float64(1 << 44))  # units of it in sums of moves
 _CLAIM = wp.constant(wp.float64(1 << 34))  # the same in sums of claims
 ASKED = 7  # numbers of a particle: where to move, what its pairs lack, and where to move by hits alone
@@ -47,11 +44,10 @@ class Close:
     some: wp.array(dtype=int)
 
 
-@compiled
-def _look(members: Members, pairs: Pairs, close: Close, width: int):
-    """List the pairs that are close: `width` threads a world."""
-    w = wp.tid() / width
-    for k in range(wp.tid() - w * width, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
+@wp.func
+def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: int):
+    """List the pairs of world w that are close; thread t of `width`, as in what follows."""
+    for k in range(t, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
         is_corner = pairs.parts[w, k][0] >= 0
         pair, sides = pair_of(members, pairs, w, k), pairs.sides[w, k]
         of_a, of_b = members.surfaces[pair.surfaces[0]], members.surfaces[pair.surfaces[3]]
@@ -89,13 +85,13 @@ def _look(members: Members, pairs: Pairs, close: Close, width: int):
 class Touch:
     """What a pair lacks of being apart [m], 0 where it is, along a direction n, and how far it has slipped [m].
 
-    faster: how much faster it parts in this substep than it did before [m].
+    met: the share of what it lacks by which it came nearer in the substep before: that is a hit, the rest is pressure.
     """
 
     lacks: float
     n: wp.vec3
     slip: wp.vec3
-    faster: float
+    met: float
 
 
 @wp.func
@@ -108,10 +104,11 @@ def _touch_of(members: Members, pair: Pair, weights: wp.vec4, n: wp.vec3, gap: w
         d = xyz(load_row(surface.displacements, pair.particles[q]))
         moved += weights[q] * d
         slip += weights[q] * (d - xyz(load_row(surface.low, pair.particles[q])))
-        before += weights[q] * surface.frames[0].dt * velocity(surface, pair.particles[q])
+        if surface.last_displacements.shape[0] > 0:
+            before += weights[q] * surface.last_displacements[pair.particles[q]]
     touch.lacks = wp.max(gap[1] - gap[0] - wp.dot(n, moved), 0.0)
     touch.slip = slip - wp.dot(slip, touch.n) * touch.n
-    touch.faster = wp.dot(n, slip - before) + touch.lacks
+    touch.met = wp.clamp(-wp.dot(n, before) / wp.max(touch.lacks, NOISE), 0.0, 1.0)
     return touch
 
 
@@ -121,11 +118,10 @@ def _units(lacks: float, urgency: float, weight: float) -> wp.int64:
     return wp.int64(wp.float64(wp.min(lacks, 1.0) * urgency * wp.abs(weight)) * _CLAIM)
 
 
-@compiled
-def _claim(members: Members, pairs: Pairs, close: Close, width: int):
+@wp.func
+def _claim(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: int):
     """Sum what pairs lack at each particle: it is split between them in proportion."""
-    w = wp.tid() / width
-    for j in range(wp.tid() - w * width, close.counts[w], width):
+    for j in range(t, close.counts[w], width):
         pair, weights = pair_of(members, pairs, w, close.which[w, j]), close.weights[w, j]
         touch = _touch_of(members, pair, weights, close.lines[w, j], close.gaps[w, j])
         if touch.lacks > 0.0:
@@ -138,11 +134,10 @@ def _claim(members: Members, pairs: Pairs, close: Close, width: int):
                 )
 
 
-@compiled
-def _part(members: Members, pairs: Pairs, close: Close, width: int):
+@wp.func
+def _part(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: int):
     """Ask the particles of close pairs to move so that these stay apart, with friction."""
-    w = wp.tid() / width
-    for j in range(wp.tid() - w * width, close.counts[w], width):
+    for j in range(t, close.counts[w], width):
         k = close.which[w, j]
         pair, weights = pair_of(members, pairs, w, k), close.weights[w, j]
         touch = _touch_of(members, pair, weights, close.lines[w, j], close.gaps[w, j])
@@ -168,68 +163,30 @@ def _part(members: Members, pairs: Pairs, close: Close, width: int):
                 asked = members.surfaces[pair.surfaces[q]].asked
                 first = wp.static(ASKED) * pair.particles[q]
                 for c in range(3):
-                    units = wp.int64(wp.float64(wp.clamp(share * move[c], -1.0, 1.0)) * _METRE)
-                    wp.atomic_add(asked, first + c, units)
-                    if touch.faster > NOISE:
-                        wp.atomic_add(asked, first + 4 + c, units)
+                    moves = wp.clamp(share * move[c], -1.0, 1.0)
+                    wp.atomic_add(asked, first + c, wp.int64(wp.float64(moves) * _METRE))
+                    if touch.met > 0.0:
+                        wp.atomic_add(asked, first + 4 + c, wp.int64(wp.float64(touch.met * moves) * _METRE))
 
 
-class Apart:
-    """The launches that keep the pairs of a search apart."""
-
-    def __init__(self, members: Members, pairs: Pairs, width: int, device: wp.Device) -> None:
-        worlds, room = pairs.parts.shape
-        self._close = Close()
-        self._close.which = wp.zeros((worlds, room), dtype=int, device=device)
-        self._close.weights = wp.zeros((worlds, room), dtype=wp.vec4, device=device)
-        self._close.lines = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
-        self._close.gaps = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
-        numbers = wp.zeros(worlds + 1, dtype=int, device=device)
-        self._numbers, self._close.counts, self._close.some = numbers, numbers[:worlds], numbers[worlds:]
-        inputs, dim = [members, pairs, self._close, width], worlds * width
-        self._look = wp.launch(_look, dim=dim, inputs=inputs, device=device, record_cmd=True)
-        self._claim = wp.launch(_claim, dim=dim, inputs=inputs, device=device, record_cmd=True)
-        self._part = wp.launch(_part, dim=dim, inputs=inputs, device=device, record_cmd=True)
-
-    def look(self) -> None:
-        """Find which pairs are close, where particles would go now."""
-        self._numbers.zero_()
-        self._look.launch()
-
-    def where_close(self, launch: Callable[[], None]) -> None:
-        """Launch this where some pairs are close."""
-        wp.capture_if(self._close.some, launch)
-
-    def part(self) -> None:
-        """Ask their particles to move."""
-        self._claim.launch()
-        self._part.launch()
-
-
-def make_come_apart(features: Features):
-    """The stage that moves particle i as its pairs ask."""
-    least = least_mass(features)
-
-    @wp.func
-    def come_apart(i: int, here: Here):
-        slot = here.body.particles + i
-        first = wp.static(ASKED) * slot
-        if here.state.asked[first + 3] == wp.int64(0):
-            return
-        move, hit = _asked(here.state.asked, first), _asked(here.state.asked, first + 4)
-        for k in range(wp.static(ASKED)):
-            here.state.asked[first + k] = wp.int64(0)
-        packed = load4(here.d, i)
-        if packed[3] <= wp.static(least) * load4(here.x, i)[3]:
-            return
-        store4(here.d, i, pack(xyz(packed) + move, packed[3]))
-        if wp.static(features.order == 2):
-            # A hit changes the velocity at once. As if it had moved like that before, BDF2 carries just that on.
-            here.state.last_displacements[slot] = here.state.last_displacements[slot] + hit
-            v = load_row(here.state.velocities, slot)
-            store_row(here.state.velocities, slot, v + pack(hit / length_of(here.step), 0.0))
-
-    return come_apart
+@wp.func
+def _move(surface: Surface, i: int):
+    """Move a particle as its pairs ask."""
+    first = wp.static(ASKED) * i
+    if surface.asked[first + 3] == wp.int64(0):
+        return
+    move, hit = _asked(surface.asked, first), _asked(surface.asked, first + 4)
+    for k in range(wp.static(ASKED)):
+        surface.asked[first + k] = wp.int64(0)
+    packed = load_row(surface.displacements, i)
+    if packed[3] <= wp.static(HELD) * load_row(surface.positions, i)[3]:
+        return
+    store_row(surface.displacements, i, pack(xyz(packed) + move, packed[3]))
+    if surface.last_displacements.shape[0] > 0:
+        # A hit changes the velocity at once. As if it had moved like that before, BDF2 carries just that on.
+        surface.last_displacements[i] = surface.last_displacements[i] + hit
+        v = load_row(surface.velocities, i)
+        store_row(surface.velocities, i, v + pack(hit / surface.frames[0].dt, 0.0))
 
 
 @wp.func
@@ -239,3 +196,51 @@ def _asked(asked: wp.array(dtype=wp.int64), first: int) -> wp.vec3:
     for k in range(3):
         sum[k] = float(wp.float64(asked[first + k]) / _METRE)
     return sum
+
+
+@cooperative
+def _keep_apart(members: Members, pairs: Pairs, close: Close, passes: int, crew: Crew):
+    """Keep the pairs of all worlds apart, from where particles would go now."""
+    if pairs.folded[0] == 0:
+        return
+    team = wp.tid() / crew.width
+    t = wp.tid() - team * crew.width
+    for w in range(team, members.worlds, crew.teams):
+        _look(members, pairs, close, w, t, crew.width)
+    sync_all(crew)
+    if close.some[0] == 0:
+        return
+    for p in range(passes):
+        for w in range(team, members.worlds, crew.teams):
+            _claim(members, pairs, close, w, t, crew.width)
+        sync_all(crew)
+        for w in range(team, members.worlds, crew.teams):
+            _part(members, pairs, close, w, t, crew.width)
+        sync_all(crew)
+        for w in range(team, members.worlds, crew.teams):
+            for b in range(members.batches):
+                surface = surface_of(members, b, w)
+                for i in range(t, surface.positions.shape[0], crew.width):
+                    _move(surface, i)
+            if t == 0 and p == passes - 1:
+                close.counts[w] = 0
+                close.some[0] = 0
+        sync_all(crew)
+
+
+class Apart:
+    """The launch that keeps the pairs of a search apart."""
+
+    def __init__(self, members: Members, pairs: Pairs, crew: Crew, device: wp.Device) -> None:
+        worlds, room = pairs.parts.shape
+        self._close = Close()
+        self._close.which = wp.zeros((worlds, room), dtype=int, device=device)
+        self._close.weights = wp.zeros((worlds, room), dtype=wp.vec4, device=device)
+        self._close.lines = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
+        self._close.gaps = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
+        self._close.counts = wp.zeros(worlds, dtype=int, device=device)
+        self._close.some = wp.zeros(1, dtype=int, device=device)
+        self._launch = recorded(_keep_apart, members, pairs, self._close, _PASSES, crew=crew, device=device)
+
+    def launch(self) -> None:
+        self._launch.launch()

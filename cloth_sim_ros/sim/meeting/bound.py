@@ -12,12 +12,13 @@ import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
+from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, recorded, sync_all
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, pair_of
-from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, panel_of, velocity
+from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, panel_of, surface_of, velocity
 from cloth_sim_ros.sim.stages.contact import NOISE
 
-_ROUNDS = 64  # at most, as what stops may stand in the way of what did not have to; each mends its pairs for good
+ROUNDS = 64  # at most, as what stops may stand in the way of what did not have to; each mends its pairs for good
 _ROUNDING = wp.constant(1.0e-6)  # of a displacement
 _SPEED = wp.constant(wp.int64(1 << 24))  # units of a metre a second in sums of velocities
 _LEFT = wp.constant(0.1)  # of what two parts are apart, that no substep takes away
@@ -70,21 +71,20 @@ def _from(members: Members, pair: Pair, q: int) -> wp.vec3:
 
 
 @wp.func
-def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs):
+def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs, round: int):
     """Ask a particle to go no further than there is room [m]."""
     d = load_row(surface.displacements, i)
     moves = goes > wp.max(room, 0.0) + wp.static(_ROUNDING) * wp.length(xyz(d)) and d[3] > 0.0
-    if moves and pairs.rounds[1] < wp.static(_ROUNDS):
+    if moves:
         wp.atomic_max(surface.shortened, i, 1.0 - wp.max(room, 0.0) / goes)
-        pairs.rounds[0] = 1
+        pairs.rounds[round] = 1
 
 
-@compiled
-def _bound(members: Members, pairs: Pairs, width: int):
-    """Find by what share particles have to shorten their ways: `width` threads a world."""
-    w = wp.tid() / width
+@wp.func
+def _find(members: Members, pairs: Pairs, w: int, t: int, width: int, round: int):
+    """Find by what share particles of world w have to shorten their ways; thread t of `width`."""
     carried = _carried(members, pairs, w)
-    for k in range(wp.tid() - w * width, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
+    for k in range(t, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
         apart = pairs.starts[w, k]
         pair = pair_of(members, pairs, w, k)
         left = wp.max(wp.static(_LEFT) * apart, wp.static(_LEAST) * pairs.kept[w, k])
@@ -112,46 +112,58 @@ def _bound(members: Members, pairs: Pairs, width: int):
             ends[part] = wp.min(ends[part], offs[q] - goes[q])
         if ends[0] + ends[1] < left:
             for q in range(4):
-                _ask(members.surfaces[pair.surfaces[q]], pair.particles[q], goes[q], offs[q] - 0.5 * left, pairs)
+                _ask(members.surfaces[pair.surfaces[q]], pair.particles[q], goes[q], offs[q] - 0.5 * left, pairs, round)
 
 
-@compiled
-def _shorten(members: Members, pairs: Pairs):
-    """Shorten the ways of particles, each by the share that was found."""
-    panels = members.panels.shape[0]
-    w = wp.tid() / panels
-    panel = panel_of(members, wp.tid() - w * panels, w)
-    surface = members.surfaces[panel.surface]
-    if wp.tid() == 0:
-        pairs.rounds[0] = 0
-        pairs.rounds[1] = pairs.rounds[1] + 1
-    for q in range(3):
-        i = panel.corners[q]
-        if (panel.own >> q) & 1 == 1 and surface.shortened[i] > 0.0:
-            less = -surface.shortened[i] * _way(surface, i, _carried(members, pairs, w))
-            surface.shortened[i] = 0.0
-            d = load_row(surface.displacements, i) + wp.vec4(less[0], less[1], less[2], 0.0)
-            store_row(surface.displacements, i, d)
-            if surface.last_displacements.shape[0] > 0:
-                # BDF2 carries its past on. As if it had moved like this before, it does not bounce.
-                moved = d - load_row(surface.low, i)
-                surface.last_displacements[i] = xyz(moved)
-                v = load_row(surface.velocities, i)
-                moved = moved / surface.frames[0].dt
-                store_row(surface.velocities, i, wp.vec4(moved[0], moved[1], moved[2], v[3]))
+@wp.func
+def _shorten(surface: Surface, i: int, carried: wp.vec3):
+    """Shorten the way of a particle by the share that was found."""
+    share = surface.shortened[i]
+    if share == 0.0:
+        return
+    surface.shortened[i] = 0.0
+    less = -share * _way(surface, i, carried)
+    d = load_row(surface.displacements, i) + wp.vec4(less[0], less[1], less[2], 0.0)
+    store_row(surface.displacements, i, d)
+    if surface.last_displacements.shape[0] > 0:
+        # BDF2 carries its past on. As if it had moved like this before, it does not bounce.
+        moved = d - load_row(surface.low, i)
+        surface.last_displacements[i] = xyz(moved)
+        v = load_row(surface.velocities, i)
+        moved = moved / surface.frames[0].dt
+        store_row(surface.velocities, i, wp.vec4(moved[0], moved[1], moved[2], v[3]))
+
+
+@cooperative
+def _bound(members: Members, pairs: Pairs, rounds: int, crew: Crew):
+    """Shorten the ways of all particles until no pair asks for more."""
+    if pairs.folded[0] == 0:
+        return
+    team = wp.tid() / crew.width
+    t = wp.tid() - team * crew.width
+    for round in range(rounds):
+        for w in range(team, members.worlds, crew.teams):
+            _find(members, pairs, w, t, crew.width, round)
+        sync_all(crew)
+        if pairs.rounds[round] == 0:
+            return
+        for w in range(team, members.worlds, crew.teams):
+            carried = _carried(members, pairs, w)
+            for b in range(members.batches):
+                surface = surface_of(members, b, w)
+                for i in range(t, surface.positions.shape[0], crew.width):
+                    _shorten(surface, i, carried)
+        sync_all(crew)
 
 
 class Bound:
-    """The launches that shorten ways at the end of a substep."""
+    """The launch that shortens ways at the end of a substep."""
 
-    def __init__(self, members: Members, pairs: Pairs, width: int, device: wp.Device) -> None:
-        panels, worlds = members.panels.shape[0], members.worlds
-        inputs = [members, pairs]
+    def __init__(self, members: Members, pairs: Pairs, crew: Crew, device: wp.Device) -> None:
+        inputs, total = [members, pairs], members.worlds * members.panels.shape[0]
         self._sums = pairs.sums
-        self._sum = wp.launch(_sum, worlds * panels, inputs, device=device, record_cmd=True)
-        self._find = wp.launch(_bound, worlds * width, [*inputs, width], device=device, record_cmd=True)
-        self._shorten = wp.launch(_shorten, worlds * panels, inputs, device=device, record_cmd=True)
-        self._more = pairs.rounds[:1]
+        self._sum = wp.launch(_sum, total, inputs, device=device, record_cmd=True)
+        self._launch = recorded(_bound, *inputs, ROUNDS, crew=crew, device=device)
 
     def begin(self) -> None:
         """Before a frame: find how all moves."""
@@ -159,10 +171,4 @@ class Bound:
         self._sum.launch()
 
     def launch(self) -> None:
-        """Shorten until no pair asks for more."""
-        self._find.launch()
-        wp.capture_while(self._more, self._again)
-
-    def _again(self) -> None:
-        self._shorten.launch()
-        self._find.launch()
+        self._launch.launch()

@@ -12,8 +12,6 @@ Particles go straight in a substep, and the condition is linear in F. So it hold
 at both ends with the same R.
 """
 
-from collections.abc import Callable
-
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
@@ -58,12 +56,10 @@ def _where(surface: Surface, i: int, ends: bool) -> wp.vec3:
     return place(surface, i)
 
 
-@compiled
-def _judge(members: Members, pairs: Pairs, ends: bool):
-    """Find out whether a triangle is turned so far that parts may meet, when a substep begins or ends."""
-    panels = members.panels.shape[0]
-    w = wp.tid() / panels
-    panel = panel_of(members, wp.tid() - w * panels, w)
+@wp.func
+def judge(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
+    """Find out whether triangle p is turned so far that parts may meet, when a substep begins or ends."""
+    panel = panel_of(members, p, w)
     surface = members.surfaces[panel.surface]
     turn = pairs.turns[w * members.bodies.shape[0] + panel.body]
     first, corners = panel.corners[0], panel.corners
@@ -82,6 +78,13 @@ def _judge(members: Members, pairs: Pairs, ends: bool):
 
 
 @compiled
+def _judge(members: Members, pairs: Pairs):
+    panels = members.panels.shape[0]
+    w = wp.tid() / panels
+    judge(members, pairs, wp.tid() - w * panels, w, False)
+
+
+@compiled
 def _empty(pairs: Pairs):
     """What is flat has no pairs, and searches as soon as it folds."""
     if pairs.folded[0] == 0:
@@ -96,35 +99,16 @@ class Flat:
     """Finds out whether a sheet of any world is folded. Where bodies meet one another all count as folded."""
 
     def __init__(self, members: Members, pairs: Pairs, device: wp.Device) -> None:
-        self._folded = pairs.folded
-        panels, worlds = members.panels.shape[0], members.worlds
-        self._begins, self._end = [], None
-        if members.among or not members.gaps.numpy().all():
-            return
-        judges = [
-            wp.launch(_judge, worlds * panels, [members, pairs, ends], device=device, record_cmd=True)
-            for ends in (False, True)
-        ]
-        self._begins = [
-            wp.launch(_turn, worlds * members.bodies.shape[0], [members, pairs], device=device, record_cmd=True),
-            judges[0],
-            wp.launch(_empty, worlds, [pairs], device=device, record_cmd=True),
-        ]
-        self._end = judges[1]
+        panels, worlds, bodies = members.panels.shape[0], members.worlds, members.bodies.shape[0]
+        self._begins = []
+        if members.flattens:
+            self._begins = [
+                wp.launch(_turn, worlds * bodies, [members, pairs], device=device, record_cmd=True),
+                wp.launch(_judge, worlds * panels, [members, pairs], device=device, record_cmd=True),
+                wp.launch(_empty, worlds, [pairs], device=device, record_cmd=True),
+            ]
 
     def begin(self) -> None:
         """Before a frame."""
         for each in self._begins:
             each.launch()
-
-    def end(self) -> None:
-        """At the end of a substep: what has folded in it counts as folded from now on."""
-        if self._end is not None:
-            self._end.launch()
-
-    def where_folded(self, launch: Callable[[], None]) -> None:
-        """Launch this where something is folded."""
-        if self._end is None:
-            launch()
-        else:
-            wp.capture_if(self._folded[:1], launch)

@@ -23,7 +23,7 @@ class Pairs:
     clock: (4,) substeps since the last search, for how many it holds, whether one is due, and how old the list before
     was. failed: which panels were torn then. balls, drifts: middle and radius of the ball around a panel and all that
     it may meet, and its mean velocity. sums: (W, 4) of all velocities when the frame began, in whole numbers, and
-    whether a particle is pinned. rounds: (2,) whether the bound has more to shorten, and how often it did so far.
+    whether a particle is pinned. rounds: (64,) whether the bound had to shorten a way in each of its rounds.
 
     folded: (2,) whether parts of one body may meet, see flat.py, now and in the frame before. turns: (W x B,) how the
     rest shapes of bodies lie.

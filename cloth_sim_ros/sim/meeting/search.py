@@ -14,66 +14,19 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.intrinsics import load_row, xyz
+from cloth_sim_ros.sim.intrinsics import xyz
+from cloth_sim_ros.sim.meeting.bound import ROUNDS
+from cloth_sim_ros.sim.meeting.cooperative import Crew, recorded
 from cloth_sim_ros.sim.meeting.nearest import crosses
 from cloth_sim_ros.sim.meeting.pairs import TESTS, Pairs, list_test, slack, tests_of, time_ahead, ways_of
-from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, may_touch, panel_of, place, velocity
+from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, may_touch, panel_of, place
+from cloth_sim_ros.sim.meeting.watch import goes, has_failed, look
 
 PAIRS_A_PANEL = 64  # room in the list of pairs
 _COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
 _EVERY = 64  # frames after which the tree is built anew; until then its boxes are fitted
-_LONGEST = 400  # substeps that a list holds at most
-THREADS = 65536  # of a launch over the pairs of all worlds, on a GPU
+_THREADS = 65536  # of a launch over the couples of all worlds, on a GPU
 _TEAM = 16  # of them that look at a couple
-
-
-@wp.func
-def _has_failed(panel: Panel) -> bool:
-    """Whether it is a triangle that tore."""
-    return panel.corners[0] == panel.corners[1]
-
-
-@wp.func
-def _goes(surface: Surface, i: int, ends: bool) -> wp.vec3:
-    """At which velocity a particle goes: in the substep that ends, or until the next one begins [m/s]."""
-    if ends:
-        return xyz(load_row(surface.displacements, i) - load_row(surface.low, i)) / surface.frames[0].dt
-    return velocity(surface, i)
-
-
-@compiled
-def _watch(members: Members, pairs: Pairs, ends: bool):
-    """A search is due where a particle is off its way, or ends this substep off it, or a triangle is torn."""
-    panels = members.panels.shape[0]
-    w = wp.tid() / panels
-    panel = panel_of(members, wp.tid() - w * panels, w)
-    surface = members.surfaces[panel.surface]
-    dt = surface.frames[0].dt
-    time = float(pairs.clock[0]) * dt
-    if _has_failed(panel) != pairs.failed[wp.tid()]:
-        pairs.clock[2] = 1
-    for q in range(3):
-        if (panel.own >> q) & 1 == 1:
-            i = panel.corners[q]
-            off = place(surface, i) - surface.seen[i] - time * surface.going[i]
-            most = wp.length(off)
-            if ends:
-                most = wp.max(most, wp.length(off + dt * (_goes(surface, i, ends) - surface.going[i])))
-            if not most <= slack(members, surface, panel.body):
-                pairs.clock[2] = 1
-
-
-@compiled
-def _decide(pairs: Pairs, ends: bool):
-    """Whether to search now, and for how many substeps: twice as many as the last list held."""
-    age = pairs.clock[0]
-    if pairs.clock[2] == 1 or age >= pairs.clock[1]:
-        pairs.clock[1] = wp.clamp(2 * age, 4, wp.static(_LONGEST))
-        pairs.clock[2] = 1
-        pairs.clock[3] = age
-        age = 0
-    pairs.clock[0] = age + wp.where(ends, 1, 0)
-    pairs.rounds[1] = 0
 
 
 @compiled
@@ -85,11 +38,11 @@ def _foresee(members: Members, pairs: Pairs, ends: bool):
     surface = members.surfaces[panel.surface]
     dt = surface.frames[0].dt
     time = float(wp.max(pairs.clock[3], 1)) * dt
-    pairs.failed[wp.tid()] = _has_failed(panel)
+    pairs.failed[wp.tid()] = has_failed(panel)
     for q in range(3):
         if (panel.own >> q) & 1 == 1:
             i = panel.corners[q]
-            mean, now = (place(surface, i) - surface.seen[i]) / time, _goes(surface, i, ends)
+            mean, now = (place(surface, i) - surface.seen[i]) / time, goes(surface, i, ends)
             trembles = wp.length(mean) < 0.5 * wp.length(now)
             near = dt * wp.length(mean - now) < 0.5 * slack(members, surface, panel.body)
             surface.going[i] = wp.where(trembles and near, mean, now)
@@ -227,16 +180,13 @@ def _cross(
 
 
 class Search:
-    """Looks for pairs in all worlds; `pairs` are what was found last.
+    """Looks for pairs in all worlds; `pairs` are what was found last."""
 
-    width: how many threads a world a launch over its pairs has.
-    """
-
-    def __init__(self, members: Members, device: wp.Device) -> None:
+    def __init__(self, members: Members, crew: Crew, device: wp.Device) -> None:
         self._members, self._device = members, device
         self._panels, worlds = members.panels.shape[0], members.worlds
         total = worlds * self._panels
-        self.width = 1 if device.is_cpu else max(8 * _TEAM, THREADS // worlds)
+        self._width = 1 if device.is_cpu else max(8 * _TEAM, _THREADS // worlds)
         self._boxes = [wp.zeros(total, dtype=wp.vec3, device=device) for _ in range(2)]
         groups = np.repeat(np.arange(worlds, dtype=np.int32), self._panels)
         self._groups = wp.array(groups, dtype=int, device=device)
@@ -250,7 +200,7 @@ class Search:
         self.pairs.kept = wp.zeros(room, dtype=float, device=device)
         self.pairs.starts = wp.zeros(room, dtype=float, device=device)
         self.pairs.sums = wp.zeros((worlds, 4), dtype=wp.int64, device=device)
-        self.pairs.rounds = wp.zeros(2, dtype=int, device=device)
+        self.pairs.rounds = wp.zeros(ROUNDS, dtype=int, device=device)
         self.pairs.sides = wp.zeros(room, dtype=wp.vec2i, device=device)
         self.pairs.counts = wp.zeros((worlds, 2), dtype=int, device=device)
         self.pairs.clock = wp.zeros(4, dtype=int, device=device)
@@ -260,13 +210,7 @@ class Search:
         self.pairs.failed = wp.zeros(total, dtype=bool, device=device)
         self.pairs.balls = wp.zeros(total, dtype=wp.vec4, device=device)
         self.pairs.drifts = wp.zeros(total, dtype=wp.vec3, device=device)
-        self._watches = [
-            [
-                wp.launch(_watch, total, [members, self.pairs, ends], device=device, record_cmd=True),
-                wp.launch(_decide, 1, [self.pairs, ends], device=device, record_cmd=True),
-            ]
-            for ends in (False, True)
-        ]
+        self._looks = [recorded(look, members, self.pairs, ends, crew=crew, device=device) for ends in (False, True)]
 
     def begin(self) -> None:
         """Before a frame: now and then the tree is built anew, as its boxes have moved."""
@@ -280,8 +224,7 @@ class Search:
 
         The list then holds for the way of this substep too, whatever pushes a particle.
         """
-        for each in self._watches[ends]:
-            each.launch()
+        self._looks[ends].launch()
         wp.capture_if(self._due, self._find, ends=ends)
 
     def _find(self, ends: bool) -> None:
@@ -294,7 +237,7 @@ class Search:
         self.pairs.counts.zero_()
         self._launch(_couple, len(self._groups), self._members, self.pairs, self._tree.id, *self._boxes)
         team = 1 if self._device.is_cpu else _TEAM
-        self._launch(_pair, self._members.worlds * self.width, self._members, self.pairs, self.width, team)
+        self._launch(_pair, self._members.worlds * self._width, self._members, self.pairs, self._width, team)
         self._launch(_accept, 1, self.pairs)
 
     def _launch(self, kernel: wp.Kernel, dim: int, *inputs: Any) -> None:

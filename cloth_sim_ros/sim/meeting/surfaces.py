@@ -41,7 +41,8 @@ class Members:
 
     surfaces: (batches x worlds,), all worlds of the first batch first. panels: (P,) batch and number there. bodies:
     (B,) batch, number there, and whether it is kept apart from itself. owners: (P,) the body of a panel. among: whether
-    bodies meet one another. gaps, ends: (B,) Topology.fold_gap and far_ends.
+    bodies meet one another. flattens: whether all are sheets that may lie so flat that nothing meets, see flat.py.
+    gaps, ends: (B,) Topology.fold_gap and far_ends.
     """
 
     surfaces: wp.array(dtype=Surface)
@@ -51,7 +52,9 @@ class Members:
     gaps: wp.array(dtype=float)
     ends: wp.array(dtype=wp.vec4i)
     worlds: int
+    batches: int
     among: bool
+    flattens: bool
 
 
 @wp.struct
@@ -81,6 +84,12 @@ def panel_of(members: Members, k: int, w: int) -> Panel:
         first + corners[0], first + corners[1], first + wp.where(corners[2] < 0, corners[1], corners[2])
     )
     return panel
+
+
+@wp.func
+def surface_of(members: Members, batch: int, w: int) -> Surface:
+    """The arrays of a batch in world w."""
+    return members.surfaces[batch * members.worlds + w]
 
 
 @wp.func
@@ -130,7 +139,8 @@ def members_of(
     members.gaps = wp.array([topology.fold_gap for topology in topologies], dtype=float, device=device)
     ends = [topology.far_ends for topology in topologies]
     members.ends = wp.array(np.array(ends, np.int32), dtype=wp.vec4i, device=device)
-    members.worlds, members.among = len(batches[0]), among
+    members.worlds, members.batches, members.among = len(batches[0]), len(batches), among
+    members.flattens = not among and all(topology.fold_gap for topology in topologies)
     return members
 
 

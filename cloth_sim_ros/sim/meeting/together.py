@@ -9,6 +9,7 @@ from cloth_sim_ros.sim.batch import Batch
 from cloth_sim_ros.sim.executors.graph import Graph, Member
 from cloth_sim_ros.sim.meeting.apart import Apart
 from cloth_sim_ros.sim.meeting.bound import Bound
+from cloth_sim_ros.sim.meeting.cooperative import crew_of
 from cloth_sim_ros.sim.meeting.flat import Flat
 from cloth_sim_ros.sim.meeting.search import Search
 from cloth_sim_ros.sim.meeting.surfaces import members_of
@@ -30,11 +31,12 @@ class Together:
         by_itself = [name in itself for name in self._names]
         each = [topologies[name] for name in self._names]
         members = members_of([batch.worlds for batch in batches], each, by_itself, among, device)
-        self._search = Search(members, device)
+        crew = crew_of(members.worlds, device)
+        self._search = Search(members, crew, device)
         flat = Flat(members, self._search.pairs, device)
-        keeping = (kind(members, self._search.pairs, self._search.width, device) for kind in (Apart, Bound))
+        apart, bound = (kind(members, self._search.pairs, crew, device) for kind in (Apart, Bound))
         stages = [Member(batch.features, batch.worlds, device) for batch in batches]
-        self._graph = Graph(stages, (flat, self._search, *keeping))
+        self._graph = Graph(stages, (flat, self._search, apart, bound))
         for batch in batches:
             batch.executor = self._graph
 

@@ -23,7 +23,7 @@ STRAINED = 0.5  # Strain of a spring beyond which explicit steps may heat an obj
 _MOST_STIFF = 6.0  # times as many substeps as sweeps of BDF2 on a mesh are what leapfrog would need, at most
 _SAFE = 40  # substeps of a frame that is done again, at least
 FEWEST = 6  # substeps a frame that are chosen at least: contact and gusts need them
-_FEWEST_LAYERS = 40  # where what is fast has to be kept apart
+_FEWEST_LAYERS, _FEWEST_COILS = 13, 40  # of a sheet and of a rope, where what is fast has to be kept apart
 _SIDE = 10.0  # particles along a sheet to a substep of xpbd, at most: fewer do not carry shape across it
 _MOST_LINES = 2000  # substeps of xpbd that are chosen at most
 _LEAST_ROPE = 20  # of a rope at an error of 1e-3
@@ -161,7 +161,8 @@ def _xpbd(
     """
     iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
     fewest = FEWEST if xpbd_is_direct(topology) else max(FEWEST, math.ceil(math.sqrt(len(topology.masses)) / _SIDE))
-    fewest = max(fewest, _FEWEST_LAYERS) if around.meets else fewest
+    if around.meets:
+        fewest = max(fewest, _FEWEST_COILS if xpbd_is_direct(topology) else _FEWEST_LAYERS)
     affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
 
     def substeps_of(order: int, least: float) -> tuple[int, float]:

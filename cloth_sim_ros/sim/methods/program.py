@@ -6,8 +6,8 @@ The contract of an executor (block.py: a body in a block; graph.py: a launch a s
 1. It gives every stage a `Here` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
 2. It runs `outer` before each substep that begins a step of slow forces, and once more behind the last. Each substep
    runs `before`, then `solved` and `touched` in each iteration, and `after`. `ending` runs at the end of the frame.
-   Where objects meet, they are told behind `touched` what to do, and `parted` does it: who came through a collider is
-   put out of it later too, but who came through a sheet is not.
+   Where objects meet, they are kept apart behind `touched`: who came through a collider is put out of it later too, but
+   who came through a sheet is not.
 3. A stage is run(t, width, here), called by `width` threads of numbers t. What they store is seen by all threads of the
    body before the next stage begins.
 4. A stage with `rounds` is run once for each family of lines, in order, with `here.group` set and a barrier between.
@@ -26,7 +26,6 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import array_address
 from cloth_sim_ros.sim.lines.layout import WARP
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
-from cloth_sim_ros.sim.meeting.apart import make_come_apart
 from cloth_sim_ros.sim.methods.stage import Stage, both, once, over_meeting, over_particles
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import make_step, outer_weight
@@ -63,7 +62,6 @@ class Program:
     outer: list[Stage] = field(default_factory=list)
     before: list[Stage] = field(default_factory=list)
     solved: list[Stage] = field(default_factory=list)
-    parted: list[Stage] = field(default_factory=list)
     touched: list[Stage] = field(default_factory=list)
     after: list[Stage] = field(default_factory=list)
     ending: list[Stage] = field(default_factory=list)
@@ -99,8 +97,6 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
         program.solved.append(Stage("chain", _make_chain(features, threads, stored), lambda *_: 1))
     if features.lines:
         program.solved.append(_make_lines(features, on_cpu))
-    if features.meets:
-        program.parted.append(over_particles("come_apart", make_come_apart(features)))
     if features.shapes:
         met_in, contact = make_met_in(features), make_contact(features)
         if features.surface:

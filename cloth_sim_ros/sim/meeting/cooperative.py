@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Launches whose threads are all on the device at once, so that they can wait for one another in the middle.
+
+What would be ten launches is one: a barrier takes a GPU less than half as long as a launch. A block a multiprocessor
+always fits, as long as nothing else runs beside it that waits for it. A CPU has one thread, which waits for nobody.
+"""
+
+from collections.abc import Callable
+
+import warp as wp
+
+from cloth_sim_ros.sim.compiled import compiled
+
+_BLOCK = 512  # threads of a block; the compiler sees to it that their registers fit
+
+
+@wp.struct
+class Crew:
+    """The threads of a launch. They share the worlds in teams of `width`. arrived: (1,) blocks at the barrier."""
+
+    width: int
+    teams: int
+    arrived: wp.array(dtype=int)
+
+
+# The first block adds what turns the highest bit over once all others have come. So the count never has to be reset.
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+__syncthreads();
+if (threadIdx.x == 0) {
+    __threadfence();
+    volatile unsigned* arrived = (volatile unsigned*)crew.arrived.data;
+    const unsigned last = 0x80000000u;
+    const unsigned before = atomicAdd((unsigned*)arrived, blockIdx.x == 0 ? last - (gridDim.x - 1) : 1u);
+    while (((before ^ *arrived) & last) == 0) {}
+    __threadfence();
+}
+__syncthreads();
+#endif
+""")
+def sync_all(crew: Crew):
+    """A barrier of all threads of a launch, which see afterwards what any of them has stored before."""
+    ...
+
+
+cooperative: Callable[[Callable], wp.Kernel] = compiled(launch_bounds=_BLOCK)
+
+
+def crew_of(worlds: int, device: wp.Device) -> Crew:
+    """As many threads as are on a device at once, for this many worlds."""
+    crew = Crew()
+    threads = 1 if device.is_cpu else device.sm_count * _BLOCK
+    crew.width = max(1, threads // worlds)
+    crew.teams = threads // crew.width
+    crew.arrived = wp.zeros(1, dtype=int, device=device)
+    return crew
+
+
+def recorded(kernel: wp.Kernel, *inputs: object, crew: Crew, device: wp.Device) -> wp.Launch:
+    """A launch of a cooperative kernel, whose last argument is the crew."""
+    dim = 1 if device.is_cpu else device.sm_count * _BLOCK
+    return wp.launch(kernel, dim=dim, inputs=[*inputs, crew], device=device, block_dim=_BLOCK, record_cmd=True)

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the list of pairs still holds: while no particle is off its way by more than the slack."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import load_row, xyz
+from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, sync_all
+from cloth_sim_ros.sim.meeting.flat import judge
+from cloth_sim_ros.sim.meeting.pairs import Pairs, slack
+from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, panel_of, place, velocity
+
+_LONGEST = 400  # substeps that a list holds at most
+
+
+@wp.func
+def has_failed(panel: Panel) -> bool:
+    """Whether it is a triangle that tore."""
+    return panel.corners[0] == panel.corners[1]
+
+
+@wp.func
+def goes(surface: Surface, i: int, ends: bool) -> wp.vec3:
+    """At which velocity a particle goes: in the substep that ends, or until the next one begins [m/s]."""
+    if ends:
+        return xyz(load_row(surface.displacements, i) - load_row(surface.low, i)) / surface.frames[0].dt
+    return velocity(surface, i)
+
+
+@wp.func
+def _watch(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
+    """A search is due where a particle is off its way, or ends this substep off it, or a triangle is torn."""
+    panel = panel_of(members, p, w)
+    surface = members.surfaces[panel.surface]
+    dt = surface.frames[0].dt
+    time = float(pairs.clock[0]) * dt
+    if has_failed(panel) != pairs.failed[w * members.panels.shape[0] + p]:
+        pairs.clock[2] = 1
+    for q in range(3):
+        if (panel.own >> q) & 1 == 1:
+            i = panel.corners[q]
+            off = place(surface, i) - surface.seen[i] - time * surface.going[i]
+            most = wp.length(off)
+            if ends:
+                most = wp.max(most, wp.length(off + dt * (goes(surface, i, ends) - surface.going[i])))
+            if not most <= slack(members, surface, panel.body):
+                pairs.clock[2] = 1
+
+
+@wp.func
+def _decide(pairs: Pairs, ends: bool):
+    """Whether to search now, and for how many substeps: twice as many as the last list held."""
+    age = pairs.clock[0]
+    if pairs.clock[2] == 1 or age >= pairs.clock[1]:
+        pairs.clock[1] = wp.clamp(2 * age, 4, wp.static(_LONGEST))
+        pairs.clock[2] = 1
+        pairs.clock[3] = age
+        age = 0
+    pairs.clock[0] = age + wp.where(ends, 1, 0)
+
+
+@cooperative
+def look(members: Members, pairs: Pairs, ends: bool, crew: Crew):
+    """Find out whether anything is folded, and whether the list still holds then."""
+    team = wp.tid() / crew.width
+    t = wp.tid() - team * crew.width
+    if ends and members.flattens:
+        for w in range(team, members.worlds, crew.teams):
+            for p in range(t, members.panels.shape[0], crew.width):
+                judge(members, pairs, p, w, True)
+        sync_all(crew)
+    if pairs.folded[0] == 0:
+        return
+    for w in range(team, members.worlds, crew.teams):
+        for p in range(t, members.panels.shape[0], crew.width):
+            _watch(members, pairs, p, w, ends)
+    for round in range(wp.tid(), pairs.rounds.shape[0], crew.width * crew.teams):
+        pairs.rounds[round] = 0
+    sync_all(crew)
+    if wp.tid() == 0:
+        _decide(pairs, ends)
