@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Mapping
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,8 @@ class Variation:
 
         Raises ValueError for a name that the scene has not, and values that are not allowed.
         """
+        if not isinstance(episode, Integral) or episode < 0:
+            raise ValueError(f"episode is {episode!r}; allowed is a whole number, 0 or more")
         now = {name: _now(sim, name) for name in self._vary}
         drawn = self.draw({name: np.size(value) for name, value in now.items()}, sim.worlds, episode)
         values = {name: rows if np.ndim(now[name]) else rows[:, 0] for name, rows in drawn.items()}

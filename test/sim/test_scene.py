@@ -38,6 +38,13 @@ BAD = {
     "rope without length": (lambda: Rope(points=[[0, 0, 0], [0, 0, 0]]), "no length"),
     "cloth masses": (lambda: Cloth(resolution=(3, 3), particle_masses=[1.0] * 8), "9 finite masses"),
     "rope masses": (lambda: Rope(segments=2, particle_masses=[1.0, 1.0]), "3 finite masses"),
+    "turn without twist": (lambda: Rope(end_turn=1.0), "Rope.end_turn is 1 without twist_compliance"),
+    "twist on a winch": (
+        lambda: Rope(winch=Winch(), bend_compliance=1.0, twist_compliance=1.0),
+        "Rope.twist_compliance is set for a rope on a winch",
+    ),
+    "plane in two places": (lambda: Plane(point=(0, 0, 1), position=(0, 0, 2)), "Plane.position"),
+    "plane turned twice": (lambda: Plane(normal=(0, 0, 1), orientation=(1, 0, 0, 0)), "Plane.orientation"),
     "rope pins": (lambda: Rope(pins="middle"), "Rope.pins"),
     "cloth pins": (lambda: Cloth(resolution=(3, 3), pins=[9]), "particle 9"),
     "mesh pins": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 2]], pins="top"), "Cloth.pins"),

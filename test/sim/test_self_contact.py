@@ -178,7 +178,8 @@ def pulled_knot(device, self_contact):
 def test_a_knot_is_tight_where_an_ideal_one_is(device):
     """The tightest open trefoil takes 10.1 diameters of a smooth rope (Pieranski, Przybyl and Stasiak 2001).
 
-    This one is a polygon whose sides are half as long as it is thick. With 180, 270, 360 sides it takes 12.1, 11.1, 10.8.
+    This one is a polygon whose sides are half as long as it is thick. With 180, 270, 360 sides it takes 12.1, 11.1 and
+    10.8 diameters.
     """
     more, tension = pulled_knot(device, True)
     assert more[np.argmax(tension > 2.0)] == pytest.approx(10.1, rel=0.12)

@@ -8,25 +8,38 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.colliders.collider import Collider
-from cloth_sim_ros.sim.quaternion import Vector, rotate, turn_to
+from cloth_sim_ros.sim.quaternion import Quaternion, Vector, rotate, turn_to
 
 
 @dataclass(frozen=True)
 class Plane(Collider):
-    """The half space below the plane through `point` (or `position`) with outward `normal` in world axes."""
+    """The half space below the plane through `point` (or `position`) with outward `normal` in world axes.
+
+    Raises ValueError where two that differ are given for one.
+    """
 
     point: Vector | None = None
     normal: Vector | None = None
 
     def __post_init__(self) -> None:
-        if self.point is not None:
-            object.__setattr__(self, "position", self.point)
-        if self.normal is not None:
-            object.__setattr__(self, "orientation", turn_to(self.normal, "Plane.normal"))
+        point, turned = self.point, None if self.normal is None else turn_to(self.normal, "Plane.normal")
+        if point is not None and any(self.position):
+            self._same("position", self.position, "point", point)
+        if turned is not None and any(self.orientation[:3]):
+            self._same("orientation", _up(self.orientation), "normal", _up(turned))
+            turned = None
+        object.__setattr__(self, "position", self.position if point is None else point)
+        object.__setattr__(self, "orientation", self.orientation if turned is None else turned)
         super().__post_init__()
         object.__setattr__(self, "point", self.position)
-        normal = rotate(self.orientation, np.array([[0.0, 0.0, 1.0]]))[0]
-        object.__setattr__(self, "normal", tuple(normal.tolist()))
+        object.__setattr__(self, "normal", tuple(_up(self.orientation).tolist()))
+
+    def _same(self, name: str, value: np.ndarray, other: str, wanted: np.ndarray) -> None:
+        """Raise ValueError where one of two names of a thing says something else than the other."""
+        if not np.allclose(value, wanted, atol=1e-6):
+            raise ValueError(
+                f"Plane.{name} is {getattr(self, name)} beside the {other} {getattr(self, other)}; allowed is one of both"
+            )
 
     def reach(self) -> float:
         """A plane is everywhere."""
@@ -35,6 +48,11 @@ class Plane(Collider):
     def enters(self, gap: float, thickness: float) -> bool:
         """Never: of every triangle, a particle is deepest."""
         return False
+
+
+def _up(orientation: Quaternion) -> np.ndarray:
+    """The normal of a plane that is turned so."""
+    return rotate(np.asarray(orientation, dtype=np.float64), np.array([[0.0, 0.0, 1.0]]))[0]
 
 
 @wp.func

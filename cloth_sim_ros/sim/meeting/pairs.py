@@ -7,10 +7,22 @@ from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, place
 
 TESTS = 15  # of two triangles: three corners of each against the other, and nine pairs of sides
-_SLACK = 0.05  # of the mean length of springs, that a particle may be off its way
 # Of how far parts of one body are apart at rest, that they are kept apart at most. A rope then bends to a radius of 1.1
 # times its own, and a sheet to 1.1 times its thickness: the chord of an arc of 2.26 radians is 0.8 of it.
 OF_REST = 0.8
+
+
+@wp.struct
+class Way:
+    """One panel, and its way from one search to the next: where its corners are, how far they go, and where they are at
+    rest, in rows [m]; its thickness, and how far a corner may be off its way [m]."""
+
+    panel: Panel
+    x: wp.mat33
+    moves: wp.mat33
+    rest: wp.mat33
+    thickness: float
+    slack: float
 
 
 @wp.struct
@@ -21,9 +33,10 @@ class Pairs:
     kept, starts: how far parts are kept apart, and how far they were when the substep began [m].
 
     clock: (4,) substeps since the last search, for how many it holds, whether one is due, and how old the list before
-    was. failed: which panels were torn then. balls, drifts: middle and radius of the ball around a panel and all that
-    it may meet, and its mean velocity. sums: (W, 4) of all velocities when the frame began, in whole numbers, and
-    whether a particle is pinned. rounds: (64,) whether the bound had to shorten a way in each of its rounds.
+    was. strays: (1,) how far a particle may be off its way, of the mean length of springs. ways: of all panels of all
+    worlds. failed: which were torn then. balls, drifts: middle and radius of the ball around a panel and all that it
+    may meet, and its mean velocity. sums: (W, 4) of all velocities when the frame began, in whole numbers, and whether
+    a particle is pinned. rounds: (64,) whether the bound had to shorten a way in each of its rounds.
 
     folded: (2,) whether parts of one body may meet, see flat.py, now and in the frame before. turns: (W x B,) how the
     rest shapes of bodies lie.
@@ -36,6 +49,8 @@ class Pairs:
     sides: wp.array2d(dtype=wp.vec2i)
     counts: wp.array2d(dtype=int)
     clock: wp.array(dtype=int)
+    strays: wp.array(dtype=float)
+    ways: wp.array(dtype=Way)
     failed: wp.array(dtype=bool)
     balls: wp.array(dtype=wp.vec4)
     drifts: wp.array(dtype=wp.vec3)
@@ -46,9 +61,9 @@ class Pairs:
 
 
 @wp.func
-def slack(members: Members, surface: Surface, body: int) -> float:
+def slack(members: Members, pairs: Pairs, surface: Surface, body: int) -> float:
     """How far a particle of a body may be off its way [m]."""
-    return wp.static(_SLACK) * surface.bodies[members.bodies[body][1]].spacing
+    return pairs.strays[0] * surface.bodies[members.bodies[body][1]].spacing
 
 
 @wp.func
@@ -71,24 +86,18 @@ def tests_of(a: Panel, b: Panel) -> int:
     return tests
 
 
-@wp.struct
-class Ways:
-    """Where the corners of a panel are, and at which velocities they go, in rows."""
-
-    x: wp.mat33
-    v: wp.mat33
-
-
 @wp.func
-def ways_of(surface: Surface, panel: Panel) -> Ways:
-    """Those of a panel from the last search on."""
-    ways = Ways()
-    for q in range(3):
-        x, v = place(surface, panel.corners[q]), wp.vec3(surface.going[panel.corners[q]])
-        for k in range(3):
-            ways.x[q, k] = x[k]
-            ways.v[q, k] = v[k]
-    return ways
+def way_of(members: Members, pairs: Pairs, surface: Surface, panel: Panel, time: float) -> Way:
+    """That of a panel for a time [s] from now on."""
+    way = Way()
+    way.panel = panel
+    a, b, c = panel.corners[0], panel.corners[1], panel.corners[2]
+    way.x = wp.matrix_from_rows(place(surface, a), place(surface, b), place(surface, c))
+    way.moves = time * wp.matrix_from_rows(surface.going[a], surface.going[b], surface.going[c])
+    way.rest = wp.matrix_from_rows(surface.rest[a], surface.rest[b], surface.rest[c])
+    way.thickness = surface.materials[members.bodies[panel.body][1]].thickness
+    way.slack = slack(members, pairs, surface, panel.body)
+    return way
 
 
 @wp.func
@@ -101,56 +110,67 @@ def _share(parts: wp.vec4i) -> bool:
 
 
 @wp.func
-def _gap(of_corner: bool, p: int, first: Ways, q: int, second: Ways, time: float) -> wp.vec2:
-    """How far two parts are apart, and how far along the line between them after a time on their ways [m]: corner p or
-    side p of the first panel, and the second panel or its side q.
-
-    Ways are straight, so in between they are no nearer than the lesser of both.
-    """
-    q = wp.where(of_corner, 1, q)
-    r, t = (p + 1) % 3, (q + 1) % 3
-    a, v = first.x[p], first.v[p]
-    b = wp.where(of_corner, second.x[0], first.x[r])
-    v_b = wp.where(of_corner, second.v[0], first.v[r])
-    c, d = second.x[q], second.x[t]
-    w = nearest(of_corner, a, b, c, d).weights
-    line = w[0] * a + w[1] * b + w[2] * c + w[3] * d
-    # Where particles are then along the line, which goes from the second part, c and d, to the first.
-    n = wp.normalize(line)
-    at_b = wp.dot(n, b - a + time * (v_b - v))
-    at_c = wp.dot(n, c - a + time * (second.v[q] - v))
-    at_second = wp.max(at_c, wp.dot(n, d - a + time * (second.v[t] - v)))
+def _offsets(of_corner: bool, p: int, first: wp.mat33, q: int, second: wp.mat33) -> wp.mat33:
+    """Rows b - a, c - a and d - a of two parts: corner a and triangle b c d, or the sides a b and c d of two panels."""
+    a = first[p]
     if of_corner:
-        return wp.vec2(wp.length(line), -wp.max(at_second, at_b))
-    return wp.vec2(wp.length(line), wp.min(at_b, 0.0) - at_second)
+        return wp.matrix_from_rows(second[0] - a, second[1] - a, second[2] - a)
+    return wp.matrix_from_rows(first[(p + 1) % 3] - a, second[q] - a, second[(q + 1) % 3] - a)
 
 
 @wp.func
-def _apart_at_rest(rest: wp.array(dtype=wp.vec3), parts: wp.vec4i) -> float:
-    """How far two parts of one body are apart in its rest shape [m]."""
-    first = wp.where(parts[0] >= 0, parts[0], -1 - parts[0])
-    a, b = rest[first], rest[parts[1]]
-    c, d = rest[parts[2]], rest[parts[3]]
-    w = nearest(parts[0] >= 0, a, b, c, d).weights
-    return wp.length(w[0] * a + w[1] * b + w[2] * c + w[3] * d)
+def _line(of_corner: bool, at: wp.mat33) -> wp.vec3:
+    """From the nearest point of the second of two parts to that of the first one, of their offsets [m]."""
+    w = nearest(of_corner, wp.vec3(0.0), at[0], at[1], at[2]).weights
+    return w[1] * at[0] + w[2] * at[1] + w[3] * at[2]
 
 
 @wp.func
-def list_test(members: Members, pairs: Pairs, w: int, a: Panel, first: Ways, p: int, b: Panel, second: Ways, q: int):
-    """List a pair where it may meet: corner p of panel a and panel b or, where q is not below 0, side p and side q."""
+def _free_along(of_corner: bool, at: wp.mat33, n: wp.vec3) -> float:
+    """How far the first of two parts lies beyond the second one along n, of their offsets [m]."""
+    along = at * n
+    second = wp.max(along[1], along[2])
+    if of_corner:
+        return -wp.max(second, along[0])
+    return wp.min(along[0], 0.0) - second
+
+
+@wp.func
+def _parted(of_corner: bool, at: wp.mat33, after: wp.mat33, reach: float) -> bool:
+    """Whether the triangle's plane, or what is normal to both edges, keeps two parts apart by `reach` [m] all the time.
+
+    Ways are straight, so it does if it does so at both ends. It takes less than to find the nearest points.
+    """
+    along = wp.where(of_corner, at[1] - at[0], at[0])
+    n = wp.cross(along, at[2] - wp.where(of_corner, at[0], at[1]))
+    if wp.dot(n, at[1]) > 0.0:
+        n = -n
+    least = reach * wp.length(n)
+    return _free_along(of_corner, at, n) > least and _free_along(of_corner, after, n) > least
+
+
+@wp.func
+def list_test(pairs: Pairs, w: int, first: Way, p: int, second: Way, q: int):
+    """List a pair where it may meet: corner p of one panel and another or, where q is not below 0, sides p and q."""
+    a, b, of_corner = first.panel, second.panel, q < 0
     parts = wp.vec4i(a.corners[p], b.corners[0], b.corners[1], b.corners[2])
     if q >= 0:
         parts = wp.vec4i(-1 - a.corners[p], a.corners[(p + 1) % 3], b.corners[q], b.corners[(q + 1) % 3])
     if a.body == b.body and _share(parts):
         return
-    of_a, of_b = members.surfaces[a.surface], members.surfaces[b.surface]
-    gap = _gap(q < 0, p, first, q, second, time_ahead(pairs, of_a))
-    kept = of_a.materials[members.bodies[a.body][1]].thickness + of_b.materials[members.bodies[b.body][1]].thickness
-    free = wp.min(gap[0], gap[1]) - slack(members, of_a, a.body) - slack(members, of_b, b.body)
+    kept, strays = first.thickness + second.thickness, first.slack + second.slack
+    at = _offsets(of_corner, p, first.x, q, second.x)
+    after = at + _offsets(of_corner, p, first.moves, q, second.moves)
+    if _parted(of_corner, at, after, kept + strays):
+        return
+    line = _line(of_corner, at)
+    apart = wp.length(line)
+    free = wp.min(apart, _free_along(of_corner, after, wp.normalize(line))) - strays
     if free >= kept:
         return
     if a.body == b.body:
-        kept = wp.min(kept, wp.static(OF_REST) * _apart_at_rest(of_a.rest, parts))
+        rest = _line(of_corner, _offsets(of_corner, p, first.rest, q, second.rest))
+        kept = wp.min(kept, wp.static(OF_REST) * wp.length(rest))
         if free >= kept:
             return
     n = wp.atomic_add(pairs.counts, w, 1, 1)
@@ -158,7 +178,7 @@ def list_test(members: Members, pairs: Pairs, w: int, a: Panel, first: Ways, p: 
         pairs.parts[w, n] = parts
         pairs.sides[w, n] = wp.vec2i(a.body, b.body)
         pairs.kept[w, n] = kept
-        pairs.starts[w, n] = gap[0]
+        pairs.starts[w, n] = apart
 
 
 @wp.struct

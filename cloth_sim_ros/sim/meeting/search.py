@@ -18,9 +18,9 @@ from cloth_sim_ros.sim.intrinsics import xyz
 from cloth_sim_ros.sim.meeting.bound import ROUNDS
 from cloth_sim_ros.sim.meeting.cooperative import Crew, recorded
 from cloth_sim_ros.sim.meeting.nearest import crosses
-from cloth_sim_ros.sim.meeting.pairs import TESTS, Pairs, list_test, slack, tests_of, time_ahead, ways_of
+from cloth_sim_ros.sim.meeting.pairs import TESTS, Pairs, Way, list_test, slack, tests_of, time_ahead, way_of
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, may_touch, panel_of, place
-from cloth_sim_ros.sim.meeting.watch import goes, has_failed, look
+from cloth_sim_ros.sim.meeting.watch import FAR, goes, has_failed, look
 
 PAIRS_A_PANEL = 64  # room in the list of pairs
 _COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
@@ -44,7 +44,7 @@ def _foresee(members: Members, pairs: Pairs, ends: bool):
             i = panel.corners[q]
             mean, now = (place(surface, i) - surface.seen[i]) / time, goes(surface, i, ends)
             trembles = wp.length(mean) < 0.5 * wp.length(now)
-            near = dt * wp.length(mean - now) < 0.5 * slack(members, surface, panel.body)
+            near = dt * wp.length(mean - now) < 0.5 * slack(members, pairs, surface, panel.body)
             surface.going[i] = wp.where(trembles and near, mean, now)
             surface.seen[i] = place(surface, i)
 
@@ -77,8 +77,9 @@ def _enclose(
     if ahead:
         time = time_ahead(pairs, surface)
         thickness = surface.materials[members.bodies[panel.body][1]].thickness
-        margin = thickness + slack(members, surface, panel.body)
+        margin = thickness + slack(members, pairs, surface, panel.body)
         _wrap(wp.tid(), panel, surface, time, margin, pairs)
+        pairs.ways[wp.tid()] = way_of(members, pairs, surface, panel, time)
     low, high = wp.vec3(1.0e30), wp.vec3(-1.0e30)
     for q in range(3):
         x = place(surface, panel.corners[q])
@@ -119,21 +120,20 @@ def _couple(
 @compiled
 def _pair(members: Members, pairs: Pairs, width: int, team: int):
     """List the parts of couples that may meet: `width` threads a world, `team` of them a couple."""
-    w = wp.tid() / width
+    w, panels = wp.tid() / width, members.panels.shape[0]
     t = wp.tid() - w * width
     for item in range(t / team, wp.min(pairs.counts[w, 0], pairs.couples.shape[1]), width / team):
         couple = pairs.couples[w, item]
-        a, b = panel_of(members, couple[0], w), panel_of(members, couple[1], w)
-        first, second = ways_of(members.surfaces[a.surface], a), ways_of(members.surfaces[b.surface], b)
-        tests = tests_of(a, b)
+        first, second = pairs.ways[w * panels + couple[0]], pairs.ways[w * panels + couple[1]]
+        tests = tests_of(first.panel, second.panel)
         for test in range(t % team, wp.static(TESTS), team):
             if (tests >> test) & 1 == 1:
                 if test < 3:
-                    list_test(members, pairs, w, a, first, test, b, second, -1)
+                    list_test(pairs, w, first, test, second, -1)
                 elif test < 6:
-                    list_test(members, pairs, w, b, second, test - 3, a, first, -1)
+                    list_test(pairs, w, second, test - 3, first, -1)
                 else:
-                    list_test(members, pairs, w, a, first, test / 3 - 2, b, second, test % 3)
+                    list_test(pairs, w, first, test / 3 - 2, second, test % 3)
 
 
 @compiled
@@ -207,6 +207,8 @@ class Search:
         self._due = self.pairs.clock[2:3]
         self.pairs.folded = wp.ones(2, dtype=int, device=device)
         self.pairs.turns = wp.zeros(worlds * len(members.bodies), dtype=wp.mat33, device=device)
+        self.pairs.strays = wp.full(1, FAR, dtype=float, device=device)
+        self.pairs.ways = wp.zeros(total, dtype=Way, device=device)
         self.pairs.failed = wp.zeros(total, dtype=bool, device=device)
         self.pairs.balls = wp.zeros(total, dtype=wp.vec4, device=device)
         self.pairs.drifts = wp.zeros(total, dtype=wp.vec3, device=device)

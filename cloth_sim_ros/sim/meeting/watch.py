@@ -10,6 +10,9 @@ from cloth_sim_ros.sim.meeting.pairs import Pairs, slack
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, panel_of, place, velocity
 
 _LONGEST = 400  # substeps that a list holds at most
+# Of the mean length of springs, that a particle may be off its way: where much is near, and where hardly anything is. A
+# longer list costs nothing there, and is made more rarely.
+NEAR, FAR = 0.05, 0.15
 
 
 @wp.func
@@ -42,12 +45,12 @@ def _watch(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
             most = wp.length(off)
             if ends:
                 most = wp.max(most, wp.length(off + dt * (goes(surface, i, ends) - surface.going[i])))
-            if not most <= slack(members, surface, panel.body):
+            if not most <= slack(members, pairs, surface, panel.body):
                 pairs.clock[2] = 1
 
 
 @wp.func
-def _decide(pairs: Pairs, ends: bool):
+def _decide(pairs: Pairs, panels: int, ends: bool):
     """Whether to search now, and for how many substeps: twice as many as the last list held."""
     age = pairs.clock[0]
     if pairs.clock[2] == 1 or age >= pairs.clock[1]:
@@ -55,6 +58,10 @@ def _decide(pairs: Pairs, ends: bool):
         pairs.clock[2] = 1
         pairs.clock[3] = age
         age = 0
+        most = int(0)
+        for w in range(pairs.counts.shape[0]):
+            most = wp.max(most, pairs.counts[w, 1])
+        pairs.strays[0] = wp.where(8 * most < panels, wp.static(FAR), wp.static(NEAR))
     pairs.clock[0] = age + wp.where(ends, 1, 0)
 
 
@@ -77,4 +84,4 @@ def look(members: Members, pairs: Pairs, ends: bool, crew: Crew):
         pairs.rounds[round] = 0
     sync_all(crew)
     if wp.tid() == 0:
-        _decide(pairs, ends)
+        _decide(pairs, members.panels.shape[0], ends)
