@@ -200,7 +200,7 @@ class Rope:
         if self.twist_compliance is not None and (self.bend_compliance is None or self.segments < 3):
             raise ValueError("Rope.twist_compliance is set; allowed is with bend_compliance and at least 3 segments")
         if self.twist_compliance is not None and self.winch is not None:
-            raise ValueError("Rope.twist_compliance is set for a rope on a winch; allowed is None, as it lies on a drum")
+            raise ValueError("Rope.twist_compliance is set for a rope on a winch; allowed is None")
         if self.twist_compliance is None and self.end_turn:
             raise ValueError(f"Rope.end_turn is {self.end_turn:g} without twist_compliance; allowed is 0, or both")
 

@@ -154,5 +154,7 @@ def test_what_cannot_vary_is_refused(vary, words):
     sim = Simulation(Scene({"sheet": Cloth(resolution=(6, 6), pins="top")}), fixed(), "cpu", worlds=4)
     with pytest.raises(ValueError, match=words):
         Variation(vary).apply(sim)
+    with pytest.raises(ValueError, match="episode is -1; allowed"):
+        Variation({}).apply(sim, episode=-1)
     with pytest.raises(ValueError, match="seed is -1; allowed"):
         Variation({}, seed=-1)

@@ -37,9 +37,8 @@ class Plane(Collider):
     def _same(self, name: str, value: np.ndarray, other: str, wanted: np.ndarray) -> None:
         """Raise ValueError where one of two names of a thing says something else than the other."""
         if not np.allclose(value, wanted, atol=1e-6):
-            raise ValueError(
-                f"Plane.{name} is {getattr(self, name)} beside the {other} {getattr(self, other)}; allowed is one of both"
-            )
+            one, two = f"Plane.{name} is {getattr(self, name)}", f"{other} {getattr(self, other)}"
+            raise ValueError(f"{one} beside the {two}; allowed is one of both")
 
     def reach(self) -> float:
         """A plane is everywhere."""

@@ -13,7 +13,7 @@ What is asked is summed in whole numbers, so that the order of pairs decides no 
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
-from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, recorded, sync_all
+from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, pair_of
 from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, place, surface_of
@@ -203,8 +203,9 @@ def _keep_apart(members: Members, pairs: Pairs, close: Close, passes: int, crew:
     """Keep the pairs of all worlds apart, from where particles would go now."""
     if pairs.folded[0] == 0:
         return
-    team = wp.tid() / crew.width
-    t = wp.tid() - team * crew.width
+    number = number_of(wp.tid(), crew)
+    team = number / crew.width
+    t = number - team * crew.width
     for w in range(team, members.worlds, crew.teams):
         _look(members, pairs, close, w, t, crew.width)
     sync_all(crew)

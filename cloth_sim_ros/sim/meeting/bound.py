@@ -12,7 +12,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
-from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, recorded, sync_all
+from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, pair_of
 from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, panel_of, surface_of, velocity
@@ -139,8 +139,9 @@ def _bound(members: Members, pairs: Pairs, rounds: int, crew: Crew):
     """Shorten the ways of all particles until no pair asks for more."""
     if pairs.folded[0] == 0:
         return
-    team = wp.tid() / crew.width
-    t = wp.tid() - team * crew.width
+    number = number_of(wp.tid(), crew)
+    team = number / crew.width
+    t = number - team * crew.width
     for round in range(rounds):
         for w in range(team, members.worlds, crew.teams):
             _find(members, pairs, w, t, crew.width, round)

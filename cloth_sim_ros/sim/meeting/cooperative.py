@@ -11,16 +11,26 @@ import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
 
-_BLOCK = 512  # threads of a block; the compiler sees to it that their registers fit
+_BLOCK = 1024  # threads of a block; the compiler sees to it that their registers fit
 
 
 @wp.struct
 class Crew:
-    """The threads of a launch. They share the worlds in teams of `width`. arrived: (1,) blocks at the barrier."""
+    """The threads of a launch, in `blocks`. They share the worlds in `teams` of `width`. arrived: (1,) blocks at the
+    barrier."""
 
+    blocks: int
     width: int
     teams: int
     arrived: wp.array(dtype=int)
+
+
+@wp.func
+def number_of(tid: int, crew: Crew) -> int:
+    """The number of a thread. Warps that follow one another are in different blocks, so that all have work."""
+    warp, lane = tid / 32, tid % 32
+    warps = wp.static(_BLOCK // 32)
+    return (warp % warps * crew.blocks + warp / warps) * 32 + lane
 
 
 # The first block adds what turns the highest bit over once all others have come. So the count never has to be reset.
@@ -49,7 +59,8 @@ cooperative: Callable[[Callable], wp.Kernel] = compiled(launch_bounds=_BLOCK)
 def crew_of(worlds: int, device: wp.Device) -> Crew:
     """As many threads as are on a device at once, for this many worlds."""
     crew = Crew()
-    threads = 1 if device.is_cpu else device.sm_count * _BLOCK
+    crew.blocks = 1 if device.is_cpu else device.sm_count
+    threads = _threads(device)
     crew.width = max(1, threads // worlds)
     crew.teams = threads // crew.width
     crew.arrived = wp.zeros(1, dtype=int, device=device)
@@ -58,5 +69,9 @@ def crew_of(worlds: int, device: wp.Device) -> Crew:
 
 def recorded(kernel: wp.Kernel, *inputs: object, crew: Crew, device: wp.Device) -> wp.Launch:
     """A launch of a cooperative kernel, whose last argument is the crew."""
-    dim = 1 if device.is_cpu else device.sm_count * _BLOCK
+    dim = _threads(device)
     return wp.launch(kernel, dim=dim, inputs=[*inputs, crew], device=device, block_dim=_BLOCK, record_cmd=True)
+
+
+def _threads(device: wp.Device) -> int:
+    return 1 if device.is_cpu else device.sm_count * _BLOCK

@@ -25,8 +25,8 @@ from cloth_sim_ros.sim.meeting.watch import FAR, goes, has_failed, look
 PAIRS_A_PANEL = 64  # room in the list of pairs
 _COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
 _EVERY = 64  # frames after which the tree is built anew; until then its boxes are fitted
-_THREADS = 65536  # of a launch over the couples of all worlds, on a GPU
-_TEAM = 16  # of them that look at a couple
+_THREADS = 131072  # of a launch over the couples of all worlds, on a GPU
+_TEAM = 4  # of them that look at a couple
 
 
 @compiled
@@ -186,7 +186,7 @@ class Search:
         self._members, self._device = members, device
         self._panels, worlds = members.panels.shape[0], members.worlds
         total = worlds * self._panels
-        self._width = 1 if device.is_cpu else max(8 * _TEAM, _THREADS // worlds)
+        self._width = 1 if device.is_cpu else max(32 * _TEAM, _THREADS // worlds)
         self._boxes = [wp.zeros(total, dtype=wp.vec3, device=device) for _ in range(2)]
         groups = np.repeat(np.arange(worlds, dtype=np.int32), self._panels)
         self._groups = wp.array(groups, dtype=int, device=device)

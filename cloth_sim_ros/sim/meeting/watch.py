@@ -4,7 +4,7 @@
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
-from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, sync_all
+from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, sync_all
 from cloth_sim_ros.sim.meeting.flat import judge
 from cloth_sim_ros.sim.meeting.pairs import Pairs, slack
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, panel_of, place, velocity
@@ -68,8 +68,9 @@ def _decide(pairs: Pairs, panels: int, ends: bool):
 @cooperative
 def look(members: Members, pairs: Pairs, ends: bool, crew: Crew):
     """Find out whether anything is folded, and whether the list still holds then."""
-    team = wp.tid() / crew.width
-    t = wp.tid() - team * crew.width
+    number = number_of(wp.tid(), crew)
+    team = number / crew.width
+    t = number - team * crew.width
     if ends and members.flattens:
         for w in range(team, members.worlds, crew.teams):
             for p in range(t, members.panels.shape[0], crew.width):
@@ -80,8 +81,8 @@ def look(members: Members, pairs: Pairs, ends: bool, crew: Crew):
     for w in range(team, members.worlds, crew.teams):
         for p in range(t, members.panels.shape[0], crew.width):
             _watch(members, pairs, p, w, ends)
-    for round in range(wp.tid(), pairs.rounds.shape[0], crew.width * crew.teams):
+    for round in range(number, pairs.rounds.shape[0], crew.width * crew.teams):
         pairs.rounds[round] = 0
     sync_all(crew)
-    if wp.tid() == 0:
+    if number == 0:
         _decide(pairs, members.panels.shape[0], ends)
