@@ -3,6 +3,7 @@
 
 import warp as wp
 
+from cloth_sim_ros.sim.intrinsics import load_row
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, place
 
@@ -33,10 +34,11 @@ class Pairs:
     kept, starts: how far parts are kept apart, and how far they were when the substep began [m].
 
     clock: (4,) substeps since the last search, for how many it holds, whether one is due, and how old the list before
-    was. strays: (1,) how far a particle may be off its way, of the mean length of springs. ways: of all panels of all
-    worlds. failed: which were torn then. balls, drifts: middle and radius of the ball around a panel and all that it
-    may meet, and its mean velocity. sums: (W, 4) of all velocities when the frame began, in whole numbers, and whether
-    a particle is pinned. rounds: (64,) whether the bound had to shorten a way in each of its rounds.
+    was. strays: (2,) how far a particle may be off its way at least and at most, of the mean length of springs. ways:
+    of all panels of all worlds. failed: which were torn then. balls, drifts: middle and radius of the ball around a
+    panel and all that it may meet, and its mean velocity. sums: (W, 4) of all velocities when the frame began, in whole
+    numbers, and whether a particle is pinned. rounds: (64,) whether the bound had to shorten a way in each of its
+    rounds.
 
     folded: (2,) whether parts of one body may meet, see flat.py, now and in the frame before. turns: (W x B,) how the
     rest shapes of bodies lie.
@@ -61,9 +63,10 @@ class Pairs:
 
 
 @wp.func
-def slack(members: Members, pairs: Pairs, surface: Surface, body: int) -> float:
-    """How far a particle of a body may be off its way [m]."""
-    return pairs.strays[0] * surface.bodies[members.bodies[body][1]].spacing
+def slack(members: Members, pairs: Pairs, surface: Surface, body: int, i: int) -> float:
+    """How far particle i of a body may be off its way [m]."""
+    spacing = surface.bodies[members.bodies[body][1]].spacing
+    return wp.clamp(load_row(surface.seen, i)[3], pairs.strays[0] * spacing, pairs.strays[1] * spacing)
 
 
 @wp.func
@@ -96,7 +99,9 @@ def way_of(members: Members, pairs: Pairs, surface: Surface, panel: Panel, time:
     way.moves = time * wp.matrix_from_rows(surface.going[a], surface.going[b], surface.going[c])
     way.rest = wp.matrix_from_rows(surface.rest[a], surface.rest[b], surface.rest[c])
     way.thickness = surface.materials[members.bodies[panel.body][1]].thickness
-    way.slack = slack(members, pairs, surface, panel.body)
+    way.slack = slack(members, pairs, surface, panel.body, a)
+    way.slack = wp.max(way.slack, slack(members, pairs, surface, panel.body, b))
+    way.slack = wp.max(way.slack, slack(members, pairs, surface, panel.body, c))
     return way
 
 

@@ -14,13 +14,13 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.intrinsics import xyz
+from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.meeting.bound import ROUNDS
 from cloth_sim_ros.sim.meeting.cooperative import Crew, recorded
 from cloth_sim_ros.sim.meeting.nearest import crosses
 from cloth_sim_ros.sim.meeting.pairs import TESTS, Pairs, Way, list_test, slack, tests_of, time_ahead, way_of
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, may_touch, panel_of, place
-from cloth_sim_ros.sim.meeting.watch import FAR, goes, has_failed, look
+from cloth_sim_ros.sim.meeting.watch import FAR, MOST, goes, has_failed, look
 
 PAIRS_A_PANEL = 64  # room in the list of pairs
 _COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
@@ -31,7 +31,10 @@ _TEAM = 4  # of them that look at a couple
 
 @compiled
 def _foresee(members: Members, pairs: Pairs, ends: bool):
-    """Where particles are, and where they go: what trembles goes at its mean velocity since the last search."""
+    """Where particles are, and where they go: what trembles goes at its mean velocity since the last search.
+
+    Who was far off its way may be so again, and the longer it is not, the less.
+    """
     panels = members.panels.shape[0]
     w = wp.tid() / panels
     panel = panel_of(members, wp.tid() - w * panels, w)
@@ -42,11 +45,14 @@ def _foresee(members: Members, pairs: Pairs, ends: bool):
     for q in range(3):
         if (panel.own >> q) & 1 == 1:
             i = panel.corners[q]
-            mean, now = (place(surface, i) - surface.seen[i]) / time, goes(surface, i, ends)
+            x, seen = place(surface, i), load_row(surface.seen, i)
+            mean, now = (x - xyz(seen)) / time, goes(surface, i, ends)
+            off = wp.length(x - xyz(seen) - time * surface.going[i]) + dt * wp.length(now - surface.going[i])
+            strays = wp.max(2.0 * off, 0.7 * seen[3])
             trembles = wp.length(mean) < 0.5 * wp.length(now)
-            near = dt * wp.length(mean - now) < 0.5 * slack(members, pairs, surface, panel.body)
+            near = dt * wp.length(mean - now) < 0.5 * slack(members, pairs, surface, panel.body, i)
             surface.going[i] = wp.where(trembles and near, mean, now)
-            surface.seen[i] = place(surface, i)
+            store_row(surface.seen, i, wp.vec4(x[0], x[1], x[2], strays))
 
 
 @wp.func
@@ -76,10 +82,10 @@ def _enclose(
     time, margin = float(0.0), float(0.0)
     if ahead:
         time = time_ahead(pairs, surface)
-        thickness = surface.materials[members.bodies[panel.body][1]].thickness
-        margin = thickness + slack(members, pairs, surface, panel.body)
+        way = way_of(members, pairs, surface, panel, time)
+        margin = way.thickness + way.slack
         _wrap(wp.tid(), panel, surface, time, margin, pairs)
-        pairs.ways[wp.tid()] = way_of(members, pairs, surface, panel, time)
+        pairs.ways[wp.tid()] = way
     low, high = wp.vec3(1.0e30), wp.vec3(-1.0e30)
     for q in range(3):
         x = place(surface, panel.corners[q])
@@ -145,6 +151,7 @@ def _accept(pairs: Pairs):
     pairs.clock[2] = wp.where(full and pairs.clock[1] > 1, 1, 0)
     if full:
         pairs.clock[1] = wp.max(pairs.clock[1] / 4, 1)
+        pairs.strays[1] = wp.max(0.25 * pairs.strays[1], pairs.strays[0])
 
 
 @compiled
@@ -207,7 +214,7 @@ class Search:
         self._due = self.pairs.clock[2:3]
         self.pairs.folded = wp.ones(2, dtype=int, device=device)
         self.pairs.turns = wp.zeros(worlds * len(members.bodies), dtype=wp.mat33, device=device)
-        self.pairs.strays = wp.full(1, FAR, dtype=float, device=device)
+        self.pairs.strays = wp.array([FAR, MOST], dtype=float, device=device)
         self.pairs.ways = wp.zeros(total, dtype=Way, device=device)
         self.pairs.failed = wp.zeros(total, dtype=bool, device=device)
         self.pairs.balls = wp.zeros(total, dtype=wp.vec4, device=device)

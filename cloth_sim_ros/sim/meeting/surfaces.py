@@ -29,7 +29,7 @@ class Surface:
     displacements: wp.array(dtype=wp.vec4)
     velocities: wp.array(dtype=wp.vec4)
     last_displacements: wp.array(dtype=wp.vec3)
-    seen: wp.array(dtype=wp.vec3)
+    seen: wp.array(dtype=wp.vec4)
     going: wp.array(dtype=wp.vec3)
     asked: wp.array(dtype=wp.int64)
     shortened: wp.array(dtype=float)

@@ -10,9 +10,10 @@ from cloth_sim_ros.sim.meeting.pairs import Pairs, slack
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, panel_of, place, velocity
 
 _LONGEST = 400  # substeps that a list holds at most
-# Of the mean length of springs, that a particle may be off its way: where much is near, and where hardly anything is. A
-# longer list costs nothing there, and is made more rarely.
-NEAR, FAR = 0.05, 0.15
+# Of the mean length of springs, that a particle may be off its way. At least: where much is near, and where hardly
+# anything is, as a longer list costs nothing there. At most: a few particles tremble far more than all others, and shall
+# not have everything looked for anew.
+NEAR, FAR, MOST = 0.05, 0.15, 4.0
 
 
 @wp.func
@@ -41,11 +42,11 @@ def _watch(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
     for q in range(3):
         if (panel.own >> q) & 1 == 1:
             i = panel.corners[q]
-            off = place(surface, i) - surface.seen[i] - time * surface.going[i]
+            off = place(surface, i) - xyz(load_row(surface.seen, i)) - time * surface.going[i]
             most = wp.length(off)
             if ends:
                 most = wp.max(most, wp.length(off + dt * (goes(surface, i, ends) - surface.going[i])))
-            if not most <= slack(members, pairs, surface, panel.body):
+            if not most <= slack(members, pairs, surface, panel.body, i):
                 pairs.clock[2] = 1
 
 
@@ -62,6 +63,7 @@ def _decide(pairs: Pairs, panels: int, ends: bool):
         for w in range(pairs.counts.shape[0]):
             most = wp.max(most, pairs.counts[w, 1])
         pairs.strays[0] = wp.where(8 * most < panels, wp.static(FAR), wp.static(NEAR))
+        pairs.strays[1] = wp.min(2.0 * pairs.strays[1], wp.static(MOST))
     pairs.clock[0] = age + wp.where(ends, 1, 0)
 
 

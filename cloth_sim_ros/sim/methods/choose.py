@@ -24,7 +24,8 @@ _MOST_STIFF = 6.0  # times as many substeps as sweeps of BDF2 on a mesh are what
 _SAFE = 40  # substeps of a frame that is done again, at least
 FEWEST = 6  # substeps a frame that are chosen at least: contact and gusts need them
 _FEWEST_LAYERS, _FEWEST_COILS = 13, 40  # of a sheet and of a rope, where what is fast has to be kept apart
-_SIDE = 10.0  # particles along a sheet to a substep of xpbd, at most: fewer do not carry shape across it
+# Particles along a sheet to a substep of xpbd, at most: fewer do not carry shape across it, or keep it apart from itself.
+_SIDE, _SIDE_LAYERS = 10.0, 5.0
 _MOST_LINES = 2000  # substeps of xpbd that are chosen at most
 _LEAST_ROPE = 20  # of a rope at an error of 1e-3
 
@@ -160,9 +161,7 @@ def _xpbd(
     limit: substeps that leapfrog needs without dashpots.
     """
     iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
-    fewest = FEWEST if xpbd_is_direct(topology) else max(FEWEST, math.ceil(math.sqrt(len(topology.masses)) / _SIDE))
-    if around.meets:
-        fewest = max(fewest, _FEWEST_COILS if xpbd_is_direct(topology) else _FEWEST_LAYERS)
+    fewest = _fewest(topology, around.meets)
     affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
 
     def substeps_of(order: int, least: float) -> tuple[int, float]:
@@ -186,6 +185,14 @@ def _xpbd(
     if share < 1.0:
         reason += f", and {share:.2g} of its bending rigidity acts"
     return Choice("xpbd", order, substeps, iterations, error, reason, bending_share=share, surface=around.surface)
+
+
+def _fewest(topology: Topology, meets: bool) -> int:
+    """The least substeps that are chosen; `meets`: of what is kept apart from itself or others."""
+    if xpbd_is_direct(topology):
+        return _FEWEST_COILS if meets else FEWEST
+    side = math.sqrt(len(topology.masses)) / (_SIDE_LAYERS if meets else _SIDE)
+    return max(_FEWEST_LAYERS if meets else FEWEST, math.ceil(side))
 
 
 def _effective(settings: Settings, order: int) -> float:
