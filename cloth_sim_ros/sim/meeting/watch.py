@@ -11,8 +11,8 @@ from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, panel_of
 
 _LONGEST = 400  # substeps that a list holds at most
 # Of the mean length of springs, that a particle may be off its way. At least: where much is near, and where hardly
-# anything is, as a longer list costs nothing there. At most: a few particles tremble far more than all others, and shall
-# not have everything looked for anew.
+# anything is, as a longer list costs nothing there. At most: a few particles tremble far more than all others, and
+# shall not have everything looked for anew.
 NEAR, FAR, MOST = 0.05, 0.15, 4.0
 
 

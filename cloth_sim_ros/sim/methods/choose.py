@@ -24,7 +24,7 @@ _MOST_STIFF = 6.0  # times as many substeps as sweeps of BDF2 on a mesh are what
 _SAFE = 40  # substeps of a frame that is done again, at least
 FEWEST = 6  # substeps a frame that are chosen at least: contact and gusts need them
 _FEWEST_LAYERS, _FEWEST_COILS = 13, 40  # of a sheet and of a rope, where what is fast has to be kept apart
-# Particles along a sheet to a substep of xpbd, at most: fewer do not carry shape across it, or keep it apart from itself.
+# Particles along a sheet to a substep of xpbd, at most: fewer do not carry shape across it, or keep it from itself.
 _SIDE, _SIDE_LAYERS = 10.0, 5.0
 _MOST_LINES = 2000  # substeps of xpbd that are chosen at most
 _LEAST_ROPE = 20  # of a rope at an error of 1e-3
