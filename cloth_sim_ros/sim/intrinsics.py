@@ -146,6 +146,10 @@ def load_address(address: wp.uint64) -> wp.uint64:
 def load_number(address: wp.uint64, i: int) -> float: ...
 
 
+@wp.func_native("return ((const int*)address)[i];")
+def load_int(address: wp.uint64, i: int) -> int: ...
+
+
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
 return __ffsll((long long)bits) - 1;

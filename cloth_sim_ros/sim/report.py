@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.batch import Batch
-from cloth_sim_ros.sim.colliders import make_signed_distance
+from cloth_sim_ros.sim.colliders import make_is_beyond, make_signed_distance
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.physics.integrate import effective_step
@@ -94,7 +94,7 @@ def make_measure_contacts(shapes: tuple[str, ...]):
     Of a particle, which contact keeps outside, and of the surface: points spread evenly over every triangle of a sheet
     or segment of a rope that no particle of it is pinned.
     """
-    signed_distance = make_signed_distance(shapes)
+    signed_distance, is_beyond = make_signed_distance(shapes), make_is_beyond(shapes)
 
     @wp.func
     def depth(point: wp.vec3, arrays: Arrays, b: int) -> float:
@@ -102,6 +102,9 @@ def make_measure_contacts(shapes: tuple[str, ...]):
         for c in range(arrays.colliders.shape[0]):
             collider = arrays.colliders[c]
             p = wp.quat_rotate_inv(collider.end_orientation, point - collider.end_position)
+            if wp.static(is_beyond is not None):
+                if is_beyond(collider.shape, p, arrays.materials[b].thickness, collider.data):
+                    continue
             gap = signed_distance(collider.shape, p, collider.size, collider.data)[3] - arrays.materials[b].thickness
             deepest = wp.max(deepest, -gap)
         return deepest

@@ -3,10 +3,12 @@
 
 import numpy as np
 import pytest
-from probed import signed_distances
+import warp as wp
+from probed import of_a_mesh, signed_distances
 
-from cloth_sim_ros.sim import Box, Mesh, SignedDistance
+from cloth_sim_ros.sim import Box, Mesh, SignedDistance, Sphere
 from cloth_sim_ros.sim.colliders import baking
+from cloth_sim_ros.sim.colliders.collider import STRETCHED
 from cloth_sim_ros.sim.colliders.mesh import what_is_open
 
 trimesh = pytest.importorskip("trimesh")
@@ -126,6 +128,67 @@ def test_far_away_the_distance_is_none_too_large_and_the_way_leads_out():
     assert (found <= exact + 1e-5).all() and (found > 0.99 * (exact - mesh.reach())).all()
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-5)
     assert ((normals * points).sum(axis=1) > 0.0).all()
+
+
+def surfaces():
+    """Name -> surface: round, with edges, with a hole and concave, and of slivers."""
+    cells = [cell for cell in np.ndindex(3, 3, 2) if cell[:2] != (1, 1)]
+    slivers = trimesh.creation.cylinder(radius=0.1, height=0.6, sections=200)
+    ring = trimesh.Trimesh(*of_cells(cells))
+    ring.apply_scale(0.1)
+    box = trimesh.creation.box(2 * HALF)
+    return {
+        "ball": ball(4),
+        "box": box,
+        "fine box": box.subdivide().subdivide().subdivide(),
+        "ring": ring,
+        "slivers": slivers,
+    }
+
+
+@pytest.mark.parametrize("name", ["ball", "box", "fine box", "ring", "slivers"])
+def test_the_grid_of_a_mesh_promises_no_more_than_is_true(name):
+    """The bound is never above the distance. Outside it is below it by two diagonals of a cell at most."""
+    mesh = of(surfaces()[name])
+    low, high = mesh.points().min(axis=0), mesh.points().max(axis=0)
+    points = low + rng.uniform(-0.5, 1.5, (6000, 3)) * (high - low)
+    on = mesh.points()[mesh.triangles[rng.integers(len(mesh.triangles), size=6000)]]
+    on = (on * rng.dirichlet((1, 1, 1), 6000)[:, :, None]).sum(axis=1) + rng.normal(scale=0.02, size=(6000, 3))
+    grid = mesh.data(wp.get_device("cpu")).grid
+    # Between cells too, where rounding tells in which of them a point is.
+    between = grid.origin + grid.spacing * rng.integers(0, grid.shape, size=(6000, 3))
+    points, spacing = np.concatenate([points, on, between]), grid.spacing
+    normals, found = signed_distances(mesh, points)
+    least, exact = of_a_mesh(mesh, points)
+    near = exact[:, 3] < mesh.reach() * 0.99  # farther, a mesh tells less than the distance by itself
+    assert (least <= exact[:, 3] + 1e-6)[near].all()
+    told = ((points > low - spacing) & (points < high + spacing)).all(axis=1) & (exact[:, 3] > 0.0)
+    assert told.sum() > 100 and (exact[:, 3] - least)[told].max() < 2.0 * np.sqrt(3.0) * spacing
+    # Its lists leave no triangle out that is the nearest of a point.
+    np.testing.assert_allclose(found, exact[:, 3], atol=1e-6)
+    clear = np.abs(found) > 1e-3
+    assert np.quantile(np.abs(normals - exact[:, :3])[clear].max(axis=1), 0.98) < 1e-2
+
+
+def test_the_grid_of_a_mesh_promises_no_more_than_a_closed_form():
+    points = rng.uniform(-2, 2, (6000, 3)) * HALF
+    _, exact = signed_distances(Box(HALF), points)
+    least, _ = of_a_mesh(of(trimesh.creation.box(2 * HALF)), points)
+    assert (least <= exact + 1e-6).all() and (exact - least)[exact > 0.0].max() < 0.2
+
+
+def test_a_mesh_is_round_where_its_shape_is():
+    """A ball comes between particles just where a sphere does, within the quarter of the thickness that is kept."""
+    fine, thickness = of(ball(5)), 0.005
+    widest = np.sqrt(thickness**2 + 2 * thickness * RADIUS) / STRETCHED
+    for gap in (0.2 * widest, 0.8 * widest):
+        assert not fine.enters(gap, thickness) and not Sphere(RADIUS).enters(gap, thickness)
+    for gap in (1.01 * widest, 3.0 * widest):
+        assert fine.enters(gap, thickness) and Sphere(RADIUS).enters(gap, thickness)
+    for surface in (trimesh.creation.box(2 * HALF), trimesh.creation.icosahedron(), surfaces()["ring"]):
+        assert of(surface).enters(0.8 * widest, thickness)
+    plate = trimesh.creation.box((1.0, 1.0, 0.002))
+    assert of(plate).enters(0.8 * widest, thickness) and of(plate.subdivide()).enters(0.8 * widest, thickness)
 
 
 def test_a_volume_is_its_mesh_within_the_spacing():

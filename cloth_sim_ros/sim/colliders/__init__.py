@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import box, capsule, cylinder, ellipsoid, mesh, plane, sphere, volume
+from cloth_sim_ros.sim.colliders import box, capsule, cylinder, ellipsoid, mesh, mesh_distance, plane, sphere, volume
 from cloth_sim_ros.sim.colliders.collider import Collider
 
 SHAPES = {
@@ -16,10 +16,12 @@ SHAPES = {
     "box": (box.Box, box.signed_distance),
     "cylinder": (cylinder.Cylinder, cylinder.signed_distance),
     "ellipsoid": (ellipsoid.Ellipsoid, ellipsoid.signed_distance),
-    "mesh": (mesh.Mesh, mesh.signed_distance),
+    "mesh": (mesh.Mesh, mesh_distance.signed_distance),
     "signed_distance": (volume.SignedDistance, volume.signed_distance),
 }
 
+# Of shapes whose distance takes long: a function (p, data) that is quick to tell what it is not below [m].
+BOUNDS = {"mesh": mesh_distance.at_least}
 
 SPARE_SHAPES = ("box", "cylinder", "sphere")  # of colliders that are added while a simulation runs
 
@@ -54,6 +56,31 @@ def make_signed_distance(present: tuple[str, ...]):
     for name in present:
         chosen = _or(chosen, name)
     return chosen
+
+
+def make_is_beyond(present: tuple[str, ...]):
+    """A Warp function (shape, p, distance, data): whether it is quick to tell that p is farther than a distance [m].
+
+    None where no shape in `present` takes long.
+    """
+    chosen = None
+    for name in filter(BOUNDS.get, present):
+        chosen = _or_beyond(chosen, name)
+    return chosen
+
+
+def _or_beyond(others, name: str):
+    index, of_shape = number_of(name), BOUNDS[name]
+
+    def is_beyond(shape: int, p: wp.vec3, distance: float, data: wp.uint64) -> bool:
+        if shape == wp.static(index):
+            return of_shape(p, data) > distance
+        if wp.static(others is not None):
+            return others(shape, p, distance, data)
+        else:
+            return False
+
+    return wp.func(is_beyond, name=f"is_beyond_{name}")
 
 
 def _or(others, name: str):

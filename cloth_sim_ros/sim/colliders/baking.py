@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import mesh as triangles
+from cloth_sim_ros.sim.colliders import mesh_distance
 from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.compiled import compiled
 
@@ -22,7 +22,7 @@ CELLS = 64  # along the longest side of a mesh
 _MOST_CELLS = 400
 _MARGIN = 2  # cells around it
 _LOG = logging.getLogger(__name__)
-_BY_MESH = triangles.signed_distance
+_BY_MESH = mesh_distance.signed_distance
 
 Baked = tuple[np.ndarray, tuple[float, ...], float]
 

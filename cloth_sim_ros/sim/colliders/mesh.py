@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,10 +12,19 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.checks import finite_array
-from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.colliders.collider import STRETCHED, Collider
+from cloth_sim_ros.sim.colliders.mesh_distance import WORDS
+from cloth_sim_ros.sim.colliders.mesh_grid import Grid, grid_of
+from cloth_sim_ros.sim.colliders.mesh_round import is_round
 from cloth_sim_ros.sim.colliders.on_device import OnDevice, content_of, shared
-from cloth_sim_ros.sim.intrinsics import load4, load_address, xyz
 from cloth_sim_ros.sim.mesh_file import load_mesh
+
+
+class _OnDevice(OnDevice):
+    """The same, with the grid that the CPU made."""
+
+    grid: Grid
+
 
 _closed: set[str] = set()  # hashes of surfaces that are
 _ROWS = 7  # of a triangle in the table of normals: of itself, of its three corners, of the edges across from them
@@ -74,20 +84,60 @@ class Mesh(Collider):
         """To the farthest vertex [m]."""
         return float(np.linalg.norm(self.points(), axis=1).max())
 
-    def data(self, device: wp.Device) -> OnDevice:
-        """The triangles in a tree, and their normals."""
+    def enters(self, gap: float, thickness: float) -> bool:
+        """The same as for a sphere, if balls of some radius fill the mesh but for a quarter of the thickness."""
+        return _enters(self, gap, thickness)
 
-        def make() -> OnDevice:
+    def data(self, device: wp.Device) -> _OnDevice:
+        """The triangles in a tree, their normals, and the grid around them, which the CPU makes for all devices."""
+
+        def make() -> _OnDevice:
+            rows = wp.array(rows_of(self.points(), self.triangles), dtype=wp.vec4, device=device)
             points = wp.array(self.points(), dtype=wp.vec3, device=device)
             indices = wp.array(self.triangles.ravel(), dtype=int, device=device)
             # The same tree on every device, and a better one than a GPU builds.
             tree = wp.Mesh(points, indices, bvh_constructor="sah")
-            rows = np.zeros((1 + _ROWS * len(self.triangles), 4), np.float32)
-            rows[0, :2] = np.array([tree.id], np.uint64).view(np.float32)
-            rows[1:] = normals_of(self.points(), self.triangles).reshape(-1, 4)
-            return OnDevice(wp.array(rows, dtype=wp.vec4, device=device), tree)
+            words = np.zeros(WORDS + 4, np.uint64)
+            words[:2] = tree.id, rows.ptr
+            host = None if device.is_cpu else self.data(wp.get_device("cpu"))
+            grid = host.grid if host else grid_of(words.ctypes.data, self.points(), self.triangles, self.reach())
+            cells = wp.array(grid.cells, dtype=wp.vec2, device=device)
+            planes = wp.array(grid.planes, dtype=float, device=device)
+            names = wp.array(grid.names, dtype=int, device=device)
+            words[2:5] = cells.ptr, planes.ptr, names.ptr
+            numbers = words.view(np.float32).reshape(-1, 4)
+            numbers[-2:] = [*grid.origin, grid.spacing], [*grid.shape, 1.0 / grid.spacing]
+            made = _OnDevice(wp.array(numbers, dtype=wp.vec4, device=device), tree, rows, cells, planes, names, host)
+            made.grid = grid
+            return made
 
         return shared(f"mesh {self.content} {self.scale}", device, make)
+
+
+@lru_cache(64)
+def _enters(mesh: Mesh, gap: float, thickness: float) -> bool:
+    """See Mesh.enters. The surface is within a quarter of the thickness of the balls, which takes it away from them."""
+    within = 0.25 * thickness
+    left = thickness - within
+    radius = ((STRETCHED * gap) ** 2 - left**2) / (2.0 * left)
+    if radius <= 2.0 * within:
+        return False
+    points, at = mesh.points(), mesh.data(wp.get_device("cpu"))
+    _, first = np.unique(mesh.triangles, return_index=True)
+    normals = normals_of(points, mesh.triangles)[:, 1:4, :3].reshape(-1, 3)[first]
+    corners = points[mesh.triangles].reshape(-1, 3)[first]
+    return not is_round(at.id, mesh.reach(), corners, normals, radius, within)
+
+
+def rows_of(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(T, 10, 4) of each triangle, see ROWS."""
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    rows = np.zeros((len(faces), 10, 4), np.float32)
+    rows[:, 0, :3], rows[:, 1, :3], rows[:, 2, :3] = a, b - a, c - a
+    ab, ac = rows[:, 1, :3].astype(float), rows[:, 2, :3].astype(float)
+    rows[:, 0, 3], rows[:, 1, 3], rows[:, 2, 3] = (ab * ab).sum(1), (ab * ac).sum(1), (ac * ac).sum(1)
+    rows[:, 3:] = normals_of(points, faces)
+    return rows.reshape(-1, 4)
 
 
 def what_is_open(points: np.ndarray, faces: np.ndarray) -> str:
@@ -133,46 +183,3 @@ def normals_of(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     found[:, 4:, :3] = sums[of_edges].reshape(-1, 3, 3)
     found[:, 1:, :3] /= np.maximum(np.linalg.norm(found[:, 1:, :3], axis=2, keepdims=True), 1e-300)
     return found
-
-
-@wp.func
-def row_of(u: float, v: float) -> int:
-    """Which of the rows of a triangle holds for its point of barycentric coordinates u, v of the first two corners."""
-    near = 1.0e-6
-    first, second, third = u <= near, v <= near, 1.0 - u - v <= near
-    row = wp.where(first, 4, wp.where(second, 5, wp.where(third, 6, 0)))
-    if first and second:
-        row = 3
-    elif first and third:
-        row = 2
-    elif second and third:
-        row = 1
-    return row
-
-
-@wp.func
-def signed_distance(p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
-    """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m].
-
-    A point whose distance is more than the reach is told a smaller one, and the way from the origin.
-    """
-    tree = load_address(data)
-    found = wp.mesh_query_point_no_sign(tree, p, size[0])
-    away = wp.length(p)
-    n = p / wp.max(away, 1.0e-9)
-    distance = wp.max(size[0], away - size[0])
-    if found.result:
-        row = row_of(found.u, found.v)
-        normal = load4(data, 1 + wp.static(_ROWS) * found.face + row)
-        n = xyz(normal)
-        if row == 0:
-            distance = wp.dot(n, p) - normal[3]
-        else:
-            offset = p - wp.mesh_eval_position(tree, found.face, found.u, found.v)
-            distance = wp.length(offset)
-            side = wp.where(wp.dot(offset, n) < 0.0, -1.0, 1.0)
-            # Nearer than this, the way to the surface is rounding.
-            if distance > 1.0e-5 * size[0]:
-                n = (side / distance) * offset
-            distance *= side
-    return wp.vec4(n[0], n[1], n[2], distance)

@@ -7,7 +7,7 @@ other, by the same search in both directions.
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import SHAPES, make_signed_distance, number_of
+from cloth_sim_ros.sim.colliders import SHAPES, make_is_beyond, make_signed_distance, number_of
 from cloth_sim_ros.sim.intrinsics import xyz
 
 _CUTS = 8  # evaluations between the ends of a line, at most
@@ -60,6 +60,22 @@ def back(facet: Facet, share: float) -> Facet:
     before.b -= share * facet.slip_b
     before.c -= share * facet.slip_c
     return before
+
+
+@wp.func
+def middle_of(facet: Facet) -> wp.vec3:
+    """The mean of its corners; of a segment its middle."""
+    if facet.is_segment:
+        return 0.5 * (facet.a + facet.b)
+    return (facet.a + facet.b + facet.c) / 3.0
+
+
+@wp.func
+def farthest_of(facet: Facet) -> float:
+    """How far a point of it was from that middle in the substep, at most [m]."""
+    middle = middle_of(facet)
+    farthest = wp.max(wp.length(facet.a - middle), wp.max(wp.length(facet.b - middle), wp.length(facet.c - middle)))
+    return farthest + wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
 
 
 @wp.func
@@ -164,6 +180,7 @@ def _make_is_one_of(numbers: tuple[int, ...]):
 
 def _or_spread(search, shapes: tuple[str, ...], hollow: tuple[int, ...]):
     signed_distance, is_hollow = make_signed_distance(shapes), _make_is_one_of(hollow)
+    is_beyond = make_is_beyond(shapes)
 
     @wp.func
     def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> wp.vec3:
@@ -178,6 +195,10 @@ def _or_spread(search, shapes: tuple[str, ...], hollow: tuple[int, ...]):
                 if facet.is_segment:
                     weights = wp.vec3(1.0 - u - v, u + v, 0.0)
                 if u + v <= 1.0:
+                    if wp.static(is_beyond is not None):
+                        if is_beyond(shape, point_of(facet, weights), value, data):
+                            k += 1
+                            continue
                     here = signed_distance(shape, point_of(facet, weights), size, data)[3]
                     if here < value:
                         best = weights

@@ -3,14 +3,14 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import make_signed_distance
+from cloth_sim_ros.sim.colliders import make_is_beyond, make_signed_distance, number_of
 from cloth_sim_ros.sim.intrinsics import xyz
 from cloth_sim_ros.sim.stages.motion import pack
 
 
 def make_meet(shapes: tuple[str, ...]):
     """A Warp function: where a point that moved meets a collider of one of `shapes`."""
-    signed_distance = make_signed_distance(shapes)
+    signed_distance, is_beyond = make_signed_distance(shapes), make_is_beyond(shapes)
 
     @wp.func
     def enter(
@@ -40,12 +40,21 @@ def make_meet(shapes: tuple[str, ...]):
     ) -> wp.vec4:
         """Normal and gap [m] of local point p, which came by `slip`; negative also where it came through.
 
+        Of what it cannot meet all that is told is that the gap is above 0.
+
         Of an overlap that was there before it came, no more than `apart` [m] counts.
         """
+        if wp.static(is_beyond is not None):
+            if is_beyond(shape, p, thickness + wp.length(slip), data):
+                return wp.vec4(0.0, 0.0, 1.0, thickness)
         surface = signed_distance(shape, p, size, data)
         gap = surface[3] - thickness
         n = xyz(surface)
         square = wp.length_sq(slip)
+        if wp.static("mesh" in shapes):
+            # What lies on the surface now, and came by less than it is from the other side, has not come through.
+            if shape == wp.static(number_of("mesh")) and gap <= 0.0 and surface[3] > wp.sqrt(square):
+                square = 0.0
         before = surface
         # Both at once, though few need where they came from: a GPU waits for the one as long as for both. Of a mesh
         # it takes its time.

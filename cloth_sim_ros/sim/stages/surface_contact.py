@@ -7,6 +7,7 @@ facets ask for. No order of facets matters, so that all of them go at once.
 
 import warp as wp
 
+from cloth_sim_ros.sim.colliders import make_is_beyond
 from cloth_sim_ros.sim.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
@@ -21,7 +22,7 @@ from cloth_sim_ros.sim.stages.contact import (
     pace,
     with_push,
 )
-from cloth_sim_ros.sim.stages.facet import make_touched, point_of, slip_at
+from cloth_sim_ros.sim.stages.facet import farthest_of, make_touched, middle_of, point_of, slip_at
 from cloth_sim_ros.sim.stages.facet_place import corners_of, facet_of, is_close, is_far, is_stray
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.meet import make_meet
@@ -59,12 +60,16 @@ def make_press_on(features: Features):
     A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
     """
     meet, touched = make_meet(features.shapes), make_touched(features.shapes)
+    is_beyond = make_is_beyond(features.shapes)
 
     @wp.func
     def press_on(corners: wp.vec3i, collider: ColliderMotion, sweep: Sweep, last: Press, here: Here) -> Press:
         press = Press()
         facet = facet_of(corners, here, sweep)
         thickness = here.material.thickness
+        if wp.static(is_beyond is not None):
+            if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
+                return press
         weights = touched(collider.shape, collider.size, collider.data, facet, thickness, FAST * thickness)
         w = yielding(corners, weights, here)
         if wp.max(weights) > CORNER or w == 0.0:

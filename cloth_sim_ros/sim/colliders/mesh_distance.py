@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far a point is from a closed surface of triangles, as kernels find it.
+
+A grid around the surface tells at once that most points are far. Near the surface each of its cells lists the triangles
+that are the nearest of some point in it. Elsewhere the nearest one is found in a tree.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.intrinsics import load4, load_address, load_int, load_number, xyz
+
+# Words of the address of a mesh: the tree, the triangles, the cells of its grid, and planes and triangles of all lists.
+TREE, TRIANGLES, CELLS, PLANES, NAMES = (wp.constant(wp.uint64(8 * k)) for k in range(5))
+WORDS = 6  # of them, an even number
+# Rows of four numbers behind them: the origin and spacing of the grid; how many cells it has along each axis, and how
+# many a metre.
+GRID, SHAPE = wp.constant(WORDS // 2), wp.constant(WORDS // 2 + 1)
+# Of a triangle: its first corner a, b - a and c - a, with the products of the latter two; its unit normal and height;
+# the normals of its corners; those of the edges across from them.
+ROWS = wp.constant(10)
+LANES = 8  # planes of a list lie eight at a time: x of all, y, z, and their heights
+_NEXT = f"""
+#if defined(__CUDA_ARCH__)
+for (; k < last; ++k) {{
+    const float* at = (const float*)planes + k / {LANES} * {4 * LANES} + k % {LANES};
+    if (at[0] * p[0] + at[{LANES}] * p[1] + at[{2 * LANES}] * p[2] - at[{3 * LANES}] < distance) break;
+}}
+return k;
+#else
+typedef float Lanes __attribute__((ext_vector_type({LANES}), aligned(4)));
+typedef bool Mask __attribute__((ext_vector_type({LANES})));
+unsigned from = 255u << k % {LANES};
+for (int block = k / {LANES} * {LANES}; block < last; block += {LANES}) {{
+    const Lanes* at = (const Lanes*)((const float*)planes + 4 * block);
+    const Lanes bound = at[0] * p[0] + at[1] * p[1] + at[2] * p[2] - at[3];
+    const Mask mask = __builtin_convertvector(bound < distance, Mask);
+    const unsigned below = from & __builtin_bit_cast(unsigned char, mask);
+    if (below) return block + __builtin_ctz(below);
+    from = 255u;
+}}
+return last;
+#endif
+"""
+
+
+@wp.func_native(_NEXT)
+def next_below(k: int, last: int, planes: wp.uint64, p: wp.vec3, distance: float) -> int:
+    """The first of planes k to `last` whose distance to p is less [m], or `last`; a CPU looks at eight at a time."""
+    ...
+
+
+@wp.func
+def row_of(u: float, v: float) -> int:
+    """Which of the normals of a triangle holds for its point of barycentric coordinates u, v of the first two corners.
+
+    0 is that of the triangle itself."""
+    near = 1.0e-6
+    first, second, third = u <= near, v <= near, 1.0 - u - v <= near
+    row = wp.where(first, 4, wp.where(second, 5, wp.where(third, 6, 0)))
+    if first and second:
+        row = 3
+    elif first and third:
+        row = 2
+    elif second and third:
+        row = 1
+    return row
+
+
+@wp.func
+def nearest_on(f: int, p: wp.vec3, triangles: wp.uint64) -> wp.vec3:
+    """The way from the nearest point of a triangle is p - a - v (b - a) - w (c - a): its square [m^2], v and w.
+
+    By the regions of Ericson 2005, Real-Time Collision Detection, 5.1.5.
+    """
+    first, second, third = load4(triangles, ROWS * f), load4(triangles, ROWS * f + 1), load4(triangles, ROWS * f + 2)
+    ab, ac, ap = xyz(second), xyz(third), p - xyz(first)
+    d1, d2 = wp.dot(ab, ap), wp.dot(ac, ap)
+    d3, d4 = d1 - first[3], d2 - second[3]
+    d5, d6 = d1 - second[3], d2 - third[3]
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    v, w = float(0.0), float(0.0)
+    if d1 <= 0.0 and d2 <= 0.0:
+        v = 0.0
+    elif d3 >= 0.0 and d4 <= d3:
+        v = 1.0
+    elif d6 >= 0.0 and d5 <= d6:
+        w = 1.0
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        v = d1 / (d1 - d3)
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        w = d2 / (d2 - d6)
+    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
+        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        v = 1.0 - w
+    else:
+        v = vb / (va + vb + vc)
+        w = vc / (va + vb + vc)
+    return wp.vec3(wp.length_sq(ap - v * ab - w * ac), v, w)
+
+
+@wp.func
+def signed(f: int, u: float, v: float, p: wp.vec3, reach: float, triangles: wp.uint64) -> wp.vec4:
+    """Normal and signed distance [m] of p, whose nearest point lies in triangle f at u, v of its first two corners."""
+    row = row_of(u, v)
+    normal = load4(triangles, ROWS * f + 3 + row)
+    n = xyz(normal)
+    distance = wp.dot(n, p) - normal[3]
+    if row > 0:
+        way = p - xyz(load4(triangles, ROWS * f)) - v * xyz(load4(triangles, ROWS * f + 1))
+        way -= (1.0 - u - v) * xyz(load4(triangles, ROWS * f + 2))
+        distance = wp.length(way)
+        side = wp.where(wp.dot(way, n) < 0.0, -1.0, 1.0)
+        # Nearer than this, the way to the surface is rounding.
+        if distance > 1.0e-5 * reach:
+            n = (side / distance) * way
+        distance *= side
+    return wp.vec4(n[0], n[1], n[2], distance)
+
+
+@wp.func
+def cell_of(p: wp.vec3, data: wp.uint64) -> wp.vec4:
+    """The number of the cell of the grid that is nearest to p, and its middle (x, y, z)."""
+    grid, shape = load4(data, GRID), load4(data, SHAPE)
+    at = wp.vec3(0.0)
+    for k in range(3):
+        at[k] = float(int(wp.clamp((p[k] - grid[k]) * shape[3], 0.0, shape[k] - 1.0)))
+    middle = xyz(grid) + grid[3] * (at + wp.vec3(0.5))
+    return wp.vec4((at[0] * shape[1] + at[1]) * shape[2] + at[2], middle[0], middle[1], middle[2])
+
+
+@wp.func
+def at_least(p: wp.vec3, data: wp.uint64) -> float:
+    """A bound that the signed distance of p is not below [m]: that of the middle of its cell, less the way from there.
+
+    Beyond the grid, at b from its nearest point q, it is sqrt(b^2 + d(q)^2), as the surface lies within the grid.
+    """
+    found = cell_of(p, data)
+    middle = wp.vec3(found[1], found[2], found[3])
+    half = 0.5 * load4(data, GRID)[3]
+    off = p - middle
+    inside = wp.vec3(wp.clamp(off[0], -half, half), wp.clamp(off[1], -half, half), wp.clamp(off[2], -half, half))
+    least = load_number(load_address(data + CELLS), 2 * int(found[0])) - wp.length(inside)
+    # At the bounds of the grid it is above 0. Elsewhere what is beyond the cell is rounding.
+    if least > 0.0:
+        least = wp.sqrt(wp.length_sq(off - inside) + least * least)
+    return least
+
+
+@wp.func
+def by_tree(p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
+    """Outward normal (x, y, z) and signed distance [m] of p, by a search in all triangles.
+
+    A point whose distance is more than the reach is told a smaller one, and the way from the origin.
+    """
+    found = wp.mesh_query_point_no_sign(load_address(data + TREE), p, size[0])
+    away = wp.length(p)
+    n = p / wp.max(away, 1.0e-9)
+    nearest = wp.vec4(n[0], n[1], n[2], wp.max(size[0], away - size[0]))
+    if found.result:
+        nearest = signed(found.face, found.u, found.v, p, size[0], load_address(data + TRIANGLES))
+    return nearest
+
+
+@wp.func
+def signed_distance(p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
+    """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m].
+
+    A point whose distance is more than the reach is told a smaller one, and the way from the origin.
+    """
+    found = cell_of(p, data)
+    off = p - wp.vec3(found[1], found[2], found[3])
+    half = 0.5 * load4(data, GRID)[3]
+    cells, cell = load_address(data + CELLS), 2 * int(found[0])
+    first, last = load_int(cells, cell + 1), load_int(cells, cell + 3)
+    if first == last or wp.max(wp.abs(off)) > half:
+        return by_tree(p, size, data)
+    planes, names = load_address(data + PLANES), load_address(data + NAMES)
+    triangles = load_address(data + TRIANGLES)
+    face = int(0)
+    nearest = wp.vec3(0.0)
+    distance = float(1.0e30)
+    k = next_below(first, last, planes, p, distance)
+    while k < last:
+        f = load_int(names, k)
+        there = nearest_on(f, p, triangles)
+        if there[0] < distance * distance:
+            face = f
+            nearest = there
+            distance = wp.sqrt(there[0])
+        k = next_below(k + 1, last, planes, p, distance)
+    return signed(face, 1.0 - nearest[1] - nearest[2], nearest[1], p, size[0], triangles)

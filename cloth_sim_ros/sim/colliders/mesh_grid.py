@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The grid around a closed surface: how far the middle of each cell is, and near it the triangles that count in a cell.
+
+Which triangles are left out is proven. Let q be the nearest point of a triangle from the middle of a cell, and g the
+direction from q to it. The triangle lies behind the plane through q across g, so that no point p of the cell is nearer
+to it than g.(p - q). Another triangle with a point s is nearer in the whole cell if |p - s| is less than that at its
+eight corners: the difference is convex.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.colliders.mesh_distance import LANES, ROWS, TREE, TRIANGLES, by_tree, nearest_on
+from cloth_sim_ros.sim.compiled import compiled
+from cloth_sim_ros.sim.intrinsics import load4, load_address, xyz
+
+# Of the root of the mean area of a triangle. There a list has about 27 of them, and lists take 1.5 kB a triangle.
+_SPACING = 1.2
+_LEAST, _MOST = 16, 1 << 21  # cells along the longest side, and cells in all
+_OUTSIDE, _INSIDE = 3.0, 1.0  # spacings from the surface: how far cells have lists
+_FAR = 1.0e9  # more than all squares, in cells
+_ROUNDING = 2.0e-6  # of the reach
+
+
+@dataclass
+class Grid:
+    """origin (3,) and spacing [m], and how many cells it has along each axis.
+
+    cells (N + 1, 2): of each what the signed distance of its middle is not below [m], and as an integer where its list
+    begins. planes (M / 8, 4, 8), flat, and names (M,), the numbers of triangles: the lists one after another.
+    """
+
+    origin: np.ndarray
+    spacing: float
+    shape: tuple[int, ...]
+    cells: np.ndarray
+    planes: np.ndarray
+    names: np.ndarray
+
+
+@wp.func
+def _middle(cell: int, origin: wp.vec3, spacing: float, shape: wp.vec3i) -> wp.vec3:
+    """The middle of a cell [m]."""
+    i, j, k = cell / (shape[1] * shape[2]), cell / shape[2] % shape[1], cell % shape[2]
+    return origin + spacing * wp.vec3(float(i) + 0.5, float(j) + 0.5, float(k) + 0.5)
+
+
+@compiled
+def _mark(
+    data: wp.uint64, origin: wp.vec3, spacing: float, shape: wp.vec3i, width: float, marks: wp.array3d(dtype=wp.uint8)
+):
+    """Mark all cells whose middle is within a width of a triangle, and some more."""
+    triangles, f = load_address(data + TRIANGLES), ROWS * wp.tid()
+    a = xyz(load4(triangles, f))
+    b, c = a + xyz(load4(triangles, f + 1)), a + xyz(load4(triangles, f + 2))
+    low = (wp.min(wp.min(a, b), c) - origin - wp.vec3(width)) / spacing - wp.vec3(0.5)
+    high = (wp.max(wp.max(a, b), c) - origin + wp.vec3(width)) / spacing - wp.vec3(0.5)
+    for i in range(wp.max(int(wp.floor(low[0])), 0), wp.min(int(wp.ceil(high[0])) + 1, shape[0])):
+        for j in range(wp.max(int(wp.floor(low[1])), 0), wp.min(int(wp.ceil(high[1])) + 1, shape[1])):
+            for k in range(wp.max(int(wp.floor(low[2])), 0), wp.min(int(wp.ceil(high[2])) + 1, shape[2])):
+                marks[i, j, k] = wp.uint8(1)
+
+
+@compiled
+def _measure(
+    data: wp.uint64,
+    size: wp.vec3,
+    origin: wp.vec3,
+    spacing: float,
+    shape: wp.vec3i,
+    marked: wp.array(dtype=int),
+    found: wp.array(dtype=wp.vec4),
+):
+    """The normals and signed distances of the middles of marked cells [m]."""
+    found[wp.tid()] = by_tree(_middle(marked[wp.tid()], origin, spacing, shape), size, data)
+
+
+@wp.func
+def _is_flat(f: int, triangles: wp.uint64) -> bool:
+    """Whether the tree leaves a triangle out: it has no width."""
+    ab, ac = xyz(load4(triangles, ROWS * f + 1)), xyz(load4(triangles, ROWS * f + 2))
+    return wp.length(wp.cross(ab, ac)) < 1.0e-6 * (wp.length_sq(ab) + wp.length_sq(ac) + wp.length_sq(ac - ab))
+
+
+@wp.func
+def _plane(f: int, middle: wp.vec3, slack: float, triangles: wp.uint64) -> wp.vec4:
+    """The plane before a triangle as seen from the middle of a cell: g and g.q."""
+    near = nearest_on(f, middle, triangles)
+    way = middle - xyz(load4(triangles, ROWS * f)) - near[1] * xyz(load4(triangles, ROWS * f + 1))
+    way -= near[2] * xyz(load4(triangles, ROWS * f + 2))
+    g = xyz(load4(triangles, ROWS * f + 3))
+    distance = wp.sqrt(near[0])
+    if distance > slack:
+        g = way / distance
+    return wp.vec4(g[0], g[1], g[2], wp.dot(g, middle - way))
+
+
+@wp.func
+def _may_be_nearest(plane: wp.vec4, foot: wp.vec3, middle: wp.vec3, spacing: float, slack: float) -> bool:
+    """Whether a triangle behind a plane may be nearer than the point `foot` to a corner of a cell."""
+    for corner in range(8):
+        side = wp.vec3(float(corner / 4) - 0.5, float(corner / 2 % 2) - 0.5, float(corner % 2) - 0.5)
+        p = middle + spacing * side
+        if wp.length(p - foot) > wp.dot(xyz(plane), p) - plane[3] - slack:
+            return True
+    return False
+
+
+@wp.func
+def _put(plane: wp.vec4, f: int, place: int, planes: wp.array(dtype=float), names: wp.array(dtype=int)):
+    """Write an entry of a list."""
+    names[place] = f
+    first = place / wp.static(LANES) * wp.static(4 * LANES) + place % wp.static(LANES)
+    for k in range(4):
+        planes[first + wp.static(LANES) * k] = plane[k]
+
+
+@wp.func
+def _move(start: int, end: int, planes: wp.array(dtype=float), names: wp.array(dtype=int)):
+    """Write the first entry of a list, which is at `start`, to another place too."""
+    plane = wp.vec4(0.0)
+    for k in range(4):
+        plane[k] = planes[start / wp.static(LANES) * wp.static(4 * LANES) + wp.static(LANES) * k]
+    _put(plane, names[start], end, planes, names)
+
+
+@compiled
+def _list(
+    data: wp.uint64,
+    slack: float,
+    origin: wp.vec3,
+    spacing: float,
+    shape: wp.vec3i,
+    marked: wp.array(dtype=int),
+    nearest: wp.array(dtype=wp.vec4),
+    fills: bool,
+    first: wp.array(dtype=int),
+    planes: wp.array(dtype=float),
+    names: wp.array(dtype=int),
+):
+    """Count the triangles that may be the nearest of a point of a cell, or list them from `first` on.
+
+    That of the middle comes first: few others are then nearer."""
+    triangles = load_address(data + TRIANGLES)
+    middle, near = _middle(marked[wp.tid()], origin, spacing, shape), nearest[wp.tid()]
+    foot = middle - near[3] * xyz(near)
+    within = wp.abs(near[3]) + 1.7321 * spacing + slack
+    best = float(1.0e30)
+    count = int(0)
+    at = first[wp.tid()]
+    query = wp.mesh_query_aabb(load_address(data + TREE), middle - wp.vec3(within), middle + wp.vec3(within))
+    f = int(0)
+    while wp.mesh_query_aabb_next(query, f):
+        plane = _plane(f, middle, slack, triangles)
+        distance = wp.dot(xyz(plane), middle) - plane[3]
+        if not _is_flat(f, triangles) and distance <= within and _may_be_nearest(plane, foot, middle, spacing, slack):
+            if fills:
+                plane[3] += slack
+                place = at + count
+                if distance < best:
+                    best = distance
+                    _move(at, place, planes, names)
+                    place = at
+                _put(plane, f, place, planes, names)
+            count += 1
+    if not fills:
+        first[wp.tid()] = count
+
+
+@compiled
+def _nearest_along(before: wp.array(dtype=float), length: int, after: wp.array(dtype=float)):
+    """Of each place of a line, the least of a square and that of the way to it, both in cells."""
+    first = wp.tid() / length * length
+    least = float(wp.static(_FAR))
+    for k in range(length):
+        way = float(first + k - wp.tid())
+        least = wp.min(least, before[first + k] + way * way)
+    after[wp.tid()] = least
+
+
+def grid_of(data: int, points: np.ndarray, faces: np.ndarray, reach: float) -> Grid:
+    """The grid of the surface at an address on the CPU, where tree and triangles are there."""
+    device = wp.get_device("cpu")
+    corners = points[faces]
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    low, high = points.min(axis=0), points.max(axis=0)
+    spacing = min(_SPACING * np.sqrt(area / len(faces)), (high - low).max() / _LEAST)
+    while np.prod(np.ceil((high - low) / spacing) + 2 * _OUTSIDE) > _MOST:
+        spacing *= 1.1
+    width, slack = _OUTSIDE * spacing, _ROUNDING * reach
+    shape = tuple(int(n) for n in np.ceil((high - low + 2 * width) / spacing))
+    origin = low - width
+    place = [wp.vec3(*origin), spacing, wp.vec3i(*shape)]
+    marks = wp.zeros(shape, dtype=wp.uint8, device=device)
+    wp.launch(_mark, dim=len(faces), inputs=[data, *place, width, marks], device=device)
+    marked = np.flatnonzero(marks.numpy()).astype(np.int32)
+    of_marked = wp.empty(len(marked), dtype=wp.vec4, device=device)
+    inputs = [data, wp.vec3(reach, 0.0, 0.0), *place, wp.array(marked, dtype=int, device=device), of_marked]
+    wp.launch(_measure, dim=len(marked), inputs=inputs, device=device)
+    found = of_marked.numpy()
+    bounds = _bounds(shape, marked, found[:, 3], spacing, width)
+    some = (found[:, 3] >= -_INSIDE * spacing) & (found[:, 3] <= width)
+    listed, nearest = wp.array(marked[some], device=device), wp.array(found[some], dtype=wp.vec4, device=device)
+    first = wp.zeros(len(listed), dtype=int, device=device)
+    none, nobody = wp.empty(1, dtype=float, device=device), wp.empty(1, dtype=int, device=device)
+    inputs = [data, slack, *place, listed, nearest]
+    wp.launch(_list, dim=len(listed), inputs=[*inputs, False, first, none, nobody], device=device)
+    counts = np.zeros(len(bounds) + 1, np.int32)
+    counts[1 + marked[some]] = -(-first.numpy() // LANES) * LANES
+    begins = np.cumsum(counts, dtype=np.int32)
+    first.assign(begins[marked[some]])
+    empty = np.zeros((int(begins[-1]) // LANES, 4, LANES), np.float32)
+    empty[:, 3] = -1e30  # what fills up eight is far from all points
+    planes = wp.array(empty.ravel(), dtype=float, device=device)
+    names = wp.zeros(int(begins[-1]), dtype=int, device=device)
+    wp.launch(_list, dim=len(listed), inputs=[*inputs, True, first, planes, names], device=device)
+    cells = np.stack([np.append(bounds, 0.0).astype(np.float32), begins.view(np.float32)], axis=1)
+    return Grid(origin, spacing, shape, cells, planes.numpy(), names.numpy())
+
+
+def _bounds(
+    shape: tuple[int, ...], marked: np.ndarray, distances: np.ndarray, spacing: float, width: float
+) -> np.ndarray:
+    """Bounds that the signed distances of all middles are not below [m]; of marked cells the distances themselves.
+
+    Another cell is on the side of the marked one before it. The nearest cell that holds surface tells how far it is:
+    its middle is half a diagonal from the surface at most, and the surface half a diagonal from such a middle.
+    """
+    half = 0.5 * np.sqrt(3.0) * spacing
+    known, squares, sides = np.zeros(shape, bool), np.full(shape, _FAR, np.float32), np.ones(shape, np.float32)
+    known.ravel()[marked], sides.ravel()[marked] = True, np.copysign(1.0, distances)
+    squares.ravel()[marked[np.abs(distances) <= half * (1.0 + 1e-5)]] = 0.0
+    for axis in range(3):
+        lines = np.moveaxis(squares, axis, 2)
+        before = wp.array(lines.ravel(), dtype=float, device="cpu")
+        after = wp.empty_like(before)
+        wp.launch(_nearest_along, dim=before.size, inputs=[before, shape[axis], after], device="cpu")
+        squares = np.moveaxis(after.numpy().reshape(lines.shape), 2, axis)
+    last = np.maximum.accumulate(np.where(known, np.arange(shape[0])[:, None, None], 0), axis=0)
+    away = spacing * np.sqrt(squares)
+    outside = np.maximum(away * (1.0 - 1e-5) - half, width)
+    bounds = np.where(np.take_along_axis(sides, last, axis=0) < 0.0, -away * (1.0 + 1e-5) - half, outside)
+    bounds[known] = distances
+    return bounds.astype(np.float32).ravel()
