@@ -21,6 +21,11 @@ from cloth_sim_ros.sim.mesh_file import load_mesh
 
 
 class _OnDevice(OnDevice):
+<<<<<<< HEAD
+=======
+    """The same, with the grid that the CPU made."""
+
+>>>>>>> mesh-colliders
     grid: Grid
 
 
