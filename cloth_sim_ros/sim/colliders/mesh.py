@@ -21,11 +21,8 @@ from cloth_sim_ros.sim.mesh_file import load_mesh
 
 
 class _OnDevice(OnDevice):
-<<<<<<< HEAD
-=======
     """The same, with the grid that the CPU made."""
 
->>>>>>> mesh-colliders
     grid: Grid
 
 
