@@ -162,7 +162,7 @@ FUNCTIONS = {
     "chain": "series_admittance",
     "surface": "search press give_way",
     "many colliders": "measure_extent list_colliders",
-    "meeting": "come_apart",
+    "meeting": "keep_apart",  # in no stage: it has launches of its own
     "winch": "next_rate rest_of first_out",
     "handles": "hold feel way_of",
     "twist": "carried_across half_binormal push_by_couples",
@@ -184,7 +184,7 @@ HOSE = Features(False, True, "", (), 2, "xpbd", beam=True, twist=True)
          {"springs", "plate", "wind on cloth", "colliders", "capsule"}),
         (Features(False, True, "", (), 2, "xpbd", winch=True), {"chain", "winch"}),
         (Features(True, False, "", ("plane",), 2, "xpbd", meets=True),
-         {"lines", "colliders", "plane", "meeting"}),
+         {"lines", "colliders", "plane"}),
         (Features(True, False, "", ("sphere",), 2, "xpbd", listed=True),
          {"lines", "colliders", "sphere", "many colliders"}),
         (HOSE, {"chain", "beam", "twist"}),
