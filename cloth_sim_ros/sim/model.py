@@ -110,6 +110,7 @@ class Body:
     curves_end: int
     yielding: float  # the inverse of its mass [1/kg] where Material.lightness is 1
     is_rope: bool
+    pinned: bool  # whether any of its particles is
     width: float  # how far facets reach from their corners at most, stretched threefold [m]
 
 

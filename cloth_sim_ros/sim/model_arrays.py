@@ -82,6 +82,7 @@ class ModelArrays:
             "curves_end": self.size["curve_corners"],
             "yielding": 1.0 / float(topology.masses.sum()),
             "is_rope": not len(topology.triangles),
+            "pinned": bool(topology.pinned.any()),
             "width": 3.0 * topology.widest_gap,
         }
         self.bodies.append(body)

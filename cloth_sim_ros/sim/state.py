@@ -124,7 +124,7 @@ class State:
     """Arrays of one batch; N particles, S slots of lines, C segments, P panels, K colliders, B bodies."""
 
     positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m] and inverse mass [1/kg], 0 is pinned
-    low: wp.array(dtype=wp.vec4)  # (N,) what float32 lost of the positions [m]
+    low: wp.array(dtype=wp.vec4)  # (N,) what float32 lost of the positions [m]; the sum of the sizes of line forces [N]
     displacements: wp.array(dtype=wp.vec4)  # (N,) of the substep, and the effective inverse mass [1/kg]
     velocities: wp.array(dtype=wp.vec4)  # (N,) [m/s]
     last_velocities: wp.array(dtype=wp.vec3)  # (N,) one substep ago, order 2 alone

@@ -133,13 +133,17 @@ def test_a_substep_is_what_dense_matrices_find(device, kind, compliance, damping
     assert np.abs(wanted - v - H * GRAVITY)[~topology.pinned].max() > 0.1 * np.abs(wanted).max(), "springs acted"
 
 
-@pytest.mark.parametrize("side", [16, 32])
+@pytest.mark.parametrize("side", [16, 32, 64])
 @pytest.mark.parametrize(("iterations", "within"), [(1, 0.1), (4, 0.03)])
 def test_a_hung_sheet_is_as_long_as_its_springs_make_it(device, side, iterations, within):
-    """Mean strain along the fall at rest against the float64 minimum nearby: hung sheets buckle, each in its way."""
+    """Mean strain along the fall at rest against the float64 minimum nearby: hung sheets buckle, each in its way.
+
+    Beside the corners of 64 x 64, families move particles by more than the spacing. They shook there at 2.8 m/s.
+    """
     sheet = Cloth(resolution=(side, side), orientation=UPRIGHT)
     sim = Simulation(Scene({"it": sheet}), fixed(iterations=iterations, global_damping=5.0), device=device)
     sim.step(240)
+    assert np.linalg.norm(sim.velocities("it"), axis=1).max() < 0.1
     x = sim.positions("it").astype(float)
     system = system_of(sim)
     exact = minimum(system, x)

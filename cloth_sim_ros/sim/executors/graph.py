@@ -71,7 +71,8 @@ class Member:
 
     def _at(self, substep: int) -> int:
         # What looks at no substep is one launch, packed once.
-        return substep if self.features.looks_back or self.features.handles or self._colliders else 0
+        looks = self.features.looks_back or self.features.lines or self.features.handles or self._colliders
+        return substep if looks else 0
 
     def run(
         self, stages: Sequence[Stage], substep: int, iteration: int = 0, store: int = 0, last: int = 1

@@ -130,6 +130,10 @@ auto push = [&](const int* at, const Lanes* by) {
         displacements[at[lane]] += change;
     }
 };
+auto feel = [&](const int* at, const Lanes* impulse) {  // adds the size of this family's force [N] to low.w
+    const Lanes force = weighs * __builtin_elementwise_sqrt(dot(impulse, impulse));
+    for (int lane = 0; lane < lines; ++lane) ((Row*)low)[at[lane]][3] += force[lane];
+};
 for (int k = slots - 2; k >= 0; --k) {
     const Spring& spring = springs[k];
     const Lanes lambda = spring.inverse * (spring.rest - coupled);
@@ -141,12 +145,14 @@ for (int k = slots - 2; k >= 0; --k) {
         Kept& rate = *(Kept*)(slip_rate + 8 * k);
         rate = (rate - alpha * *(const Kept*)(scale + 8 * k) * lambda / (1.0f + gamma)) / span;
     }
-    Lanes by[4];
+    Lanes by[4], net[3];
     for (int axis = 0; axis < 3; ++axis) {
         const Lanes impulse = lambda * spring.u[axis];
-        by[axis] = spring.weight * (impulse - behind[axis]);
+        net[axis] = impulse - behind[axis];
+        by[axis] = spring.weight * net[axis];
         behind[axis] = impulse;
     }
+    if (weighs > 0.0f) feel(at + 8 * (k + 1), net);
     by[3] = 0.0f;
     push(at + 8 * (k + 1), by);
     coupled = spring.coupling * lambda;
@@ -157,3 +163,4 @@ Lanes by[4];
 for (int axis = 0; axis < 3; ++axis) by[axis] = -columns[3] * behind[axis];
 by[3] = 0.0f;
 push(at, by);
+if (weighs > 0.0f) feel(at, behind);

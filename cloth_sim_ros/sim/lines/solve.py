@@ -12,6 +12,9 @@ w_j is added, so that a rigid line between two pins has a solution.
 Lines that come later in the sweep move the particles on, so that the slip of a line is not yet that of the substep. Its
 dashpots would resist what is undone behind them: a sheet at rest under load would be too soft. So order 2 adds to the
 slip what came behind this solve in the substep before, which is all of that slip less `line_slips`.
+
+In the first substep of a frame, each line of what is pinned or held adds the size of its force on a particle to what
+`physics/integrate.py` makes it heavier by.
 """
 
 from __future__ import annotations
@@ -85,6 +88,7 @@ def make_solve_row(slots_a_thread: int):
         fresh: bool,
         stores: bool,
         keeps: bool,
+        weighs: float,
         x_address: wp.uint64,
         low: wp.uint64,
         d_address: wp.uint64,
@@ -108,6 +112,10 @@ def make_solve_line_row(features: Features):
         gamma = here.material.damping * here.step.inverse
         carried = float(0.0)
         keeps = bool(False)
+        held = here.body.pinned
+        if wp.static(features.handles):
+            held = held or here.state.held[here.body.index] > 0
+        weighs = wp.where(held and here.substep == 0 and here.step.first, here.step.inverse_square, 0.0)
         if wp.static(features.order == 2):
             keeps = here.last and gamma > 0.0
             if here.step.second:
@@ -132,6 +140,7 @@ def make_solve_line_row(features: Features):
             here.step.first,
             here.step.store,
             keeps,
+            weighs,
             here.x,
             here.low,
             here.d,

@@ -176,6 +176,10 @@ for (int j = 0; j < Slots; ++j) {
     if (node[j] >= 0) {
         const float4 now = make_float4(d[j].x + w[j] * (bx - fx), d[j].y + w[j] * (by - fy), d[j].z + w[j] * (bz - fz), d[j].w);
         ((float4*)d_address)[node[j]] = now;
+        if (weighs > 0.0f) {  // the size of this family's force [N] is added to low.w
+            const float nx = bx - fx, ny = by - fy, nz = bz - fz;
+            ((float4*)low)[node[j]].w += weighs * sqrtf(nx * nx + ny * ny + nz * nz);
+        }
     }
     bx = fx;
     by = fy;

@@ -22,7 +22,16 @@ from cloth_sim_ros.sim.intrinsics import (
 )
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.distance import SHORTEST
-from cloth_sim_ros.sim.physics.integrate import Step, carried, eased_by, kicked, predict_displacement, split_sum
+from cloth_sim_ros.sim.physics.integrate import (
+    MOST_ASIDE,
+    Step,
+    carried,
+    eased_by,
+    kicked,
+    predict_displacement,
+    share_of_inverse_mass,
+    split_sum,
+)
 from cloth_sim_ros.sim.stages.aerodynamics import make_push
 from cloth_sim_ros.sim.stages.bending import make_bending_force
 from cloth_sim_ros.sim.stages.here import Here
@@ -154,6 +163,14 @@ def make_predict(features: Features):
         if wp.static(features.method == "verlet"):
             a += w * spring_force(i, here, v)
             a *= first_share(here.step)
+        if wp.static(features.lines):
+            h = here.step.effective
+            aside = h * h * eased * w * load4(here.low, i)[3]
+            # Few do, so the roots and the quotient are found for these alone.
+            if aside > MOST_ASIDE * here.body.spacing:
+                eased *= share_of_inverse_mass(aside, base + h * v, h * h * a, here.body.spacing)
+            if here.substep == 0:
+                store4(here.low, i, pack(low, 0.0))
         # Chosen, not branched to, or a warp with a pinned particle would go both ways.
         moved = prediction(base, v, a, eased, w, low, here.step)
         store4(here.p, i, wp.where(w == 0.0, pack(low, 0.0), moved))
@@ -251,7 +268,10 @@ def make_finish(features: Features):
                 velocity -= kick * (1.0 - wp.min(1.0, most / wp.max(wp.length(kick), 1.0e-20)))
         store_row(here.state.velocities, g, pack(velocity, 0.0))
         position = xyz(old)
-        store4(here.low, i, pack(split_sum(position, total), 0.0))
+        pull = float(0.0)
+        if wp.static(features.lines):
+            pull = load4(here.low, i)[3]
+        store4(here.low, i, pack(split_sum(position, total), pull))
         store4(here.x, i, pack(position + total, old[3]))
 
     return finish
