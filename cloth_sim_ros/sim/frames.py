@@ -28,8 +28,6 @@ class Frames:
         ending: what is launched behind each. Those that are captured run launch by launch for the first time, which
         loads what they need.
         """
-        if self._together is not None:
-            self._together.begin()
         if not self.captures:
             self._launch(finer, frames, ending)
             return

@@ -155,8 +155,9 @@ class State:
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next two
     close: wp.array(dtype=int)  # (N,) whether facets around a particle may touch a collider in this substep
     pressed: wp.array(dtype=int)  # (N,) and whether one of them asks it to move
-    seen: wp.array(dtype=wp.vec4)  # (N,) positions at the last search for what meets, how far they may be off [m], and
-    going: wp.array(dtype=wp.vec3)  # (N,) velocities [m/s] at which they were foreseen then
+    seen: wp.array(dtype=wp.vec3)  # (N,) where their ways start [m], see meeting/search.py,
+    going: wp.array(dtype=wp.vec3)  # (N,) how fast they go along these [m/s],
+    strayed: wp.array(dtype=float)  # (N,) and how far they are off them, or will be when the substep ends [m]
     asked: wp.array(dtype=wp.int64)  # (7 N,) what pairs ask of a particle, see meeting/apart.py
     shortened: wp.array(dtype=float)  # (N,) and what share of its way it gives up, or it came through something
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)

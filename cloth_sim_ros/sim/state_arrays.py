@@ -68,6 +68,7 @@ def make_states(
         "seen": particles if features.meets else 0,
         "going": particles if features.meets else 0,
         "asked": ASKED * particles if features.meets else 0,
+        "strayed": particles if features.meets else 0,
         "shortened": particles if features.meets else 0,
         "sweeps": SWEPT * bodies * colliders,
         "near": bodies * words_of(colliders),

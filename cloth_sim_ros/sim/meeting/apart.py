@@ -15,7 +15,7 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.meeting.nearest import nearest
-from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, pair_of
+from cloth_sim_ros.sim.meeting.pairs import CLOSE, Pair, Pairs, pair_of, room_of
 from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, place, surface_of
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.stages.contact import NOISE
@@ -48,8 +48,12 @@ class Close:
 def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: int):
     """List the pairs of world w that are close; thread t of `width`, as in what follows."""
     for k in range(t, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
-        is_corner = pairs.parts[w, k][0] >= 0
-        pair, sides = pair_of(members, pairs, w, k), pairs.sides[w, k]
+        room = room_of(members, pairs, w, k)
+        if room > 0.0:
+            pairs.starts[w, k] = pairs.kept[w, k] + room
+            continue
+        pair = pair_of(members, pairs, w, k)
+        is_corner, panels = pairs.parts[w, k][0] >= 0, pairs.panels[w, k]
         of_a, of_b = members.surfaces[pair.surfaces[0]], members.surfaces[pair.surfaces[3]]
         a, c = place(of_a, pair.particles[0]), place(of_b, pair.particles[2])
         b, d = place(of_b, pair.particles[1]), place(of_b, pair.particles[3])
@@ -59,7 +63,7 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
         start = m.weights[0] * a + m.weights[1] * b + m.weights[2] * c + m.weights[3] * d
         apart = wp.length(start)
         pairs.starts[w, k] = apart
-        body_a, body_b = members.bodies[sides[0]][1], members.bodies[sides[1]][1]
+        body_a, body_b = members.bodies[members.owners[panels[0]]][1], members.bodies[members.owners[panels[1]]][1]
         seen = m.inside or (of_a.bodies[body_a].is_rope and of_b.bodies[body_b].is_rope)
         if seen and apart >= NOISE:  # what lies in one place has no sides
             n = start / apart
@@ -68,7 +72,7 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                 moves = load_row(members.surfaces[pair.surfaces[q]].displacements, pair.particles[q])
                 moved += m.weights[q] * wp.dot(n, xyz(moves))
             kept = pairs.kept[w, k]
-            if apart + moved < 1.25 * kept:  # others may yet push it
+            if apart + moved < wp.static(CLOSE) * kept:
                 # What was nearer comes apart at a pace that flings nothing.
                 wanted = wp.min(kept, apart + _PARTING * of_a.frames[0].dt)
                 close.some[0] = 1
@@ -151,9 +155,9 @@ def _part(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                 split = float(wp.float64(surface.asked[wp.static(ASKED) * pair.particles[q] + 3]) / wp.float64(units))
                 yielding += weights[q] * weights[q] * inverse[q] * split
         if yielding > 0.0:
-            sides = pairs.sides[w, k]
-            of_a = members.surfaces[pair.surfaces[0]].materials[members.bodies[sides[0]][1]]
-            of_b = members.surfaces[pair.surfaces[3]].materials[members.bodies[sides[1]][1]]
+            panels = pairs.panels[w, k]
+            of_a = members.surfaces[pair.surfaces[0]].materials[members.bodies[members.owners[panels[0]]][1]]
+            of_b = members.surfaces[pair.surfaces[3]].materials[members.bodies[members.owners[panels[1]]][1]]
             sticking = wp.sqrt(of_a.static_friction * of_b.static_friction)
             sliding = wp.sqrt(of_a.kinetic_friction * of_b.kinetic_friction)
             move = touch.lacks * touch.n

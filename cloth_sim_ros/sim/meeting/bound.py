@@ -81,24 +81,36 @@ def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs, round
 
 
 @wp.func
+def _measure(members: Members, pairs: Pairs, w: int, t: int, width: int):
+    """Find how far panels of world w go; thread t of `width`."""
+    carried = _carried(members, pairs, w)
+    for p in range(t, members.panels.shape[0], width):
+        panel, longest = panel_of(members, p, w), float(0.0)
+        for q in range(3):
+            longest = wp.max(longest, wp.length(_way(members.surfaces[panel.surface], panel.corners[q], carried)))
+        pairs.ranges[w * members.panels.shape[0] + p] = longest
+
+
+@wp.func
 def _find(members: Members, pairs: Pairs, w: int, t: int, width: int, round: int):
     """Find by what share particles of world w have to shorten their ways; thread t of `width`."""
-    carried = _carried(members, pairs, w)
+    carried, of_world = _carried(members, pairs, w), w * members.panels.shape[0]
     for k in range(t, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
-        apart = pairs.starts[w, k]
-        pair = pair_of(members, pairs, w, k)
-        left = wp.max(wp.static(_LEFT) * apart, wp.static(_LEAST) * pairs.kept[w, k])
-        longest = float(0.0)
-        for q in range(4):
-            longest = wp.max(longest, wp.length(_way(members.surfaces[pair.surfaces[q]], pair.particles[q], carried)))
-        if 2.0 * longest <= apart - left or apart < NOISE:
+        least, panels = pairs.starts[w, k], pairs.panels[w, k]
+        left = wp.max(wp.static(_LEFT) * least, wp.static(_LEAST) * pairs.kept[w, k])
+        longest = pairs.ranges[of_world + panels[0]] + pairs.ranges[of_world + panels[1]]
+        if longest <= least - left:
             continue
+        pair = pair_of(members, pairs, w, k)
         is_corner = pairs.parts[w, k][0] >= 0
         first = wp.where(is_corner, 1, 2)  # particles of the first part
         b, c, d = _from(members, pair, 1), _from(members, pair, 2), _from(members, pair, 3)
         m = nearest(is_corner, wp.vec3(0.0), b, c, d).weights
         line = m[1] * b + m[2] * c + m[3] * d
         apart, n = wp.length(line), wp.normalize(line)
+        if apart < NOISE:
+            continue
+        left = wp.max(wp.static(_LEFT) * apart, wp.static(_LEAST) * pairs.kept[w, k])
         middle = -0.5 * apart
         if not is_corner:
             middle = wp.min(0.0, wp.dot(n, b)) - 0.5 * apart
@@ -142,6 +154,9 @@ def _bound(members: Members, pairs: Pairs, rounds: int, crew: Crew):
     number = number_of(wp.tid(), crew)
     team = number / crew.width
     t = number - team * crew.width
+    for w in range(team, members.worlds, crew.teams):
+        _measure(members, pairs, w, t, crew.width)
+    sync_all(crew)
     for round in range(rounds):
         for w in range(team, members.worlds, crew.teams):
             _find(members, pairs, w, t, crew.width, round)

@@ -3,21 +3,25 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load_row
 from cloth_sim_ros.sim.meeting.nearest import nearest
-from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, place
+from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface
 
 TESTS = 15  # of two triangles: three corners of each against the other, and nine pairs of sides
 # Of how far parts of one body are apart at rest, that they are kept apart at most. A rope then bends to a radius of 1.1
 # times its own, and a sheet to 1.1 times its thickness: the chord of an arc of 2.26 radians is 0.8 of it.
 OF_REST = 0.8
+# Of the mean length of springs, that a particle may be off its way; and of that, from where on it is looked at again
+# where a search is due anyway.
+_SLACK, EAGER = 0.1, 0.5
+CLOSE = 1.25  # times how far they are kept apart, nearer than which other pairs may push two parts together
 
 
 @wp.struct
 class Way:
-    """One panel, and its way from one search to the next: where its corners are, how far they go, and where they are at
-    rest, in rows [m]; its thickness, and how far a corner may be off its way [m]."""
+    """A panel, its number in its world, and its way from one search of all to the next: where corners start, how far
+    they go, and where they are at rest, in rows [m]; its thickness, and how far a corner may be off its way [m]."""
 
+    number: int
     panel: Panel
     x: wp.mat33
     moves: wp.mat33
@@ -29,16 +33,18 @@ class Way:
 @wp.struct
 class Pairs:
     """Lists of one frame, world by world. couples: panels near one another. parts: the particles of a corner and a
-    triangle or, the first as -1 - its number, of two edges. sides: the two bodies. counts: (W, 2) couples and pairs.
+    triangle or, the first as -1 - its number, of two edges. panels: of which two. counts: (W, 2) couples and pairs.
 
-    kept, starts: how far parts are kept apart, and how far they were when the substep began [m].
+    kept, starts: how far parts are kept apart, and how far they at least were when the substep began [m].
+    rooms: how much further than they are kept apart they come to be on their ways [m].
 
-    clock: (4,) substeps since the last search, for how many it holds, whether one is due, and how old the list before
-    was. strays: (2,) how far a particle may be off its way at least and at most, of the mean length of springs. ways:
-    of all panels of all worlds. failed: which were torn then. balls, drifts: middle and radius of the ball around a
-    panel and all that it may meet, and its mean velocity. sums: (W, 4) of all velocities when the frame began, in whole
-    numbers, and whether a particle is pinned. rounds: (64,) whether the bound had to shorten a way in each of its
-    rounds.
+    clock: (6,) substeps since all panels were looked at, for how many ways are straight, whether a search is due,
+    whether it is of all panels (2 where their ways are found already), the clock when it was due, and how many panels
+    were looked at again since. ways: of all panels of all worlds. off: how far their corners are off them at most [m].
+    astray: whether that is more than the slack. failed: which are torn. balls, drifts: middle and radius of the ball
+    around a panel and all that it may meet, and how far that goes [m]. sums: (W, 4) of all velocities when the frame
+    began, in whole numbers, and whether a particle is pinned. rounds: (64,) whether the bound had to shorten a way in
+    each of its rounds.
 
     folded: (2,) whether parts of one body may meet, see flat.py, now and in the frame before. turns: (W x B,) how the
     rest shapes of bodies lie.
@@ -47,12 +53,15 @@ class Pairs:
     couples: wp.array2d(dtype=wp.vec2i)
     parts: wp.array2d(dtype=wp.vec4i)
     kept: wp.array2d(dtype=float)
+    rooms: wp.array2d(dtype=float)
     starts: wp.array2d(dtype=float)
-    sides: wp.array2d(dtype=wp.vec2i)
+    panels: wp.array2d(dtype=wp.vec2i)
     counts: wp.array2d(dtype=int)
     clock: wp.array(dtype=int)
-    strays: wp.array(dtype=float)
     ways: wp.array(dtype=Way)
+    ranges: wp.array(dtype=float)
+    off: wp.array(dtype=float)
+    astray: wp.array(dtype=bool)
     failed: wp.array(dtype=bool)
     balls: wp.array(dtype=wp.vec4)
     drifts: wp.array(dtype=wp.vec3)
@@ -63,15 +72,20 @@ class Pairs:
 
 
 @wp.func
-def slack(members: Members, pairs: Pairs, surface: Surface, body: int, i: int) -> float:
-    """How far particle i of a body may be off its way [m]."""
-    spacing = surface.bodies[members.bodies[body][1]].spacing
-    return wp.clamp(load_row(surface.seen, i)[3], pairs.strays[0] * spacing, pairs.strays[1] * spacing)
+def slack(members: Members, surface: Surface, body: int) -> float:
+    """How far a particle of a body may be off its way [m]."""
+    return wp.static(_SLACK) * surface.bodies[members.bodies[body][1]].spacing
+
+
+@wp.func
+def is_due(pairs: Pairs, t: int) -> bool:
+    """Whether a search is for what panel t of all worlds may meet."""
+    return pairs.clock[3] > 0 or pairs.astray[t]
 
 
 @wp.func
 def time_ahead(pairs: Pairs, surface: Surface) -> float:
-    """For how long the next list holds [s]."""
+    """For how long ways are straight [s]."""
     return float(pairs.clock[1]) * surface.frames[0].dt
 
 
@@ -90,18 +104,17 @@ def tests_of(a: Panel, b: Panel) -> int:
 
 
 @wp.func
-def way_of(members: Members, pairs: Pairs, surface: Surface, panel: Panel, time: float) -> Way:
-    """That of a panel for a time [s] from now on."""
+def way_of(members: Members, pairs: Pairs, surface: Surface, panel: Panel, number: int, time: float) -> Way:
+    """That of a panel for a time [s]."""
     way = Way()
+    way.number = number
     way.panel = panel
     a, b, c = panel.corners[0], panel.corners[1], panel.corners[2]
-    way.x = wp.matrix_from_rows(place(surface, a), place(surface, b), place(surface, c))
+    way.x = wp.matrix_from_rows(surface.seen[a], surface.seen[b], surface.seen[c])
     way.moves = time * wp.matrix_from_rows(surface.going[a], surface.going[b], surface.going[c])
     way.rest = wp.matrix_from_rows(surface.rest[a], surface.rest[b], surface.rest[c])
     way.thickness = surface.materials[members.bodies[panel.body][1]].thickness
-    way.slack = slack(members, pairs, surface, panel.body, a)
-    way.slack = wp.max(way.slack, slack(members, pairs, surface, panel.body, b))
-    way.slack = wp.max(way.slack, slack(members, pairs, surface, panel.body, c))
+    way.slack = slack(members, surface, panel.body)
     return way
 
 
@@ -170,20 +183,21 @@ def list_test(pairs: Pairs, w: int, first: Way, p: int, second: Way, q: int):
         return
     line = _line(of_corner, at)
     apart = wp.length(line)
-    free = wp.min(apart, _free_along(of_corner, after, wp.normalize(line))) - strays
-    if free >= kept:
+    free = wp.min(apart, _free_along(of_corner, after, wp.normalize(line)))
+    if free - strays >= kept:
         return
     if a.body == b.body:
         rest = _line(of_corner, _offsets(of_corner, p, first.rest, q, second.rest))
         kept = wp.min(kept, wp.static(OF_REST) * wp.length(rest))
-        if free >= kept:
+        if free - strays >= kept:
             return
     n = wp.atomic_add(pairs.counts, w, 1, 1)
     if n < pairs.parts.shape[1]:
         pairs.parts[w, n] = parts
-        pairs.sides[w, n] = wp.vec2i(a.body, b.body)
+        pairs.panels[w, n] = wp.vec2i(first.number, second.number)
         pairs.kept[w, n] = kept
-        pairs.starts[w, n] = apart
+        pairs.rooms[w, n] = free - wp.static(CLOSE) * kept
+        pairs.starts[w, n] = 0.0
 
 
 @wp.struct
@@ -196,10 +210,36 @@ class Pair:
 
 @wp.func
 def pair_of(members: Members, pairs: Pairs, w: int, k: int) -> Pair:
-    parts, sides = pairs.parts[w, k], pairs.sides[w, k]
-    a = members.bodies[sides[0]][0] * members.worlds + w
-    b = members.bodies[sides[1]][0] * members.worlds + w
+    parts, panels = pairs.parts[w, k], pairs.panels[w, k]
+    a = members.panels[panels[0]][0] * members.worlds + w
+    b = members.panels[panels[1]][0] * members.worlds + w
     pair = Pair()
     pair.particles = wp.vec4i(wp.where(parts[0] >= 0, parts[0], -1 - parts[0]), parts[1], parts[2], parts[3])
     pair.surfaces = wp.vec4i(a, wp.where(parts[0] >= 0, b, a), b, b)
     return pair
+
+
+@wp.func
+def room_of(members: Members, pairs: Pairs, w: int, k: int) -> float:
+    """How much further than they are kept apart the parts of a pair are, by what is known of their panels [m]."""
+    panels, first = pairs.panels[w, k], w * members.panels.shape[0]
+    return pairs.rooms[w, k] - (pairs.off[first + panels[0]] + pairs.off[first + panels[1]])
+
+
+@wp.func
+def forget(pairs: Pairs, w: int, t: int, width: int):
+    """Forget all pairs of panels that are looked at again; thread t of `width`."""
+    panels = pairs.ways.shape[0] / pairs.counts.shape[0]
+    for k in range(t, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
+        of = pairs.panels[w, k]
+        if pairs.astray[w * panels + of[0]] or pairs.astray[w * panels + of[1]]:
+            pairs.rooms[w, k] = 1.0e30
+
+
+@wp.func
+def empty(pairs: Pairs):
+    """Begin a search: the couples are its own, and the list of pairs where it is of all panels."""
+    for w in range(pairs.counts.shape[0]):
+        pairs.counts[w, 0] = 0
+        if pairs.clock[3] > 0:
+            pairs.counts[w, 1] = 0

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
-from cloth_sim_ros.sim.model import Body
+from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.state import Arrays, Frame, Material
 from cloth_sim_ros.sim.topology import Topology
 
@@ -29,15 +29,17 @@ class Surface:
     displacements: wp.array(dtype=wp.vec4)
     velocities: wp.array(dtype=wp.vec4)
     last_displacements: wp.array(dtype=wp.vec3)
-    seen: wp.array(dtype=wp.vec4)
+    seen: wp.array(dtype=wp.vec3)
     going: wp.array(dtype=wp.vec3)
     asked: wp.array(dtype=wp.int64)
+    strayed: wp.array(dtype=float)
     shortened: wp.array(dtype=float)
 
 
 @wp.struct
 class Members:
-    """Who may meet whom. Panels and bodies are counted through all batches.
+    """Who may meet whom. Panels and bodies are counted through all batches; panels that
+    follow one another lie side by side.
 
     surfaces: (batches x worlds,), all worlds of the first batch first. panels: (P,) batch and number there. bodies:
     (B,) batch, number there, and whether it is kept apart from itself. owners: (P,) the body of a panel. among: whether
@@ -128,9 +130,9 @@ def members_of(
     surfaces, panels, bodies, owners = [], [], [], []
     for number, worlds in enumerate(batches):
         surfaces += [_surface_of(arrays) for arrays in worlds]
-        own = np.arange(worlds[0].model.panels.shape[0])
+        own = _side_by_side(worlds[0].model)
         panels.append(np.column_stack([np.full_like(own, number), own]))
-        owners.append(len(bodies) + worlds[0].model.panel_parts.numpy()[:, 0])
+        owners.append(len(bodies) + worlds[0].model.panel_parts.numpy()[own, 0])
         bodies += [(number, b, int(itself[len(bodies) + b])) for b in range(worlds[0].model.bodies.shape[0])]
     members.surfaces = wp.array(surfaces, dtype=Surface, device=device)
     members.panels = wp.array(np.concatenate(panels).astype(np.int32), dtype=wp.vec2i, device=device)
@@ -150,6 +152,18 @@ def _surface_of(arrays: Arrays) -> Surface:
     surface.bodies, surface.panels, surface.panel_parts = model.bodies, model.panels, model.panel_parts
     surface.rest, surface.frames, surface.materials = model.rest, arrays.frames, arrays.materials
     moving = ("positions", "low", "displacements", "velocities", "last_displacements")
-    for name in (*moving, "seen", "going", "asked", "shortened"):
+    for name in (*moving, "seen", "going", "asked", "strayed", "shortened"):
         setattr(surface, name, getattr(state, name))
     return surface
+
+
+def _side_by_side(model: Model) -> np.ndarray:
+    """The panels of a batch, body by body along a curve through all that lies side by side at rest (Morton 1966)."""
+    body = model.panel_parts.numpy()[:, 0]
+    corners, rest = model.panels.numpy(), model.rest.numpy()
+    corners = model.bodies.numpy()["particles"][body][:, None] + np.where(corners < 0, corners[:, 1:2], corners)
+    middles = rest[corners].mean(axis=1)
+    spread = np.maximum((middles.max(axis=0) - middles.min(axis=0)).max(), 1e-30)
+    cells = ((middles - middles.min(axis=0)) / spread * 1023.0).astype(np.int64)
+    along = sum(((cells[:, axis] >> bit) & 1) << (3 * bit + axis) for bit in range(10) for axis in range(3))
+    return np.lexsort((along, body))

@@ -40,10 +40,6 @@ class Together:
         for batch in batches:
             batch.executor = self._graph
 
-    def begin(self) -> None:
-        """What the host does before a frame."""
-        self._search.begin()
-
     def advance(self, finer: int = 1) -> None:
         """Simulate one frame of all, as their frames were written last."""
         frame = self.batches[0].frame

@@ -1,19 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the list of pairs still holds: while no particle is off its way by more than the slack."""
+"""Which panels have to be looked at again: those with a particle that is off its way by more than the slack."""
 
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, sync_all
 from cloth_sim_ros.sim.meeting.flat import judge
-from cloth_sim_ros.sim.meeting.pairs import Pairs, slack
+from cloth_sim_ros.sim.meeting.pairs import EAGER, Pairs, empty, forget, slack
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, panel_of, place, velocity
 
-_LONGEST = 400  # substeps that a list holds at most
-# Of the mean length of springs, that a particle may be off its way. At least: where much is near, and where hardly
-# anything is, as a longer list costs nothing there. At most: a few particles tremble far more than all others, and
-# shall not have everything looked for anew.
-NEAR, FAR, MOST = 0.05, 0.15, 4.0
+_LONGEST = 400  # substeps that ways are straight at most
+_AGAIN = 0.5  # of all panels, that are looked at again until all are
 
 
 @wp.func
@@ -31,45 +28,89 @@ def goes(surface: Surface, i: int, ends: bool) -> wp.vec3:
 
 
 @wp.func
+def farthest(surface: Surface, panel: Panel) -> float:
+    """How far the corners of a panel are off their ways at most [m]."""
+    a, b = surface.strayed[panel.corners[0]], surface.strayed[panel.corners[1]]
+    c = surface.strayed[panel.corners[2]]
+    return wp.max(a, wp.max(b, c))
+
+
+@wp.func
 def _watch(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
-    """A search is due where a particle is off its way, or ends this substep off it, or a triangle is torn."""
+    """Find how far particles are off their ways, or end this substep off them."""
     panel = panel_of(members, p, w)
     surface = members.surfaces[panel.surface]
     dt = surface.frames[0].dt
     time = float(pairs.clock[0]) * dt
     if has_failed(panel) != pairs.failed[w * members.panels.shape[0] + p]:
+        pairs.clock[1] = 0
         pairs.clock[2] = 1
     for q in range(3):
         if (panel.own >> q) & 1 == 1:
             i = panel.corners[q]
-            off = place(surface, i) - xyz(load_row(surface.seen, i)) - time * surface.going[i]
+            off = place(surface, i) - surface.seen[i] - time * surface.going[i]
             most = wp.length(off)
             if ends:
                 most = wp.max(most, wp.length(off + dt * (goes(surface, i, ends) - surface.going[i])))
-            if not most <= slack(members, pairs, surface, panel.body, i):
+            surface.strayed[i] = most
+            if not most <= slack(members, surface, panel.body):
                 pairs.clock[2] = 1
 
 
 @wp.func
-def _decide(pairs: Pairs, panels: int, ends: bool):
-    """Whether to search now, and for how many substeps: twice as many as the last list held."""
+def _mark(members: Members, pairs: Pairs, p: int, w: int):
+    """Find how far panel p is off its way, and whether it is to be looked at again where a search is due."""
+    panel, t = panel_of(members, p, w), w * members.panels.shape[0] + p
+    surface = members.surfaces[panel.surface]
+    pairs.off[t] = farthest(surface, panel)
+    pairs.astray[t] = not pairs.off[t] <= wp.static(EAGER) * slack(members, surface, panel.body)
+    if pairs.astray[t] and pairs.clock[2] == 1:
+        wp.atomic_add(pairs.clock, 5, 1)
+
+
+@wp.func
+def _decide(members: Members, pairs: Pairs, age: int, ends: bool):
+    """Whether to look at all panels, and for how long their ways are straight then: longer, where that held last."""
+    panels, worlds = members.panels.shape[0], pairs.counts.shape[0]
+    many = float(pairs.clock[5]) > wp.static(_AGAIN) * float(panels * worlds)
+    pairs.clock[2] = 1
+    pairs.clock[3] = wp.where(many or age >= pairs.clock[1], 1, 0)
+    pairs.clock[4] = age
+    if pairs.clock[3] == 1:
+        pairs.clock[1] = wp.clamp(wp.where(many, age, 2 * age), 4, wp.static(_LONGEST))
+        pairs.clock[5] = 0
+    empty(pairs)
+    pairs.clock[0] = wp.where(pairs.clock[3] == 1, 0, age) + wp.where(ends, 1, 0)
+
+
+@wp.func
+def _look(members: Members, pairs: Pairs, ends: bool, number: int, crew: Crew):
+    """Find the panels to look at again, and forget their pairs; called by all threads."""
+    team = number / crew.width
+    t = number - team * crew.width
     age = pairs.clock[0]
-    if pairs.clock[2] == 1 or age >= pairs.clock[1]:
-        pairs.clock[1] = wp.clamp(2 * age, 4, wp.static(_LONGEST))
-        pairs.clock[2] = 1
-        pairs.clock[3] = age
-        age = 0
-        most = int(0)
-        for w in range(pairs.counts.shape[0]):
-            most = wp.max(most, pairs.counts[w, 1])
-        pairs.strays[0] = wp.where(8 * most < panels, wp.static(FAR), wp.static(NEAR))
-        pairs.strays[1] = wp.min(2.0 * pairs.strays[1], wp.static(MOST))
-    pairs.clock[0] = age + wp.where(ends, 1, 0)
+    for w in range(team, members.worlds, crew.teams):
+        for p in range(t, members.panels.shape[0], crew.width):
+            _watch(members, pairs, p, w, ends)
+    sync_all(crew)
+    for w in range(team, members.worlds, crew.teams):
+        for p in range(t, members.panels.shape[0], crew.width):
+            _mark(members, pairs, p, w)
+    if pairs.clock[2] == 0 and age < pairs.clock[1]:
+        if number == 0 and ends:
+            pairs.clock[0] = age + 1
+        return
+    sync_all(crew)
+    for w in range(team, members.worlds, crew.teams):
+        forget(pairs, w, t, crew.width)
+    sync_all(crew)
+    if number == 0:
+        _decide(members, pairs, age, ends)
 
 
 @cooperative
 def look(members: Members, pairs: Pairs, ends: bool, crew: Crew):
-    """Find out whether anything is folded, and whether the list still holds then."""
+    """Find out whether anything is folded, and which panels have to be looked at again then."""
     number = number_of(wp.tid(), crew)
     team = number / crew.width
     t = number - team * crew.width
@@ -80,11 +121,6 @@ def look(members: Members, pairs: Pairs, ends: bool, crew: Crew):
         sync_all(crew)
     if pairs.folded[0] == 0:
         return
-    for w in range(team, members.worlds, crew.teams):
-        for p in range(t, members.panels.shape[0], crew.width):
-            _watch(members, pairs, p, w, ends)
     for round in range(number, pairs.rounds.shape[0], crew.width * crew.teams):
         pairs.rounds[round] = 0
-    sync_all(crew)
-    if number == 0:
-        _decide(pairs, members.panels.shape[0], ends)
+    _look(members, pairs, ends, number, crew)

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Boxes that overlap: none is passed over."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from cloth_sim_ros.sim.meeting.boxes import CLUSTER, Boxes, before, boxes_of, clusters_of, next_near, surround
+
+
+@wp.kernel
+def _count(boxes: Boxes, panels: int, team: int, found: wp.array2d(dtype=int)):
+    t = wp.tid() / team
+    w = t / panels
+    q = next_near(boxes, panels, w, t, before(wp.tid() % team, team), team)
+    while q < panels:
+        wp.atomic_add(found, t, q, 1)
+        q = next_near(boxes, panels, w, t, q, team)
+
+
+@pytest.mark.parametrize("team", [1, 4, 32])
+@pytest.mark.parametrize("panels", [1, CLUSTER - 1, CLUSTER, 5 * CLUSTER + 7])
+def test_each_box_that_overlaps_is_found_once(device, panels, team):
+    worlds, random = 2, np.random.default_rng()
+    middles = np.cumsum(random.normal(0.0, 0.3, (worlds * panels, 3)), axis=0)  # what follows lies side by side
+    sizes = random.uniform(0.0, 1.0, (worlds * panels, 1))
+    lows, highs = (middles - sizes).astype(np.float32), (middles + sizes).astype(np.float32)
+    boxes = boxes_of(worlds, panels, device)
+    boxes.lows.assign(lows)
+    boxes.highs.assign(highs)
+    found = wp.zeros((worlds * panels, panels), dtype=int, device=device)
+    wp.launch(surround, worlds * clusters_of(panels), [boxes, panels], device=device)
+    wp.launch(_count, worlds * panels * team, [boxes, panels, team, found], device=device)
+    wanted = [
+        np.all((lows[t] <= highs[of_world]) & (lows[of_world] <= highs[t]), axis=1)
+        for t in range(worlds * panels)
+        for of_world in [slice(t // panels * panels, (t // panels + 1) * panels)]
+    ]
+    assert np.array_equal(found.numpy(), np.array(wanted, int))
