@@ -85,6 +85,16 @@ def test_error_of_a_rope_for_as_long_as_asked(monkeypatch, tmp_path, capsys):
     assert "allowed is 0.5 s" in capsys.readouterr().err
 
 
+def test_touching_has_a_row_a_scene(monkeypatch, capsys):
+    options = ("--resolution", 8, "--substeps", 20, "--seconds", 0.3, "--device", "cpu")
+    assert command(monkeypatch, "touching", *options) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("8 x 8")]
+    assert [row[3] for row in rows] == ["falls", "hangs"]
+    for row in rows:
+        substeps, median, most, without, crossings = (float(row[k]) for k in (-7, -6, -4, -2, -1))
+        assert substeps == 20 and 0.0 < median <= most and without > 0.0 and crossings == 0
+
+
 def test_report_of_nothing_says_what_to_run(monkeypatch, tmp_path, capsys):
     assert command(monkeypatch, "report", "--folder", tmp_path, "--images", tmp_path) == 2
     assert "run the commands error" in capsys.readouterr().err
