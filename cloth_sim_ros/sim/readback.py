@@ -133,8 +133,8 @@ class Surface:
         self._sim, self._object = sim, (name, world)
         self._all, self.tears = sim.triangles(name), sim.tears(name)
         self._left, self._done = None, None
+        device = sim.device_arrays(name, world)[2]
         if self.tears:
-            device = sim.device_arrays(name, world)[2]
             count = sim.panels_left(name, world).shape[0]
             self._left = wp.empty(count, dtype=wp.vec3i, device="cpu", pinned=device.is_cuda)
             self._done = wp.Event(device) if device.is_cuda else None

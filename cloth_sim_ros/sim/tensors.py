@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -103,15 +104,15 @@ class Tensors:
         if name not in self._bodies.scene.objects:
             motions, row, _ = self._mover(name)
             _check_word(name, what, _OF_POSES[:1])
-            poses = self._shaped(on_host(array), name, what, (7,))
+            poses = self._shaped(_numbers, array, name, what, (7,))
             motions.reach(row, some, name, (poses[:, :3], poses[:, 3:]), sweep)
             return
         _check_word(name, what, (*_MOST, "pose"))
         if what == "pose":
-            poses = checked_poses(self._shaped(on_host(array), name, what, (7,)), name)
+            poses = checked_poses(self._shaped(_numbers, array, name, what, (7,)), name)
             self._bodies.batch[name].write_pose(name, poses, self._bodies.chosen(some))
             return
-        values = self._shaped(self._on_device(array), name, what, (len(self._bodies.topology(name).masses), 3))
+        values = self._shaped(self._on_device, array, name, what, (len(self._bodies.topology(name).masses), 3))
         chosen = self._bodies.chosen(some)
         if not len(chosen):
             return
@@ -151,11 +152,21 @@ class Tensors:
             array = wp.array(array.numpy(), dtype=wp.float64, device=device)
         return array.to(device)
 
-    def _shaped(self, array: Any, name: str, what: str, shape: tuple[int, ...]) -> Any:
+    def _shaped(self, convert: Callable, array: Any, name: str, what: str, shape: tuple[int, ...]) -> Any:
         wanted = (self._bodies.worlds, *shape)
+        try:
+            array = convert(array)
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"{name} {what} are {str(array)[:60]!r}; allowed is an array of numbers of shape {wanted}"
+            ) from None
         if tuple(array.shape) != wanted:
             raise ValueError(f"{name} {what} have shape {tuple(array.shape)}; allowed is {wanted}, a row a world")
         return array
+
+
+def _numbers(array: Any) -> np.ndarray:
+    return np.asarray(on_host(array), dtype=np.float64)
 
 
 def _is_foreign(array: Any) -> bool:

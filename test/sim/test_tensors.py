@@ -6,7 +6,7 @@ import pytest
 import warp as wp
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Handle, Plane, Rope, Scene, Simulation, Sphere, Wind
+from cloth_sim_ros.sim import Cloth, Handle, Plane, Rope, Scene, Simulation, Sphere, Surface, Wind
 
 WORLDS = 4
 MASK = np.array([False, True, False, True])
@@ -194,6 +194,12 @@ def test_contact_forces_of_what_lies_carry_its_weight(device, others):
         (lambda sim: sim.set("wind.velocity", [0, 1, 1, 0]), "wind.velocity is .*; allowed is 3 finite numbers"),
         (lambda sim: sim.write("sheet", "positions", np.zeros((4, 35, 3))), r"have shape \(4, 35, 3\); allowed is"),
         (lambda sim: sim.write("sheet", "positions", np.full((4, 36, 3), np.nan)), "not finite or too large; allowed"),
+        (
+            lambda sim: sim.write("sheet", "positions", "far"),
+            r"sheet positions are 'far'; allowed is an array of numbers",
+        ),
+        (lambda sim: sim.write("ball", "pose", {"x": 1}), "ball pose are .* allowed is an array of numbers"),
+        (lambda sim: Surface(sim, "sheet", world=7), "world is 7; allowed"),
         (lambda sim: sim.write("sheet", "wrench", np.zeros((4, 7))), "what is 'wrench'; allowed of sheet is positions"),
         (lambda sim: sim.write("sheet", "pose", np.zeros((4, 7))), "sheet.orientation is .* in row 0; allowed"),
         (lambda sim: sim.write("sheet", "pose", np.full((4, 7), np.nan)), "sheet.position has shape .* allowed are"),
