@@ -45,6 +45,7 @@ def own_workers():
     return found
 
 
+@pytest.mark.long
 def test_any_number_of_workers_finds_the_same_also_when_one_is_killed(workers):
     recording = record(drawn(15), "cpu", noise=0.002, seen="shuffled", frames=20)
     given = (scene(GUESS), SETTINGS, recording, FIT[:2], WORLDS, "cpu")

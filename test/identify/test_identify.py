@@ -80,6 +80,7 @@ def test_unordered_points_with_2_mm_noise_give_5_percent(device):
     assert 0.001 < found.noise < 0.006
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "noise", "most"), [(11, 0.0, 0.01), (13, 0.002, 0.05)])
 def test_a_cloud_anywhere_on_the_surface_gives_as_much(device, seed, noise, most):
     """Which a depth camera sees: its points are no particles, and none of them lies at the edge."""
@@ -89,6 +90,7 @@ def test_a_cloud_anywhere_on_the_surface_gives_as_much(device, seed, noise, most
     assert np.abs(errors(found, truth)).max() < most, errors(found, truth)
 
 
+@pytest.mark.long
 def test_an_interval_allows_for_how_a_node_computes(device):
     """At the defaults, where substeps are those of the true values and the search takes those of the stiffest."""
     truth = drawn(12)

@@ -113,6 +113,7 @@ def number(told, before):
     return float(told.split(before)[1].split()[0])
 
 
+@pytest.mark.long
 def test_material_and_delay_are_found(identified):
     status, told, values = identified(*SEEN, "--delay=-0.02:0.1")
     assert status == 0, told

@@ -40,6 +40,7 @@ def test_a_towel_that_is_held_is_not_hung(device):
     assert not run(HangTowel(4, device), plan)[4]["success"].any()
 
 
+@pytest.mark.long
 def test_a_plan_over_worlds_hangs_at_least_95_of_100(device):
     """Its guess hangs a third of them. Those that hang stay longer than the episode asks for."""
     guess = over_the_peg()

@@ -2,6 +2,7 @@
 """The cable to be laid around pegs: what counts as laid, and a plan that lays it."""
 
 import numpy as np
+import pytest
 from paths import along, run
 
 from cloth_sim_ros.learn import RouteCable, mppi
@@ -43,6 +44,7 @@ def test_a_hand_that_goes_around_all_pegs_lays_the_cable(device):
     assert not other["success"].any() and (other["distance"] > info["distance"]).all()
 
 
+@pytest.mark.long
 def test_a_plan_over_worlds_lays_at_least_95_of_100(device):
     """Its guess leaves the cable slack."""
     guess = around_the_pegs(0.06, 0.79)

@@ -10,6 +10,7 @@ from cloth_sim_ros.learn import FoldTowel, HangTowel, RouteCable
 TASKS = {"FoldTowel": FoldTowel, "HangTowel": HangTowel, "RouteCable": RouteCable}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TASKS)
 def test_it_is_a_vector_environment(device, name):
     env = gymnasium.make_vec(f"cloth_sim_ros/{name}-v0", num_envs=4, device=device)
@@ -36,6 +37,7 @@ def test_it_is_a_vector_environment(device, name):
     env.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TASKS)
 def test_pictures_show_each_world_and_the_hands(device, name):
     pytest.importorskip("matplotlib"), pytest.importorskip("trimesh")

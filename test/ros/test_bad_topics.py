@@ -61,6 +61,7 @@ def one_warning(net: NodeProcess, bad, text: str) -> None:
 NAN, INF = math.nan, math.inf
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("position", "orientation", "header", "text"),
     [

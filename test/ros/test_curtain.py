@@ -45,6 +45,7 @@ def settle(client: Client, component: int, timeout: float = 20.0) -> np.ndarray:
     return found[0]
 
 
+@pytest.mark.long
 def test_sends_60_clouds_a_second(curtain):
     def rate() -> float:
         curtain.clouds.clear()
@@ -121,6 +122,7 @@ def test_the_wind_lifts_the_curtain(curtain):
     assert windy[lower, 2].mean() > calm[lower, 2].mean() + 0.02
 
 
+@pytest.mark.long
 def test_compliance_changes_the_sag(curtain):
     lower = slice(0, COLUMNS)
     stiff = settle(curtain, 2)[lower, 2].mean()

@@ -96,6 +96,7 @@ def channels(file, node):
     return {path: array(file, sampler.output) for path, sampler in found.items()}, times
 
 
+@pytest.mark.long
 def test_gltf_has_the_vertices_of_the_bag(bag, tmp_path):
     import pygltflib
     import trimesh

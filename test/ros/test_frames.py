@@ -83,6 +83,7 @@ def test_what_the_buffer_cannot_tell_is_refused_with_its_reason(frame, stamp, wo
         read_pose(pose(frame_id=frame, stamp=stamp), Frames("world", buffer=Buffer()))
 
 
+@pytest.mark.long
 def test_a_collider_goes_with_its_frame_and_what_is_late_is_told(caplog):
     caplog.set_level(logging.INFO)
     buffer = Buffer(newest=1.0)

@@ -45,6 +45,7 @@ def goes(client, z):
     client.publish("/cloth_sim/grippers/hand/pose", message)
 
 
+@pytest.mark.long
 def test_it_lifts_at_its_force_and_drops_at_half_of_it(hand, client):
     assert hand.states[-1].position[0] == pytest.approx(0.03) and hand.states[-1].name == ["hand"]
     pressed = lambda: hand.states[-1].effort[0] == pytest.approx(1.4 * NEEDED, rel=0.02)  # noqa: E731

@@ -47,6 +47,7 @@ def hold(client, handle, on):
     return client.call(SetBool, f"/cloth_sim/handles/{handle}/attach", SetBool.Request(data=on))
 
 
+@pytest.mark.long
 def test_two_hands_lift_fold_and_lay_down_a_towel(towel, client):
     wrenches = {
         side: client.listen(WrenchStamped, f"/cloth_sim/handles/{side}/wrench", 1) for side in ("left", "right")

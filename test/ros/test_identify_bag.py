@@ -52,6 +52,7 @@ def identified(bag, scene, *arguments):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False)
 
 
+@pytest.mark.long
 def test_the_stiffness_of_a_nodes_cloth_is_found_in_its_bag(bag, tmp_path):
     scene, found = tmp_path / "guess.yaml", tmp_path / "found.yaml"
     scene.write_text(SCENE.replace("0.004", "0.02"))

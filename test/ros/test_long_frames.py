@@ -3,6 +3,7 @@
 
 import signal
 
+import pytest
 from client import fields
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import PointCloud2
@@ -17,6 +18,7 @@ SHEET = """
 """
 
 
+@pytest.mark.long
 def test_a_frame_without_end_is_told_of(start, client):
     node = start(SHEET).ready()
     clouds = client.listen(PointCloud2, "/cloth_sim/sheet/particles", 1)

@@ -34,6 +34,7 @@ def room(start, tmp_path):
     return start(SCENE.format(folder=tmp_path)).ready()
 
 
+@pytest.mark.long
 def test_cloth_lies_on_a_file_and_bad_ones_are_refused(room, client, tmp_path):
     assert "broken: Mesh of '" in room.log and "is open at 3 edges" in room.log
     assert "it is left out until a parameter change mends it" in room.log

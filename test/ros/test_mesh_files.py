@@ -108,6 +108,7 @@ def ask_for_mesh(client, path):
     )
 
 
+@pytest.mark.long
 def test_no_request_waits_for_a_mesh_to_be_read(start, client, large):
     start(MESH_AND_ROPE).ready()
     clouds = client.listen(PointCloud2, "/cloth_sim/rope/particles", 10)

@@ -12,6 +12,7 @@ from sensor_msgs.msg import PointCloud2
 from cloth_sim_ros.ros.params_file import is_for
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("key", "node", "matches"),
     [

@@ -66,6 +66,7 @@ def test_a_cloth_is_kept_apart_from_itself_from_now_on(node, client):
     assert diagnostics(client)["cloth.crossings"] == "0"
 
 
+@pytest.mark.long
 def test_what_cannot_be_is_refused_with_the_reason_and_what_is_taken_acts(node, client):
     refusals = {
         ("device", "cuda:77"): "device is 'cuda:77'; allowed is auto or one of cpu",

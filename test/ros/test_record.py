@@ -121,6 +121,7 @@ def copied(bag, to, change=lambda topic, data: data, only="", **writing):
     return to
 
 
+@pytest.mark.long
 def test_a_recorded_node_is_replayed_to_the_same_bits(bag):
     said, _ = replayed(bag)
     assert " not" in said and said.splitlines()[-1].endswith(", 0 not") and " differ" not in said
@@ -200,6 +201,7 @@ def test_bags_of_other_storages_are_read(bag, tmp_path):
     assert said.splitlines()[-1].endswith(", 0 not")
 
 
+@pytest.mark.long
 def test_what_cannot_be_replayed_is_refused_in_a_sentence(bag, tmp_path):
     def refused(path):
         said, error = replayed(path, status=1)

@@ -43,6 +43,7 @@ def values(**changes):
     return found | {name.replace("__", "."): value for name, value in changes.items()}
 
 
+@pytest.mark.long
 def test_the_defaults_make_a_simulation():
     plan = make_plan(values())
     assert not plan.problems and plan.scene.wind is None

@@ -54,6 +54,7 @@ def reaches(node, client, low, high):
     return inside()
 
 
+@pytest.mark.long
 def test_a_marker_pushes_the_cloth_moves_and_goes(room, client):
     assert reaches(room, client, 0.99, 1.01)
     send(client, marker(1, Marker.SPHERE, (0.2, 0.2, 0.2), (0, 0, 0.93)))

@@ -51,6 +51,7 @@ def drive_hands(sim, module, place):
     return drive
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scene", SCENES)
 def test_every_scene_is_commented_runs_and_stays_sound(scene):
     text = (ROOT / f"config/{scene}.yaml").read_text()

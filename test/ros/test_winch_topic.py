@@ -44,6 +44,7 @@ def lines(node, text):
     return [line for line in node.log.splitlines() if text in line]
 
 
+@pytest.mark.long
 def test_pays_out_by_topic_up_to_its_limit_and_goes_on_after_a_rebuild(winch, client):
     client.spin(0.5)
     assert winch.height() == pytest.approx(1.5, abs=1e-3)

@@ -4,6 +4,7 @@
 import logging
 
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from test_scene_plan import COLLIDERS, values
 
@@ -32,6 +33,7 @@ def test_reset_brings_objects_back_and_leaves_colliders_where_their_senders_put_
     assert pushed[:, 2].max() > 0.02, "the ball still reaches into the sheet and pushes it up at once"
 
 
+@pytest.mark.long
 def test_the_error_of_a_frame_is_estimated_once_a_period():
     world = World(values(device="cpu"), logging.getLogger("test"))
     assert world.build(world.values) and world.estimates == {}
@@ -86,6 +88,7 @@ def build(changes):
     assert world.build(world.values)
 
 
+@pytest.mark.long
 def test_what_starts_inside_of_a_collider_or_crosses_itself_is_told_at_once(caplog):
     """A ball of 0.3 m has its middle in the sheet of 5 mm, which can be moved or not. Then it is away, and a rope goes
     through the sheet."""
@@ -130,6 +133,7 @@ def test_a_loaded_state_brings_its_poses_and_parameters_and_no_old_news(caplog, 
     assert second.load(tmp_path / "none.npz")[0] is False
 
 
+@pytest.mark.long
 def test_a_hand_that_should_hold_something_and_does_not_is_told(caplog):
     far = values(device="cpu", handles=("hand",))
     rows = names.prefixed("hand", names.HANDLE)

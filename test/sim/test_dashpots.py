@@ -72,6 +72,7 @@ def by_midpoints(cloth, damping):
     return np.array(rows)
 
 
+@pytest.mark.long
 def test_the_error_of_a_damped_sheet_falls_with_the_square_of_the_substeps(device):
     """It would be 13 % of the motion at 13 substeps, and fall by half only, were slips those of a line's own solve."""
     damping = 0.02

@@ -66,6 +66,7 @@ def test_hung_and_loaded_sheets_are_strained_as_their_springs_are(device, kind, 
     assert found == pytest.approx(wanted, rel=0.05, abs=5e-6), sim.choices["it"].reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "side"), [("grid", 8), ("grid", 24), ("mesh", 8), ("mesh", 16)])
 def test_rigid_sheets_are_not_strained(device, kind, side):
     sim, x = at_rest(sheet(kind, side, 0.0, 5.0), device)
@@ -130,6 +131,7 @@ def test_a_membrane_rings_at_its_frequencies(device, side, mode):
     assert frequency(amplitudes) == pytest.approx(wanted, rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gamma", [0.5, 5.0, 50.0])
 @pytest.mark.parametrize("kind", ["grid", "mesh"])
 def test_a_cantilever_hangs_as_the_heavy_elastica(device, kind, gamma):

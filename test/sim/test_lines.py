@@ -133,6 +133,7 @@ def test_a_substep_is_what_dense_matrices_find(device, kind, compliance, damping
     assert np.abs(wanted - v - H * GRAVITY)[~topology.pinned].max() > 0.1 * np.abs(wanted).max(), "springs acted"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("side", [16, 32, 64])
 @pytest.mark.parametrize(("iterations", "within"), [(1, 0.1), (4, 0.03)])
 def test_a_hung_sheet_is_as_long_as_its_springs_make_it(device, side, iterations, within):

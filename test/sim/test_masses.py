@@ -51,6 +51,7 @@ def equal(a, b):
     return all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("settings", "plate"),
     [
@@ -85,6 +86,7 @@ def test_a_mass_that_is_set_is_that_of_a_scene_built_with_it(device, settings, p
         assert np.array_equal(told.end_wrenches("winched"), built.end_wrenches("winched"))
 
 
+@pytest.mark.long
 def test_each_world_is_what_it_would_be_alone_and_others_keep_theirs(device, tmp_path):
     settings = fixed(order=2)
     many = Simulation(scene(), settings, device, WORLDS)

@@ -75,6 +75,7 @@ def turning(frame, collider):
     return (0.002 * frame, 0, 0.008 * frame - 0.1), (0, np.sin(angle / 2), 0, np.cos(angle / 2))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("executor", "settings"), WAYS)
 @pytest.mark.parametrize("name", ["ball", "pole", "slab"])
 def test_a_mesh_pushes_a_sheet_as_its_shape(alone, device, name, executor, settings):
@@ -169,6 +170,7 @@ def scene_of_both():
     return Scene({"it": sheet}, {"mesh": mesh, "volume": volume})
 
 
+@pytest.mark.long
 def test_worlds_share_a_mesh_and_each_is_what_it_would_be_alone(device):
     many = Simulation(scene_of_both(), fixed(), device, worlds=3)
     alone = [Simulation(scene_of_both(), fixed(), device) for _ in range(3)]
@@ -206,6 +208,7 @@ def test_a_saved_state_goes_on_with_the_mesh_of_another_process(device, tmp_path
         Simulation(moved, fixed(), device).load(tmp_path / "state.npz")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shapes", [("mesh", "signed_distance")])
 def test_both_compile_for_cuda(shapes, tmp_path):
     features = Features(False, False, "", shapes, 2, "xpbd", surface=True)

@@ -39,6 +39,7 @@ def always(monkeypatch):
     monkeypatch.setattr(bodies, "FEW", 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("executor", "settings"), WAYS)
 def test_colliders_out_of_reach_change_no_bit(device, executor, settings, always, monkeypatch):
     """Also where they come last or first, one moves, one passes by and touches, and the sheet is thrown at them."""
@@ -66,6 +67,7 @@ def test_colliders_out_of_reach_change_no_bit(device, executor, settings, always
         assert not np.any(many.wrench("far7"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("executor", "settings"), WAYS)
 def test_what_is_hit_away_meets_the_wall_behind_in_the_same_frame(device, executor, settings, always):
     """A free particle at rest is hit at 90 m/s, so that it leaves all that could be foreseen of it."""

@@ -98,6 +98,7 @@ def test_sheet_on_a_sphere_does_not_creep_off(draped):
     assert np.linalg.norm(last[top] - first[top]) < 2e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", [1, 2])
 def test_an_edge_that_falls_on_a_bar_stays_there(device, order):
     rod = Rope(start=(-0.1, 0, 0.1), end=(0.1, 0, 0.1), segments=1, pins=None, mass=0.1)

@@ -83,6 +83,7 @@ def scaled(settings, device, explicit=False):
     return sim
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "settings",
     [{"order": 2}, {"order": 1, "iterations": 2}, {"method": "verlet", "substeps": 200}],
@@ -318,6 +319,7 @@ def test_scales_are_drawn_and_hands_grasp_what_is_there_then(device):
     assert [sim.held("hand", w) for w in range(4)] == [1, 1, 1, 1]
 
 
+@pytest.mark.long
 def test_bad_scales_are_refused_and_change_nothing(device):
     objects = {
         "it": Cloth((4, 4), position=(0, -2, 1), **PLATE),

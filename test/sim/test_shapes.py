@@ -69,6 +69,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SHAPES)
 def test_the_distance_is_that_of_the_nearest_point_of_the_surface(name):
     collider, surface, inside = SHAPES[name]

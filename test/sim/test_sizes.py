@@ -52,6 +52,7 @@ def states(sim, world=0):
     return sim.positions("sheet", world), sim.velocities("sheet", world)
 
 
+@pytest.mark.long
 def test_each_world_is_what_it_would_be_built_with_its_sizes(device):
     many = Simulation(scene(), fixed(), device, worlds=WORLDS)
     alone = [Simulation(scene(w), fixed(), device) for w in range(WORLDS)]

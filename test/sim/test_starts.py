@@ -89,6 +89,7 @@ def test_what_is_in_one_place_or_pinned_stays_there_and_a_calm_start_is_taken_to
     assert np.ptp(found[:90], axis=0).max() == 0.0 and np.array_equal(found[list(HELD)], x[list(HELD)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("thing, collider", INSIDE.values(), ids=INSIDE)
 def test_what_starts_inside_of_a_collider_starts_outside_of_it_unstrained_and_is_not_flung(device, thing, collider):
     """At first it falls. Later a corner may be faster, as that of any sheet that falls on an edge."""

@@ -48,6 +48,7 @@ def test_it_agrees_with_the_implicit_method_in_the_limit(device):
     assert np.abs(sim.positions("it") - final(device, 320)).max() < 3e-5
 
 
+@pytest.mark.long
 def test_executors_agree_with_wind_and_colliders(device):
     scene = Scene(
         {"it": Cloth(resolution=(9, 9), pins="top", damping=1e-4)},

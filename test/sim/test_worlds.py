@@ -50,6 +50,7 @@ def states(sim, world=0):
     return [read(name, world) for name in sim.scene.objects for read in (sim.positions, sim.velocities)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("executor", "settings"), SETTINGS)
 def test_each_world_is_what_it_would_be_alone(device, executor, settings):
     with forced_executor(executor):
@@ -194,6 +195,7 @@ def test_more_worlds_than_memory_are_refused():
         Simulation(sheet, device="cpu", worlds=65536)
 
 
+@pytest.mark.long
 def test_a_tensor_shows_all_worlds_without_a_copy(device):
     sim = Simulation(scene(), fixed(), device, worlds=3)
     views = {name: sim.tensor(name, "positions") for name in sim.scene.objects}

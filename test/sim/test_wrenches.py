@@ -22,6 +22,7 @@ def sheet(**more):
     return Cloth(resolution=(16, 16), pins="none", **{"position": (0, 0, 0.006), **more})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("executor", "settings"), WAYS)
 def test_the_weight_of_a_cloth_is_read_from_what_it_lies_on(device, executor, settings):
     scene = Scene({"cloth": sheet()}, {"floor": Plane(), "ball": Sphere(radius=0.6, position=(0, 0, 5))})
@@ -45,6 +46,7 @@ def test_the_torque_is_about_the_origin_of_the_collider(device):
 BALLS = [(*way, radius) for radius in (0.6, 0.05) for way in WAYS if not (way[0] == "subdomains" and radius < 0.1)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("executor", "settings", "radius"), BALLS)
 def test_what_a_moving_collider_gives_is_the_momentum_that_the_cloth_gains(device, executor, settings, radius):
     scene = Scene(
@@ -70,6 +72,7 @@ def test_a_rope_over_a_pole_weighs_on_it(device):
     assert sim.wrench("pole")[0][2] == pytest.approx(-0.3 * 9.81, rel=0.005)
 
 
+@pytest.mark.long
 def test_two_colliders_share_a_weight_in_every_world(device):
     boxes = {
         name: Box(half_extents=(0.2, 0.6, 0.1), position=(x, 0, -0.1)) for name, x in (("left", -0.3), ("right", 0.3))

@@ -27,6 +27,7 @@ def simulations(tmp_path):
     return found
 
 
+@pytest.mark.long
 def test_the_winch_holds_five_kilograms_and_the_hose_half_a_turn(simulations):
     cable, hose = simulations["cable"], simulations["hose"]
     cable.set("solver.global_damping", 10.0)

@@ -209,6 +209,7 @@ def test_bending_of_the_reference_is_the_beams():
     assert -down[-1] == pytest.approx(chain, rel=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case, settings, error", [
     ("incline", {"order": 2, "substeps": 40}, 2e-6),
     ("cantilever", {"order": 2, "substeps": 40, "iterations": 4}, 3e-5),

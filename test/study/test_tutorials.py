@@ -76,6 +76,7 @@ def test_the_choice_says_what_the_budget_misses(tmp_path):
     assert all(reason in shown for _, reason in asked), "the page shows what is printed"
 
 
+@pytest.mark.long
 def test_the_driver_lifts_the_towel_and_feels_its_weight(tmp_path):
     """By the page's own node file and script, as two programs."""
     pytest.importorskip("rclpy")

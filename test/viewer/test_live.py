@@ -52,6 +52,7 @@ def particles(client, name: str) -> np.ndarray:
     return fields(clouds[-1])[:, :3]
 
 
+@pytest.mark.long
 def test_objects_are_where_their_particles_are(shown, client):
     shown.page.press("pause")
     shown.until(lambda: shown.page.status == "paused")

@@ -81,6 +81,7 @@ def test_two_viewers_have_a_port_each(command):
     assert first != second
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [("port:=no", "port"), ("port:=0", "1 to 65535"), ("host:=300.1.1.1", "300.1.1.1"), ("node:='a b'", "is 'a b'")],
@@ -92,6 +93,7 @@ def test_what_cannot_be_is_told_in_one_sentence(command, given, sentence):
     assert printed.startswith("cloth_sim_viewer: ") and sentence in printed and "Traceback" not in printed
 
 
+@pytest.mark.long
 def test_the_demonstration_tells_the_page_and_without_is_headless(command):
     demo = command("cloth_sim_ros.demo", "towel", "--seconds", "12")
     served(demo.wait_for(ADDRESS).group(1), 10)

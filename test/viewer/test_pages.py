@@ -128,6 +128,7 @@ def test_one_segment_needs_one_iteration():
         assert rope.stretch == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.long
 def test_stretch_falls_with_iterations_and_xpbd_comes_to_the_closed_form(open_page, monkeypatch):
     page = open_page(iterations.Iterations)
     counts = (1, 4, 16, 64, 800)
