@@ -16,7 +16,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
-from cloth_sim_ros.sim.meeting.pairs import OF_REST, Pairs
+from cloth_sim_ros.sim.meeting.pairs import AGE, HOLDS, OF_REST, Pairs
 from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, panel_of, place
 
 _MARGIN = wp.constant(0.05)  # of m, by which what was folded has to be flatter to count as flat again
@@ -91,8 +91,8 @@ def _empty(pairs: Pairs):
         pairs.counts[wp.tid(), 0] = 0
         pairs.counts[wp.tid(), 1] = 0
         if wp.tid() == 0:
-            pairs.clock[0] = 0
-            pairs.clock[1] = 0
+            pairs.clock[AGE] = 0
+            pairs.clock[HOLDS] = 0
 
 
 class Flat:

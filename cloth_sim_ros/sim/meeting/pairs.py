@@ -13,6 +13,10 @@ OF_REST = 0.8
 # Of the mean length of springs, that a particle may be off its way; and of that, from where on it is looked at again
 # where a search is due anyway.
 _SLACK, EAGER = 0.1, 0.5
+# Numbers of Pairs.clock: substeps since all panels were looked at, and for how many their ways are straight; whether
+# a search is due, and whether it is of all panels, 2 where their ways are found already; AGE when it was due; and how
+# many panels were looked at again since all were.
+AGE, HOLDS, DUE, WHOLE, WAS, AGAIN = (wp.constant(k) for k in range(6))
 CLOSE = 1.25  # times how far they are kept apart, nearer than which other pairs may push two parts together
 
 
@@ -38,13 +42,11 @@ class Pairs:
     kept, starts: how far parts are kept apart, and how far they at least were when the substep began [m].
     rooms: how much further than they are kept apart they come to be on their ways [m].
 
-    clock: (6,) substeps since all panels were looked at, for how many ways are straight, whether a search is due,
-    whether it is of all panels (2 where their ways are found already), the clock when it was due, and how many panels
-    were looked at again since. ways: of all panels of all worlds. off: how far their corners are off them at most [m].
-    astray: whether that is more than the slack. failed: which are torn. balls, drifts: middle and radius of the ball
-    around a panel and all that it may meet, and how far that goes [m]. sums: (W, 4) of all velocities when the frame
-    began, in whole numbers, and whether a particle is pinned. rounds: (64,) whether the bound had to shorten a way in
-    each of its rounds.
+    clock: (6,) see above. ways: of all panels of all worlds. ranges: how far they go in this substep [m]. off: how far
+    their corners are off their ways at most [m]. astray: whether that is so much that a search is for them. failed:
+    which are torn. balls, drifts: middle and radius of the ball around a panel and all that it may meet, and how far
+    that goes [m]. sums: (W, 4) of all velocities when the frame began, in whole numbers, and whether a particle is
+    pinned. rounds: (64,) whether the bound had to shorten a way in each of its rounds.
 
     folded: (2,) whether parts of one body may meet, see flat.py, now and in the frame before. turns: (W x B,) how the
     rest shapes of bodies lie.
@@ -80,13 +82,13 @@ def slack(members: Members, surface: Surface, body: int) -> float:
 @wp.func
 def is_due(pairs: Pairs, t: int) -> bool:
     """Whether a search is for what panel t of all worlds may meet."""
-    return pairs.clock[3] > 0 or pairs.astray[t]
+    return pairs.clock[WHOLE] > 0 or pairs.astray[t]
 
 
 @wp.func
 def time_ahead(pairs: Pairs, surface: Surface) -> float:
     """For how long ways are straight [s]."""
-    return float(pairs.clock[1]) * surface.frames[0].dt
+    return float(pairs.clock[HOLDS]) * surface.frames[0].dt
 
 
 @wp.func
@@ -241,5 +243,5 @@ def empty(pairs: Pairs):
     """Begin a search: the couples are its own, and the list of pairs where it is of all panels."""
     for w in range(pairs.counts.shape[0]):
         pairs.counts[w, 0] = 0
-        if pairs.clock[3] > 0:
+        if pairs.clock[WHOLE] > 0:
             pairs.counts[w, 1] = 0

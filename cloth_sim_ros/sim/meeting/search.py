@@ -20,8 +20,13 @@ from cloth_sim_ros.sim.meeting.boxes import CLUSTER, Boxes, before, boxes_of, cl
 from cloth_sim_ros.sim.meeting.cooperative import Crew, recorded
 from cloth_sim_ros.sim.meeting.nearest import crosses
 from cloth_sim_ros.sim.meeting.pairs import (
+    AGE,
+    DUE,
     EAGER,
+    HOLDS,
     TESTS,
+    WAS,
+    WHOLE,
     Pairs,
     Way,
     empty,
@@ -48,22 +53,22 @@ def _foresee(members: Members, pairs: Pairs, ends: bool):
 
     All ways start when all panels were looked at: who got off its way since seems to have come from elsewhere.
     """
-    if pairs.clock[3] == 2:
+    if pairs.clock[WHOLE] == 2:
         return
     panels = members.panels.shape[0]
     w = wp.tid() / panels
     panel = panel_of(members, wp.tid() - w * panels, w)
     surface = members.surfaces[panel.surface]
     dt = surface.frames[0].dt
-    time = float(wp.max(pairs.clock[4], 1)) * dt
-    since = float(wp.where(pairs.clock[3] == 1, 0, pairs.clock[4])) * dt
+    time = float(wp.max(pairs.clock[WAS], 1)) * dt
+    since = float(wp.where(pairs.clock[WHOLE] == 1, 0, pairs.clock[WAS])) * dt
     most = slack(members, surface, panel.body)
     pairs.failed[wp.tid()] = has_failed(panel)
     for q in range(3):
         i = panel.corners[q]
         if (panel.own >> q) & 1 == 1:
             x = place(surface, i)
-            if pairs.clock[3] == 0 and surface.strayed[i] <= wp.static(EAGER) * most:
+            if pairs.clock[WHOLE] == 0 and surface.strayed[i] <= wp.static(EAGER) * most:
                 continue
             mean, now = (x - surface.seen[i]) / time, goes(surface, i, ends)
             trembles = wp.length(mean) < 0.5 * wp.length(now)
@@ -129,7 +134,7 @@ def _couple(members: Members, pairs: Pairs, boxes: Boxes, team: int):
     panels = members.panels.shape[0]
     w = t / panels
     first, p = w * panels, t - w * panels
-    start = wp.where(pairs.clock[3] > 0, p / wp.static(CLUSTER), 0)  # of all panels, those that follow are enough
+    start = wp.where(pairs.clock[WHOLE] > 0, p / wp.static(CLUSTER), 0)  # of all panels, those that follow are enough
     q = next_near(boxes, panels, w, t, before(start + wp.tid() % team, team), team)
     while q < panels:
         if q > p or (q < p and not is_due(pairs, first + q)):
@@ -168,12 +173,12 @@ def _accept(pairs: Pairs, ends: bool):
     full = bool(False)
     for w in range(pairs.counts.shape[0]):
         full = full or pairs.counts[w, 0] > pairs.couples.shape[1] or pairs.counts[w, 1] > pairs.parts.shape[1]
-    pairs.clock[2] = wp.where(full and (pairs.clock[3] == 0 or pairs.clock[1] > 1), 1, 0)
-    if pairs.clock[2] == 1:
-        if pairs.clock[3] > 0:
-            pairs.clock[1] = wp.max(pairs.clock[1] / 4, 1)
-        pairs.clock[3] = wp.min(pairs.clock[3] + 1, 2)
-        pairs.clock[0] = wp.where(ends, 1, 0)
+    pairs.clock[DUE] = wp.where(full and (pairs.clock[WHOLE] == 0 or pairs.clock[HOLDS] > 1), 1, 0)
+    if pairs.clock[DUE] == 1:
+        if pairs.clock[WHOLE] > 0:
+            pairs.clock[HOLDS] = wp.max(pairs.clock[HOLDS] / 4, 1)
+        pairs.clock[WHOLE] = wp.min(pairs.clock[WHOLE] + 1, 2)
+        pairs.clock[AGE] = wp.where(ends, 1, 0)
         empty(pairs)
 
 

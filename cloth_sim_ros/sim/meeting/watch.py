@@ -6,11 +6,11 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, sync_all
 from cloth_sim_ros.sim.meeting.flat import judge
-from cloth_sim_ros.sim.meeting.pairs import EAGER, Pairs, empty, forget, slack
+from cloth_sim_ros.sim.meeting.pairs import AGAIN, AGE, DUE, EAGER, HOLDS, WAS, WHOLE, Pairs, empty, forget, slack
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, panel_of, place, velocity
 
 _LONGEST = 400  # substeps that ways are straight at most
-_AGAIN = 0.5  # of all panels, that are looked at again until all are
+_MANY = 0.5  # of all panels, that are looked at again until all are
 
 
 @wp.func
@@ -41,10 +41,10 @@ def _watch(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
     panel = panel_of(members, p, w)
     surface = members.surfaces[panel.surface]
     dt = surface.frames[0].dt
-    time = float(pairs.clock[0]) * dt
+    time = float(pairs.clock[AGE]) * dt
     if has_failed(panel) != pairs.failed[w * members.panels.shape[0] + p]:
-        pairs.clock[1] = 0
-        pairs.clock[2] = 1
+        pairs.clock[HOLDS] = 0
+        pairs.clock[DUE] = 1
     for q in range(3):
         if (panel.own >> q) & 1 == 1:
             i = panel.corners[q]
@@ -54,7 +54,7 @@ def _watch(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
                 most = wp.max(most, wp.length(off + dt * (goes(surface, i, ends) - surface.going[i])))
             surface.strayed[i] = most
             if not most <= slack(members, surface, panel.body):
-                pairs.clock[2] = 1
+                pairs.clock[DUE] = 1
 
 
 @wp.func
@@ -64,7 +64,7 @@ def _mark(members: Members, pairs: Pairs, p: int, w: int):
     surface = members.surfaces[panel.surface]
     pairs.off[t] = farthest(surface, panel)
     pairs.astray[t] = not pairs.off[t] <= wp.static(EAGER) * slack(members, surface, panel.body)
-    if pairs.astray[t] and pairs.clock[2] == 1:
+    if pairs.astray[t] and pairs.clock[DUE] == 1:
         wp.atomic_add(pairs.clock, 5, 1)
 
 
@@ -72,15 +72,15 @@ def _mark(members: Members, pairs: Pairs, p: int, w: int):
 def _decide(members: Members, pairs: Pairs, age: int, ends: bool):
     """Whether to look at all panels, and for how long their ways are straight then: longer, where that held last."""
     panels, worlds = members.panels.shape[0], pairs.counts.shape[0]
-    many = float(pairs.clock[5]) > wp.static(_AGAIN) * float(panels * worlds)
-    pairs.clock[2] = 1
-    pairs.clock[3] = wp.where(many or age >= pairs.clock[1], 1, 0)
-    pairs.clock[4] = age
-    if pairs.clock[3] == 1:
-        pairs.clock[1] = wp.clamp(wp.where(many, age, 2 * age), 4, wp.static(_LONGEST))
-        pairs.clock[5] = 0
+    many = float(pairs.clock[AGAIN]) > wp.static(_MANY) * float(panels * worlds)
+    pairs.clock[DUE] = 1
+    pairs.clock[WHOLE] = wp.where(many or age >= pairs.clock[HOLDS], 1, 0)
+    pairs.clock[WAS] = age
+    if pairs.clock[WHOLE] == 1:
+        pairs.clock[HOLDS] = wp.clamp(wp.where(many, age, 2 * age), 4, wp.static(_LONGEST))
+        pairs.clock[AGAIN] = 0
     empty(pairs)
-    pairs.clock[0] = wp.where(pairs.clock[3] == 1, 0, age) + wp.where(ends, 1, 0)
+    pairs.clock[AGE] = wp.where(pairs.clock[WHOLE] == 1, 0, age) + wp.where(ends, 1, 0)
 
 
 @wp.func
@@ -88,7 +88,7 @@ def _look(members: Members, pairs: Pairs, ends: bool, number: int, crew: Crew):
     """Find the panels to look at again, and forget their pairs; called by all threads."""
     team = number / crew.width
     t = number - team * crew.width
-    age = pairs.clock[0]
+    age = pairs.clock[AGE]
     for w in range(team, members.worlds, crew.teams):
         for p in range(t, members.panels.shape[0], crew.width):
             _watch(members, pairs, p, w, ends)
@@ -96,9 +96,9 @@ def _look(members: Members, pairs: Pairs, ends: bool, number: int, crew: Crew):
     for w in range(team, members.worlds, crew.teams):
         for p in range(t, members.panels.shape[0], crew.width):
             _mark(members, pairs, p, w)
-    if pairs.clock[2] == 0 and age < pairs.clock[1]:
+    if pairs.clock[DUE] == 0 and age < pairs.clock[HOLDS]:
         if number == 0 and ends:
-            pairs.clock[0] = age + 1
+            pairs.clock[AGE] = age + 1
         return
     sync_all(crew)
     for w in range(team, members.worlds, crew.teams):
