@@ -16,7 +16,7 @@ from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.pairs import CLOSE, Pair, Pairs, pair_of, room_of
-from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, place, surface_of
+from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, number_of_body, place, surface_of
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.stages.contact import NOISE
 from cloth_sim_ros.sim.stages.grasp import HELD
@@ -63,7 +63,7 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
         start = m.weights[0] * a + m.weights[1] * b + m.weights[2] * c + m.weights[3] * d
         apart = wp.length(start)
         pairs.starts[w, k] = apart
-        body_a, body_b = members.bodies[members.owners[panels[0]]][1], members.bodies[members.owners[panels[1]]][1]
+        body_a, body_b = number_of_body(members, panels[0]), number_of_body(members, panels[1])
         seen = m.inside or (of_a.bodies[body_a].is_rope and of_b.bodies[body_b].is_rope)
         if seen and apart >= NOISE:  # what lies in one place has no sides
             n = start / apart
@@ -156,8 +156,8 @@ def _part(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                 yielding += weights[q] * weights[q] * inverse[q] * split
         if yielding > 0.0:
             panels = pairs.panels[w, k]
-            of_a = members.surfaces[pair.surfaces[0]].materials[members.bodies[members.owners[panels[0]]][1]]
-            of_b = members.surfaces[pair.surfaces[3]].materials[members.bodies[members.owners[panels[1]]][1]]
+            of_a = members.surfaces[pair.surfaces[0]].materials[number_of_body(members, panels[0])]
+            of_b = members.surfaces[pair.surfaces[3]].materials[number_of_body(members, panels[1])]
             sticking = wp.sqrt(of_a.static_friction * of_b.static_friction)
             sliding = wp.sqrt(of_a.kinetic_friction * of_b.kinetic_friction)
             move = touch.lacks * touch.n

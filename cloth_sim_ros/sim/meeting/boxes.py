@@ -35,6 +35,12 @@ def _around(boxes: Boxes, low: wp.vec3, high: wp.vec3, c: int) -> bool:
 
 
 @wp.func
+def clusters_of(panels: int) -> int:
+    """How many clusters they have."""
+    return (panels + wp.static(CLUSTER - 1)) // wp.static(CLUSTER)
+
+
+@wp.func
 def before(first: int, team: int) -> int:
     """What comes before the panels of a thread, of `team` that share clusters in turn, if its own ones begin there."""
     return wp.static(CLUSTER) * (first - team + 1) - 1
@@ -43,7 +49,7 @@ def before(first: int, team: int) -> int:
 @wp.func
 def next_near(boxes: Boxes, panels: int, w: int, t: int, after: int, team: int) -> int:
     """The next panel of a thread in world w whose box overlaps that of panel t of all; `panels` if there is none."""
-    clusters = (panels + wp.static(CLUSTER - 1)) / wp.static(CLUSTER)
+    clusters = clusters_of(panels)
     low, high = boxes.lows[t], boxes.highs[t]
     k = after
     while k < panels:
@@ -60,7 +66,7 @@ def next_near(boxes: Boxes, panels: int, w: int, t: int, after: int, team: int) 
 @compiled
 def surround(boxes: Boxes, panels: int):
     """The boxes around clusters."""
-    clusters = (panels + wp.static(CLUSTER - 1)) / wp.static(CLUSTER)
+    clusters = clusters_of(panels)
     w = wp.tid() / clusters
     first = (wp.tid() - w * clusters) * wp.static(CLUSTER)
     low, high = wp.vec3(1.0e30), wp.vec3(-1.0e30)
@@ -68,11 +74,6 @@ def surround(boxes: Boxes, panels: int):
         low, high = wp.min(low, boxes.lows[k]), wp.max(high, boxes.highs[k])
     boxes.around_lows[wp.tid()] = low
     boxes.around_highs[wp.tid()] = high
-
-
-def clusters_of(panels: int) -> int:
-    """How many clusters they have."""
-    return -(-panels // CLUSTER)
 
 
 def boxes_of(worlds: int, panels: int, device: wp.Device) -> Boxes:

@@ -5,8 +5,8 @@ Each panel has a box around its way to come at the speed that it has, with some 
 one around all of theirs, so that most are passed over together. Of panels whose boxes overlap, the corners, triangles
 and edges that may meet are listed.
 
-A list holds for a time ahead. Panels with a particle that is off its way by more than the slack get a new way, and the
-list their pairs on it. So no pair is missed, however particles are pushed, and what rests is hardly ever looked at.
+A list holds for a time ahead. Panels with a particle that is off its way by more than the slack get a new way, and
+their pairs are listed anew. So no pair is missed, however particles are pushed. What rests is hardly ever looked at.
 """
 
 from typing import Any
@@ -217,9 +217,8 @@ class Search:
         self._searchers = 1 if device.is_cpu else 1 << max(0, min(5, (_SEARCHERS // total).bit_length() - 1))
         self._width = 1 if device.is_cpu else max(32 * _TEAM, _THREADS // worlds)
         self._clusters = worlds * clusters_of(self._panels)
-        self._boxes, self._places = (
-            boxes_of(worlds, self._panels, device) for _ in range(2)
-        )  # of ways, and as they are
+        # Of panels on their ways, and of panels where they are.
+        self._boxes, self._places = (boxes_of(worlds, self._panels, device) for _ in range(2))
         self._crossings = wp.zeros(len(members.bodies), dtype=int, device=device)
         self.pairs = Pairs()
         self.pairs.couples = wp.zeros((worlds, _COUPLES_A_PANEL * self._panels), dtype=wp.vec2i, device=device)
@@ -233,7 +232,7 @@ class Search:
         self.pairs.panels = wp.zeros(room, dtype=wp.vec2i, device=device)
         self.pairs.counts = wp.zeros((worlds, 2), dtype=int, device=device)
         self.pairs.clock = wp.zeros(6, dtype=int, device=device)
-        self._due = self.pairs.clock[2:3]
+        self._due = self.pairs.clock[DUE : DUE + 1]
         self.pairs.folded = wp.ones(2, dtype=int, device=device)
         self.pairs.turns = wp.zeros(worlds * len(members.bodies), dtype=wp.mat33, device=device)
         self.pairs.ways = wp.zeros(total, dtype=Way, device=device)

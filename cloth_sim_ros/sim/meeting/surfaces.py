@@ -89,6 +89,12 @@ def panel_of(members: Members, k: int, w: int) -> Panel:
 
 
 @wp.func
+def number_of_body(members: Members, k: int) -> int:
+    """The number of the body of panel k in its batch."""
+    return members.bodies[members.owners[k]][1]
+
+
+@wp.func
 def surface_of(members: Members, batch: int, w: int) -> Surface:
     """The arrays of a batch in world w."""
     return members.surfaces[batch * members.worlds + w]

@@ -65,7 +65,7 @@ def _mark(members: Members, pairs: Pairs, p: int, w: int):
     pairs.off[t] = farthest(surface, panel)
     pairs.astray[t] = not pairs.off[t] <= wp.static(EAGER) * slack(members, surface, panel.body)
     if pairs.astray[t] and pairs.clock[DUE] == 1:
-        wp.atomic_add(pairs.clock, 5, 1)
+        wp.atomic_add(pairs.clock, wp.static(AGAIN), 1)
 
 
 @wp.func
@@ -101,11 +101,12 @@ def _look(members: Members, pairs: Pairs, ends: bool, number: int, crew: Crew):
             pairs.clock[AGE] = age + 1
         return
     sync_all(crew)
-    for w in range(team, members.worlds, crew.teams):
-        forget(pairs, w, t, crew.width)
-    sync_all(crew)
     if number == 0:
         _decide(members, pairs, age, ends)
+    sync_all(crew)
+    if pairs.clock[WHOLE] == 0:
+        for w in range(team, members.worlds, crew.teams):
+            forget(pairs, w, t, crew.width)
 
 
 @cooperative
