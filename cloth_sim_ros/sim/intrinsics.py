@@ -113,6 +113,21 @@ for (int way = 16; way > 0; way /= 2) {
 #endif
 return v;
 """
+_LEAST_OF_WARP = """
+#if defined(__CUDA_ARCH__)
+for (int way = 16; way > 0; way /= 2) {
+    for (int k = 0; k < 3; ++k) v[k] = fminf(v[k], __shfl_xor_sync(0xffffffffu, v[k], way));
+}
+#endif
+return v;
+"""
+_BALLOT = """
+#if defined(__CUDA_ARCH__)
+return __ballot_sync(0xffffffffu, value);
+#else
+return value ? 1 : 0;
+#endif
+"""
 _SYNC_WARP = """
 #if defined(__CUDA_ARCH__)
 __syncwarp();
@@ -223,6 +238,18 @@ def sync_warp():
 @wp.func_native(_SUM_OF_WARP)
 def sum_of_warp(v: wp.vec4) -> wp.vec4:
     """The sum over the 32 threads of a warp, the same in each; on a CPU v."""
+    ...
+
+
+@wp.func_native(_LEAST_OF_WARP)
+def least_of_warp(v: wp.vec3) -> wp.vec3:
+    """The least of each number over the 32 threads of a warp, the same in each; on a CPU v."""
+    ...
+
+
+@wp.func_native(_BALLOT)
+def ballot(value: bool) -> wp.uint64:
+    """The values of the 32 threads of a warp as bits; on a CPU one bit."""
     ...
 
 

@@ -2,12 +2,14 @@
 """Boxes of panels, and which of them overlap.
 
 Panels that follow one another lie side by side, see surfaces.py. Around each cluster of them is one more box, so that
-most are passed over together. A GPU goes through clusters much faster than down a tree, as no step waits for another.
+most are passed over together. A GPU goes through clusters much faster than down a tree, as the threads of a warp test
+32 boxes at once. A CPU has a team of one thread.
 """
 
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
+from cloth_sim_ros.sim.intrinsics import ballot, least_of_warp
 
 CLUSTER = 32  # panels
 
@@ -29,51 +31,42 @@ def _overlap(low: wp.vec3, high: wp.vec3, other_low: wp.vec3, other_high: wp.vec
 
 
 @wp.func
-def _around(boxes: Boxes, low: wp.vec3, high: wp.vec3, c: int) -> bool:
-    """Whether the box around cluster c of all overlaps one."""
-    return _overlap(low, high, boxes.around_lows[c], boxes.around_highs[c])
-
-
-@wp.func
 def clusters_of(panels: int) -> int:
     """How many clusters they have."""
     return (panels + wp.static(CLUSTER - 1)) // wp.static(CLUSTER)
 
 
 @wp.func
-def before(first: int, team: int) -> int:
-    """What comes before the panels of a thread, of `team` that share clusters in turn, if its own ones begin there."""
-    return wp.static(CLUSTER) * (first - team + 1) - 1
+def clusters_near(boxes: Boxes, panels: int, w: int, t: int, first: int, lane: int) -> wp.uint64:
+    """Whether the box of panel t of all overlaps that around a cluster of world w, bit by bit: of a warp's threads,
+    each tests one, from `first` on."""
+    clusters, near = clusters_of(panels), bool(False)
+    if first + lane < clusters:
+        c = w * clusters + first + lane
+        near = _overlap(boxes.lows[t], boxes.highs[t], boxes.around_lows[c], boxes.around_highs[c])
+    return ballot(near)
 
 
 @wp.func
-def next_near(boxes: Boxes, panels: int, w: int, t: int, after: int, team: int) -> int:
-    """The next panel of a thread in world w whose box overlaps that of panel t of all; `panels` if there is none."""
-    clusters = clusters_of(panels)
-    low, high = boxes.lows[t], boxes.highs[t]
-    k = after
-    while k < panels:
-        k += 1
-        if k % wp.static(CLUSTER) == 0:
-            k += wp.static(CLUSTER) * (team - 1)
-            while k < panels and not _around(boxes, low, high, w * clusters + k / wp.static(CLUSTER)):
-                k += wp.static(CLUSTER) * team
-        if k < panels and _overlap(low, high, boxes.lows[w * panels + k], boxes.highs[w * panels + k]):
-            return k
-    return panels
+def overlap(boxes: Boxes, t: int, other: int) -> bool:
+    """Whether the boxes of two panels of all do."""
+    return _overlap(boxes.lows[t], boxes.highs[t], boxes.lows[other], boxes.highs[other])
 
 
 @compiled
-def surround(boxes: Boxes, panels: int):
-    """The boxes around clusters."""
+def surround(boxes: Boxes, panels: int, team: int):
+    """The boxes around clusters, each by a `team` of threads."""
     clusters = clusters_of(panels)
-    w = wp.tid() / clusters
-    first = (wp.tid() - w * clusters) * wp.static(CLUSTER)
+    of_all, lane = wp.tid() / team, wp.tid() % team
+    w = of_all / clusters
+    first = (of_all - w * clusters) * wp.static(CLUSTER)
     low, high = wp.vec3(1.0e30), wp.vec3(-1.0e30)
-    for k in range(w * panels + first, w * panels + wp.min(first + wp.static(CLUSTER), panels)):
+    for k in range(w * panels + first + lane, w * panels + wp.min(first + wp.static(CLUSTER), panels), team):
         low, high = wp.min(low, boxes.lows[k]), wp.max(high, boxes.highs[k])
-    boxes.around_lows[wp.tid()] = low
-    boxes.around_highs[wp.tid()] = high
+    low, high = least_of_warp(low), -least_of_warp(-high)
+    if lane == 0:
+        boxes.around_lows[of_all] = low
+        boxes.around_highs[of_all] = high
 
 
 def boxes_of(worlds: int, panels: int, device: wp.Device) -> Boxes:

@@ -14,9 +14,17 @@ from typing import Any
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.intrinsics import xyz
+from cloth_sim_ros.sim.intrinsics import lowest_bit, xyz
 from cloth_sim_ros.sim.meeting.bound import ROUNDS
-from cloth_sim_ros.sim.meeting.boxes import CLUSTER, Boxes, before, boxes_of, clusters_of, next_near, surround
+from cloth_sim_ros.sim.meeting.boxes import (
+    CLUSTER,
+    Boxes,
+    boxes_of,
+    clusters_near,
+    clusters_of,
+    overlap,
+    surround,
+)
 from cloth_sim_ros.sim.meeting.cooperative import Crew, recorded
 from cloth_sim_ros.sim.meeting.nearest import crosses
 from cloth_sim_ros.sim.meeting.pairs import (
@@ -37,12 +45,11 @@ from cloth_sim_ros.sim.meeting.pairs import (
     time_ahead,
     way_of,
 )
-from cloth_sim_ros.sim.meeting.surfaces import Members, may_touch, panel_of, place
+from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, may_touch, panel_of, place
 from cloth_sim_ros.sim.meeting.watch import farthest, goes, has_failed, look
 
 PAIRS_A_PANEL = 64  # room in the list of pairs
 _COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
-_SEARCHERS = 1 << 20  # threads that look for couples, on a GPU
 _THREADS = 131072  # of a launch over the couples of all worlds, on a GPU
 _TEAM = 4  # of them that look at a couple
 
@@ -125,27 +132,37 @@ def _enclose(members: Members, boxes: Boxes):
     boxes.highs[wp.tid()] = wp.max(a, wp.max(b, c))
 
 
+@wp.func
+def _may_meet(members: Members, pairs: Pairs, boxes: Boxes, p: int, q: int, first: int) -> bool:
+    """Whether panels p and q of the world whose panels begin with `first` may, by their boxes and the balls around."""
+    a, b = first + p, first + q
+    if not overlap(boxes, a, b) or not may_touch(members, members.owners[p], members.owners[q]):
+        return False
+    near = pairs.balls[a][3] + pairs.balls[b][3] + wp.length(pairs.drifts[a] - pairs.drifts[b])
+    return wp.length(xyz(pairs.balls[a] - pairs.balls[b])) < near
+
+
 @compiled
 def _couple(members: Members, pairs: Pairs, boxes: Boxes, team: int):
     """List the panels that a search is for, with what they may meet, each couple once; `team` threads a panel."""
-    t = wp.tid() / team
+    t, lane = wp.tid() / team, wp.tid() % team
     if not is_due(pairs, t):
         return
     panels = members.panels.shape[0]
     w = t / panels
     first, p = w * panels, t - w * panels
     start = wp.where(pairs.clock[WHOLE] > 0, p / wp.static(CLUSTER), 0)  # of all panels, those that follow are enough
-    q = next_near(boxes, panels, w, t, before(start + wp.tid() % team, team), team)
-    while q < panels:
-        if q > p or (q < p and not is_due(pairs, first + q)):
-            apart = pairs.balls[t] - pairs.balls[first + q]
-            drift = pairs.drifts[t] - pairs.drifts[first + q]
-            near = pairs.balls[t][3] + pairs.balls[first + q][3] + wp.length(drift)
-            if wp.length(xyz(apart)) < near and may_touch(members, members.owners[p], members.owners[q]):
-                n = wp.atomic_add(pairs.counts, w, 0, 1)
-                if n < pairs.couples.shape[1]:
-                    pairs.couples[w, n] = wp.vec2i(wp.min(p, q), wp.max(p, q))
-        q = next_near(boxes, panels, w, t, q, team)
+    for c in range(start, clusters_of(panels), team):
+        near = clusters_near(boxes, panels, w, t, c, lane)
+        while near != wp.uint64(0):
+            begin = wp.static(CLUSTER) * (c + lowest_bit(near))
+            near &= near - wp.uint64(1)
+            for q in range(begin + lane, wp.min(begin + wp.static(CLUSTER), panels), team):
+                if q > p or (q < p and not is_due(pairs, first + q)):
+                    if _may_meet(members, pairs, boxes, p, q, first):
+                        n = wp.atomic_add(pairs.counts, w, 0, 1)
+                        if n < pairs.couples.shape[1]:
+                            pairs.couples[w, n] = wp.vec2i(wp.min(p, q), wp.max(p, q))
 
 
 @compiled
@@ -182,28 +199,38 @@ def _accept(pairs: Pairs, ends: bool):
         empty(pairs)
 
 
+@wp.func
+def _crossed(members: Members, panel: Panel, other: Panel) -> int:
+    """How many own edges of a panel go through another one."""
+    own, of_other = members.surfaces[panel.surface], members.surfaces[other.surface]
+    a, b = place(of_other, other.corners[0]), place(of_other, other.corners[1])
+    c = place(of_other, other.corners[2])
+    found = int(0)
+    for side in range(3):
+        p, q = panel.corners[side], panel.corners[(side + 1) % 3]
+        shared = bool(False)
+        for k in range(3):
+            shared = shared or p == other.corners[k] or q == other.corners[k]
+        apart = other.body != panel.body or not shared
+        if apart and (panel.own >> (3 + side)) & 1 == 1 and crosses(place(own, p), place(own, q), a, b, c):
+            found += 1
+    return found
+
+
 @compiled
-def _cross(members: Members, w: int, boxes: Boxes, counts: wp.array(dtype=int)):
-    """Count the edges of each body that go through a triangle that it is kept apart from."""
+def _cross(members: Members, w: int, boxes: Boxes, counts: wp.array(dtype=int), team: int):
+    """Count the edges of each body that go through a triangle that it is kept apart from; `team` threads a panel."""
     panels = members.panels.shape[0]
-    panel = panel_of(members, wp.tid(), w)
-    own = members.surfaces[panel.surface]
-    found = next_near(boxes, panels, w, w * panels + wp.tid(), before(0, 1), 1)
-    while found < panels:
-        other = panel_of(members, found, w)
-        if may_touch(members, panel.body, other.body):
-            of_other = members.surfaces[other.surface]
-            a, b = place(of_other, other.corners[0]), place(of_other, other.corners[1])
-            c = place(of_other, other.corners[2])
-            for side in range(3):
-                p, q = panel.corners[side], panel.corners[(side + 1) % 3]
-                shared = bool(False)
-                for k in range(3):
-                    shared = shared or p == other.corners[k] or q == other.corners[k]
-                apart = other.body != panel.body or not shared
-                if apart and (panel.own >> (3 + side)) & 1 == 1 and crosses(place(own, p), place(own, q), a, b, c):
-                    wp.atomic_add(counts, panel.body, 1)
-        found = next_near(boxes, panels, w, w * panels + wp.tid(), found, 1)
+    p, lane, first = wp.tid() / team, wp.tid() % team, w * panels
+    panel = panel_of(members, p, w)
+    for c in range(0, clusters_of(panels), team):
+        near = clusters_near(boxes, panels, w, first + p, c, lane)
+        while near != wp.uint64(0):
+            begin = wp.static(CLUSTER) * (c + lowest_bit(near))
+            near &= near - wp.uint64(1)
+            for q in range(begin + lane, wp.min(begin + wp.static(CLUSTER), panels), team):
+                if overlap(boxes, first + p, first + q) and may_touch(members, panel.body, members.owners[q]):
+                    wp.atomic_add(counts, panel.body, _crossed(members, panel, panel_of(members, q, w)))
 
 
 class Search:
@@ -213,10 +240,9 @@ class Search:
         self._members, self._device = members, device
         self._panels, worlds = members.panels.shape[0], members.worlds
         total = worlds * self._panels
-        # Threads that look for what a panel may meet, as many as a device has work for.
-        self._searchers = 1 if device.is_cpu else 1 << max(0, min(5, (_SEARCHERS // total).bit_length() - 1))
+        self._lanes = 1 if device.is_cpu else CLUSTER  # threads that look for what a panel may meet
         self._width = 1 if device.is_cpu else max(32 * _TEAM, _THREADS // worlds)
-        self._clusters = worlds * clusters_of(self._panels)
+        self._clusters = self._lanes * worlds * clusters_of(self._panels)
         # Of panels on their ways, and of panels where they are.
         self._boxes, self._places = (boxes_of(worlds, self._panels, device) for _ in range(2))
         self._crossings = wp.zeros(len(members.bodies), dtype=int, device=device)
@@ -256,8 +282,8 @@ class Search:
         total = self.pairs.ways.shape[0]
         self._launch(_foresee, total, self._members, self.pairs, ends)
         self._launch(_enclose_ways, total, self._members, self.pairs, self._boxes)
-        self._launch(surround, self._clusters, self._boxes, self._panels)
-        self._launch(_couple, total * self._searchers, self._members, self.pairs, self._boxes, self._searchers)
+        self._launch(surround, self._clusters, self._boxes, self._panels, self._lanes)
+        self._launch(_couple, total * self._lanes, self._members, self.pairs, self._boxes, self._lanes)
         team = 1 if self._device.is_cpu else _TEAM
         self._launch(_pair, self._members.worlds * self._width, self._members, self.pairs, self._width, team)
         self._launch(_accept, 1, self.pairs, ends)
@@ -274,7 +300,9 @@ class Search:
     def crossings(self, world: int) -> list[int]:
         """How many edges of each body go through a triangle that it is kept apart from now, in one world."""
         self._launch(_enclose, self.pairs.ways.shape[0], self._members, self._places)
-        self._launch(surround, self._clusters, self._places, self._panels)
+        self._launch(surround, self._clusters, self._places, self._panels, self._lanes)
         self._crossings.zero_()
-        self._launch(_cross, self._panels, self._members, world, self._places, self._crossings)
+        self._launch(
+            _cross, self._panels * self._lanes, self._members, world, self._places, self._crossings, self._lanes
+        )
         return self._crossings.numpy().tolist()
