@@ -128,6 +128,20 @@ return __ballot_sync(0xffffffffu, value);
 return value ? 1 : 0;
 #endif
 """
+# One atomic for all threads of a warp that come together: 32 to one place take 32 times as long.
+_NEXT_PLACE = """
+int* count = values.data + i;
+#if defined(__CUDA_ARCH__)
+const unsigned lane = threadIdx.x % 32;
+const unsigned alike = __match_any_sync(__activemask(), (unsigned long long)count);
+const unsigned leader = __ffs(alike) - 1;
+int first = 0;
+if (lane == leader) first = atomicAdd(count, __popc(alike));
+return __shfl_sync(alike, first, leader) + __popc(alike & ((1u << lane) - 1));
+#else
+return (*count)++;
+#endif
+"""
 _SYNC_WARP = """
 #if defined(__CUDA_ARCH__)
 __syncwarp();
@@ -250,6 +264,12 @@ def least_of_warp(v: wp.vec3) -> wp.vec3:
 @wp.func_native(_BALLOT)
 def ballot(value: bool) -> wp.uint64:
     """The values of the 32 threads of a warp as bits; on a CPU one bit."""
+    ...
+
+
+@wp.func_native(_NEXT_PLACE)
+def next_place(values: wp.array(dtype=int), i: int) -> int:
+    """The count values[i] of a list, which grows by one: where the next item goes."""
     ...
 
 

@@ -12,7 +12,7 @@ What is asked is summed in whole numbers, so that the order of pairs decides no 
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
+from cloth_sim_ros.sim.intrinsics import load_row, next_place, store_row, xyz
 from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.pairs import CLOSE, Pair, Pairs, pair_of, room_of
@@ -76,7 +76,7 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                 # What was nearer comes apart at a pace that flings nothing.
                 wanted = wp.min(kept, apart + _PARTING * of_a.frames[0].dt)
                 close.some[0] = 1
-                place_in_list = wp.atomic_add(close.counts, w, 1)
+                place_in_list = next_place(close.counts, w)
                 close.which[w, place_in_list] = k
                 close.weights[w, place_in_list] = m.weights
                 close.lines[w, place_in_list] = n

@@ -3,6 +3,7 @@
 
 import warp as wp
 
+from cloth_sim_ros.sim.intrinsics import next_place
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface
 
@@ -193,7 +194,7 @@ def list_test(pairs: Pairs, w: int, first: Way, p: int, second: Way, q: int):
         kept = wp.min(kept, wp.static(OF_REST) * wp.length(rest))
         if free - strays >= kept:
             return
-    n = wp.atomic_add(pairs.counts, w, 1, 1)
+    n = next_place(pairs.counts[w], 1)
     if n < pairs.parts.shape[1]:
         pairs.parts[w, n] = parts
         pairs.panels[w, n] = wp.vec2i(first.number, second.number)

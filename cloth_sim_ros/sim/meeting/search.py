@@ -14,7 +14,7 @@ from typing import Any
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.intrinsics import lowest_bit, xyz
+from cloth_sim_ros.sim.intrinsics import lowest_bit, next_place, xyz
 from cloth_sim_ros.sim.meeting.bound import ROUNDS
 from cloth_sim_ros.sim.meeting.boxes import (
     CLUSTER,
@@ -160,7 +160,7 @@ def _couple(members: Members, pairs: Pairs, boxes: Boxes, team: int):
             for q in range(begin + lane, wp.min(begin + wp.static(CLUSTER), panels), team):
                 if q > p or (q < p and not is_due(pairs, first + q)):
                     if _may_meet(members, pairs, boxes, p, q, first):
-                        n = wp.atomic_add(pairs.counts, w, 0, 1)
+                        n = next_place(pairs.counts[w], 0)
                         if n < pairs.couples.shape[1]:
                             pairs.couples[w, n] = wp.vec2i(wp.min(p, q), wp.max(p, q))
 
