@@ -145,7 +145,7 @@ def test_a_rope_piles_up_on_itself(device, settings, share):
         nearest.append(apart[i, j].min())
     assert min(nearest) > share * 2.0 * radius
     assert nearest[-1] > 0.99 * 2.0 * radius
-    assert x[:, 2].max() > 3.5 * radius, "some of it lies on top"
+    assert x[:, 2].max() > 2.5 * radius, "some of it lies on top"
 
 
 def pulled_knot(device, self_contact):
@@ -178,12 +178,12 @@ def pulled_knot(device, self_contact):
 def test_a_knot_is_tight_where_an_ideal_one_is(device):
     """The tightest open trefoil takes 10.1 diameters of a smooth rope (Pieranski, Przybyl and Stasiak 2001).
 
-    This one is a polygon whose sides are half as long as it is thick. With 180, 270, 360 sides it takes 12.1, 11.1 and
-    10.8 diameters.
+    This one is a polygon whose sides are half as long as it is thick: 10.45 diameters, and 10.31 on a GPU. It is tight
+    where its tension is ten times what it was while the knot slid.
     """
     more, tension = pulled_knot(device, True)
-    assert more[np.argmax(tension > 2.0)] == pytest.approx(10.1, rel=0.12)
-    assert tension[more > 16.0].max() < 1.0
+    assert more[np.argmax(tension > 3.0)] == pytest.approx(10.1, rel=0.06)
+    assert tension[more > 16.0].max() < 0.35
     more, tension = pulled_knot(device, False)
     assert tension.max() < 0.1 and more[-1] < 8.5, "without contact there is no knot"
 

@@ -21,6 +21,7 @@ from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.stages.contact import NOISE
 from cloth_sim_ros.sim.stages.grasp import HELD
 from cloth_sim_ros.sim.stages.motion import pack
+from cloth_sim_ros.sim.state import Material
 
 _PASSES = 4  # of all pairs in an iteration: each finds what the one before left of layers upon layers
 _METRE = wp.constant(wp.float64(1 << 44))  # units of it in sums of moves
@@ -31,17 +32,25 @@ _PARTING = wp.constant(0.1)  # [m/s] at which parts that are too near to one ano
 
 @wp.struct
 class Close:
-    """Of pairs that may touch in this substep: which, the weights of their particles in the line between the nearest
+    """Of pairs that may touch in this substep: their particles, the weights of these in the line between the nearest
     points, that line's direction, how far they are apart when it begins, how far they shall be [m], and how urgent that
-    is. counts: (W,). some: (1,) whether there is one.
+    is; their static and kinetic friction. counts: (W,). some: (1,) whether there is one.
     """
 
-    which: wp.array2d(dtype=int)
+    pairs: wp.array2d(dtype=Pair)
     weights: wp.array2d(dtype=wp.vec4)
     lines: wp.array2d(dtype=wp.vec3)
     gaps: wp.array2d(dtype=wp.vec3)
+    frictions: wp.array2d(dtype=wp.vec2)
     counts: wp.array(dtype=int)
     some: wp.array(dtype=int)
+
+
+@wp.func
+def _friction(a: Material, b: Material) -> wp.vec2:
+    """Static and kinetic, of two bodies."""
+    static = wp.sqrt(a.static_friction * b.static_friction)
+    return wp.vec2(static, wp.sqrt(a.kinetic_friction * b.kinetic_friction))
 
 
 @wp.func
@@ -77,12 +86,13 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                 wanted = wp.min(kept, apart + _PARTING * of_a.frames[0].dt)
                 close.some[0] = 1
                 place_in_list = next_place(close.counts, w)
-                close.which[w, place_in_list] = k
+                close.pairs[w, place_in_list] = pair
                 close.weights[w, place_in_list] = m.weights
                 close.lines[w, place_in_list] = n
                 # Of many that ask the same particle, those who have nearly come through are heard first.
                 urgency = kept / wp.max(apart, 1.0e-3 * kept)
                 close.gaps[w, place_in_list] = wp.vec3(apart, wanted, urgency * urgency)
+                close.frictions[w, place_in_list] = _friction(of_a.materials[body_a], of_b.materials[body_b])
 
 
 @wp.struct
@@ -123,10 +133,10 @@ def _units(lacks: float, urgency: float, weight: float) -> wp.int64:
 
 
 @wp.func
-def _claim(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: int):
+def _claim(members: Members, close: Close, w: int, t: int, width: int):
     """Sum what pairs lack at each particle: it is split between them in proportion."""
     for j in range(t, close.counts[w], width):
-        pair, weights = pair_of(members, pairs, w, close.which[w, j]), close.weights[w, j]
+        pair, weights = close.pairs[w, j], close.weights[w, j]
         touch = _touch_of(members, pair, weights, close.lines[w, j], close.gaps[w, j])
         if touch.lacks > 0.0:
             for q in range(4):
@@ -139,11 +149,10 @@ def _claim(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: 
 
 
 @wp.func
-def _part(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: int):
+def _part(members: Members, close: Close, w: int, t: int, width: int):
     """Ask the particles of close pairs to move so that these stay apart, with friction."""
     for j in range(t, close.counts[w], width):
-        k = close.which[w, j]
-        pair, weights = pair_of(members, pairs, w, k), close.weights[w, j]
+        pair, weights = close.pairs[w, j], close.weights[w, j]
         touch = _touch_of(members, pair, weights, close.lines[w, j], close.gaps[w, j])
         yielding = float(0.0)
         inverse = wp.vec4(0.0)
@@ -155,13 +164,8 @@ def _part(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                 split = float(wp.float64(surface.asked[wp.static(ASKED) * pair.particles[q] + 3]) / wp.float64(units))
                 yielding += weights[q] * weights[q] * inverse[q] * split
         if yielding > 0.0:
-            panels = pairs.panels[w, k]
-            of_a = members.surfaces[pair.surfaces[0]].materials[number_of_body(members, panels[0])]
-            of_b = members.surfaces[pair.surfaces[3]].materials[number_of_body(members, panels[1])]
-            sticking = wp.sqrt(of_a.static_friction * of_b.static_friction)
-            sliding = wp.sqrt(of_a.kinetic_friction * of_b.kinetic_friction)
-            move = touch.lacks * touch.n
-            move += friction_correction(touch.slip, wp.vec3(0.0), touch.lacks, sticking, sliding)
+            friction, move = close.frictions[w, j], touch.lacks * touch.n
+            move += friction_correction(touch.slip, wp.vec3(0.0), touch.lacks, friction[0], friction[1])
             for q in range(4):
                 share = weights[q] * inverse[q] / yielding
                 asked = members.surfaces[pair.surfaces[q]].asked
@@ -217,10 +221,10 @@ def _keep_apart(members: Members, pairs: Pairs, close: Close, passes: int, crew:
         return
     for p in range(passes):
         for w in range(team, members.worlds, crew.teams):
-            _claim(members, pairs, close, w, t, crew.width)
+            _claim(members, close, w, t, crew.width)
         sync_all(crew)
         for w in range(team, members.worlds, crew.teams):
-            _part(members, pairs, close, w, t, crew.width)
+            _part(members, close, w, t, crew.width)
         sync_all(crew)
         for w in range(team, members.worlds, crew.teams):
             for b in range(members.batches):
@@ -239,10 +243,11 @@ class Apart:
     def __init__(self, members: Members, pairs: Pairs, crew: Crew, device: wp.Device) -> None:
         worlds, room = pairs.parts.shape
         self._close = Close()
-        self._close.which = wp.zeros((worlds, room), dtype=int, device=device)
+        self._close.pairs = wp.zeros((worlds, room), dtype=Pair, device=device)
         self._close.weights = wp.zeros((worlds, room), dtype=wp.vec4, device=device)
         self._close.lines = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
         self._close.gaps = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
+        self._close.frictions = wp.zeros((worlds, room), dtype=wp.vec2, device=device)
         self._close.counts = wp.zeros(worlds, dtype=int, device=device)
         self._close.some = wp.zeros(1, dtype=int, device=device)
         self._launch = recorded(_keep_apart, members, pairs, self._close, _PASSES, crew=crew, device=device)
