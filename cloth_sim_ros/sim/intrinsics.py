@@ -113,6 +113,32 @@ for (int way = 16; way > 0; way /= 2) {
 #endif
 return v;
 """
+_SUM_OF_FOUR = """
+#if defined(__CUDA_ARCH__)
+const unsigned four = 0xfu << (threadIdx.x % 32 & ~3u);
+for (int way = 2; way > 0; way /= 2) {
+    for (int k = 0; k < 3; ++k) v[k] += __shfl_xor_sync(four, v[k], way);
+}
+#endif
+return v;
+"""
+# In units of 2^-44: whole numbers have the same sum in any order. More than one either way is cut off.
+_ADD_EXACTLY = """
+for (int k = 0; k < 3; ++k) {
+    const double most = v[k] < -1.0f ? -1.0 : (v[k] > 1.0f ? 1.0 : v[k]);
+    const int64_t units = (int64_t)(most * 17592186044416.0);
+#if defined(__CUDA_ARCH__)
+    atomicAdd((unsigned long long*)(sums.data + first + k), (unsigned long long)units);
+#else
+    sums.data[first + k] += units;
+#endif
+}
+"""
+_EXACT_SUM = """
+wp::vec3 sum;
+for (int k = 0; k < 3; ++k) sum[k] = (float)((double)sums.data[first + k] * 5.6843418860808015e-14);
+return sum;
+"""
 _LEAST_OF_WARP = """
 #if defined(__CUDA_ARCH__)
 for (int way = 16; way > 0; way /= 2) {
@@ -252,6 +278,24 @@ def sync_warp():
 @wp.func_native(_SUM_OF_WARP)
 def sum_of_warp(v: wp.vec4) -> wp.vec4:
     """The sum over the 32 threads of a warp, the same in each; on a CPU v."""
+    ...
+
+
+@wp.func_native(_SUM_OF_FOUR)
+def sum_of_four(v: wp.vec3) -> wp.vec3:
+    """The sum over four threads that follow one another, the first a multiple of four; on a CPU v."""
+    ...
+
+
+@wp.func_native(_ADD_EXACTLY)
+def add_exactly(sums: wp.array(dtype=wp.int64), first: int, v: wp.vec3):
+    """Add a vector of numbers up to 1 to three sums that do not depend on the order."""
+    ...
+
+
+@wp.func_native(_EXACT_SUM)
+def exact_sum(sums: wp.array(dtype=wp.int64), first: int) -> wp.vec3:
+    """What was added up by `add_exactly`."""
     ...
 
 

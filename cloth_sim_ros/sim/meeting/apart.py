@@ -12,10 +12,10 @@ What is asked is summed in whole numbers, so that the order of pairs decides no 
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load_row, next_place, store_row, xyz
+from cloth_sim_ros.sim.intrinsics import add_exactly, exact_sum, load_row, next_place, store_row, sum_of_four, xyz
 from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.meeting.nearest import nearest
-from cloth_sim_ros.sim.meeting.pairs import CLOSE, Pair, Pairs, pair_of, room_of
+from cloth_sim_ros.sim.meeting.pairs import CLOSE, Pairs, pair_of, room_of
 from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, number_of_body, place, surface_of
 from cloth_sim_ros.sim.physics.friction import friction_correction
 from cloth_sim_ros.sim.stages.contact import NOISE
@@ -24,24 +24,33 @@ from cloth_sim_ros.sim.stages.motion import pack
 from cloth_sim_ros.sim.state import Material
 
 _PASSES = 4  # of all pairs in an iteration: each finds what the one before left of layers upon layers
-_METRE = wp.constant(wp.float64(1 << 44))  # units of it in sums of moves
-_CLAIM = wp.constant(wp.float64(1 << 34))  # the same in sums of claims
-ASKED = 7  # numbers of a particle: where to move, what its pairs lack, and where to move by hits alone
+_CLAIM = wp.constant(wp.float64(1 << 34))  # units of a metre in sums of claims
+# Numbers of a particle in two turns: where to move, where to move by hits alone, and what its pairs lack.
+ASKED = 14
+MOVE, HIT, CLAIM = wp.constant(0), wp.constant(3), wp.constant(6)
 _PARTING = wp.constant(0.1)  # [m/s] at which parts that are too near to one another come apart
 
 
 @wp.struct
 class Close:
-    """Of pairs that may touch in this substep: their particles, the weights of these in the line between the nearest
-    points, that line's direction, how far they are apart when it begins, how far they shall be [m], and how urgent that
-    is; their static and kinetic friction. counts: (W,). some: (1,) whether there is one.
+    """Of pairs that may touch in this substep, their four particles in a row: each with its arrays, its inverse mass
+    [1/kg] and its weight in the line between the nearest points. Of each pair that line's direction, how far it shall
+    come apart [m] and how urgent that is, and static and kinetic friction.
+
+    slips: how far they have slipped, and what they lack of being apart [m]. met: the share of what they lack by which
+    they came nearer in the substep before: that is a hit, the rest is pressure. counts: (W,). some: (1,) whether there
+    is one.
     """
 
-    pairs: wp.array2d(dtype=Pair)
-    weights: wp.array2d(dtype=wp.vec4)
+    particles: wp.array2d(dtype=int)
+    surfaces: wp.array2d(dtype=int)
+    inverse: wp.array2d(dtype=float)
+    weights: wp.array2d(dtype=float)
     lines: wp.array2d(dtype=wp.vec3)
-    gaps: wp.array2d(dtype=wp.vec3)
+    gaps: wp.array2d(dtype=wp.vec2)
     frictions: wp.array2d(dtype=wp.vec2)
+    slips: wp.array2d(dtype=wp.vec4)
+    met: wp.array2d(dtype=float)
     counts: wp.array(dtype=int)
     some: wp.array(dtype=int)
 
@@ -85,45 +94,20 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                 # What was nearer comes apart at a pace that flings nothing.
                 wanted = wp.min(kept, apart + _PARTING * of_a.frames[0].dt)
                 close.some[0] = 1
-                place_in_list = next_place(close.counts, w)
-                close.pairs[w, place_in_list] = pair
-                close.weights[w, place_in_list] = m.weights
-                close.lines[w, place_in_list] = n
+                j = next_place(close.counts, w)
+                for q in range(4):
+                    surface = members.surfaces[pair.surfaces[q]]
+                    moves = load_row(surface.displacements, pair.particles[q])
+                    held = moves[3] <= wp.static(HELD) * load_row(surface.positions, pair.particles[q])[3]
+                    close.particles[w, 4 * j + q] = pair.particles[q]
+                    close.surfaces[w, 4 * j + q] = pair.surfaces[q]
+                    close.inverse[w, 4 * j + q] = wp.where(held, 0.0, moves[3])
+                    close.weights[w, 4 * j + q] = m.weights[q]
+                close.lines[w, j] = n
                 # Of many that ask the same particle, those who have nearly come through are heard first.
                 urgency = kept / wp.max(apart, 1.0e-3 * kept)
-                close.gaps[w, place_in_list] = wp.vec3(apart, wanted, urgency * urgency)
-                close.frictions[w, place_in_list] = _friction(of_a.materials[body_a], of_b.materials[body_b])
-
-
-@wp.struct
-class Touch:
-    """What a pair lacks of being apart [m], 0 where it is, along a direction n, and how far it has slipped [m].
-
-    met: the share of what it lacks by which it came nearer in the substep before: that is a hit, the rest is pressure.
-    """
-
-    lacks: float
-    n: wp.vec3
-    slip: wp.vec3
-    met: float
-
-
-@wp.func
-def _touch_of(members: Members, pair: Pair, weights: wp.vec4, n: wp.vec3, gap: wp.vec3) -> Touch:
-    touch = Touch()
-    touch.n = n
-    moved, slip, before = wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0)
-    for q in range(4):
-        surface = members.surfaces[pair.surfaces[q]]
-        d = xyz(load_row(surface.displacements, pair.particles[q]))
-        moved += weights[q] * d
-        slip += weights[q] * (d - xyz(load_row(surface.low, pair.particles[q])))
-        if surface.last_displacements.shape[0] > 0:
-            before += weights[q] * surface.last_displacements[pair.particles[q]]
-    touch.lacks = wp.max(gap[1] - gap[0] - wp.dot(n, moved), 0.0)
-    touch.slip = slip - wp.dot(slip, touch.n) * touch.n
-    touch.met = wp.clamp(-wp.dot(n, before) / wp.max(touch.lacks, NOISE), 0.0, 1.0)
-    return touch
+                close.gaps[w, j] = wp.vec2(wanted - apart, urgency * urgency)
+                close.frictions[w, j] = _friction(of_a.materials[body_a], of_b.materials[body_b])
 
 
 @wp.func
@@ -133,62 +117,67 @@ def _units(lacks: float, urgency: float, weight: float) -> wp.int64:
 
 
 @wp.func
-def _claim(members: Members, close: Close, w: int, t: int, width: int):
-    """Sum what pairs lack at each particle: it is split between them in proportion."""
-    for j in range(t, close.counts[w], width):
-        pair, weights = close.pairs[w, j], close.weights[w, j]
-        touch = _touch_of(members, pair, weights, close.lines[w, j], close.gaps[w, j])
-        if touch.lacks > 0.0:
-            for q in range(4):
-                asked = members.surfaces[pair.surfaces[q]].asked
-                wp.atomic_add(
-                    asked,
-                    wp.static(ASKED) * pair.particles[q] + 3,
-                    _units(touch.lacks, close.gaps[w, j][2], weights[q]),
-                )
+def _claim(members: Members, close: Close, w: int, t: int, crew: Crew, turn: int):
+    """Find what close pairs lack, and sum it at each particle: that is split between them in proportion."""
+    lane = t % crew.sharing
+    for j in range(t / crew.sharing, close.counts[w], crew.width / crew.sharing):
+        n, moved, slip, before = close.lines[w, j], wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0)
+        for k in range(4 * j + lane, 4 * j + 4, crew.sharing):
+            surface = members.surfaces[close.surfaces[w, k]]
+            i = close.particles[w, k]
+            weight = close.weights[w, k]
+            d = xyz(load_row(surface.displacements, i)) + _asked(surface, i, 1 - turn, MOVE)
+            moved += weight * d
+            slip += weight * (d - xyz(load_row(surface.low, i)))
+            if surface.last_displacements.shape[0] > 0:
+                before += weight * (surface.last_displacements[i] + _asked(surface, i, 1 - turn, HIT))
+        lacks = wp.max(close.gaps[w, j][0] - wp.dot(n, sum_of_four(moved)), 0.0)
+        slip, before = sum_of_four(slip), sum_of_four(before)
+        if lane == 0:
+            close.slips[w, j] = pack(slip - wp.dot(slip, n) * n, lacks)
+            close.met[w, j] = wp.clamp(-wp.dot(n, before) / wp.max(lacks, NOISE), 0.0, 1.0)
+        if lacks > 0.0:
+            for k in range(4 * j + lane, 4 * j + 4, crew.sharing):
+                units = _units(lacks, close.gaps[w, j][1], close.weights[w, k])
+                asked = members.surfaces[close.surfaces[w, k]].asked
+                wp.atomic_add(asked, _place_of(close.particles[w, k], turn, CLAIM), units)
 
 
 @wp.func
-def _part(members: Members, close: Close, w: int, t: int, width: int):
+def _part(members: Members, close: Close, w: int, t: int, crew: Crew, turn: int):
     """Ask the particles of close pairs to move so that these stay apart, with friction."""
-    for j in range(t, close.counts[w], width):
-        pair, weights = close.pairs[w, j], close.weights[w, j]
-        touch = _touch_of(members, pair, weights, close.lines[w, j], close.gaps[w, j])
-        yielding = float(0.0)
-        inverse = wp.vec4(0.0)
-        for q in range(4):
-            surface = members.surfaces[pair.surfaces[q]]
-            units = _units(touch.lacks, close.gaps[w, j][2], weights[q])
+    lane = t % crew.sharing
+    for j in range(t / crew.sharing, close.counts[w], crew.width / crew.sharing):
+        lacks, yielding = close.slips[w, j][3], wp.vec3(0.0)
+        for k in range(4 * j + lane, 4 * j + 4, crew.sharing):
+            weight = close.weights[w, k]
+            units = _units(lacks, close.gaps[w, j][1], weight)
             if units > wp.int64(0):
-                inverse[q] = load_row(surface.displacements, pair.particles[q])[3]
-                split = float(wp.float64(surface.asked[wp.static(ASKED) * pair.particles[q] + 3]) / wp.float64(units))
-                yielding += weights[q] * weights[q] * inverse[q] * split
-        if yielding > 0.0:
-            friction, move = close.frictions[w, j], touch.lacks * touch.n
-            move += friction_correction(touch.slip, wp.vec3(0.0), touch.lacks, friction[0], friction[1])
-            for q in range(4):
-                share = weights[q] * inverse[q] / yielding
-                asked = members.surfaces[pair.surfaces[q]].asked
-                first = wp.static(ASKED) * pair.particles[q]
-                for c in range(3):
-                    moves = wp.clamp(share * move[c], -1.0, 1.0)
-                    wp.atomic_add(asked, first + c, wp.int64(wp.float64(moves) * _METRE))
-                    if touch.met > 0.0:
-                        wp.atomic_add(asked, first + 4 + c, wp.int64(wp.float64(touch.met * moves) * _METRE))
+                asked = members.surfaces[close.surfaces[w, k]].asked
+                claims = asked[_place_of(close.particles[w, k], turn, CLAIM)]
+                yielding[0] += weight * weight * close.inverse[w, k] * float(wp.float64(claims) / wp.float64(units))
+        yielding = sum_of_four(yielding)
+        if yielding[0] > 0.0:
+            move, friction, met = lacks * close.lines[w, j], close.frictions[w, j], close.met[w, j]
+            move += friction_correction(xyz(close.slips[w, j]), wp.vec3(0.0), lacks, friction[0], friction[1])
+            for k in range(4 * j + lane, 4 * j + 4, crew.sharing):
+                asked = members.surfaces[close.surfaces[w, k]].asked
+                place = _place_of(close.particles[w, k], turn, MOVE)
+                moves = (close.weights[w, k] * close.inverse[w, k] / yielding[0]) * move
+                add_exactly(asked, place, moves)
+                if met > 0.0:
+                    add_exactly(asked, place + HIT, met * moves)
 
 
 @wp.func
-def _move(surface: Surface, i: int):
-    """Move a particle as its pairs ask."""
-    first = wp.static(ASKED) * i
-    if surface.asked[first + 3] == wp.int64(0):
+def _move(surface: Surface, i: int, turn: int):
+    """Move a particle as its pairs asked in a turn."""
+    if surface.asked[_place_of(i, turn, CLAIM)] == wp.int64(0):
         return
-    move, hit = _asked(surface.asked, first), _asked(surface.asked, first + 4)
-    for k in range(wp.static(ASKED)):
-        surface.asked[first + k] = wp.int64(0)
+    move, hit = _asked(surface, i, turn, MOVE), _asked(surface, i, turn, HIT)
+    for k in range(wp.static(ASKED // 2)):
+        surface.asked[_place_of(i, turn, k)] = wp.int64(0)
     packed = load_row(surface.displacements, i)
-    if packed[3] <= wp.static(HELD) * load_row(surface.positions, i)[3]:
-        return
     store_row(surface.displacements, i, pack(xyz(packed) + move, packed[3]))
     if surface.last_displacements.shape[0] > 0:
         # A hit changes the velocity at once. As if it had moved like that before, BDF2 carries just that on.
@@ -198,12 +187,24 @@ def _move(surface: Surface, i: int):
 
 
 @wp.func
-def _asked(asked: wp.array(dtype=wp.int64), first: int) -> wp.vec3:
-    """A sum of moves [m]."""
-    sum = wp.vec3(0.0)
-    for k in range(3):
-        sum[k] = float(wp.float64(asked[first + k]) / _METRE)
-    return sum
+def _place_of(i: int, turn: int, k: int) -> int:
+    """Where number k of a turn of particle i is among all that is asked."""
+    return wp.static(ASKED) * i + wp.static(ASKED // 2) * turn + k
+
+
+@wp.func
+def _asked(surface: Surface, i: int, turn: int, k: int) -> wp.vec3:
+    """A sum of moves [m], MOVE or HIT."""
+    return exact_sum(surface.asked, _place_of(i, turn, k))
+
+
+@wp.func
+def _move_all(members: Members, w: int, t: int, width: int, turn: int):
+    """Move the particles of world w as they were asked to in a turn; thread t of `width`."""
+    for b in range(members.batches):
+        surface = surface_of(members, b, w)
+        for i in range(t, surface.positions.shape[0], width):
+            _move(surface, i, turn)
 
 
 @cooperative
@@ -220,21 +221,20 @@ def _keep_apart(members: Members, pairs: Pairs, close: Close, passes: int, crew:
     if close.some[0] == 0:
         return
     for p in range(passes):
+        # What was asked in the pass before is done while the next is asked for, so that nobody waits for it.
+        turn = p % 2
         for w in range(team, members.worlds, crew.teams):
-            _claim(members, close, w, t, crew.width)
+            _claim(members, close, w, t, crew, turn)
         sync_all(crew)
         for w in range(team, members.worlds, crew.teams):
-            _part(members, close, w, t, crew.width)
+            _part(members, close, w, t, crew, turn)
+            _move_all(members, w, t, crew.width, 1 - turn)
         sync_all(crew)
-        for w in range(team, members.worlds, crew.teams):
-            for b in range(members.batches):
-                surface = surface_of(members, b, w)
-                for i in range(t, surface.positions.shape[0], crew.width):
-                    _move(surface, i)
-            if t == 0 and p == passes - 1:
-                close.counts[w] = 0
-                close.some[0] = 0
-        sync_all(crew)
+    for w in range(team, members.worlds, crew.teams):
+        _move_all(members, w, t, crew.width, (passes - 1) % 2)
+        if t == 0:
+            close.counts[w] = 0
+            close.some[0] = 0
 
 
 class Apart:
@@ -243,11 +243,12 @@ class Apart:
     def __init__(self, members: Members, pairs: Pairs, crew: Crew, device: wp.Device) -> None:
         worlds, room = pairs.parts.shape
         self._close = Close()
-        self._close.pairs = wp.zeros((worlds, room), dtype=Pair, device=device)
-        self._close.weights = wp.zeros((worlds, room), dtype=wp.vec4, device=device)
-        self._close.lines = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
-        self._close.gaps = wp.zeros((worlds, room), dtype=wp.vec3, device=device)
-        self._close.frictions = wp.zeros((worlds, room), dtype=wp.vec2, device=device)
+        for name in ("particles", "surfaces", "inverse", "weights"):
+            dtype = int if name in ("particles", "surfaces") else float
+            setattr(self._close, name, wp.zeros((worlds, 4 * room), dtype=dtype, device=device))
+        for name, dtype in (("lines", wp.vec3), ("gaps", wp.vec2), ("frictions", wp.vec2), ("slips", wp.vec4)):
+            setattr(self._close, name, wp.zeros((worlds, room), dtype=dtype, device=device))
+        self._close.met = wp.zeros((worlds, room), dtype=float, device=device)
         self._close.counts = wp.zeros(worlds, dtype=int, device=device)
         self._close.some = wp.zeros(1, dtype=int, device=device)
         self._launch = recorded(_keep_apart, members, pairs, self._close, _PASSES, crew=crew, device=device)

@@ -81,14 +81,12 @@ def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs, round
 
 
 @wp.func
-def _measure(members: Members, pairs: Pairs, w: int, t: int, width: int):
-    """Find how far panels of world w go; thread t of `width`."""
-    carried = _carried(members, pairs, w)
-    for p in range(t, members.panels.shape[0], width):
-        panel, longest = panel_of(members, p, w), float(0.0)
-        for q in range(3):
-            longest = wp.max(longest, wp.length(_way(members.surfaces[panel.surface], panel.corners[q], carried)))
-        pairs.ranges[w * members.panels.shape[0] + p] = longest
+def measure(members: Members, pairs: Pairs, p: int, w: int):
+    """Find how far panel p of world w goes in this substep, before the bound asks."""
+    panel, longest, carried = panel_of(members, p, w), float(0.0), _carried(members, pairs, w)
+    for q in range(3):
+        longest = wp.max(longest, wp.length(_way(members.surfaces[panel.surface], panel.corners[q], carried)))
+    pairs.ranges[w * members.panels.shape[0] + p] = longest
 
 
 @wp.func
@@ -154,9 +152,6 @@ def _bound(members: Members, pairs: Pairs, rounds: int, crew: Crew):
     number = number_of(wp.tid(), crew)
     team = number / crew.width
     t = number - team * crew.width
-    for w in range(team, members.worlds, crew.teams):
-        _measure(members, pairs, w, t, crew.width)
-    sync_all(crew)
     for round in range(rounds):
         for w in range(team, members.worlds, crew.teams):
             _find(members, pairs, w, t, crew.width, round)

@@ -16,12 +16,15 @@ _BLOCK = 1024  # threads of a block; the compiler sees to it that their register
 
 @wp.struct
 class Crew:
-    """The threads of a launch, in `blocks`. They share the worlds in `teams` of `width`. arrived: (1,) blocks at the
-    barrier."""
+    """The threads of a launch, in `blocks`. They share the worlds in `teams` of `width`, whole warps.
+
+    sharing: how many share what has four parts, 1 on a CPU. arrived: (1,) blocks at the barrier.
+    """
 
     blocks: int
     width: int
     teams: int
+    sharing: int
     arrived: wp.array(dtype=int)
 
 
@@ -61,8 +64,9 @@ def crew_of(worlds: int, device: wp.Device) -> Crew:
     crew = Crew()
     crew.blocks = 1 if device.is_cpu else device.sm_count
     threads = _threads(device)
-    crew.width = max(1, threads // worlds)
+    crew.width = 1 if device.is_cpu else max(32, threads // worlds // 32 * 32)
     crew.teams = threads // crew.width
+    crew.sharing = 1 if device.is_cpu else 4
     crew.arrived = wp.zeros(1, dtype=int, device=device)
     return crew
 

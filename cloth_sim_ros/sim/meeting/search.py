@@ -50,7 +50,7 @@ from cloth_sim_ros.sim.meeting.watch import farthest, goes, has_failed, look
 
 PAIRS_A_PANEL = 64  # room in the list of pairs
 _COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
-_THREADS = 131072  # of a launch over the couples of all worlds, on a GPU
+_THREADS = 1 << 17  # of a launch over the couples of all worlds, on a GPU
 _TEAM = 4  # of them that look at a couple
 
 

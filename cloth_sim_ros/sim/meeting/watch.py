@@ -4,6 +4,7 @@
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
+from cloth_sim_ros.sim.meeting.bound import measure
 from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, sync_all
 from cloth_sim_ros.sim.meeting.flat import judge
 from cloth_sim_ros.sim.meeting.pairs import AGAIN, AGE, DUE, EAGER, HOLDS, WAS, WHOLE, Pairs, empty, forget, slack
@@ -96,6 +97,8 @@ def _look(members: Members, pairs: Pairs, ends: bool, number: int, crew: Crew):
     for w in range(team, members.worlds, crew.teams):
         for p in range(t, members.panels.shape[0], crew.width):
             _mark(members, pairs, p, w)
+            if ends:
+                measure(members, pairs, p, w)
     if pairs.clock[DUE] == 0 and age < pairs.clock[HOLDS]:
         if number == 0 and ends:
             pairs.clock[AGE] = age + 1
