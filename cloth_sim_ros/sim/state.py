@@ -107,7 +107,8 @@ class Press:
 
     when: -1 for the last substep of the frame before. push [kg m], at the point of these weights of the corners.
     normal: out of the collider. so_far: friction and normal correction in this substep [m]. While the facet sticks, the
-    point of weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 where it slides.
+    point of weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 where it slides. stops: the shares
+    of their ways that its corners give up in substep `stopped`.
     """
 
     when: int
@@ -117,6 +118,8 @@ class Press:
     so_far: wp.vec4
     stuck: wp.vec3
     anchor: wp.vec3
+    stopped: int
+    stops: wp.vec3
 
 
 @wp.struct
@@ -154,7 +157,8 @@ class State:
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) of each collider on each particle, mean over the frame [N]
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next two
     close: wp.array(dtype=int)  # (N,) whether facets around a particle may touch a collider in this substep
-    pressed: wp.array(dtype=int)  # (N,) and whether one of them asks it to move
+    stirred: wp.array(dtype=int)  # (B,) one more than the last substep in which facets moved a particle
+    pressed: wp.array(dtype=int)  # (N,) and bits of what they did to it, see stages/stop.py
     seen: wp.array(dtype=wp.vec3)  # (N,) where their ways start [m], see meeting/search.py,
     going: wp.array(dtype=wp.vec3)  # (N,) how fast they go along these [m/s],
     strayed: wp.array(dtype=float)  # (N,) and how far they are off them, or will be when the substep ends [m]

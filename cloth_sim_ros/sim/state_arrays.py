@@ -65,6 +65,7 @@ def make_states(
         "presses": arrays.size["panels"] * colliders if features.surface else 0,
         "close": particles if features.surface else 0,
         "pressed": particles if features.surface else 0,
+        "stirred": bodies if features.surface else 0,
         "seen": particles if features.meets else 0,
         "going": particles if features.meets else 0,
         "asked": ASKED * particles if features.meets else 0,

@@ -125,6 +125,36 @@ def test_a_small_fast_ball_does_not_pass(device, radius, speed):
     assert column.any() and above[column, 2].min() > height, "the sheet is above the ball everywhere"
 
 
+@pytest.mark.parametrize(
+    ("resolution", "constant", "settings"),
+    [
+        (12, 1e3, {}),
+        (12, 1e5, {"method": "xpbd", "substeps": 5}),
+        (24, 1e3, {"substeps": 20, "iterations": 4}),
+        pytest.param(24, 1e5, {}, marks=pytest.mark.long),
+        pytest.param(24, 1e3, {"method": "xpbd", "order": 1, "substeps": 5}, marks=pytest.mark.long),
+    ],
+)
+@pytest.mark.parametrize(("radius", "speed"), [(0.02, 1.0), (0.03, 10.0), (0.05, 20.0)])
+def test_no_ball_passes_a_clamped_sheet_that_it_stretches_by_half(
+    device, resolution, constant, settings, radius, speed
+):
+    """However springs pull, no point of the sheet is deeper than its thickness at the end of a frame."""
+    springs = {"stretch_compliance": 1.0 / constant, "shear_compliance": 3.0 / constant}
+    sheet, beside = Cloth(resolution=(resolution, resolution), pins="edges", **springs), np.array([0.013, 0.017])
+    ball, height = Sphere(radius=radius, position=(*beside, -0.1 - radius)), -0.1 - radius
+    sim = Simulation(Scene({"it": sheet}, {"ball": ball}), Settings(**settings), device)
+    while height < 0.45:
+        height = min(height + speed / 60, 0.45)
+        sim.set_collider_pose("ball", (*beside, height))
+        sim.step()
+        assert np.linalg.norm(points_of(sim, steps=8) - (*beside, height), axis=1).min() > radius
+    above = points_of(sim)
+    column = np.linalg.norm(above[:, :2] - beside, axis=1) < 0.01
+    assert column.any() and above[column, 2].min() > height
+    assert sim.report()["it"]["max_strain"] > 0.3
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_what_sticks_between_particles_does_not_creep(device, order):
     sheet = Cloth(resolution=(14, 14), size=(0.6, 0.6), pins=None, position=(0.01, 0, 0.11), damping=2e-3)

@@ -15,7 +15,7 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.checks import check_fields
 from cloth_sim_ros.sim.quaternion import Quaternion, Vector
 
-STRETCHED = 1.5  # how much wider gaps between particles may become than they are at rest
+STRETCHED = 1.62  # how much wider gaps between particles may become than they are at rest
 _DIMENSIONS = table.row(table.COLLIDER, "dimensions")
 
 

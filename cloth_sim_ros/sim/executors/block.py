@@ -117,7 +117,7 @@ def _make_substeps(features: Features, program: Program, called: bool):
     enter, outer = make_enter(features), in_turn(program.outer, "outer", called)
     before = in_turn(program.before, "before", called)
     iterated = in_turn([*program.solved, *program.touched], "iterated", called)
-    after = in_turn(program.after, "after", called)
+    after = in_turn([*program.kept, *program.after], "after", called)
 
     @wp.func
     def simulate(t: int, width: int, loaded: Here):

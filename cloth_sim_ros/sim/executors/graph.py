@@ -61,9 +61,9 @@ class Member:
         store, last = iterations > 1 or substep == substeps - 1, iteration + 1 == iterations
         return self.run(stages, self._at(substep), min(iteration, 1), int(store), int(last))
 
-    def finish(self, substep: int, iterations: int) -> list[Launch]:
-        """What ends a substep."""
-        return self.run(self.program.after, self._at(substep), min(iterations - 1, 1))
+    def finish(self, stages: Sequence[Stage], substep: int, iterations: int) -> list[Launch]:
+        """Stages behind the iterations."""
+        return self.run(stages, self._at(substep), min(iterations - 1, 1))
 
     def end(self, substeps: int) -> list[Launch]:
         """What ends a frame."""
@@ -134,10 +134,12 @@ class Graph:
                     frame += member.iterate(member.program.touched, *now)
                 if self._meeting is not None:
                     frame.append(apart)
+            for member in members:
+                frame += member.finish(member.program.kept, substep, iterations)
             if self._meeting is not None:
                 frame += [Call(partial(search.look, ends=True)), bound]
             for member in members:
-                frame += member.finish(substep, iterations)
+                frame += member.finish(member.program.after, substep, iterations)
         for member in members:
             frame += member.end(substeps)
         return frame
@@ -162,7 +164,7 @@ def make_kernels(features: Features, on_cpu: bool) -> tuple[Program, dict[str, w
     module = wp.get_module(f"cloth_sim_ros.graph.{features.key()}.{'cpu' if on_cpu else 'cuda'}")
     begin, enter = make_begin(features), make_enter(features)
     each = (program.outer, program.before, program.solved, program.touched)
-    stages = itertools.chain(*each, program.after, program.ending)
+    stages = itertools.chain(*each, program.kept, program.after, program.ending)
     return program, {stage.name: _make_kernel(stage, features, begin, enter, module) for stage in stages}
 
 

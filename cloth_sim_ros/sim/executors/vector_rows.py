@@ -125,7 +125,7 @@ def make_frame(features: Features):
     called = bool(features.shapes)
     outer, end = in_turn(program.outer, "outer", called), in_turn(program.ending, "ending", called)
     before = in_turn([stage for stage in program.before if stage.name != "predict"], "before", called)
-    iterated = in_turn(program.touched, "iterated", called)
+    iterated, kept = in_turn(program.touched, "iterated", called), in_turn(program.kept, "kept", called)
     argument = given_type(features)
 
     @wp.func
@@ -153,6 +153,8 @@ def make_frame(features: Features):
             for iteration in range(here.frame.iterations):
                 here.step.first = iteration == 0
                 iterated(0, 1, here)
+        if wp.static(kept is not None):
+            kept(0, 1, here)
         if wp.static(features.handles):
             for i in range(here.body.count):
                 feel(i, here)

@@ -5,9 +5,9 @@ The contract of an executor (block.py: a body in a block; graph.py: a launch a s
 
 1. It gives every stage a `Here` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
 2. It runs `outer` before each substep that begins a step of slow forces, and once more behind the last. Each substep
-   runs `before`, then `solved` and `touched` in each iteration, and `after`. `ending` runs at the end of the frame.
-   Where objects meet, they are kept apart behind `touched`: who came through a collider is put out of it later too, but
-   who came through a sheet is not.
+   runs `before`, then `solved` and `touched` in each iteration, then `kept` and `after`. `ending` ends the frame.
+   Where objects meet, they are kept apart behind `touched` and bounded behind `kept`: who came through a collider is
+   put out of it later too, but who came through a sheet is not.
 3. A stage is run(t, width, here), called by `width` threads of numbers t. What they store is seen by all threads of the
    body before the next stage begins.
 4. A stage with `rounds` is run once for each family of lines, in order, with `here.group` set and a barrier between.
@@ -47,6 +47,7 @@ from cloth_sim_ros.sim.stages.motion import (
     sweep_collider,
 )
 from cloth_sim_ros.sim.stages.near import list_colliders, make_forget_contacts, measure_extent
+from cloth_sim_ros.sim.stages.stop import make_stay, make_stop
 from cloth_sim_ros.sim.stages.surface_contact import make_carry_presses, make_press, make_yield
 from cloth_sim_ros.sim.stages.tearing import followers, make_tear
 from cloth_sim_ros.sim.state import Arrays
@@ -63,6 +64,7 @@ class Program:
     before: list[Stage] = field(default_factory=list)
     solved: list[Stage] = field(default_factory=list)
     touched: list[Stage] = field(default_factory=list)
+    kept: list[Stage] = field(default_factory=list)
     after: list[Stage] = field(default_factory=list)
     ending: list[Stage] = field(default_factory=list)
 
@@ -98,15 +100,7 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     if features.lines:
         program.solved.append(_make_lines(features, on_cpu))
     if features.shapes:
-        met_in, contact = make_met_in(features), make_contact(features)
-        if features.surface:
-            program.touched.append(over_meeting("contact", met_in, contact))
-            panels = lambda body, _: body["panels_end"] - body["panels"]  # noqa: E731
-            program.touched.append(Stage("press", make_press(features), panels))
-            contact = make_yield(features)
-        # With what ends the substep behind it: a GPU waits once for both, and reads contact's many instructions once.
-        name = "give_way" if features.surface else "contact"
-        program.touched.append(over_meeting(name, met_in, contact, None if features.meets else finish))
+        _keep_out(program, features, None if features.meets else finish)
     if features.meets or not features.shapes:
         program.after.append(over_particles("finish", finish))
     many = lambda *_: 1 if on_cpu else 16 * _THREADS  # noqa: E731
@@ -117,6 +111,23 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
         program.ending += [Stage(f.key, f, many) for f in followers(features)]
     program.ending.append(Stage("count", once(make_count(features)), lambda *_: 1))
     return program
+
+
+def _keep_out(program: Program, features: Features, ends) -> None:
+    """What keeps a body out of colliders, and what `ends` the substep.
+
+    That goes with the last stage: a GPU waits once for both, and reads the many instructions of contact once.
+    """
+    met_in, contact = make_met_in(features), make_contact(features)
+    if not features.surface:
+        program.touched.append(over_meeting("contact", met_in, contact, ends))
+        return
+    panels = lambda body, _: body["panels_end"] - body["panels"]  # noqa: E731
+    program.touched.append(over_meeting("contact", met_in, contact))
+    program.touched.append(Stage("press", make_press(features), panels))
+    program.touched.append(over_meeting("give_way", met_in, make_yield(features)))
+    program.kept.append(Stage("stop", make_stop(features), panels))
+    program.kept.append(over_meeting("stay", met_in, make_stay(features), ends))
 
 
 def _look_around(features: Features) -> list[Stage]:

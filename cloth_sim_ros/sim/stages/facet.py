@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.intrinsics import xyz
 _CUTS = 8  # evaluations between the ends of a line, at most
 _NEAR = 1.0e-5  # [m] the search ends where no point of the line can be deeper by more
 _SPREAD = 4  # steps along each side of a facet at whose ends shapes that are not convex are looked at
-_ADVANCES = 16  # steps of a facet towards a collider
+ADVANCES = 16  # steps of a facet towards a collider
 
 
 @wp.struct
@@ -161,8 +161,14 @@ def make_deepest(shapes: tuple[str, ...]):
 
     Of shapes that are not convex it is that of what the search finds and of points spread over the facet.
     """
+    is_hollow = make_is_hollow(shapes)
+    return _make_search(shapes) if is_hollow is None else _or_spread(_make_search(shapes), shapes, is_hollow)
+
+
+def make_is_hollow(shapes: tuple[str, ...]):
+    """A Warp function: whether a shape, by its number, is not convex; None where all of `shapes` are."""
     hollow = tuple(number_of(name) for name in shapes if not SHAPES[name][0].convex)
-    return _or_spread(_make_search(shapes), shapes, hollow) if hollow else _make_search(shapes)
+    return _make_is_one_of(hollow) if hollow else None
 
 
 def _make_is_one_of(numbers: tuple[int, ...]):
@@ -178,8 +184,8 @@ def _make_is_one_of(numbers: tuple[int, ...]):
     return wp.func(is_one, name=f"is_one_of_{'_'.join(map(str, numbers))}")
 
 
-def _or_spread(search, shapes: tuple[str, ...], hollow: tuple[int, ...]):
-    signed_distance, is_hollow = make_signed_distance(shapes), _make_is_one_of(hollow)
+def _or_spread(search, shapes: tuple[str, ...], is_hollow):
+    signed_distance = make_signed_distance(shapes)
     is_beyond = make_is_beyond(shapes)
 
     @wp.func
@@ -279,7 +285,7 @@ def make_touched(shapes: tuple[str, ...]):
         gap = float(1.0)
         count = int(0)
         # The last turn is at the end of its way: the compiler then has the search once.
-        while count <= wp.static(_ADVANCES) and gap > 1.0e-3 * thickness:
+        while count <= wp.static(ADVANCES) and gap > 1.0e-3 * thickness:
             before = back(facet, left)
             weights = deepest(shape, size, data, before)
             gap = 0.0

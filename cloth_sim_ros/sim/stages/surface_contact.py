@@ -28,6 +28,7 @@ from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.meet import make_meet
 from cloth_sim_ros.sim.stages.motion import pack
 from cloth_sim_ros.sim.stages.near import make_near_of, next_of, note
+from cloth_sim_ros.sim.stages.stop import MOVED, PRESSED, mark
 from cloth_sim_ros.sim.state import ColliderMotion, Press, Sweep
 
 # Of the largest inverse mass: what a push beside a pinned or heavy corner divides by, so that no other is ever thrown
@@ -134,8 +135,7 @@ def make_press(features: Features):
                         found.when = here.substep
                         here.state.presses[entry] = found
                         note(c, near)
-                        for place in range(3):
-                            here.state.pressed[here.body.particles + corners[place]] = 1
+                        mark(corners, PRESSED, here)
                     elif last.when == here.substep:
                         here.state.presses[entry].when = LONG_AGO
                     c = next_of(c, near, stray)
@@ -198,9 +198,10 @@ def make_yield(features: Features):
         w = packed[3]
         if w <= wp.static(least) * load4(here.x, i)[3]:
             return
-        if here.state.pressed[met.slot] == 0:
+        marks = here.state.pressed[met.slot]
+        if marks & PRESSED == 0:
             return
-        here.state.pressed[met.slot] = 0
+        here.state.pressed[met.slot] = marks & MOVED
         displacement = xyz(packed)
         touched = bool(False)
         push = Push()
@@ -218,6 +219,8 @@ def make_yield(features: Features):
                     push = with_push(push, n, wp.dot(correction, n), motion, entry)
             c = next_of(c, met.near, False)
         if touched:
+            here.state.pressed[met.slot] = MOVED
+            here.state.stirred[here.body.index] = here.substep + 1
             store4(here.d, i, pack(displacement, w))
             if wp.static(features.order == 2):
                 moved = displacement - xyz(load4(here.low, i))
@@ -241,6 +244,7 @@ def make_carry_presses(features: Features):
                 entry = k * colliders + c
                 was = here.state.presses[entry].when
                 here.state.presses[entry].when = wp.where(was == here.frame.substeps - 1, -1, LONG_AGO)
+                here.state.presses[entry].stopped = LONG_AGO
             c = next_of(c, near, False)
 
     return carry_presses
