@@ -18,7 +18,7 @@ METHODS = {
 }
 
 
-BALL = {"ball": Sphere(radius=0.2, position=(0, 0.2, -0.22))}
+BALL = {"ball": Sphere(radius=0.22, position=(0, 0.2, -0.24))}
 
 
 def simulation(device, substeps=40, colliders=None, executor=None, **settings):

@@ -31,7 +31,7 @@ def busy_scene():
                 resolution=(6, 7), size=(0.4, 0.4), pins="corners", position=(0, 1.5, 0), thickness=0.02, **SPRINGS
             ),
         },
-        {"ball": Sphere(radius=0.2, position=(0, 0, -0.22)), "floor": Plane(position=(0, 0, -0.3))},
+        {"ball": Sphere(radius=0.22, position=(0, 0, -0.24)), "floor": Plane(position=(0, 0, -0.3))},
     )
 
 
@@ -261,7 +261,7 @@ def test_it_compiles_for_cuda_with_its_springs_in_registers(shapes, waits, tmp_p
 SHEET = Cloth(resolution=(14, 13), pins="top", orientation=(0.7071068, 0, 0, 0.7071068), thickness=0.02, **SPRINGS)
 BENDS = {"bending": "dihedral", "bend_compliance": 1e4}
 LARGE = {"near": Sphere(radius=2.0, position=(0.03, -0.28, -2.02))}
-BALL = {"near": Sphere(radius=0.2, position=(0.03, -0.28, -0.22)), "floor": Plane(position=(0, 0, -0.45))}
+BALL = {"near": Sphere(radius=0.22, position=(0.03, -0.28, -0.24)), "floor": Plane(position=(0, 0, -0.45))}
 
 
 def irregular():
