@@ -114,6 +114,19 @@ def test_a_sheet_that_falls_on_its_edge_does_not_come_through_itself(device, cou
     assert sim.report()["it"]["crossings"] > count, "without it, it comes through"
 
 
+def test_a_crumpled_sheet_comes_to_rest(device):
+    """It neither trembles nor slides: what lies on the floor sticks to it, whatever lies on top."""
+    sim = crumpled(16, device)
+    sim.step(300)
+    before, energies = sim.positions("it"), []
+    for _ in range(6):
+        sim.step(10)
+        energies.append(sim.report()["it"]["kinetic_energy"])
+    on_floor = before[:, 2] < 1.02 * 0.003
+    assert np.mean(energies) < 1e-6 * sim.masses("it").sum()
+    assert np.linalg.norm(sim.positions("it") - before, axis=1)[on_floor].max() < 2e-5
+
+
 def test_crossings_are_told(device):
     """A start in which one layer stands upright through the other."""
     sim = layers(device, 0.03, 0.3)

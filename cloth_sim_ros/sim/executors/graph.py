@@ -130,10 +130,10 @@ class Graph:
                 now = (substep, iteration, (substeps, iterations))
                 for member in members:
                     frame += member.iterate(member.program.solved, *now)
-                for member in members:
-                    frame += member.iterate(member.program.touched, *now)
                 if self._meeting is not None:
                     frame.append(apart)
+                for member in members:
+                    frame += member.iterate(member.program.touched, *now)
             for member in members:
                 frame += member.finish(member.program.kept, substep, iterations)
             if self._meeting is not None:

@@ -28,7 +28,9 @@ _CLAIM = wp.constant(wp.float64(1 << 34))  # units of a metre in sums of claims
 # Numbers of a particle in two turns: where to move, where to move by hits alone, and what its pairs lack.
 ASKED = 14
 MOVE, HIT, CLAIM = wp.constant(0), wp.constant(3), wp.constant(6)
-_PARTING = wp.constant(0.1)  # [m/s] at which parts that are too near to one another come apart
+# Parts that are too near to one another come apart by this share of what they lack in a substep, and at most at this
+# pace [m/s]. If they did at once, they would bounce, and no heap would come to rest.
+_EASE, _PARTING = wp.constant(0.3), wp.constant(0.1)
 
 
 @wp.struct
@@ -91,8 +93,8 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                 moved += m.weights[q] * wp.dot(n, xyz(moves))
             kept = pairs.kept[w, k]
             if apart + moved < wp.static(CLOSE) * kept:
-                # What was nearer comes apart at a pace that flings nothing.
-                wanted = wp.min(kept, apart + _PARTING * of_a.frames[0].dt)
+                lacks = kept - apart
+                wanted = wp.where(lacks > 0.0, wp.min(_EASE * lacks, _PARTING * of_a.frames[0].dt), lacks)
                 close.some[0] = 1
                 j = next_place(close.counts, w)
                 for q in range(4):
@@ -106,7 +108,7 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                 close.lines[w, j] = n
                 # Of many that ask the same particle, those who have nearly come through are heard first.
                 urgency = kept / wp.max(apart, 1.0e-3 * kept)
-                close.gaps[w, j] = wp.vec2(wanted - apart, urgency * urgency)
+                close.gaps[w, j] = wp.vec2(wanted, urgency * urgency)
                 close.frictions[w, j] = _friction(of_a.materials[body_a], of_b.materials[body_b])
 
 

@@ -6,8 +6,8 @@ The contract of an executor (block.py: a body in a block; graph.py: a launch a s
 1. It gives every stage a `Here` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
 2. It runs `outer` before each substep that begins a step of slow forces, and once more behind the last. Each substep
    runs `before`, then `solved` and `touched` in each iteration, then `kept` and `after`. `ending` ends the frame.
-   Where objects meet, they are kept apart behind `touched` and bounded behind `kept`: who came through a collider is
-   put out of it later too, but who came through a sheet is not.
+   Where objects meet, they are kept apart before `touched`, so that what lies on a floor sticks to it, whatever lies on
+   top. They are bounded behind `kept`, so that nothing comes through a sheet, whatever pushes.
 3. A stage is run(t, width, here), called by `width` threads of numbers t. What they store is seen by all threads of the
    body before the next stage begins.
 4. A stage with `rounds` is run once for each family of lines, in order, with `here.group` set and a barrier between.
