@@ -262,6 +262,8 @@ class Batch:
         spans = {}
         if segments.stop > segments.start:
             spans |= {"tensions": segments, "chain_forces": self.span(name)}
+            if self.features.supported:
+                spans["supports"] = self.span(name)
             if self.features.beam:
                 spans["moments"] = segments
             if self.features.twist:

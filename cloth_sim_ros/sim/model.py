@@ -52,6 +52,11 @@ class Features:
         return self.order == 2 or self.method == "verlet"
 
     @property
+    def supported(self) -> bool:
+        """Whether the push of a collider carries over to the next substep."""
+        return self.chain and self.shapes != ()
+
+    @property
     def has_outer(self) -> bool:
         """Whether explicit substeps lie between impulses of slow forces."""
         return self.method == "verlet" and (self.panels != "" or self.plate or self.forces != ())

@@ -62,6 +62,7 @@ def make_states(
         "panel_forces": arrays.size["panels"] if features.panels else 0,
         "contacts": particles * colliders,
         "contact_forces": particles * colliders,
+        "supports": particles if features.supported else 0,
         "presses": arrays.size["panels"] * colliders if features.surface else 0,
         "close": particles if features.surface else 0,
         "pressed": particles if features.surface else 0,

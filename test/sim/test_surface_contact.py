@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Rope, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Handle, Plane, Rope, Scene, Settings, Simulation, Sphere
 from cloth_sim_ros.sim.executors.choose import forced_executor
 
 HALF, THICKNESS, SPACING = np.array([0.3, 0.5, 0.2]), 0.02, 0.1  # a box whose corner is five times finer than the mesh
@@ -166,3 +166,25 @@ def test_what_sticks_between_particles_does_not_creep(device, order):
     sim.step(300)
     assert np.linalg.norm(sim.positions("it")[top] - first[top]) < 1e-4
     assert sim.report()["it"]["max_penetration"] < 1e-4
+
+
+@pytest.mark.parametrize("segments", [40, 100])
+def test_a_hand_pulls_a_rope_around_a_peg(device, segments):
+    """The peg is 15 mm thick or less than a segment. The rope is long enough, so it neither stretches nor passes."""
+    peg = np.array([0.0, 0.03])
+    rope = Rope.of("cotton rope", segments=segments, start=(-0.5, 0, 0.02), end=(0.5, 0, 0.02), pins="start")
+    hand, frames = Handle(position=(0.5, 0, 0.02), reach=0.05), 72
+    colliders = {"peg": Capsule(radius=0.015, half_length=0.3, position=(*peg, 0.1)), "floor": Plane()}
+    sim = Simulation(Scene({"it": rope}, colliders, handles={"hand": hand}), device=device)
+    assert sim.attach("hand") > 0
+    most = 0.0
+    for frame in range(1, frames + 31):
+        share = min(frame / frames, 1.0)
+        angle, radius = 0.9 * np.pi * share, 0.5 - 0.25 * share
+        sim.set_handle_pose("hand", (radius * np.cos(angle), radius * np.sin(angle), 0.02))
+        sim.step()
+        x = sim.positions("it").astype(np.float64)
+        most = max(most, np.abs(np.linalg.norm(np.diff(x, axis=0), axis=1) * segments - 1.0).max())
+    around = np.unwrap(np.arctan2(x[:, 1] - peg[1], x[:, 0] - peg[0]))
+    assert around[-1] - around[0] == pytest.approx(1.9 * np.pi, abs=0.2), "it came through"
+    assert most < 0.05

@@ -17,6 +17,8 @@ from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
 # [m/s] at which what overlaps at the start of a substep comes apart, as after a fall of half a metre. A collider that
 # is placed into a cloth would otherwise fling it out within one substep.
 SEPARATION = wp.constant(3.0)
+# Of a support, what carries over to the next substep. If all did, a chain and a collider would wind one another up.
+_CARRIED = wp.constant(0.95)
 NOISE = wp.constant(1.0e-6)  # [m] a motion of this size may be rounding alone
 
 
@@ -57,7 +59,7 @@ def pace(collider: ColliderMotion, step: Step) -> float:
 class Met:
     """Where it is kept what particle number `slot` meets: which colliders are near, their motion from `first_sweep` on,
     what earlier iterations did, and forces [N], which are corrections over the inverse mass times `share` [1/s^2].
-    colliders: those of the world."""
+    colliders: those of the world. carries: whether what supported the particle in the last substep is in its way."""
 
     slot: int
     first_sweep: int
@@ -69,6 +71,14 @@ class Met:
     forces: wp.array(dtype=wp.vec4)
     velocities: wp.array(dtype=wp.vec4)
     last_displacements: wp.array(dtype=wp.vec3)
+    supports: wp.array(dtype=wp.vec4)
+    carries: bool
+
+
+@wp.func
+def larger_support(support: wp.vec4, push: wp.vec3, c: int) -> wp.vec4:
+    """Whichever is more: that, or the push of collider c [m], with 1 + its number."""
+    return wp.where(wp.length_sq(push) > wp.length_sq(xyz(support)), pack(push, float(c + 1)), support)
 
 
 @wp.func
@@ -138,12 +148,71 @@ def least_mass(features: Features) -> float:
     return HELD if features.handles else 0.0
 
 
+def _make_support(features: Features):
+    """Warp functions: how a collider supports a particle since the last substep, in its axes [m], whether it does, and
+    what lets go of it."""
+    if not features.supported:
+
+        @wp.func
+        def not_carried(c: int, met: Met, step: Step, sweep: Sweep) -> wp.vec3:
+            return wp.vec3(0.0)
+
+        @wp.func
+        def not_supported(before: wp.vec3) -> bool:
+            return False
+
+        @wp.func
+        def nothing(met: Met):
+            return
+
+        return not_carried, not_supported, nothing
+
+    @wp.func
+    def carried_by(c: int, met: Met, step: Step, sweep: Sweep) -> wp.vec3:
+        support = load_row(met.supports, met.slot)
+        if not met.carries or int(support[3]) != c + 1:
+            return wp.vec3(0.0)
+        return (step.effective * step.effective) * (sweep.to_local * xyz(support))
+
+    @wp.func
+    def is_supported(before: wp.vec3) -> bool:
+        return wp.length_sq(before) > 0.0
+
+    @wp.func
+    def let_go(met: Met):
+        met.supports[met.slot] = wp.vec4(0.0)
+
+    return carried_by, is_supported, let_go
+
+
+def _make_leave(features: Features):
+    """A Warp function that moves particle i as colliders have it, and keeps how the one that pushes most does so."""
+
+    @wp.func
+    def leave(
+        i: int, low: wp.uint64, d: wp.uint64, displacement: wp.vec3, push: Push, support: wp.vec4, met: Met, step: Step
+    ):
+        w = load4(d, i)[3]
+        if wp.static(features.supported):
+            if met.carries:
+                held = pack((_CARRIED * step.inverse_square) * xyz(support), support[3])
+                store_row(met.supports, met.slot, held)
+        store4(d, i, pack(displacement, w))
+        if wp.static(features.order == 2):
+            if push.pressed > 0.0:
+                moved = displacement - xyz(load4(low, i))
+                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, step))
+
+    return leave
+
+
 def make_touch(features: Features):
     """A Warp function that keeps particle i outside all colliders, with friction.
 
     Returns whether one of them may come within a `width` [m] of it in the substep.
     """
-    meet = make_meet(features.shapes)
+    meet, leave = make_meet(features.shapes), _make_leave(features)
+    carried_by, is_supported, let_go = _make_support(features)
     least = least_mass(features)
 
     @wp.func
@@ -161,20 +230,23 @@ def make_touch(features: Features):
         row = load4(x, i)
         w = packed[3]
         if w <= wp.static(least) * row[3]:
+            let_go(met)
             return True
         close = bool(False)
         position = xyz(row)
         displacement = xyz(packed)
         touched = bool(False)
-        push = Push()
+        push, support = Push(), wp.vec4(0.0)
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
         while c < met.colliders.shape[0]:
             k = met.first_sweep + c
             entry = met.slot * met.colliders.shape[0] + c
-            before = wp.vec4(0.0)
-            if not step.first:
-                before = load_row(met.contacts, entry)
+            before = wp.vec3(0.0)
+            if step.first:
+                before = carried_by(c, met, step, met.sweeps[k])
+            else:
+                before = xyz(load_row(met.contacts, entry))
             after = before
             # Most particles are farther from the collider than both can move in a substep: a few numbers tell.
             offset = (position - met.sweeps[k].position) + displacement
@@ -182,7 +254,7 @@ def make_touch(features: Features):
             path += met.sweeps[k].spin * (wp.length(offset) + path)
             away = wp.length(offset) - path - met.colliders[c].reach - material.thickness
             close = close or away < width
-            if away < 0.0:
+            if away < 0.0 or is_supported(before):
                 collider = met.colliders[c]
                 sweep = met.sweeps[k]
                 low = xyz(load4(low_address, i))
@@ -192,19 +264,20 @@ def make_touch(features: Features):
                 apart = pace(collider, step)
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, material.thickness, apart)
                 gap = touching[3]
-                if gap < 0.0:
+                if gap < 0.0 or is_supported(before):
                     n = xyz(touching)
-                    more = outward(gap, before[3], collider.compliance * step.inverse_square / w)
-                    pressed = before[3] + more
+                    pressed = wp.dot(before, n)
+                    rubbed_before = before - pressed * n
+                    pressed += outward(gap, pressed, collider.compliance * step.inverse_square / w)
                     tangential = slip - wp.dot(slip, n) * n
-                    rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n
                     mu_s = wp.sqrt(material.static_friction * collider.static_friction)
                     mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
-                    rubbed = friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
-                    correction = wp.transpose(sweep.to_local) * (more * n + rubbed - rubbed_before)
-                    displacement += correction
-                    add_force(met.forces, entry, (met.share / w) * correction)
-                    after = pack(rubbed, pressed)
+                    after = pressed * n + friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
+                    displacement += wp.transpose(sweep.to_local) * (after - before)
+                    # What is carried over acts in this substep, as what is added does.
+                    pushed = wp.transpose(sweep.to_local) * wp.where(step.first, after, after - before)
+                    add_force(met.forces, entry, (met.share / w) * pushed)
+                    support = larger_support(support, wp.transpose(sweep.to_local) * after, c)
                     touched = True
                     if stray:
                         note(c, met.near)
@@ -212,13 +285,10 @@ def make_touch(features: Features):
                     if wp.static(features.order == 2):
                         push = with_push(push, wp.transpose(sweep.to_local) * n, pressed, sweep.motion, entry)
             if step.repeats:
-                store_row(met.contacts, entry, after)
+                store_row(met.contacts, entry, pack(after, 0.0))
             c = next_of(c, met.near, stray)
-        if touched:
-            store4(d, i, pack(displacement, w))
-            if wp.static(features.order == 2):
-                moved = displacement - xyz(load4(low_address, i))
-                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, step))
+        if touched or wp.static(features.supported):
+            leave(i, low_address, d, displacement, push, support, met, step)
         return close
 
     return contact
@@ -240,6 +310,8 @@ def make_met_in(features: Features):
         met.forces = here.state.contact_forces
         met.velocities = here.state.velocities
         met.last_displacements = here.state.last_displacements
+        met.supports = here.state.supports
+        met.carries = wp.static(features.supported)
         return met
 
     return met_in

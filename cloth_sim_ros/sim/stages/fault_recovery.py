@@ -39,6 +39,8 @@ def make_settle(features: Features):
         put_back(g, s.relapses[here.body.index], here.model, s)
         if wp.static(features.chain):
             s.chain_forces[g] = wp.vec3(0.0)
+            if wp.static(features.supported):
+                s.supports[g] = wp.vec4(0.0)
             k = here.body.segments + i
             if k < here.body.segments_end:
                 s.tensions[k] = 0.0

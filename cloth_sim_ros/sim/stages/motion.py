@@ -173,6 +173,10 @@ def make_predict(features: Features):
                 store4(here.low, i, pack(low, 0.0))
         # Chosen, not branched to, or a warp with a pinned particle would go both ways.
         moved = prediction(base, v, a, eased, w, low, here.step)
+        if wp.static(features.supported):
+            # A chain and its bending are solved where the collider will hold it, or they would cut its corner.
+            square = here.step.effective * here.step.effective
+            moved += pack(square * xyz(load_row(here.state.supports, g)), 0.0)
         store4(here.p, i, wp.where(w == 0.0, pack(low, 0.0), moved))
 
     return predict
@@ -252,7 +256,10 @@ def make_finish(features: Features):
             if here.step.second:
                 base = carried(here.state.last_displacements[g])
             velocity = rate_of(displacement - base, here.step)
-            if wp.length(displacement - here.state.last_displacements[g]) > wp.static(smooth) * here.body.spacing:
+            rough = wp.length(displacement - here.state.last_displacements[g]) > wp.static(smooth) * here.body.spacing
+            if wp.static(features.supported):
+                rough = rough or here.state.supports[g][3] > 0.0
+            if rough:
                 here.state.events[2 * here.body.index + here.substep % 2] = here.substep + 1
             before = xyz(load_row(here.state.velocities, g))
             if wp.static(features.panels != ""):

@@ -8,7 +8,7 @@ facets ask for. No order of facets matters, so that all of them go at once.
 import warp as wp
 
 from cloth_sim_ros.sim.colliders import make_is_beyond
-from cloth_sim_ros.sim.intrinsics import load4, store4, xyz
+from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.stages.contact import (
@@ -203,13 +203,14 @@ def make_yield(features: Features):
             return
         here.state.pressed[met.slot] = marks & MOVED
         displacement = xyz(packed)
-        touched = bool(False)
+        touched, last = bool(False), int(0)
         push = Push()
         c = next_of(-1, met.near, False)
         while c < here.colliders.shape[0]:
             correction = w * wanted_of(i, c, here)
             if wp.length_sq(correction) > 0.0:
                 displacement += correction
+                last = c
                 entry = met.slot * here.colliders.shape[0] + c
                 add_force(met.forces, entry, (met.share / w) * correction)
                 touched = True
@@ -226,7 +227,12 @@ def make_yield(features: Features):
                 moved = displacement - xyz(load4(here.low, i))
                 add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, here.step))
             # Its facets may have moved it into a collider: it has the last word.
+            met.carries = False
             touch(i, met, here.material, here.step, here.x, here.low, here.d, 0.0)
+            if wp.static(features.supported):
+                by = here.step.inverse_square * (xyz(load4(here.d, i)) - xyz(packed))
+                support = load_row(here.state.supports, met.slot)
+                store_row(here.state.supports, met.slot, pack(xyz(support) + by, float(last + 1)))
 
     return give_way
 
