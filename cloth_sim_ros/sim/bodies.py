@@ -91,9 +91,8 @@ class Bodies:
         enters = any(each.enters(gap, thickness) for each in {**self.scene.colliders, **self._sharpest}.values())
         surface = enters or self.scene.spare_colliders > 0
         wind, meets, tears = self.scene.wind is not None, self._meets(name), topology.tear_strain > 0.0
-        around = Surroundings(
-            "cpu" if self.warp_device.is_cpu else "cuda", wind, rows, self.worlds, surface, meets, tears
-        )
+        device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
+        around = Surroundings(device, wind, rows, self.worlds, surface, meets, tears, gravity)
         choice = choosing.choose(self.settings, topology, list(materials), name in self.strained, around)
         if surface:
             choice = replace(choice, reason=f"{choice.reason}; colliders touch it between its particles too")

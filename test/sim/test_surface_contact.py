@@ -8,6 +8,7 @@ from fixed_settings import fixed
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Handle, Plane, Rope, Scene, Settings, Simulation, Sphere
 from cloth_sim_ros.sim.executors.choose import forced_executor
 
+SMOOTH = {"static_friction": 0.0, "kinetic_friction": 0.0}
 HALF, THICKNESS, SPACING = np.array([0.3, 0.5, 0.2]), 0.02, 0.1  # a box whose corner is five times finer than the mesh
 
 
@@ -188,3 +189,26 @@ def test_a_hand_pulls_a_rope_around_a_peg(device, segments):
     around = np.unwrap(np.arctan2(x[:, 1] - peg[1], x[:, 0] - peg[0]))
     assert around[-1] - around[0] == pytest.approx(1.9 * np.pi, abs=0.2), "it came through"
     assert most < 0.05
+
+
+@pytest.mark.parametrize(("segments", "load"), [(40, 0.2), (40, 1.0), (100, 1.0), (100, 5.0)])
+def test_a_weight_hangs_over_a_bar(device, segments, load):
+    """On a bar without friction the rope pulls alike on both sides, and it stretches by next to nothing."""
+    radius = 0.03 + 0.004
+    along = np.linspace(0.0, 1.0, segments + 1) - 0.3
+    angle = np.clip(along / radius, 0.0, np.pi)
+    points = np.stack([-radius * np.cos(angle), 0.0 * angle, radius * np.sin(angle)], axis=1)
+    points[:, 2] += np.minimum(along, 0.0) - np.maximum(along - np.pi * radius, 0.0)
+    rope = Rope.of("cotton rope", points=points, pins="start", end_mass=load)
+    bar = Capsule(radius=0.03, half_length=0.3, orientation=(0.5**0.5, 0, 0, 0.5**0.5), **SMOOTH)
+    sim = Simulation(Scene({"it": rope}, {"bar": bar}), Settings(global_damping=2.0), device)
+    sim.step(180)
+    lifts, most = [], 0.0
+    for _ in range(60):
+        sim.step()
+        lifts.append(-sim.wrench("bar")[0][2])
+        lengths = np.linalg.norm(np.diff(sim.positions("it").astype(np.float64), axis=0), axis=1)
+        most = max(most, np.abs(lengths * segments - 1.0).max())
+    hangs = load + rope.mass * (1.0 - np.pi * radius - 0.3)  # beyond the bar, and as much pulls on this side
+    assert np.mean(lifts) == pytest.approx(9.81 * (2.0 * hangs + rope.mass * np.pi * radius), rel=0.03)
+    assert most < 0.1

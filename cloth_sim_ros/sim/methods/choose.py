@@ -28,6 +28,7 @@ _FEWEST_LAYERS, _FEWEST_COILS = 13, 40  # of a sheet and of a rope, where what i
 _SIDE, _SIDE_LAYERS = 10.0, 5.0
 _MOST_LINES = 2000  # substeps of xpbd that are chosen at most
 _LEAST_ROPE = 20  # of a rope at an error of 1e-3
+_LEANS = 0.05  # of a segment, that a rope's tension moves a particle within a substep until a collider moves it back
 
 # BDF2 by lines misses the motion by _BDF2 (limit / 44)^2 (16 / side)^1.4 / substeps^2, relative to it. That is in
 # sheets held at all edges, the hardest of the study's cases. `limit` are the substeps that leapfrog needs, side^2 the
@@ -161,14 +162,14 @@ def _xpbd(
     limit: substeps that leapfrog needs without dashpots.
     """
     iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
-    fewest = _fewest(topology, around.meets)
+    fewest, leaning = _fewest(topology, around.meets), _leaning(topology, settings, around)
     affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
 
     def substeps_of(order: int, least: float) -> tuple[int, float]:
         """How many are taken, and how many are wanted."""
         constant, power = _error_law(topology, limit, order, settings.frame_dt)
         bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
-        wanted = max((constant / settings.error) ** (1.0 / power), bending, least)
+        wanted = max((constant / settings.error) ** (1.0 / power), bending, leaning, least)
         return settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), fewest, _MOST_LINES)), wanted
 
     order, calm = settings.order or 2, 0.0 if settings.order else _calm(topology, limit) / iterations
@@ -193,6 +194,15 @@ def _fewest(topology: Topology, meets: bool) -> int:
         return _FEWEST_COILS if meets else FEWEST
     side = math.sqrt(len(topology.masses)) / (_SIDE_LAYERS if meets else _SIDE)
     return max(_FEWEST_LAYERS if meets else FEWEST, math.ceil(side))
+
+
+def _leaning(topology: Topology, settings: Settings, around: Surroundings) -> float:
+    """Substeps in which a rope that all of its weight hangs from leans on a collider; 0 of what is none."""
+    if not xpbd_is_direct(topology) or not around.colliders:
+        return 0.0
+    pulled = around.gravity * topology.masses.sum() / float(np.median(topology.masses))
+    spacing = float(np.median(topology.springs["structural"].rest)) * topology.scales_in().min()
+    return settings.frame_dt * math.sqrt(pulled / (_LEANS * spacing))
 
 
 def _effective(settings: Settings, order: int) -> float:

@@ -32,7 +32,7 @@ class Surroundings:
     """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind, colliders and worlds.
 
     surface: whether colliders are kept out between particles too. meets: whether the object is kept apart
-    from itself or others. tears: whether its springs fail.
+    from itself or others. tears: whether its springs fail. gravity [m/s^2].
     """
 
     device: str
@@ -42,6 +42,7 @@ class Surroundings:
     surface: bool = False
     meets: bool = False
     tears: bool = False
+    gravity: float = 9.81
 
     @property
     def near(self) -> int:

@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
 # is placed into a cloth would otherwise fling it out within one substep.
 SEPARATION = wp.constant(3.0)
 # Of a support, what carries over to the next substep. If all did, a chain and a collider would wind one another up.
-_CARRIED = wp.constant(0.95)
+CARRIED = wp.constant(0.95)
 NOISE = wp.constant(1.0e-6)  # [m] a motion of this size may be rounding alone
 
 
@@ -195,7 +195,7 @@ def _make_leave(features: Features):
         w = load4(d, i)[3]
         if wp.static(features.supported):
             if met.carries:
-                held = pack((_CARRIED * step.inverse_square) * xyz(support), support[3])
+                held = pack((CARRIED * step.inverse_square) * xyz(support), support[3])
                 store_row(met.supports, met.slot, held)
         store4(d, i, pack(displacement, w))
         if wp.static(features.order == 2):

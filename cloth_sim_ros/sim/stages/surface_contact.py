@@ -12,6 +12,7 @@ from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.stages.contact import (
+    CARRIED,
     NOISE,
     Met,
     Push,
@@ -230,7 +231,7 @@ def make_yield(features: Features):
             met.carries = False
             touch(i, met, here.material, here.step, here.x, here.low, here.d, 0.0)
             if wp.static(features.supported):
-                by = here.step.inverse_square * (xyz(load4(here.d, i)) - xyz(packed))
+                by = (CARRIED * here.step.inverse_square) * (xyz(load4(here.d, i)) - xyz(packed))
                 support = load_row(here.state.supports, met.slot)
                 store_row(here.state.supports, met.slot, pack(xyz(support) + by, float(last + 1)))
 
