@@ -53,8 +53,12 @@ class Features:
 
     @property
     def supported(self) -> bool:
-        """Whether the push of a collider carries over to the next substep."""
-        return self.chain and self.shapes != ()
+        """Whether the push of a collider carries over to the next substep.
+
+        Then it is one of first order. What meets other objects stays in step with them: in a substep of another order
+        the same move is another force.
+        """
+        return self.chain and self.shapes != () and not self.meets
 
     @property
     def has_outer(self) -> bool:

@@ -201,7 +201,10 @@ def _make_leave(features: Features):
         if wp.static(features.order == 2):
             if push.pressed > 0.0:
                 moved = displacement - xyz(load4(low, i))
-                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, step))
+                lost = forget(met, moved, push, step)
+                # While a chain leans on something, no past is carried on.
+                if step.second or wp.static(not features.supported):
+                    add_force(met.forces, push.entry, (met.share / w) * lost)
 
     return leave
 
