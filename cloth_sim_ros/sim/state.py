@@ -155,9 +155,7 @@ class State:
     panel_forces: wp.array(dtype=wp.vec4)  # (P,) force [N], drag rate [N s/m]
     contacts: wp.array(dtype=wp.vec4)  # (K N,) how a collider moved a particle so far in a substep, in its axes [m]
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) of each collider on each particle, mean over the frame [N]
-    supports: wp.array(
-        dtype=wp.vec4
-    )  # (N,) by a collider in the last substep [m/s^2], and 1 + its number; chains alone
+    supports: wp.array(dtype=wp.vec4)  # (N,) by a collider in the last substep [m/s^2], and 1 + its number, of chains
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next two
     close: wp.array(dtype=int)  # (N,) whether facets around a particle may touch a collider in this substep
     stirred: wp.array(dtype=int)  # (B,) one more than the last substep in which facets moved a particle

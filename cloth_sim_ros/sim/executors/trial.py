@@ -77,8 +77,6 @@ def restore_start(given: wp.array(dtype=Arrays), b: int, particles: int):
     store_row(s.positions, g, load_row(s.start_positions, g))
     store_row(s.low, g, load_row(s.start_low, g))
     store_row(s.velocities, g, load_row(s.start_velocities, g))
-    if s.supports.shape[0] > 0:
-        s.supports[g] = wp.vec4(0.0)
     if i % particles == 0:
         s.history[b] = 0
 

@@ -139,7 +139,9 @@ def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
         kept_speed = forgotten(v, moved / length_of(step), normal, hit)
         met.last_displacements[met.slot] = kept
         store_row(met.velocities, met.slot, pack(kept_speed, 0.0))
-        lost = lost_motion(past - kept, v - kept_speed, step)
+        # While a chain leans on a collider, its substeps are of first order, and carry no past on.
+        if step.second or met.supports.shape[0] == 0:
+            lost = lost_motion(past - kept, v - kept_speed, step)
     return lost
 
 
@@ -150,37 +152,25 @@ def least_mass(features: Features) -> float:
 
 def _make_support(features: Features):
     """Warp functions: how a collider supports a particle since the last substep, in its axes [m], whether it does, and
-    what lets go of it."""
-    if not features.supported:
-
-        @wp.func
-        def not_carried(c: int, met: Met, step: Step, sweep: Sweep) -> wp.vec3:
-            return wp.vec3(0.0)
-
-        @wp.func
-        def not_supported(before: wp.vec3) -> bool:
-            return False
-
-        @wp.func
-        def nothing(met: Met):
-            return
-
-        return not_carried, not_supported, nothing
+    what lets go of it. Nothing supports what `features` do not say."""
 
     @wp.func
     def carried_by(c: int, met: Met, step: Step, sweep: Sweep) -> wp.vec3:
-        support = load_row(met.supports, met.slot)
-        if not met.carries or int(support[3]) != c + 1:
-            return wp.vec3(0.0)
-        return (step.effective * step.effective) * (sweep.to_local * xyz(support))
+        carried = wp.vec3(0.0)
+        if wp.static(features.supported):
+            support = load_row(met.supports, met.slot)
+            if met.carries and int(support[3]) == c + 1:
+                carried = (step.effective * step.effective) * (sweep.to_local * xyz(support))
+        return carried
 
     @wp.func
     def is_supported(before: wp.vec3) -> bool:
-        return wp.length_sq(before) > 0.0
+        return wp.static(features.supported) and wp.length_sq(before) > 0.0
 
     @wp.func
     def let_go(met: Met):
-        met.supports[met.slot] = wp.vec4(0.0)
+        if wp.static(features.supported):
+            met.supports[met.slot] = wp.vec4(0.0)
 
     return carried_by, is_supported, let_go
 
@@ -201,10 +191,7 @@ def _make_leave(features: Features):
         if wp.static(features.order == 2):
             if push.pressed > 0.0:
                 moved = displacement - xyz(load4(low, i))
-                lost = forget(met, moved, push, step)
-                # While a chain leans on something, no past is carried on.
-                if step.second or wp.static(not features.supported):
-                    add_force(met.forces, push.entry, (met.share / w) * lost)
+                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, step))
 
     return leave
 
