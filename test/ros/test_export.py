@@ -25,7 +25,7 @@ SCENE = """
     colliders: [ball, floor]
     publish: {velocities: true}
     cloth: {type: cloth, resolution: [7, 6], size: [0.6, 0.5], pins: corners, position: [0, 0, 1]}
-    cable: {type: rope, segments: 8, start: [1, 0, 2], end: [1, 0.4, 2], radius: 0.02}
+    cable: {type: rope, segments: 8, start: [1, 0, 2], end: [1, 0.1, 1.6], radius: 0.02}
     ball: {shape: sphere, dimensions: [0.15], position: [0, 0, 0.7]}
     floor: {shape: plane}
 """
