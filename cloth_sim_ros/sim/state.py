@@ -108,7 +108,8 @@ class Press:
     when: -1 for the last substep of the frame before. push [kg m], at the point of these weights of the corners.
     normal: out of the collider. so_far: friction and normal correction in this substep [m]. While the facet sticks, the
     point of weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 where it slides. stops: the shares
-    of their ways that its corners give up in substep `stopped`.
+    of their ways that its corners give up in substep `stopped`. apart: how far the facet was off the collider when
+    substep `measured` began, or less [m].
     """
 
     when: int
@@ -118,6 +119,8 @@ class Press:
     so_far: wp.vec4
     stuck: wp.vec3
     anchor: wp.vec3
+    apart: float
+    measured: int
     stopped: int
     stops: wp.vec3
 

@@ -27,13 +27,34 @@ def look(facets: wp.array(dtype=Facet), shape: int, size: wp.vec3, steps: int, f
     """Of each facet: the distance at the point found, and the least of points spread over it [m]."""
     k = wp.tid()
     facet = facets[k]
-    found[k, 0] = distance(shape, point_of(facet, deepest(shape, size, wp.uint64(0), facet)), size, wp.uint64(0))[3]
+    found[k, 0] = distance(
+        shape, point_of(facet, deepest(shape, size, wp.uint64(0), facet).weights), size, wp.uint64(0)
+    )[3]
     least = float(1.0e30)
     for i in range(steps + 1):
         for j in range(wp.where(facet.is_segment, 1, steps + 1 - i)):
             u, v = float(i) / float(steps), float(j) / float(steps)
             least = wp.min(least, distance(shape, point_of(facet, wp.vec3(1.0 - u - v, u, v)), size, wp.uint64(0))[3])
     found[k, 1] = least
+
+
+@wp.kernel
+def compare(
+    facets: wp.array(dtype=Facet), shape: int, size: wp.vec3, points: wp.array(dtype=wp.vec3),
+    found: wp.array2d(dtype=float),
+):  # fmt: skip
+    """Of each facet: the distance told, the least height of a corner over the plane told, and by how much that plane is
+    above the distance of a point, at most [m]."""
+    k = wp.tid()
+    facet = facets[k]
+    best = deepest(shape, size, wp.uint64(0), facet)
+    g, c = wp.vec3(best.plane[0], best.plane[1], best.plane[2]), best.plane[3]
+    found[k, 0] = best.value
+    found[k, 1] = wp.min(wp.min(wp.dot(g, facet.a), wp.dot(g, facet.b)), wp.dot(g, facet.c)) + c
+    most = float(-1.0e30)
+    for i in range(points.shape[0]):
+        most = wp.max(most, wp.dot(g, points[i]) + c - distance(shape, points[i], size, wp.uint64(0))[3])
+    found[k, 2] = most
 
 
 def facets_of(corners, segments, device):
@@ -57,3 +78,20 @@ def test_the_deepest_point_is_found(device, name):
     missed = np.maximum(ours - sampled, 0.0)
     assert (sampled < 0.0).sum() > 200
     assert missed.max() < 2e-4
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_plane_parts_a_facet_from_a_collider(device, name):
+    """The distance is nowhere below what the plane says, and nowhere on the facet is that less than at the nearest."""
+    random = np.random.default_rng(6)
+    corners = random.normal(size=(2000, 3, 3)) * 0.05 + random.normal(size=(2000, 1, 3)) * 0.2
+    segments = np.arange(2000) % 4 == 0
+    corners[segments, 2] = corners[segments, 1]
+    facets, found = facets_of(corners, segments, device), wp.zeros((2000, 3), dtype=float, device=device)
+    points = wp.array(random.uniform(-0.4, 0.4, size=(2000, 3)), dtype=wp.vec3, device=device)
+    size = wp.vec3(*SHAPES[name].size())
+    wp.launch(compare, dim=2000, inputs=[facets, number_of(shape_of(SHAPES[name])), size, points, found], device=device)
+    told, on_facet, above = found.numpy()[found.numpy()[:, 0] > 0.0].T
+    assert len(told) > 500
+    assert above.max() < 1e-6
+    assert np.quantile(told - on_facet, 0.99) < 1e-4 and (told - on_facet).max() < 2e-3

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cloth on colliders of meshes and volumes: what it does on the shape that they stand for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
 from fixed_settings import fixed
+from surfaces import outside_box, points_of
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Mesh, Scene, SignedDistance, Simulation, Sphere, report
 from cloth_sim_ros.sim.colliders.collider import Collider
@@ -154,6 +157,45 @@ def test_a_small_mesh_does_not_pass_between_the_particles(device):
         x = sim.positions("it")
         around = np.linalg.norm(x[:, :2] - [0.013, 0.017], axis=1) < 0.06
         assert x[around, 2].min() > 0.1, "all that was above the ball is still above it"
+
+
+HALF, TOE = np.array([0.01, 0.01, 0.08]), np.array([0.02, 0.01, 0.01])  # [m] of a finger, and of what makes it a hook
+
+
+def fingers():
+    """Name -> (collider, how far points are outside of it [m]); the tip of each is at its origin but for the box."""
+
+    straight = trimesh.creation.box(2 * HALF)
+    straight.apply_translation((0, 0, -HALF[2]))
+    corners = np.array([(-1, -16), (5, -16), (5, -14), (1, -14), (1, 0), (-1, 0)]) * 0.01
+    triangles = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)])
+    hook = trimesh.creation.extrude_triangulation(corners, triangles, 2 * HALF[1])
+    hook.apply_transform([[1, 0, 0, 0], [0, 0, -1, HALF[1]], [0, 1, 0, 0], [0, 0, 0, 1]])
+    middle = np.array([0, 0, -HALF[2]])
+    return {
+        "box": (Box(HALF), lambda p: outside_box(p, HALF, np.zeros(3))),
+        "finger": (of(straight), lambda p: outside_box(p, HALF, middle)),
+        "hook": (of(hook), lambda p: np.minimum(outside_box(p, HALF, middle), outside_box(p, TOE, (0.03, 0, -0.15)))),
+    }
+
+
+@pytest.mark.parametrize("name", ["box", "finger", "hook"])
+@pytest.mark.parametrize("resolution", [12, 24])
+@pytest.mark.parametrize("speed", [1.0, 10.0])
+def test_no_finger_with_edges_passes_a_sheet(device, name, resolution, speed):
+    """It is a fifth of the spacing wide, or half of it, and lifts the sheet by half of its side."""
+    finger, outside = fingers()[name]
+    sheet, beside, height = Cloth(resolution=(resolution, resolution), pins="edges"), (0.013, 0.017), -0.2
+    finger = replace(finger, position=(*beside, height))
+    sim = Simulation(Scene({"it": sheet}, {"finger": finger}), device=device)
+    while height < 0.5:
+        height = min(height + speed / 60, 0.5)
+        sim.set_collider_pose("finger", (*beside, height))
+        sim.step()
+        assert outside(points_of(sim, steps=8) - (*beside, height)).min() > 0.0
+    points = points_of(sim, steps=8) - (*beside, height)
+    over = (np.abs(points[:, :2]) < HALF[:2]).all(axis=1)
+    assert over.any() and points[over, 2].min() > 0.0
 
 
 def test_the_report_says_how_deep_a_sheet_lies_in_a_mesh(device):

@@ -9,7 +9,7 @@ from probed import of_a_mesh, signed_distances
 from cloth_sim_ros.sim import Box, Mesh, SignedDistance, Sphere
 from cloth_sim_ros.sim.colliders import baking
 from cloth_sim_ros.sim.colliders.collider import STRETCHED
-from cloth_sim_ros.sim.colliders.mesh import what_is_open
+from cloth_sim_ros.sim.colliders.mesh import is_convex, what_is_open
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -189,6 +189,19 @@ def test_a_mesh_is_round_where_its_shape_is():
         assert of(surface).enters(0.8 * widest, thickness)
     plate = trimesh.creation.box((1.0, 1.0, 0.002))
     assert of(plate).enters(0.8 * widest, thickness) and of(plate.subdivide()).enters(0.8 * widest, thickness)
+
+
+def test_convex_meshes_are_known():
+    box, beside = trimesh.creation.box(), trimesh.creation.box()
+    beside.apply_translation((3, 0, 0))
+    bumpy = trimesh.creation.icosphere(3)
+    bumpy.vertices[7] *= 0.99
+    convex = [box, trimesh.creation.icosphere(3), trimesh.creation.cylinder(1, 2), trimesh.creation.cone(1, 2)]
+    others = [box + beside, bumpy, trimesh.creation.torus(1, 0.3), trimesh.creation.annulus(0.5, 1, 1)]
+    for surface in convex:
+        assert is_convex(np.array(surface.vertices), np.array(surface.faces))
+    for surface in others:
+        assert not is_convex(np.array(surface.vertices), np.array(surface.faces))
 
 
 def test_a_volume_is_its_mesh_within_the_spacing():

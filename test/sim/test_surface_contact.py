@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from fixed_settings import fixed
+from surfaces import outside_box, points_of
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Handle, Plane, Rope, Scene, Settings, Simulation, Sphere
 from cloth_sim_ros.sim.executors.choose import forced_executor
@@ -12,22 +13,9 @@ SMOOTH = {"static_friction": 0.0, "kinetic_friction": 0.0}
 HALF, THICKNESS, SPACING = np.array([0.3, 0.5, 0.2]), 0.02, 0.1  # a box whose corner is five times finer than the mesh
 
 
-def points_of(sim, name="it", steps=20):
-    """Points (M, 3) spread over every triangle or segment, in NumPy."""
-    x = sim.positions(name).astype(float)
-    index = np.arange(len(x))
-    corners = sim.triangles(name) if len(sim.triangles(name)) else np.stack([index[:-1], index[1:], index[1:]], axis=1)
-    u, v = np.meshgrid(*[np.linspace(0.0, 1.0, steps + 1)] * 2)
-    u, v = u[u + v <= 1.0 + 1e-9], v[u + v <= 1.0 + 1e-9]
-    a, b, c = (x[corners[:, k]][:, None] for k in range(3))
-    return ((1.0 - u - v)[:, None] * a + u[:, None] * b + v[:, None] * c).reshape(-1, 3)
-
-
 def deepest(sim, middle):
     """How deep any point lies in the thickened box [m]."""
-    q = np.abs(points_of(sim) - middle) - HALF
-    distance = np.linalg.norm(np.maximum(q, 0.0), axis=-1) + np.minimum(q.max(-1), 0.0)
-    return max(0.0, float(THICKNESS - distance.min()))
+    return max(0.0, THICKNESS - outside_box(points_of(sim), HALF, middle).min())
 
 
 def dragged_over_the_edge(device, rope=False, executor=None, **settings):

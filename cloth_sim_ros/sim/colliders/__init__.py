@@ -23,6 +23,9 @@ SHAPES = {
 # Of shapes whose distance takes long: a function (p, data) that is quick to tell what it is not below [m].
 BOUNDS = {"mesh": mesh_distance.at_least}
 
+# Of shapes that may be convex or not: a function (data) that tells.
+CONVEX = {"mesh": mesh_distance.is_convex}
+
 SPARE_SHAPES = ("box", "cylinder", "sphere")  # of colliders that are added while a simulation runs
 
 
@@ -81,6 +84,32 @@ def _or_beyond(others, name: str):
             return False
 
     return wp.func(is_beyond, name=f"is_beyond_{name}")
+
+
+def make_is_hollow(present: tuple[str, ...]):
+    """A Warp function (shape, data): whether a collider is not convex. None where all shapes in `present` are."""
+    chosen = None
+    for name in present:
+        if not SHAPES[name][0].convex:
+            chosen = _or_hollow(chosen, name)
+    return chosen
+
+
+def _or_hollow(others, name: str):
+    index, is_convex = number_of(name), CONVEX.get(name)
+
+    def is_hollow(shape: int, data: wp.uint64) -> bool:
+        if shape == wp.static(index):
+            if wp.static(is_convex is not None):
+                return not is_convex(data)
+            else:
+                return True
+        if wp.static(others is not None):
+            return others(shape, data)
+        else:
+            return False
+
+    return wp.func(is_hollow, name=f"is_hollow_{name}")
 
 
 def _or(others, name: str):

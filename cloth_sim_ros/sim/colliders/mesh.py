@@ -27,6 +27,7 @@ class _OnDevice(OnDevice):
 
 
 _closed: set[str] = set()  # hashes of surfaces that are
+_FLAT = 1.0e-5  # of the size: what bulges inwards by less counts as convex
 _ROWS = 7  # of a triangle in the table of normals: of itself, of its three corners, of the edges across from them
 
 
@@ -104,7 +105,7 @@ class Mesh(Collider):
             cells = wp.array(grid.cells, dtype=wp.vec2, device=device)
             planes = wp.array(grid.planes, dtype=float, device=device)
             names = wp.array(grid.names, dtype=int, device=device)
-            words[2:5] = cells.ptr, planes.ptr, names.ptr
+            words[2:6] = cells.ptr, planes.ptr, names.ptr, is_convex(self.points(), self.triangles)
             numbers = words.view(np.float32).reshape(-1, 4)
             numbers[-2:] = [*grid.origin, grid.spacing], [*grid.shape, 1.0 / grid.spacing]
             made = _OnDevice(wp.array(numbers, dtype=wp.vec4, device=device), tree, rows, cells, planes, names, host)
@@ -140,10 +141,15 @@ def rows_of(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return rows.reshape(-1, 4)
 
 
+def _ways(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The first, second and third edges of all triangles as they turn (3 T, 2), and numbers of each there and back."""
+    ways = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]).astype(np.int64)
+    return ways, ways[:, 0] * count + ways[:, 1], ways[:, 1] * count + ways[:, 0]
+
+
 def what_is_open(points: np.ndarray, faces: np.ndarray) -> str:
     """Why a surface has no inside, in words that follow its name; "" where it has one."""
-    ways = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]).astype(np.int64)
-    there, back = ways[:, 0] * len(points) + ways[:, 1], ways[:, 1] * len(points) + ways[:, 0]
+    ways, there, back = _ways(faces, len(points))
     known, place, count = np.unique(there, return_inverse=True, return_counts=True)
     bad = np.flatnonzero((count[place] > 1) | ~np.isin(back, known))
     if len(bad):
@@ -159,6 +165,24 @@ def what_is_open(points: np.ndarray, faces: np.ndarray) -> str:
     return ""
 
 
+def is_convex(points: np.ndarray, faces: np.ndarray) -> bool:
+    """Whether a closed surface is in one piece without holes and bulges outwards at every edge."""
+    if len(np.unique(faces)) - len(faces) // 2 != 2:  # Euler's formula
+        return False
+    _, there, back = _ways(faces, len(points))
+    order = np.argsort(there)
+    beside = order[np.searchsorted(there[order], back)] % len(faces)  # the triangle across from each edge
+    corners, of = points[faces], np.tile(np.arange(len(faces)), 3)
+    above = np.einsum("eki,ei->ek", corners[beside] - corners[of][:, :1], _flat_normals(corners)[of])
+    return bool(above.max() <= _FLAT * np.abs(points).max())
+
+
+def _flat_normals(corners: np.ndarray) -> np.ndarray:
+    """Unit normals of triangles (T, 3, 3); 0 of those without an area."""
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-300)
+
+
 def normals_of(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(T, 7, 4) of each triangle: its unit normal and height, those of its corners, and of the edges across from them.
 
@@ -166,8 +190,7 @@ def normals_of(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     Signed distance computation using the angle weighted pseudonormal).
     """
     corners = points[faces]
-    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-300)
+    flat = _flat_normals(corners)
     of_points, of_edges = np.zeros_like(points), {}
     for k in range(3):
         a, b = corners[:, (k + 1) % 3] - corners[:, k], corners[:, (k + 2) % 3] - corners[:, k]

@@ -9,8 +9,9 @@ import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load4, load_address, load_int, load_number, xyz
 
-# Words of the address of a mesh: the tree, the triangles, the cells of its grid, and planes and triangles of all lists.
-TREE, TRIANGLES, CELLS, PLANES, NAMES = (wp.constant(wp.uint64(8 * k)) for k in range(5))
+# Words of the address of a mesh: the tree, the triangles, the cells of its grid, planes and triangles of all lists, and
+# whether it is convex.
+TREE, TRIANGLES, CELLS, PLANES, NAMES, CONVEX = (wp.constant(wp.uint64(8 * k)) for k in range(6))
 WORDS = 6  # of them, an even number
 # Rows of four numbers behind them: the origin and spacing of the grid; how many cells it has along each axis, and how
 # many a metre.
@@ -144,6 +145,12 @@ def at_least(p: wp.vec3, data: wp.uint64) -> float:
     if least > 0.0:
         least = wp.sqrt(wp.length_sq(off - inside) + least * least)
     return least
+
+
+@wp.func
+def is_convex(data: wp.uint64) -> bool:
+    """Whether the surface is that of a convex body."""
+    return load_address(data + CONVEX) != wp.uint64(0)
 
 
 @wp.func

@@ -7,7 +7,7 @@ other, by the same search in both directions.
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import SHAPES, make_is_beyond, make_signed_distance, number_of
+from cloth_sim_ros.sim.colliders import make_is_beyond, make_is_hollow, make_signed_distance
 from cloth_sim_ros.sim.intrinsics import xyz
 
 _CUTS = 8  # evaluations between the ends of a line, at most
@@ -32,12 +32,31 @@ class Facet:
 
 @wp.struct
 class Line:
-    """The deepest point of a line: its fraction, the signed distance there [m], and a subgradient of the distance that
-    has no part along the line unless the point is an end."""
+    """The deepest point of a line: its fraction, the signed distance there [m], and a plane g, c.
+
+    At no point x is the distance below g.x + c, where the shape is convex. That is as large as `value` along the line
+    (Kelley 1960), so that g has no part along it unless the point is an end.
+    """
 
     at: float
     value: float
-    gradient: wp.vec3
+    plane: wp.vec4
+
+
+@wp.struct
+class Deepest:
+    """The weights of the corners of the deepest point of a facet, the signed distance there [m], and such a plane."""
+
+    weights: wp.vec3
+    value: float
+    plane: wp.vec4
+
+
+@wp.func
+def tangent(p: wp.vec3, surface: wp.vec4) -> wp.vec4:
+    """The plane that the signed distance is not below, from its gradient and value at p."""
+    n = xyz(surface)
+    return wp.vec4(n[0], n[1], n[2], surface[3] - wp.dot(n, p))
 
 
 @wp.func
@@ -71,11 +90,17 @@ def middle_of(facet: Facet) -> wp.vec3:
 
 
 @wp.func
+def longest_way(facet: Facet) -> float:
+    """How far any point of it came in the substep, at most [m]."""
+    return wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
+
+
+@wp.func
 def farthest_of(facet: Facet) -> float:
     """How far a point of it was from that middle in the substep, at most [m]."""
     middle = middle_of(facet)
     farthest = wp.max(wp.length(facet.a - middle), wp.max(wp.length(facet.b - middle), wp.length(facet.c - middle)))
-    return farthest + wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
+    return farthest + longest_way(facet)
 
 
 @wp.func
@@ -99,6 +124,13 @@ def cut(k: int, low: wp.vec3, high: wp.vec3) -> float:
     return wp.clamp(place, low[0], high[0])
 
 
+@wp.func
+def between(low: wp.vec3, high: wp.vec3, below: wp.vec4, above: wp.vec4) -> wp.vec4:
+    """The mean of the planes of two such points that slopes neither up nor down."""
+    share = high[2] / wp.max(high[2] - low[2], 1.0e-20)
+    return share * below + (1.0 - share) * above
+
+
 def make_along(shapes: tuple[str, ...]):
     """A Warp function: the point of a line that is deepest in a collider of one of `shapes`."""
     signed_distance = make_signed_distance(shapes)
@@ -110,21 +142,19 @@ def make_along(shapes: tuple[str, ...]):
         last = signed_distance(shape, start + e, size, data)
         found = Line()
         found.value = first[3]
-        found.gradient = xyz(first)
+        found.plane = tangent(start, first)
         low = wp.vec3(0.0, first[3], wp.dot(xyz(first), e))
         high = wp.vec3(1.0, last[3], wp.dot(xyz(last), e))
         if low[2] >= 0.0:
             return found
+        below = found.plane
+        above = tangent(start + e, last)
+        if last[3] < first[3] or high[2] <= 0.0:
+            found.at = 1.0
+            found.value = last[3]
         if high[2] <= 0.0:
-            found.at = 1.0
-            found.value = last[3]
-            found.gradient = xyz(last)
+            found.plane = above
             return found
-        n_low = xyz(first)
-        n_high = xyz(last)
-        if last[3] < first[3]:
-            found.at = 1.0
-            found.value = last[3]
         k = int(0)
         while k < wp.static(_CUTS) and found.value - lowest(low, high) > wp.static(_NEAR):
             at = cut(k, low, high)
@@ -135,13 +165,12 @@ def make_along(shapes: tuple[str, ...]):
                 found.value = here[3]
             if slope < 0.0:
                 low = wp.vec3(at, here[3], slope)
-                n_low = xyz(here)
+                below = tangent(start + at * e, here)
             else:
                 high = wp.vec3(at, here[3], slope)
-                n_high = xyz(here)
+                above = tangent(start + at * e, here)
             k += 1
-        share = high[2] / wp.max(high[2] - low[2], 1.0e-20)
-        found.gradient = share * n_low + (1.0 - share) * n_high
+        found.plane = between(low, high, below, above)
         return found
 
     return along
@@ -153,11 +182,11 @@ def slope_of(found: Line, u: float, facet: Facet) -> float:
     e = facet.b - facet.a
     if found.at >= 0.5 * (1.0 - u):  # no part along the row but at its far end, which moves along the side c-b
         e = facet.b - facet.c
-    return wp.dot(found.gradient, e)
+    return wp.dot(xyz(found.plane), e)
 
 
 def make_deepest(shapes: tuple[str, ...]):
-    """A Warp function: the weights of the corners of the point of a facet that is deepest in a collider of `shapes`.
+    """A Warp function: the Deepest point of a facet in a collider of `shapes`.
 
     Of shapes that are not convex it is that of what the search finds and of points spread over the facet.
     """
@@ -165,34 +194,14 @@ def make_deepest(shapes: tuple[str, ...]):
     return _make_search(shapes) if is_hollow is None else _or_spread(_make_search(shapes), shapes, is_hollow)
 
 
-def make_is_hollow(shapes: tuple[str, ...]):
-    """A Warp function: whether a shape, by its number, is not convex; None where all of `shapes` are."""
-    hollow = tuple(number_of(name) for name in shapes if not SHAPES[name][0].convex)
-    return _make_is_one_of(hollow) if hollow else None
-
-
-def _make_is_one_of(numbers: tuple[int, ...]):
-    """A Warp function: whether a shape is one of these."""
-    first, others = numbers[0], _make_is_one_of(numbers[1:]) if len(numbers) > 1 else None
-
-    def is_one(shape: int) -> bool:
-        if wp.static(others is not None):
-            return shape == wp.static(first) or others(shape)
-        else:
-            return shape == wp.static(first)
-
-    return wp.func(is_one, name=f"is_one_of_{'_'.join(map(str, numbers))}")
-
-
 def _or_spread(search, shapes: tuple[str, ...], is_hollow):
     signed_distance = make_signed_distance(shapes)
     is_beyond = make_is_beyond(shapes)
 
     @wp.func
-    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> wp.vec3:
+    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> Deepest:
         best = search(shape, size, data, facet)
-        if is_hollow(shape):
-            value = signed_distance(shape, point_of(facet, best), size, data)[3]
+        if is_hollow(shape, data):
             k = int(0)
             while k < wp.static((_SPREAD + 1) ** 2):
                 u = float(k / wp.static(_SPREAD + 1)) / wp.static(float(_SPREAD))
@@ -202,13 +211,14 @@ def _or_spread(search, shapes: tuple[str, ...], is_hollow):
                     weights = wp.vec3(1.0 - u - v, u + v, 0.0)
                 if u + v <= 1.0:
                     if wp.static(is_beyond is not None):
-                        if is_beyond(shape, point_of(facet, weights), value, data):
+                        if is_beyond(shape, point_of(facet, weights), best.value, data):
                             k += 1
                             continue
-                    here = signed_distance(shape, point_of(facet, weights), size, data)[3]
-                    if here < value:
-                        best = weights
-                        value = here
+                    here = signed_distance(shape, point_of(facet, weights), size, data)
+                    if here[3] < best.value:
+                        best.weights = weights
+                        best.value = here[3]
+                        best.plane = tangent(point_of(facet, weights), here)
                 k += 1
         return best
 
@@ -226,41 +236,48 @@ def _make_search(shapes: tuple[str, ...]):
         return found
 
     @wp.func
-    def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> wp.vec3:
+    def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> Deepest:
         # Of a segment the first row is all there is. One loop for the first row and those between it and the tip: the
         # compiler then has the search along a row once.
         u = float(0.0)
         low = wp.vec3(0.0)
         high = wp.vec3(0.0)
-        best = wp.vec3(0.0)
-        value = float(0.0)
+        below = wp.vec4(0.0)
+        above = wp.vec4(0.0)
+        best = Deepest()
         k = int(0)
         while k <= wp.static(_CUTS):
             here = row(shape, size, data, facet, u)
-            weights = wp.vec3(1.0 - u - here.at, u, here.at)
-            if facet.is_segment:
-                return wp.vec3(1.0 - here.at, here.at, 0.0)
             slope = slope_of(here, u, facet)
-            if k == 0 or here.value < value:
-                best = weights
-                value = here.value
+            if k == 0 or here.value < best.value:
+                best.weights = wp.vec3(1.0 - u - here.at, u, here.at)
+                best.value = here.value
             if k == 0:
+                best.plane = here.plane
+                if facet.is_segment:
+                    best.weights = wp.vec3(1.0 - here.at, here.at, 0.0)
+                    return best
                 if slope >= 0.0:
                     return best
                 tip = signed_distance(shape, facet.b, size, data)
+                above = tangent(facet.b, tip)
                 # Uphill to the tip in both sides that meet there, or nothing of the triangle lies deeper than it.
                 rise = wp.max(wp.dot(xyz(tip), facet.b - facet.a), wp.dot(xyz(tip), facet.b - facet.c))
+                if tip[3] < best.value or rise <= 0.0:
+                    best.weights = wp.vec3(0.0, 1.0, 0.0)
+                    best.value = tip[3]
                 if rise <= 0.0:
-                    return wp.vec3(0.0, 1.0, 0.0)
+                    best.plane = above
+                    return best
                 high = wp.vec3(1.0, tip[3], rise)
-                if tip[3] < value:
-                    best = wp.vec3(0.0, 1.0, 0.0)
-                    value = tip[3]
             if slope < 0.0:
                 low = wp.vec3(u, here.value, slope)
+                below = here.plane
             else:
                 high = wp.vec3(u, here.value, slope)
-            if value - lowest(low, high) <= wp.static(_NEAR):
+                above = here.plane
+            best.plane = between(low, high, below, above)
+            if best.value - lowest(low, high) <= wp.static(_NEAR):
                 return best
             u = cut(k, low, high)
             k += 1
@@ -270,29 +287,28 @@ def _make_search(shapes: tuple[str, ...]):
 
 
 def make_touched(shapes: tuple[str, ...]):
-    """A Warp function: the weights of the point of a facet that a collider of `shapes` met first in the substep, or
-    those of the deepest at its end where it met none or came by less than `fast` [m].
+    """A Warp function: the point of a facet that a collider of `shapes` met first in the substep, or the deepest at its
+    end where it met none or came by less than `fast` [m].
 
     By conservative advancement: no point can come nearer than by its own way.
     """
-    signed_distance, deepest = make_signed_distance(shapes), make_deepest(shapes)
+    deepest = make_deepest(shapes)
 
     @wp.func
-    def touched(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, fast: float) -> wp.vec3:
-        way = wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
+    def touched(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, fast: float) -> Deepest:
+        way = longest_way(facet)
         left = wp.where(way > fast, 1.0, 0.0)
-        weights = wp.vec3(0.0)
+        found = Deepest()
         gap = float(1.0)
         count = int(0)
         # The last turn is at the end of its way: the compiler then has the search once.
         while count <= wp.static(ADVANCES) and gap > 1.0e-3 * thickness:
-            before = back(facet, left)
-            weights = deepest(shape, size, data, before)
+            found = deepest(shape, size, data, back(facet, left))
             gap = 0.0
             if left > 0.0:
-                gap = signed_distance(shape, point_of(before, weights), size, data)[3] - thickness
+                gap = found.value - thickness
                 left = wp.max(left - wp.max(gap, 0.0) / way, 0.0)
             count += 1
-        return weights
+        return found
 
     return touched

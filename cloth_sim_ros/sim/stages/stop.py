@@ -3,16 +3,17 @@
 
 A facet and a convex collider begin a substep on two sides of a plane between their nearest points. Where the facet
 would come through the collider's surface, its corners stop at the plane (divide and truncate, Chen et al. 2025, Offset
-geometric contact). The plane moves with the collider. Shapes that are not convex have no such plane.
+geometric contact). The plane moves with the collider. Of a collider that is not convex it is the plane of its surface
+where the facet first touches it.
 """
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import make_signed_distance
+from cloth_sim_ros.sim.colliders import make_is_hollow
 from cloth_sim_ros.sim.intrinsics import load4, store4, store_row, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.stages.contact import Met, add_force, length_of
-from cloth_sim_ros.sim.stages.facet import ADVANCES, back, make_deepest, make_is_hollow, point_of
+from cloth_sim_ros.sim.stages.facet import ADVANCES, back, longest_way, make_deepest
 from cloth_sim_ros.sim.stages.facet_place import corners_of, facet_of, is_far, is_stray, slip_of
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
@@ -22,7 +23,7 @@ from cloth_sim_ros.sim.state import ColliderMotion, Sweep
 # Bits of State.pressed: a particle of a facet that is pressed, one that facets have moved, and one that stops.
 PRESSED, MOVED, STOPS = wp.constant(1), wp.constant(2), wp.constant(4)
 # Of how far a facet is from a collider, and of its thickness, what no substep takes away.
-_LEFT, _LEAST = wp.constant(0.1), wp.constant(0.05)
+_LEFT, _LEAST = wp.constant(0.1), wp.constant(0.3)
 
 
 @wp.func
@@ -34,50 +35,59 @@ def mark(corners: wp.vec3i, bit: int, here: Here):
 
 
 @wp.func
-def _given_up(start: wp.vec3, slip: wp.vec3, nearest: wp.vec3, n: wp.vec3, room: float) -> float:
-    """The share of its way that a corner gives up, where the plane is `room` [m] behind the nearest point."""
-    goes, has = -wp.dot(n, slip), wp.max(wp.dot(n, start - nearest) + room, 0.0)
+def _least(apart: float, thickness: float) -> float:
+    """How near a facet that is `apart` [m] from a collider may come to it [m]."""
+    return wp.max(_LEFT * apart, wp.min(_LEAST * thickness, apart))
+
+
+@wp.func
+def _given_up(start: wp.vec3, slip: wp.vec3, plane: wp.vec4, least: float) -> float:
+    """The share of its way that a corner gives up in order to stay in front of a plane by `least` [m]."""
+    goes, has = -wp.dot(xyz(plane), slip), wp.max(wp.dot(xyz(plane), start) + plane[3] - least, 0.0)
     return wp.where(goes > has, 1.0 - has / wp.max(goes, 1.0e-30), 0.0)
 
 
 def _make_given_up(shapes: tuple[str, ...]):
     """A Warp function: the shares of their ways that the corners of a facet give up for one collider."""
-    deepest, signed_distance = make_deepest(shapes), make_signed_distance(shapes)
-    is_hollow = make_is_hollow(shapes)
+    deepest, is_hollow = make_deepest(shapes), make_is_hollow(shapes)
 
     @wp.func
-    def given_up(corners: wp.vec3i, collider: ColliderMotion, sweep: Sweep, pressed: bool, here: Here) -> wp.vec3:
-        """They are 0 where it does not come through, or was inside before.
+    def given_up(
+        corners: wp.vec3i, collider: ColliderMotion, sweep: Sweep, pressed: bool, off: float, here: Here
+    ) -> wp.vec3:
+        """They are 0 where it does not come through, or was inside before, as in a soft collider. It was off the
+        collider by `off` [m] or more.
 
         What is pressed stays in front of the plane in any case, so that it also does where others hold a corner back.
         """
         none = wp.vec3(0.0)
+        hollow = bool(False)
         if wp.static(is_hollow is not None):
-            if is_hollow(collider.shape):
-                return none
-        facet = facet_of(corners, here, sweep)
-        way = wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
+            hollow = is_hollow(collider.shape, collider.data)
+        facet, thickness = facet_of(corners, here, sweep), here.material.thickness
+        way = longest_way(facet)
+        if collider.compliance > 0.0 or way <= off - _least(off, thickness):
+            return none
         left, count = float(1.0), int(0)
-        nearest, n, apart = none, none, float(0.0)
+        plane = wp.vec4(0.0)
+        apart = float(0.0)
         # No point can come nearer than by its own way (conservative advancement).
         while count < wp.static(ADVANCES):
-            now = back(facet, left)
-            p = point_of(now, deepest(collider.shape, collider.size, collider.data, now))
-            surface = signed_distance(collider.shape, p, collider.size, collider.data)
-            if count == 0:
-                nearest, n, apart = p, xyz(surface), surface[3]
-            if apart <= 0.0 or left * way < surface[3]:
+            found = deepest(collider.shape, collider.size, collider.data, back(facet, left))
+            if count == 0 or hollow:
+                plane = found.plane
+                apart = wp.max(found.value, 0.0)
+            if (count == 0 and found.value <= 0.0) or left * way < found.value:
                 return none
-            if pressed or (count > 0 and surface[3] < 1.0e-3 * here.material.thickness):
+            if pressed or (count > 0 and found.value < 1.0e-3 * thickness):
                 break
-            left -= surface[3] / way
+            left -= found.value / way
             count += 1
-        room = apart - wp.max(_LEFT * apart, wp.min(_LEAST * here.material.thickness, apart))
-        start = back(facet, 1.0)
+        start, least = back(facet, 1.0), _least(apart, thickness)
         return wp.vec3(
-            _given_up(start.a, facet.slip_a, nearest, n, room),
-            _given_up(start.b, facet.slip_b, nearest, n, room),
-            _given_up(start.c, facet.slip_c, nearest, n, room),
+            _given_up(start.a, facet.slip_a, plane, least),
+            _given_up(start.b, facet.slip_b, plane, least),
+            _given_up(start.c, facet.slip_c, plane, least),
         )
 
     return given_up
@@ -104,8 +114,10 @@ def make_stop(features: Features):
                     sweep = here.state.sweeps[here.sweep + c]
                     if not is_far(corners, here, here.colliders[c], sweep):
                         entry = k * colliders + c
-                        pressed = here.state.presses[entry].when == here.substep
-                        shares = given_up(corners, here.colliders[c], sweep, pressed, here)
+                        pressed, off = here.state.presses[entry].when == here.substep, float(0.0)
+                        if here.state.presses[entry].measured == here.substep:
+                            off = here.state.presses[entry].apart
+                        shares = given_up(corners, here.colliders[c], sweep, pressed, off, here)
                         if wp.max(shares) > 0.0:
                             here.state.presses[entry].stops = shares
                             here.state.presses[entry].stopped = here.substep

@@ -23,7 +23,7 @@ from cloth_sim_ros.sim.stages.contact import (
     pace,
     with_push,
 )
-from cloth_sim_ros.sim.stages.facet import farthest_of, make_touched, middle_of, point_of, slip_at
+from cloth_sim_ros.sim.stages.facet import farthest_of, longest_way, make_touched, middle_of, point_of, slip_at
 from cloth_sim_ros.sim.stages.facet_place import corners_of, facet_of, is_close, is_far, is_stray
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.meet import make_meet
@@ -72,7 +72,12 @@ def make_press_on(features: Features):
         if wp.static(is_beyond is not None):
             if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
                 return press
-        weights = touched(collider.shape, collider.size, collider.data, facet, thickness, FAST * thickness)
+        found = touched(collider.shape, collider.size, collider.data, facet, thickness, FAST * thickness)
+        weights, way = found.weights, longest_way(facet)
+        if way <= FAST * thickness:  # else that is where it met the collider first
+            press.apart = found.value - way
+            if found.value >= thickness - NOISE:
+                return press
         w = yielding(corners, weights, here)
         if wp.max(weights) > CORNER or w == 0.0:
             return press
@@ -132,8 +137,11 @@ def make_press(features: Features):
                     sweep = here.state.sweeps[here.sweep + c]
                     if not is_far(corners, here, here.colliders[c], sweep):
                         found = press_on(corners, here.colliders[c], sweep, last, here)
+                        here.state.presses[entry].apart = found.apart
+                        here.state.presses[entry].measured = here.substep
                     if wp.max(found.weights) > 0.0:
                         found.when = here.substep
+                        found.measured = here.substep
                         here.state.presses[entry] = found
                         note(c, near)
                         mark(corners, PRESSED, here)
@@ -252,6 +260,7 @@ def make_carry_presses(features: Features):
                 was = here.state.presses[entry].when
                 here.state.presses[entry].when = wp.where(was == here.frame.substeps - 1, -1, LONG_AGO)
                 here.state.presses[entry].stopped = LONG_AGO
+                here.state.presses[entry].measured = LONG_AGO
             c = next_of(c, near, False)
 
     return carry_presses
