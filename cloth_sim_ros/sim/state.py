@@ -108,8 +108,7 @@ class Press:
     when: -1 for the last substep of the frame before. push [kg m], at the point of these weights of the corners.
     normal: out of the collider. so_far: friction and normal correction in this substep [m]. While the facet sticks, the
     point of weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 where it slides. stops: the shares
-    of their ways that its corners give up in substep `stopped`. apart: how far the facet was off the collider when
-    substep `measured` began, or less [m].
+    of their ways that its corners give up in substep `stopped`.
     """
 
     when: int
@@ -119,10 +118,24 @@ class Press:
     so_far: wp.vec4
     stuck: wp.vec3
     anchor: wp.vec3
-    apart: float
-    measured: int
     stopped: int
     stops: wp.vec3
+
+
+@wp.struct
+class Look:
+    """What was found when the deepest point of a facet in a collider was last looked for in this frame.
+
+    Where its corners were then [m], in the collider's axes, the weights of that point, and the signed distance there
+    [m]; known: whether there was such a time.
+    """
+
+    a: wp.vec3
+    b: wp.vec3
+    c: wp.vec3
+    weights: wp.vec3
+    value: float
+    known: bool
 
 
 @wp.struct
@@ -159,7 +172,8 @@ class State:
     contacts: wp.array(dtype=wp.vec4)  # (K N,) how a collider moved a particle so far in a substep, in its axes [m]
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) of each collider on each particle, mean over the frame [N]
     supports: wp.array(dtype=wp.vec4)  # (N,) by a collider in the last substep [m/s^2], and 1 + its number, of chains
-    presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next two
+    presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next three
+    looks: wp.array(dtype=Look)  # (P K,)
     close: wp.array(dtype=int)  # (N,) whether facets around a particle may touch a collider in this substep
     stirred: wp.array(dtype=int)  # (B,) one more than the last substep in which facets moved a particle
     pressed: wp.array(dtype=int)  # (N,) and bits of what they did to it, see stages/stop.py

@@ -64,6 +64,7 @@ def make_states(
         "contact_forces": particles * colliders,
         "supports": particles if features.supported else 0,
         "presses": arrays.size["panels"] * colliders if features.surface else 0,
+        "looks": arrays.size["panels"] * colliders if features.surface else 0,
         "close": particles if features.surface else 0,
         "pressed": particles if features.surface else 0,
         "stirred": bodies if features.surface else 0,

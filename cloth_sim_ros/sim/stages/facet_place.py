@@ -7,7 +7,7 @@ from cloth_sim_ros.sim.intrinsics import load4, xyz
 from cloth_sim_ros.sim.stages.facet import Facet
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.near import Near, strays
-from cloth_sim_ros.sim.state import ColliderMotion, Sweep
+from cloth_sim_ros.sim.state import ColliderMotion, Look, Sweep
 
 
 @wp.func
@@ -77,3 +77,9 @@ def facet_of(corners: wp.vec3i, here: Here, sweep: Sweep) -> Facet:
     facet.slip_c = slip_of(corners[2], here, sweep)
     facet.is_segment = corners[1] == corners[2]
     return facet
+
+
+@wp.func
+def moved_since(look: Look, facet: Facet) -> float:
+    """How far any of its points is from where it was at that look, at most [m]."""
+    return wp.max(wp.length(facet.a - look.a), wp.max(wp.length(facet.b - look.b), wp.length(facet.c - look.c)))

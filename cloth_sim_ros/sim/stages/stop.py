@@ -14,7 +14,7 @@ from cloth_sim_ros.sim.intrinsics import load4, store4, store_row, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.stages.contact import Met, add_force, length_of
 from cloth_sim_ros.sim.stages.facet import ADVANCES, back, longest_way, make_deepest
-from cloth_sim_ros.sim.stages.facet_place import corners_of, facet_of, is_far, is_stray, slip_of
+from cloth_sim_ros.sim.stages.facet_place import corners_of, facet_of, is_far, is_stray, moved_since, slip_of
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
 from cloth_sim_ros.sim.stages.near import make_near_of, next_of
@@ -52,11 +52,8 @@ def _make_given_up(shapes: tuple[str, ...]):
     deepest, is_hollow = make_deepest(shapes), make_is_hollow(shapes)
 
     @wp.func
-    def given_up(
-        corners: wp.vec3i, collider: ColliderMotion, sweep: Sweep, pressed: bool, off: float, here: Here
-    ) -> wp.vec3:
-        """They are 0 where it does not come through, or was inside before, as in a soft collider. It was off the
-        collider by `off` [m] or more.
+    def given_up(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, here: Here) -> wp.vec3:
+        """They are 0 where it does not come through, or was inside before, as in a soft collider.
 
         What is pressed stays in front of the plane in any case, so that it also does where others hold a corner back.
         """
@@ -65,9 +62,11 @@ def _make_given_up(shapes: tuple[str, ...]):
         if wp.static(is_hollow is not None):
             hollow = is_hollow(collider.shape, collider.data)
         facet, thickness = facet_of(corners, here, sweep), here.material.thickness
-        way = longest_way(facet)
+        way, look = longest_way(facet), here.state.looks[entry]
+        off = wp.where(look.known, look.value - moved_since(look, facet) - way, 0.0)  # when the substep began, or less
         if collider.compliance > 0.0 or way <= off - _least(off, thickness):
             return none
+        pressed = here.state.presses[entry].when == here.substep
         left, count = float(1.0), int(0)
         plane = wp.vec4(0.0)
         apart = float(0.0)
@@ -114,10 +113,7 @@ def make_stop(features: Features):
                     sweep = here.state.sweeps[here.sweep + c]
                     if not is_far(corners, here, here.colliders[c], sweep):
                         entry = k * colliders + c
-                        pressed, off = here.state.presses[entry].when == here.substep, float(0.0)
-                        if here.state.presses[entry].measured == here.substep:
-                            off = here.state.presses[entry].apart
-                        shares = given_up(corners, here.colliders[c], sweep, pressed, off, here)
+                        shares = given_up(corners, entry, here.colliders[c], sweep, here)
                         if wp.max(shares) > 0.0:
                             here.state.presses[entry].stops = shares
                             here.state.presses[entry].stopped = here.substep

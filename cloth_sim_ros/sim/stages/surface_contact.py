@@ -23,14 +23,23 @@ from cloth_sim_ros.sim.stages.contact import (
     pace,
     with_push,
 )
-from cloth_sim_ros.sim.stages.facet import farthest_of, longest_way, make_touched, middle_of, point_of, slip_at
-from cloth_sim_ros.sim.stages.facet_place import corners_of, facet_of, is_close, is_far, is_stray
+from cloth_sim_ros.sim.stages.facet import (
+    Deepest,
+    Facet,
+    farthest_of,
+    longest_way,
+    make_touched,
+    middle_of,
+    point_of,
+    slip_at,
+)
+from cloth_sim_ros.sim.stages.facet_place import corners_of, facet_of, is_close, is_far, is_stray, moved_since
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.meet import make_meet
 from cloth_sim_ros.sim.stages.motion import pack
 from cloth_sim_ros.sim.stages.near import make_near_of, next_of, note
 from cloth_sim_ros.sim.stages.stop import MOVED, PRESSED, mark
-from cloth_sim_ros.sim.state import ColliderMotion, Press, Sweep
+from cloth_sim_ros.sim.state import ColliderMotion, Look, Press, Sweep
 
 # Of the largest inverse mass: what a push beside a pinned or heavy corner divides by, so that no other is ever thrown
 # farther than four times the gap.
@@ -39,6 +48,8 @@ LEAST_SHARE = wp.constant(0.25)
 FAST = wp.constant(0.5)
 # Cosine between a facet's push and the mean of all at a particle, at least: in a sharper fold it does not go farther.
 FOLDED = wp.constant(0.5)
+# Of the thickness: a facet that has moved by less is deepest where it was when that was last looked for.
+_STILL = wp.constant(0.02)
 LONG_AGO = wp.constant(-2)  # no substep that the next one could go on from
 # A point this near to a corner is what the corner's own contact has seen to.
 CORNER = wp.constant(0.999)
@@ -56,30 +67,63 @@ def yielding(corners: wp.vec3i, weights: wp.vec3, here: Here) -> float:
     return wp.max(sum, LEAST_SHARE * most)
 
 
+@wp.func
+def looked(facet: Facet, found: Deepest) -> Look:
+    """What is found now."""
+    look = Look()
+    look.a = facet.a
+    look.b = facet.b
+    look.c = facet.c
+    look.weights = found.weights
+    look.value = found.value
+    look.known = True
+    return look
+
+
+def make_touched_in(features: Features):
+    """A Warp function: the weights of the point of a facet that touches one collider; 0 where none can."""
+    touched, is_beyond = make_touched(features.shapes), make_is_beyond(features.shapes)
+
+    @wp.func
+    def touched_in(facet: Facet, entry: int, collider: ColliderMotion, here: Here) -> wp.vec3:
+        thickness, way = here.material.thickness, longest_way(facet)
+        look = here.state.looks[entry]
+        moved = moved_since(look, facet)
+        # No point has come nearer than by its way, nor was it nearer in between.
+        if look.known and look.value - moved - way >= thickness:
+            return wp.vec3(0.0)
+        if look.known and moved <= _STILL * thickness and way <= FAST * thickness:
+            return look.weights
+        if wp.static(is_beyond is not None):
+            if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
+                return wp.vec3(0.0)
+        found = touched(collider.shape, collider.size, collider.data, facet, thickness, FAST * thickness)
+        if way <= FAST * thickness:  # else that is where it met the collider first
+            here.state.looks[entry] = looked(facet, found)
+            if found.value >= thickness - NOISE:
+                return wp.vec3(0.0)
+        return found.weights
+
+    return touched_in
+
+
 def make_press_on(features: Features):
     """A Warp function: how a facet is to be pushed out of one collider, with friction, after what it was told `last`.
 
     A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
     """
-    meet, touched = make_meet(features.shapes), make_touched(features.shapes)
-    is_beyond = make_is_beyond(features.shapes)
+    meet, touched_in = make_meet(features.shapes), make_touched_in(features)
 
     @wp.func
-    def press_on(corners: wp.vec3i, collider: ColliderMotion, sweep: Sweep, last: Press, here: Here) -> Press:
+    def press_on(
+        corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, last: Press, here: Here
+    ) -> Press:
         press = Press()
         facet = facet_of(corners, here, sweep)
         thickness = here.material.thickness
-        if wp.static(is_beyond is not None):
-            if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
-                return press
-        found = touched(collider.shape, collider.size, collider.data, facet, thickness, FAST * thickness)
-        weights, way = found.weights, longest_way(facet)
-        if way <= FAST * thickness:  # else that is where it met the collider first
-            press.apart = found.value - way
-            if found.value >= thickness - NOISE:
-                return press
+        weights = touched_in(facet, entry, collider, here)
         w = yielding(corners, weights, here)
-        if wp.max(weights) > CORNER or w == 0.0:
+        if wp.max(weights) == 0.0 or wp.max(weights) > CORNER or w == 0.0:
             return press
         slip = slip_at(facet, weights)
         apart = pace(collider, here.step)
@@ -136,12 +180,9 @@ def make_press(features: Features):
                     found = Press()
                     sweep = here.state.sweeps[here.sweep + c]
                     if not is_far(corners, here, here.colliders[c], sweep):
-                        found = press_on(corners, here.colliders[c], sweep, last, here)
-                        here.state.presses[entry].apart = found.apart
-                        here.state.presses[entry].measured = here.substep
+                        found = press_on(corners, entry, here.colliders[c], sweep, last, here)
                     if wp.max(found.weights) > 0.0:
                         found.when = here.substep
-                        found.measured = here.substep
                         here.state.presses[entry] = found
                         note(c, near)
                         mark(corners, PRESSED, here)
@@ -260,7 +301,7 @@ def make_carry_presses(features: Features):
                 was = here.state.presses[entry].when
                 here.state.presses[entry].when = wp.where(was == here.frame.substeps - 1, -1, LONG_AGO)
                 here.state.presses[entry].stopped = LONG_AGO
-                here.state.presses[entry].measured = LONG_AGO
+                here.state.looks[entry].known = False
             c = next_of(c, near, False)
 
     return carry_presses
