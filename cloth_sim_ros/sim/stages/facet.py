@@ -12,7 +12,8 @@ from cloth_sim_ros.sim.intrinsics import xyz
 
 _CUTS = 8  # evaluations between the ends of a line, at most
 _NEAR = 1.0e-5  # [m] the search ends where no point of the line can be deeper by more
-_SPREAD = 4  # steps along each side of a facet at whose ends shapes that are not convex are looked at
+_SPREAD = 8  # steps along each side of a facet at whose ends shapes that are not convex are looked at, at most
+STEP = wp.constant(2.0)  # of the thickness: how far apart these are
 ADVANCES = 16  # steps of a facet towards a collider
 
 
@@ -188,7 +189,8 @@ def slope_of(found: Line, u: float, facet: Facet) -> float:
 def make_deepest(shapes: tuple[str, ...]):
     """A Warp function: the Deepest point of a facet in a collider of `shapes`.
 
-    Of shapes that are not convex it is that of what the search finds and of points spread over the facet.
+    Of shapes that are not convex it is that of what the search finds and of points spread over the facet in steps of
+    `step` [m].
     """
     is_hollow = make_is_hollow(shapes)
     return _make_search(shapes) if is_hollow is None else _or_spread(_make_search(shapes), shapes, is_hollow)
@@ -199,27 +201,29 @@ def _or_spread(search, shapes: tuple[str, ...], is_hollow):
     is_beyond = make_is_beyond(shapes)
 
     @wp.func
-    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> Deepest:
-        best = search(shape, size, data, facet)
+    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float) -> Deepest:
+        best = search(shape, size, data, facet, step)
         if is_hollow(shape, data):
+            side = wp.max(
+                wp.length(facet.b - facet.a), wp.max(wp.length(facet.c - facet.b), wp.length(facet.a - facet.c))
+            )
+            steps = int(wp.clamp(wp.ceil(side / step), 2.0, wp.static(float(_SPREAD))))
             k = int(0)
-            while k < wp.static((_SPREAD + 1) ** 2):
-                u = float(k / wp.static(_SPREAD + 1)) / wp.static(float(_SPREAD))
-                v = float(k % wp.static(_SPREAD + 1)) / wp.static(float(_SPREAD))
-                weights = wp.vec3(1.0 - u - v, u, v)
-                if facet.is_segment:
-                    weights = wp.vec3(1.0 - u - v, u + v, 0.0)
-                if u + v <= 1.0:
-                    if wp.static(is_beyond is not None):
-                        if is_beyond(shape, point_of(facet, weights), best.value, data):
-                            k += 1
-                            continue
-                    here = signed_distance(shape, point_of(facet, weights), size, data)
-                    if here[3] < best.value:
-                        best.weights = weights
-                        best.value = here[3]
-                        best.plane = tangent(point_of(facet, weights), here)
+            while k < (steps + 1) * (steps + 1):
+                i, j = k / (steps + 1), k % (steps + 1)
                 k += 1
+                if i + j > steps or (facet.is_segment and j > 0):
+                    continue
+                u, v = float(i) / float(steps), float(j) / float(steps)
+                p = point_of(facet, wp.vec3(1.0 - u - v, u, v))
+                if wp.static(is_beyond is not None):
+                    if is_beyond(shape, p, best.value, data):
+                        continue
+                here = signed_distance(shape, p, size, data)
+                if here[3] < best.value:
+                    best.weights = wp.vec3(1.0 - u - v, u, v)
+                    best.value = here[3]
+                    best.plane = tangent(p, here)
         return best
 
     return deepest
@@ -236,7 +240,7 @@ def _make_search(shapes: tuple[str, ...]):
         return found
 
     @wp.func
-    def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> Deepest:
+    def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float) -> Deepest:
         # Of a segment the first row is all there is. One loop for the first row and those between it and the tip: the
         # compiler then has the search along a row once.
         u = float(0.0)
@@ -303,7 +307,7 @@ def make_touched(shapes: tuple[str, ...]):
         count = int(0)
         # The last turn is at the end of its way: the compiler then has the search once.
         while count <= wp.static(ADVANCES) and gap > 1.0e-3 * thickness:
-            found = deepest(shape, size, data, back(facet, left))
+            found = deepest(shape, size, data, back(facet, left), STEP * thickness)
             gap = 0.0
             if left > 0.0:
                 gap = found.value - thickness

@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.colliders import make_is_hollow
 from cloth_sim_ros.sim.intrinsics import load4, store4, store_row, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.stages.contact import Met, add_force, length_of
-from cloth_sim_ros.sim.stages.facet import ADVANCES, back, longest_way, make_deepest
+from cloth_sim_ros.sim.stages.facet import ADVANCES, STEP, back, longest_way, make_deepest
 from cloth_sim_ros.sim.stages.facet_place import corners_of, facet_of, is_far, is_stray, moved_since, slip_of
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
@@ -72,7 +72,7 @@ def _make_given_up(shapes: tuple[str, ...]):
         apart = float(0.0)
         # No point can come nearer than by its own way (conservative advancement).
         while count < wp.static(ADVANCES):
-            found = deepest(collider.shape, collider.size, collider.data, back(facet, left))
+            found = deepest(collider.shape, collider.size, collider.data, back(facet, left), STEP * thickness)
             if count == 0 or hollow:
                 plane = found.plane
                 apart = wp.max(found.value, 0.0)
