@@ -180,8 +180,7 @@ def fingers():
 
 
 @pytest.mark.parametrize("name", ["box", "finger", "hook"])
-@pytest.mark.parametrize("resolution", [12, 24])
-@pytest.mark.parametrize("speed", [1.0, 10.0])
+@pytest.mark.parametrize(("resolution", "speed"), [(12, 10.0), (24, 1.0)])
 def test_no_finger_with_edges_passes_a_sheet(device, name, resolution, speed):
     """It is a fifth of the spacing wide, or half of it, and lifts the sheet by half of its side."""
     finger, outside = fingers()[name]
