@@ -127,7 +127,7 @@ class Look:
     """What was found when the deepest point of a facet in a collider was last looked for in this frame.
 
     Where its corners were then [m], in the collider's axes, the weights of that point, and the signed distance there
-    [m]; known: whether there was such a time.
+    [m]; known: 1 where there was such a time (a bool would leave bytes that nobody sets in what is saved).
     """
 
     a: wp.vec3
@@ -135,7 +135,7 @@ class Look:
     c: wp.vec3
     weights: wp.vec3
     value: float
-    known: bool
+    known: int
 
 
 @wp.struct

@@ -11,7 +11,7 @@ SCENE = """
 /**:
   ros__parameters:
     objects: [flag, rope]
-    colliders: [ball]
+    colliders: [plate]
     gravity: [0, 0, -9.81]
     flag:
       {resolution: [6, 6], size: [0.5, 0.5], position: [0, 5, 0], orientation: [0.7071068, 0, 0, 0.7071068], pins: top}
@@ -21,7 +21,7 @@ SCENE = """
       start: [0, 0, 2]
       end: [0, 0, 0]
       winch: {enabled: true, length: 0.5, acceleration: 4.0, timeout: 60.0}
-    ball: {dimensions: [0.1], position: [0, 0, -5]}
+    plate: {shape: box, dimensions: [0.1, 0.6, 0.6], position: [0, 0, -5]}
     wind: {enabled: true}
     solver: {global_damping: 2.0}
 """
@@ -96,13 +96,14 @@ def test_a_rate_by_topic_ends_with_its_time(heights, client):
 def test_a_place_by_parameter_takes_a_collider_back(heights, client):
     rope = client.listen(PointCloud2, "/cloth_sim/rope/particles", 1)
     client.until(lambda: heights.end_of_rope() == pytest.approx(1.5, abs=0.01))
-    for k in range(40):  # the ball pushes the rope's end along x
-        client.move("ball", (-0.2 + 0.01 * k, 0.0, 1.5))
-        client.spin(0.02)
+    for k in range(40):  # the plate pushes the rope's end along x
+        client.move("plate", (-0.2 + 0.01 * k, 0.0, 1.5))
+        rope.clear()
+        client.until(lambda: rope)
     client.spin(0.3)
     assert fields(rope[-1])[-1, 0] > 0.15
-    assert list(client.get("ball.position")) == [0.0, 0.0, -5.0]
-    assert client.set("ball.position", [0, 0, -5]).successful
+    assert list(client.get("plate.position")) == [0.0, 0.0, -5.0]
+    assert client.set("plate.position", [0, 0, -5]).successful
     client.until(lambda: abs(fields(rope[-1])[-1, 0]) < 0.01)
     client.spin(1.0)
     assert abs(fields(rope[-1])[-1, 0]) < 0.1, "nothing holds the end aside any more"

@@ -51,7 +51,7 @@ def test_the_first_towel_lies_over_its_ball_and_sags_when_soft(tmp_path):
     strain, height = sim.report()["towel"]["max_strain"], towel[:, 2].mean()
     sim.set("towel.stretch_compliance", 0.1)
     sim.step(60)
-    assert sim.report()["towel"]["max_strain"] > 2.0 * strain
+    assert sim.report()["towel"]["max_strain"] > 1.5 * strain
     assert sim.positions("towel")[:, 2].mean() < height - 0.005
 
 

@@ -76,7 +76,7 @@ def looked(facet: Facet, found: Deepest) -> Look:
     look.c = facet.c
     look.weights = found.weights
     look.value = found.value
-    look.known = True
+    look.known = 1
     return look
 
 
@@ -90,9 +90,9 @@ def make_touched_in(features: Features):
         look = here.state.looks[entry]
         moved = moved_since(look, facet)
         # No point has come nearer than by its way, nor was it nearer in between.
-        if look.known and look.value - moved - way >= thickness:
+        if look.known == 1 and look.value - moved - way >= thickness:
             return wp.vec3(0.0)
-        if look.known and moved <= _STILL * thickness and way <= FAST * thickness:
+        if look.known == 1 and moved <= _STILL * thickness and way <= FAST * thickness:
             return look.weights
         if wp.static(is_beyond is not None):
             if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
@@ -301,7 +301,7 @@ def make_carry_presses(features: Features):
                 was = here.state.presses[entry].when
                 here.state.presses[entry].when = wp.where(was == here.frame.substeps - 1, -1, LONG_AGO)
                 here.state.presses[entry].stopped = LONG_AGO
-                here.state.looks[entry].known = False
+                here.state.looks[entry].known = 0
             c = next_of(c, near, False)
 
     return carry_presses
