@@ -63,7 +63,8 @@ def _make_given_up(shapes: tuple[str, ...]):
             hollow = is_hollow(collider.shape, collider.data)
         facet, thickness = facet_of(corners, here, sweep), here.material.thickness
         way, look = longest_way(facet), here.state.looks[entry]
-        off = wp.where(look.known == 1, look.value - moved_since(look, facet) - way, 0.0)  # when the substep began, or less
+        # How far off it was when the substep began, or less.
+        off = wp.where(look.known == 1, look.value - moved_since(look, facet) - way, 0.0)
         if collider.compliance > 0.0 or way <= off - _least(off, thickness):
             return none
         pressed = here.state.presses[entry].when == here.substep
