@@ -9,7 +9,8 @@ SHELL := /bin/bash
 VENV := .venv
 RUN := $(VENV)/bin/python
 # Three processes for two cores, as many tests wait for a node. A file stays in one, which compiles its kernels once.
-TESTS := $(RUN) -m pytest -n 3 --dist loadfile
+# Each has one thread for NumPy: those of several processes would wait for one another, up to 20 times as long.
+TESTS := OPENBLAS_NUM_THREADS=1 $(RUN) -m pytest -n 3 --dist loadfile
 SOURCES := setup.py setup.cfg pyproject.toml Makefile
 
 .PHONY: demo test test-long format docs dist clean

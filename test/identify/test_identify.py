@@ -104,15 +104,15 @@ def test_an_interval_allows_for_how_a_node_computes(device):
 @pytest.mark.long
 @pytest.mark.parametrize("seen", ["particles", "shuffled", "cloud"])
 def test_intervals_hold_the_truth(device, seen):
-    """Of ten recordings with noise, four values each, an interval of 95 % misses in 2 on average."""
+    """Of four recordings with noise, four values each, an interval of 95 % misses in 0.8 on average."""
     missed = 0
-    for seed in range(20, 30):
+    for seed in range(20, 24):
         truth = drawn(seed)
         recording = record(truth, device, 0.002, seen, seed)
         found = identify(Candidates(scene(GUESS), SETTINGS, recording, FIT, 16, device))[1]
         values = np.array(list(truth.values()))
         missed += int(((values < found.low) | (values > found.high)).sum())
-    assert missed <= 4
+    assert missed <= 2
 
 
 def test_what_is_hidden_does_not_mislead_and_what_is_not_felt_is_said(device):

@@ -66,8 +66,7 @@ def states(device, frames=8, executor=None, order=2, plate=False, **settings):
     return {name: (sim.positions(name), sim.velocities(name)) for name in sim.scene.objects}
 
 
-@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
-@pytest.mark.parametrize("iterations", [1, 3])
+@pytest.mark.parametrize(("order", "iterations"), [(2, 1), pytest.param(1, 3, marks=pytest.mark.long)])
 def test_both_executors_give_the_same_state(device, order, iterations):
     kinds = {"block": None, "graph": None}
     for executor in kinds:
@@ -105,7 +104,7 @@ def drawn_scene(seed):
     return Scene(objects={"sheet": sheet, "rope": rope}, colliders={"it": collider} if collider else {}, wind=wind)
 
 
-@pytest.mark.parametrize("seed", [0, *[pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2, 3)]])
+@pytest.mark.parametrize("seed", [0, *[pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3)]])
 @pytest.mark.parametrize("method", ["xpbd", "verlet"])
 def test_drawn_scenes_move_the_same_by_every_executor(device, method, seed):
     scene = drawn_scene(seed)

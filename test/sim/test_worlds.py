@@ -12,8 +12,6 @@ from cloth_sim_ros.sim.executors.choose import forced_executor
 SETTINGS = [
     (None, {"order": 2, "iterations": 2}),
     (None, {"method": "verlet", "substeps": 80}),
-    pytest.param(None, {}, marks=pytest.mark.long),
-    pytest.param("graph", {}, marks=pytest.mark.long),
     pytest.param("graph", {"order": 2, "iterations": 2}, marks=pytest.mark.long),
 ]
 
