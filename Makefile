@@ -24,7 +24,7 @@ test: $(VENV)/ready-to-test
 	$(TESTS) -m "not long"
 
 test-long: $(VENV)/ready-to-test
-	$(TESTS) -m long
+	$(TESTS) -rs -m long
 
 format: $(VENV)/ready-to-test
 	$(RUN) -m ruff check --fix .
