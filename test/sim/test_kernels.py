@@ -201,8 +201,9 @@ def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present)
 
 
 @pytest.mark.long
-def test_a_frame_of_a_block_compiles_for_cuda(tmp_path):
-    kernel = block.make_frame.__wrapped__(SHEET_AND_BALL, 256, 128)
+@pytest.mark.parametrize("features", [SHEET_AND_BALL, HOSE], ids=["sheet", "hose"])
+def test_a_frame_of_a_block_compiles_for_cuda(features, tmp_path):
+    kernel = block.make_frame.__wrapped__(features, 256, 128)
     wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path, use_ptx=True)
 
 

@@ -252,7 +252,7 @@ def test_a_saved_state_goes_on_with_the_mesh_of_another_process(device, tmp_path
 @pytest.mark.long
 @pytest.mark.parametrize("shapes", [("mesh", "signed_distance")])
 def test_both_compile_for_cuda(shapes, tmp_path):
-    features = Features(False, False, "", shapes, 2, "xpbd")
+    features = Features(False, False, "", shapes, 2, "xpbd", surface=True)
     kernels = block.make_frame.__wrapped__(features, 256, 128), report.make_measure_contacts.__wrapped__(shapes)
     for kernel in kernels:
         wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path, use_ptx=True)

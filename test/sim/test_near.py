@@ -13,6 +13,7 @@ WAYS = [
     (None, {"iterations": 3}),
     (None, {"method": "verlet", "substeps": 160}),
     ("subdomains", {"method": "verlet", "substeps": 80}),
+    pytest.param("graph", {"order": 2, "iterations": 2}, marks=pytest.mark.long),
 ]
 COUNT = 100
 
