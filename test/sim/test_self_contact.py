@@ -152,25 +152,27 @@ def test_crossings_are_told(device):
 
 @pytest.mark.parametrize(("settings", "share"), [({}, 0.7), ({"substeps": 40, "iterations": 4}, 0.9)])
 def test_a_rope_piles_up_on_itself(device, settings, share):
-    """No two parts of a rope that falls on a floor come nearer than a share of its thickness, and none at its end."""
-    radius = 0.01
+    """No two parts of a rope that falls on a floor come nearer than a share of its thickness, in most of four starts,
+    and none at its end."""
+    radius, worlds = 0.01, 4
     rope = Rope(start=(0, 0, 1.2), end=(0, 0, 0.02), segments=100, pins="none", radius=radius, self_contact=True)
-    sim = Simulation(Scene({"it": rope}, {"floor": Plane()}), Settings(**settings), device)
-    x = sim.positions("it")
-    x[:, 0] += 2e-3 * np.cos(9.0 * x[:, 2])
-    x[:, 1] += 2e-3 * np.sin(7.0 * x[:, 2])
-    sim.set_positions("it", x)
+    sim = Simulation(Scene({"it": rope}, {"floor": Plane()}), Settings(**settings), device, worlds)
+    for world in range(worlds):
+        x = sim.positions("it", world)
+        x[:, 0] += 2e-3 * np.cos((9.0 + 0.3 * world) * x[:, 2])
+        x[:, 1] += 2e-3 * np.sin((7.0 - 0.2 * world) * x[:, 2])
+        sim.set_positions("it", x, world)
     nearest = []
     for _ in range(12):
         sim.step(8)
-        x = sim.positions("it").astype(float)
-        middles = 0.5 * (x[1:] + x[:-1])
-        apart = np.linalg.norm(middles[:, None] - middles[None], axis=-1)
+        x = sim.positions("it", None).astype(float)
+        middles = 0.5 * (x[:, 1:] + x[:, :-1])
+        apart = np.linalg.norm(middles[:, :, None] - middles[:, None], axis=-1)
         i, j = np.triu_indices(100, 4)
-        nearest.append(apart[i, j].min())
-    assert min(nearest) > share * 2.0 * radius
-    assert nearest[-1] > 0.99 * 2.0 * radius
-    assert x[:, 2].max() > 2.5 * radius, "some of it lies on top"
+        nearest.append(apart[:, i, j].min(axis=1))
+    assert np.median(np.min(nearest, axis=0)) > share * 2.0 * radius
+    assert nearest[-1].min() > 0.99 * 2.0 * radius
+    assert (x[:, :, 2].max(axis=1) > 2.5 * radius).all(), "some of it lies on top"
 
 
 def pulled_knot(device, self_contact):

@@ -74,10 +74,7 @@ def test_vector_rows_are_one_executor_of_many_in_a_busy_scene(iterations):
         assert np.abs(wanted - sims[0].rest_positions(name)[:, [0, 1, 2] * 2])[:, :3].max() > 1e-3
         if name in ("rope", "mesh"):
             assert np.array_equal(found, wanted)
-        apart = np.abs(found - wanted)[:, :3].max(axis=1)
-        # Ten roundings at 5 m, which contact lets grow: by rounding one executor looks for a facet's deepest point anew
-        # where the other takes the last one. Where both always look, they agree to 1e-6 m.
-        assert np.median(apart) < 1e-5 and np.mean(apart > 1e-4) < 0.15 and apart.max() < 4e-4
+        assert np.abs(found - wanted)[:, :3].max() < 1e-5  # ten roundings at 5 m, which contact lets grow
     alone = both({"sheet": things["sheet"]}, iterations=iterations, colliders=colliders, wind=Wind((1, 2, 0)))[0]
     for frame in range(4):
         alone.set_collider_pose("ball", (0, 0.02 * frame, -0.2), (0, 0, 0.05 * frame, 1))

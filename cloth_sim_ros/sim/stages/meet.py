@@ -7,6 +7,7 @@ from cloth_sim_ros.sim.colliders import make_is_beyond, make_signed_distance, nu
 from cloth_sim_ros.sim.intrinsics import xyz
 from cloth_sim_ros.sim.stages.motion import pack
 
+_TRACED = 1.0e-3  # of the thickness: how near to the surface the tracing of a path ends
 
 def make_meet(shapes: tuple[str, ...]):
     """A Warp function: where a point that moved meets a collider of one of `shapes`."""
@@ -26,7 +27,7 @@ def make_meet(shapes: tuple[str, ...]):
         reached = wp.where(surface[3] < 0.0 or length <= 0.0, 2.0, 0.0)
         count = int(0)
         # A loop that Warp does not unroll: next to no particle ever comes here, and all would carry its registers.
-        while count < 16 and gap > 1.0e-3 * thickness and reached <= 1.0:
+        while count < 16 and gap > wp.static(_TRACED) * thickness and reached <= 1.0:
             reached += gap / wp.max(length, 1.0e-30)
             if reached <= 1.0:
                 surface = signed_distance(shape, start + reached * path, size, data)
@@ -64,9 +65,12 @@ def make_meet(shapes: tuple[str, ...]):
             # Fast enough to have come through the surface: find where it entered, and stay on that side. A particle
             # that merely touches is also better off where it entered: a third of the error of the way straight out.
             entry = enter(shape, size, data, p - slip, slip, before, thickness)
-            if entry[3] >= 0.0 and (gap > 0.0 or wp.dot(xyz(entry), n) < 0.5):
+            deep = wp.dot(xyz(entry), slip) * (1.0 - entry[3])
+            # What comes no deeper than the tracing can tell, and lies outside now, has not come through.
+            through = wp.dot(xyz(entry), n) < 0.5 or (gap > 0.0 and deep < -wp.static(_TRACED) * thickness)
+            if entry[3] >= 0.0 and through:
                 n = xyz(entry)
-                gap = wp.dot(n, slip) * (1.0 - entry[3])
+                gap = deep
         if gap < -apart:
             gap -= wp.min(before[3] - thickness + apart, 0.0)
         return pack(n, gap)

@@ -187,7 +187,7 @@ def make_press(features: Features):
                         note(c, near)
                         mark(corners, PRESSED, here)
                     elif last.when == here.substep:
-                        here.state.presses[entry].when = LONG_AGO
+                        here.state.presses[entry].push = wp.vec3(0.0)  # by an earlier iteration, which was enough
                     c = next_of(c, near, stray)
 
     return press
