@@ -105,15 +105,18 @@ class Sweep:
 class Press:
     """What one collider asks of one facet, a triangle or segment, in substep `when`; in any other it asks for nothing.
 
-    when: -1 for the last substep of the frame before. push [kg m], at the point of these weights of the corners.
-    normal: out of the collider. so_far: friction and normal correction in this substep [m]. While the facet sticks, the
-    point of weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 where it slides. stops: the shares
-    of their ways that its corners give up in substep `stopped`.
+    when: -1 for the last substep of the frame before. push [kg m], at the point of these weights of the corners, and
+    rub, of friction, at that of weights `rubbed`. normal: out of the collider. so_far: friction and normal correction
+    in this substep [kg m]. While the facet sticks, the point of weights `stuck` is held at `anchor` [m], in the
+    collider's axes; all 0 where it slides. stops: the shares of their ways that its corners give up in substep
+    `stopped`.
     """
 
     when: int
     weights: wp.vec3
     push: wp.vec3
+    rubbed: wp.vec3
+    rub: wp.vec3
     normal: wp.vec3
     so_far: wp.vec4
     stuck: wp.vec3

@@ -28,7 +28,10 @@ def look(facets: wp.array(dtype=Facet), shape: int, size: wp.vec3, steps: int, f
     k = wp.tid()
     facet = facets[k]
     found[k, 0] = distance(
-        shape, point_of(facet, deepest(shape, size, wp.uint64(0), facet, 0.01).weights), size, wp.uint64(0)
+        shape,
+        point_of(facet, deepest(shape, size, wp.uint64(0), facet, 0.01, wp.vec3(0.0)).weights),
+        size,
+        wp.uint64(0),
     )[3]
     least = float(1.0e30)
     for i in range(steps + 1):
@@ -47,7 +50,7 @@ def compare(
     above the distance of a point, at most [m]."""
     k = wp.tid()
     facet = facets[k]
-    best = deepest(shape, size, wp.uint64(0), facet, 0.01)
+    best = deepest(shape, size, wp.uint64(0), facet, 0.01, wp.vec3(0.0))
     g, c = wp.vec3(best.plane[0], best.plane[1], best.plane[2]), best.plane[3]
     found[k, 0] = best.value
     found[k, 1] = wp.min(wp.min(wp.dot(g, facet.a), wp.dot(g, facet.b)), wp.dot(g, facet.c)) + c

@@ -154,7 +154,25 @@ def test_what_sticks_between_particles_does_not_creep(device, order):
     top = np.argmin(np.linalg.norm(first - (0, 0, 0.105), axis=1))
     sim.step(300)
     assert np.linalg.norm(sim.positions("it")[top] - first[top]) < 1e-4
-    assert sim.report()["it"]["max_penetration"] < 1e-4
+    assert sim.report()["it"]["max_penetration"] < 5e-4, "a tenth of the thickness"
+
+
+@pytest.mark.parametrize("radius", [0.012, 0.05])
+@pytest.mark.parametrize("method", ["auto", "xpbd"])
+def test_a_cloth_over_a_rail_comes_to_rest(device, radius, method):
+    """Its own tension presses it on a rail that lies between its particles: nothing of that may shake it."""
+    sheet = Cloth(resolution=(24, 24), pins="none")
+    along_x = (0, np.sqrt(0.5), 0, np.sqrt(0.5))
+    rail = Capsule(radius=radius, half_length=0.8, position=(0, 0.03, -radius - 0.005), orientation=along_x)
+    sim = Simulation(Scene({"it": sheet}, {"rail": rail}), Settings(method=method, global_damping=2.0), device=device)
+    sim.set_positions("it", sim.positions("it") - sim.positions("it").mean(axis=0))
+    sim.step(480)
+    energies = []
+    for _ in range(10):
+        sim.step(4)
+        energies.append(0.5 * np.mean(np.sum(sim.velocities("it").astype(float) ** 2, axis=1)))
+    assert abs(sim.positions("it")[:, 1].mean()) < 0.1, "it slid off"
+    assert np.median(energies) < 3e-6  # [J/kg]
 
 
 @pytest.mark.parametrize("segments", [40, 100])

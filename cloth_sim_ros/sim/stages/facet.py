@@ -14,6 +14,8 @@ _CUTS = 8  # evaluations between the ends of a line, at most
 _NEAR = 1.0e-5  # [m] the search ends where no point of the line can be deeper by more
 _SPREAD = 8  # steps along each side of a facet at whose ends shapes that are not convex are looked at, at most
 STEP = wp.constant(2.0)  # of the thickness: how far apart these are
+# Of the thickness: a facet that comes farther in a substep is looked at on its whole way.
+FAST = wp.constant(0.5)
 ADVANCES = 16  # steps of a facet towards a collider
 
 
@@ -190,7 +192,7 @@ def make_deepest(shapes: tuple[str, ...]):
     """A Warp function: the Deepest point of a facet in a collider of `shapes`.
 
     Of shapes that are not convex it is that of what the search finds and of points spread over the facet in steps of
-    `step` [m].
+    `step` [m]. known: weights of a point that may be it, which then takes the place of the spread ones; or 0.
     """
     is_hollow = make_is_hollow(shapes)
     return _make_search(shapes) if is_hollow is None else _or_spread(_make_search(shapes), shapes, is_hollow)
@@ -201,27 +203,30 @@ def _or_spread(search, shapes: tuple[str, ...], is_hollow):
     is_beyond = make_is_beyond(shapes)
 
     @wp.func
-    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float) -> Deepest:
-        best = search(shape, size, data, facet, step)
+    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
+        best = search(shape, size, data, facet, step, known)
         if is_hollow(shape, data):
             side = wp.max(
                 wp.length(facet.b - facet.a), wp.max(wp.length(facet.c - facet.b), wp.length(facet.a - facet.c))
             )
             steps = int(wp.clamp(wp.ceil(side / step), 2.0, wp.static(float(_SPREAD))))
+            is_known = wp.max(known) > 0.0
+            count = wp.where(is_known, 1, (steps + 1) * (steps + 1))
             k = int(0)
-            while k < (steps + 1) * (steps + 1):
+            while k < count:
                 i, j = k / (steps + 1), k % (steps + 1)
                 k += 1
                 if i + j > steps or (facet.is_segment and j > 0):
                     continue
                 u, v = float(i) / float(steps), float(j) / float(steps)
-                p = point_of(facet, wp.vec3(1.0 - u - v, u, v))
+                weights = wp.where(is_known, known, wp.vec3(1.0 - u - v, u, v))
+                p = point_of(facet, weights)
                 if wp.static(is_beyond is not None):
                     if is_beyond(shape, p, best.value, data):
                         continue
                 here = signed_distance(shape, p, size, data)
                 if here[3] < best.value:
-                    best.weights = wp.vec3(1.0 - u - v, u, v)
+                    best.weights = weights
                     best.value = here[3]
                     best.plane = tangent(p, here)
         return best
@@ -240,7 +245,7 @@ def _make_search(shapes: tuple[str, ...]):
         return found
 
     @wp.func
-    def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float) -> Deepest:
+    def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
         # Of a segment the first row is all there is. One loop for the first row and those between it and the tip: the
         # compiler then has the search along a row once.
         u = float(0.0)
@@ -292,22 +297,22 @@ def _make_search(shapes: tuple[str, ...]):
 
 def make_touched(shapes: tuple[str, ...]):
     """A Warp function: the point of a facet that a collider of `shapes` met first in the substep, or the deepest at its
-    end where it met none or came by less than `fast` [m].
+    end where it met none or came by less than FAST of its thickness. known: see make_deepest.
 
     By conservative advancement: no point can come nearer than by its own way.
     """
     deepest = make_deepest(shapes)
 
     @wp.func
-    def touched(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, fast: float) -> Deepest:
+    def touched(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
         way = longest_way(facet)
-        left = wp.where(way > fast, 1.0, 0.0)
+        left = wp.where(way > FAST * thickness, 1.0, 0.0)
         found = Deepest()
         gap = float(1.0)
         count = int(0)
         # The last turn is at the end of its way: the compiler then has the search once.
         while count <= wp.static(ADVANCES) and gap > 1.0e-3 * thickness:
-            found = deepest(shape, size, data, back(facet, left), STEP * thickness)
+            found = deepest(shape, size, data, back(facet, left), STEP * thickness, known)
             gap = 0.0
             if left > 0.0:
                 gap = found.value - thickness

@@ -73,7 +73,8 @@ def _make_given_up(shapes: tuple[str, ...]):
         apart = float(0.0)
         # No point can come nearer than by its own way (conservative advancement).
         while count < wp.static(ADVANCES):
-            found = deepest(collider.shape, collider.size, collider.data, back(facet, left), STEP * thickness)
+            was = back(facet, left)
+            found = deepest(collider.shape, collider.size, collider.data, was, STEP * thickness, none)
             if count == 0 or hollow:
                 plane = found.plane
                 apart = wp.max(found.value, 0.0)

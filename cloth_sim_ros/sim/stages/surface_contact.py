@@ -24,6 +24,7 @@ from cloth_sim_ros.sim.stages.contact import (
     with_push,
 )
 from cloth_sim_ros.sim.stages.facet import (
+    FAST,
     Deepest,
     Facet,
     farthest_of,
@@ -44,11 +45,10 @@ from cloth_sim_ros.sim.state import ColliderMotion, Look, Press, Sweep
 # Of the largest inverse mass: what a push beside a pinned or heavy corner divides by, so that no other is ever thrown
 # farther than four times the gap.
 LEAST_SHARE = wp.constant(0.25)
-# Of the thickness: a facet that comes farther in a substep is looked at on its whole way.
-FAST = wp.constant(0.5)
-# Cosine between a facet's push and the mean of all at a particle, at least: in a sharper fold it does not go farther.
-FOLDED = wp.constant(0.5)
-# Of the thickness: a facet that has moved by less is deepest where it was when that was last looked for.
+# Of the facets around a particle, how many count as touching at once. If all did, they would lie deep; of half as many,
+# a cloth over a rail shakes by 1e-6 J/kg.
+_TOUCH_AT_ONCE = wp.constant(0.67)
+# Of the thickness: of a facet that has moved by less, what is not convex is deepest near where it was.
 _STILL = wp.constant(0.02)
 LONG_AGO = wp.constant(-2)  # no substep that the next one could go on from
 # A point this near to a corner is what the corner's own contact has seen to.
@@ -57,11 +57,17 @@ CORNER = wp.constant(0.999)
 
 @wp.func
 def yielding(corners: wp.vec3i, weights: wp.vec3, here: Here) -> float:
-    """The inverse mass of a point of a facet [1/kg], 0 where nothing of it can move."""
+    """The inverse mass of a point of a facet [1/kg], 0 where nothing of it can move.
+
+    The facets around a particle share its mass (mass splitting, Tonge et al. 2012). What each needs may then be added
+    up, and moves it no farther than one alone would. Pushed farther, a cloth that lies over a rail would shake.
+    """
     sum = float(0.0)
     most = float(0.0)
     for k in range(3):
-        w = load4(here.d, corners[k])[3]
+        slot = here.body.particles + corners[k]
+        facets = float(here.model.panel_start[slot + 1] - here.model.panel_start[slot])
+        w = wp.max(_TOUCH_AT_ONCE * facets, 1.0) * load4(here.d, corners[k])[3]
         sum += weights[k] * weights[k] * w
         most = wp.max(most, w)
     return wp.max(sum, LEAST_SHARE * most)
@@ -92,14 +98,18 @@ def make_touched_in(features: Features):
         # No point has come nearer than by its way, nor was it nearer in between.
         if look.known == 1 and look.value - moved - way >= thickness:
             return wp.vec3(0.0)
-        if look.known == 1 and moved <= _STILL * thickness and way <= FAST * thickness:
-            return look.weights
         if wp.static(is_beyond is not None):
             if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
                 return wp.vec3(0.0)
-        found = touched(collider.shape, collider.size, collider.data, facet, thickness, FAST * thickness)
+        known = wp.vec3(0.0)
+        if look.known == 1 and moved <= _STILL * thickness and way <= FAST * thickness:
+            known = look.weights
+        found = touched(collider.shape, collider.size, collider.data, facet, thickness, known)
         if way <= FAST * thickness:  # else that is where it met the collider first
-            here.state.looks[entry] = looked(facet, found)
+            if wp.max(known) == 0.0:
+                here.state.looks[entry] = looked(facet, found)
+            else:
+                here.state.looks[entry].weights = found.weights
             if found.value >= thickness - NOISE:
                 return wp.vec3(0.0)
         return found.weights
@@ -134,25 +144,29 @@ def make_press_on(features: Features):
         if last.when == here.substep:
             before = last.so_far
         n = xyz(touching)
-        more = outward(touching[3], before[3], collider.compliance * here.step.inverse_square / w)
+        more = outward(touching[3], w * before[3], collider.compliance * here.step.inverse_square / w) / w
         pressed = before[3] + more
         mu_s = wp.sqrt(here.material.static_friction * collider.static_friction)
         mu_k = wp.sqrt(here.material.kinetic_friction * collider.kinetic_friction)
-        rubbed_before = xyz(before) - wp.dot(xyz(before), n) * n
         press.stuck = last.stuck
         press.anchor = last.anchor
         if last.when < here.substep - 1 or wp.max(last.stuck) == 0.0:
             press.stuck = weights
             press.anchor = point_of(facet, weights) - slip
+        # Friction acts where it is measured.
+        press.rubbed = press.stuck
+        w_rubbed = yielding(corners, press.rubbed, here)
         slid = point_of(facet, press.stuck) - press.anchor
         slid -= wp.dot(slid, n) * n
-        rubbed = friction_correction(slid, rubbed_before, pressed, mu_s, mu_k)
+        rubbed_before = w_rubbed * (xyz(before) - wp.dot(xyz(before), n) * n)
+        rubbed = friction_correction(slid, rubbed_before, w_rubbed * pressed, mu_s, mu_k)
         if wp.length_sq(rubbed - (rubbed_before - slid)) > 0.0:
             press.stuck = wp.vec3(0.0)
         press.weights = weights
-        press.push = wp.transpose(sweep.to_local) * (more * n + rubbed - rubbed_before) / w
+        press.push = more * (wp.transpose(sweep.to_local) * n)
+        press.rub = wp.transpose(sweep.to_local) * ((rubbed - rubbed_before) / w_rubbed)
         press.normal = wp.transpose(sweep.to_local) * n
-        press.so_far = pack(rubbed, pressed)
+        press.so_far = pack(rubbed / w_rubbed, pressed)
         return press
 
     return press_on
@@ -188,20 +202,21 @@ def make_press(features: Features):
                         mark(corners, PRESSED, here)
                     elif last.when == here.substep:
                         here.state.presses[entry].push = wp.vec3(0.0)  # by an earlier iteration, which was enough
+                        here.state.presses[entry].rub = wp.vec3(0.0)
                     c = next_of(c, near, stray)
 
     return press
 
 
 @wp.func
-def share_in(q: int, i: int, c: int, here: Here) -> wp.vec4:
-    """The push that particle i takes of facet q by collider c [kg m], and its weight there."""
+def share_in(q: int, i: int, c: int, here: Here) -> wp.vec3:
+    """What particle i takes of the push on facet q by collider c [kg m]."""
     press = here.state.presses[q * here.colliders.shape[0] + c]
     if press.when != here.substep:
-        return wp.vec4(0.0)
+        return wp.vec3(0.0)
     corners = corners_of(q, here)
     place = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
-    return pack(press.weights[place] * press.push, press.weights[place])
+    return press.weights[place] * press.push + press.rubbed[place] * press.rub
 
 
 @wp.func
@@ -210,16 +225,8 @@ def wanted_of(i: int, c: int, here: Here) -> wp.vec3:
     slot = here.body.particles + i
     sum = wp.vec3(0.0)
     for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
-        share = xyz(share_in(here.model.particle_panels[place], i, c, here))
-        sum += wp.length(share) * share
-    way = wp.normalize(sum)
-    farthest = float(0.0)
-    for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
-        share = xyz(share_in(here.model.particle_panels[place], i, c, here))
-        size = wp.length(share)
-        if size > 0.0:
-            farthest = wp.max(farthest, size * size / wp.max(wp.dot(share, way), FOLDED * size))
-    return farthest * way
+        sum += share_in(here.model.particle_panels[place], i, c, here)
+    return sum
 
 
 @wp.func
@@ -229,17 +236,13 @@ def normal_at(i: int, c: int, here: Here) -> wp.vec3:
     normal = wp.vec3(0.0)
     for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
         q = here.model.particle_panels[place]
-        share = xyz(share_in(q, i, c, here))
+        share = share_in(q, i, c, here)
         normal += wp.length(share) * here.state.presses[q * here.colliders.shape[0] + c].normal
     return wp.normalize(normal)
 
 
 def make_yield(features: Features):
-    """The stage that moves particle i as its facets are pressed.
-
-    It goes in their mean direction, each weighed by its size, as far as any of them needs: what all want is done once,
-    and what one alone wants is done in full. Two facets that a collider folds apart are moved out of the fold.
-    """
+    """The stage that moves particle i as its facets are pressed."""
     least, touch = least_mass(features), make_touch(features)
 
     @wp.func
