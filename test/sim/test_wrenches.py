@@ -68,8 +68,12 @@ def test_a_rope_over_a_pole_weighs_on_it(device):
     rope = Rope(segments=40, start=(-0.5, 0, 0.06), end=(0.5, 0, 0.06), pins="none", radius=0.01, mass=0.3)
     pole = Capsule(radius=0.05, half_length=0.3, orientation=(np.sqrt(0.5), 0, 0, np.sqrt(0.5)), static_friction=1.0)
     sim = Simulation(Scene({"rope": rope}, {"pole": pole}), Settings(global_damping=3.0), device)
-    sim.step(400)
-    assert sim.wrench("pole")[0][2] == pytest.approx(-0.3 * 9.81, rel=0.005)
+    sim.step(350)
+    felt = []
+    for _ in range(50):  # a rope that leans on something trembles by some parts in a thousand
+        sim.step()
+        felt.append(sim.wrench("pole")[0][2])
+    assert np.mean(felt) == pytest.approx(-0.3 * 9.81, rel=0.002)
 
 
 @pytest.mark.long
