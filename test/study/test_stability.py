@@ -160,13 +160,8 @@ def test_ten_minutes_can_begin(scene, settings):
     assert sim.report()[BODY]["recoveries"] == 0
 
 
-SHAKEN = pytest.mark.xfail(reason="a sheet over a ball moves by 1e-4 m in a minute where 1e-5 are allowed")
-
-
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "scene", [pytest.param(each, marks=SHAKEN if each == "sheet over a ball" else ()) for each in long_rest.SCENES]
-)
+@pytest.mark.parametrize("scene", long_rest.SCENES)
 def test_what_lies_lies_still(scene):
     """Two minutes here; ten by `stability --long`."""
     settings = long_rest.SETTINGS["xpbd 2, 20 x 1"]
