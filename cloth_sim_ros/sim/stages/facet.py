@@ -16,6 +16,7 @@ _SPREAD = 8  # steps along each side of a facet at whose ends shapes that are no
 STEP = wp.constant(2.0)  # of the thickness: how far apart these are
 # Of the thickness: a facet that comes farther in a substep is looked at on its whole way.
 FAST = wp.constant(0.5)
+_FAR = wp.constant(1.0e30)  # [m]
 ADVANCES = 16  # steps of a facet towards a collider
 
 
@@ -104,6 +105,26 @@ def farthest_of(facet: Facet) -> float:
     middle = middle_of(facet)
     farthest = wp.max(wp.length(facet.a - middle), wp.max(wp.length(facet.b - middle), wp.length(facet.c - middle)))
     return farthest + longest_way(facet)
+
+
+def make_least(shapes: tuple[str, ...]):
+    """A Warp function: a distance [m] than which no point of a facet is nearer to a collider of `shapes`, by one look.
+
+    It is that of the tangent of its middle, and tells nothing of what is not convex.
+    """
+    signed_distance, is_hollow = make_signed_distance(shapes), make_is_hollow(shapes)
+
+    @wp.func
+    def least(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> float:
+        if wp.static(is_hollow is not None):
+            if is_hollow(shape, data):
+                return -_FAR
+        middle = middle_of(facet)
+        plane = tangent(middle, signed_distance(shape, middle, size, data))
+        n = xyz(plane)
+        return plane[3] + wp.min(wp.dot(n, facet.a), wp.min(wp.dot(n, facet.b), wp.dot(n, facet.c)))
+
+    return least
 
 
 @wp.func

@@ -29,6 +29,7 @@ from cloth_sim_ros.sim.stages.facet import (
     Facet,
     farthest_of,
     longest_way,
+    make_least,
     make_touched,
     middle_of,
     point_of,
@@ -56,6 +57,13 @@ CORNER = wp.constant(0.999)
 
 
 @wp.func
+def facets_around(i: int, here: Here) -> float:
+    """How many facets particle i is a corner of."""
+    slot = here.body.particles + i
+    return float(here.model.panel_start[slot + 1] - here.model.panel_start[slot])
+
+
+@wp.func
 def yielding(corners: wp.vec3i, weights: wp.vec3, here: Here) -> float:
     """The inverse mass of a point of a facet [1/kg], 0 where nothing of it can move.
 
@@ -65,12 +73,21 @@ def yielding(corners: wp.vec3i, weights: wp.vec3, here: Here) -> float:
     sum = float(0.0)
     most = float(0.0)
     for k in range(3):
-        slot = here.body.particles + corners[k]
-        facets = float(here.model.panel_start[slot + 1] - here.model.panel_start[slot])
-        w = wp.max(_TOUCH_AT_ONCE * facets, 1.0) * load4(here.d, corners[k])[3]
+        facets = wp.max(_TOUCH_AT_ONCE * facets_around(corners[k], here), 1.0)
+        w = facets * load4(here.d, corners[k])[3]
         sum += weights[k] * weights[k] * w
         most = wp.max(most, w)
     return wp.max(sum, LEAST_SHARE * most)
+
+
+@wp.func
+def points_of(corners: wp.vec3i, here: Here) -> float:
+    """As how many points a facet counts in a soft collider: its share of each corner, which is one point."""
+    points = float(0.0)
+    for k in range(3):
+        if k < 2 or corners[2] != corners[1]:
+            points += 1.0 / facets_around(corners[k], here)
+    return points
 
 
 @wp.func
@@ -89,6 +106,7 @@ def looked(facet: Facet, found: Deepest) -> Look:
 def make_touched_in(features: Features):
     """A Warp function: the weights of the point of a facet that touches one collider; 0 where none can."""
     touched, is_beyond = make_touched(features.shapes), make_is_beyond(features.shapes)
+    least = make_least(features.shapes)
 
     @wp.func
     def touched_in(facet: Facet, entry: int, collider: ColliderMotion, here: Here) -> wp.vec3:
@@ -100,6 +118,12 @@ def make_touched_in(features: Features):
             return wp.vec3(0.0)
         if wp.static(is_beyond is not None):
             if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
+                return wp.vec3(0.0)
+        if way <= FAST * thickness:
+            found = Deepest()
+            found.value = least(collider.shape, collider.size, collider.data, facet)
+            if found.value >= thickness - NOISE:  # as of most that lies on a flat face
+                here.state.looks[entry] = looked(facet, found)
                 return wp.vec3(0.0)
         known = wp.vec3(0.0)
         if look.known == 1 and moved <= _STILL * thickness and way <= FAST * thickness:
@@ -144,7 +168,8 @@ def make_press_on(features: Features):
         if last.when == here.substep:
             before = last.so_far
         n = xyz(touching)
-        more = outward(touching[3], w * before[3], collider.compliance * here.step.inverse_square / w) / w
+        softness = collider.compliance * here.step.inverse_square / (w * points_of(corners, here))
+        more = outward(touching[3], w * before[3], softness) / w
         pressed = before[3] + more
         mu_s = wp.sqrt(here.material.static_friction * collider.static_friction)
         mu_k = wp.sqrt(here.material.kinetic_friction * collider.kinetic_friction)
