@@ -317,8 +317,10 @@ def _make_search(shapes: tuple[str, ...]):
 
 
 def make_touched(shapes: tuple[str, ...]):
-    """A Warp function: the point of a facet that a collider of `shapes` met first in the substep, or the deepest at its
-    end where it met none or came by less than FAST of its thickness. known: see make_deepest.
+    """A Warp function: the point of a facet that a collider of `shapes` met first in the substep.
+
+    Where it met none, or came by less than FAST of its thickness, it is the deepest one at the end. known: see
+    make_deepest.
 
     By conservative advancement: no point can come nearer than by its own way.
     """

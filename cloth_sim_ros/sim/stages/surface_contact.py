@@ -119,17 +119,18 @@ def make_touched_in(features: Features):
         if wp.static(is_beyond is not None):
             if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
                 return wp.vec3(0.0)
-        if way <= FAST * thickness:
+        slow = way <= FAST * thickness
+        if slow:
             found = Deepest()
             found.value = least(collider.shape, collider.size, collider.data, facet)
             if found.value >= thickness - NOISE:  # as of most that lies on a flat face
                 here.state.looks[entry] = looked(facet, found)
                 return wp.vec3(0.0)
         known = wp.vec3(0.0)
-        if look.known == 1 and moved <= _STILL * thickness and way <= FAST * thickness:
+        if look.known == 1 and moved <= _STILL * thickness and slow:
             known = look.weights
         found = touched(collider.shape, collider.size, collider.data, facet, thickness, known)
-        if way <= FAST * thickness:  # else that is where it met the collider first
+        if slow:  # else that is where it met the collider first
             if wp.max(known) == 0.0:
                 here.state.looks[entry] = looked(facet, found)
             else:
@@ -188,9 +189,9 @@ def make_press_on(features: Features):
         if wp.length_sq(rubbed - (rubbed_before - slid)) > 0.0:
             press.stuck = wp.vec3(0.0)
         press.weights = weights
-        press.push = more * (wp.transpose(sweep.to_local) * n)
-        press.rub = wp.transpose(sweep.to_local) * ((rubbed - rubbed_before) / w_rubbed)
         press.normal = wp.transpose(sweep.to_local) * n
+        press.push = more * press.normal
+        press.rub = wp.transpose(sweep.to_local) * ((rubbed - rubbed_before) / w_rubbed)
         press.so_far = pack(rubbed / w_rubbed, pressed)
         return press
 
