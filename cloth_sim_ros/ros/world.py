@@ -18,9 +18,9 @@ from cloth_sim_ros.ros.grasps import Grasps
 from cloth_sim_ros.ros.grippers import Grippers, finger_names
 from cloth_sim_ros.ros.journal import Journal
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
+from cloth_sim_ros.ros.reported import Reported
 from cloth_sim_ros.ros.scene_plan import make_plan
 from cloth_sim_ros.ros.state_notes import live_values, notes_of, read_notes
-from cloth_sim_ros.ros.told import Told
 from cloth_sim_ros.ros.winches import Winches
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.sim.colliders.collider import Collider
@@ -50,7 +50,7 @@ class World:
         self.estimates: dict[str, float] = {}  # name -> error [m] of the last frame that was judged
         self.is_judged, self._unjudged = True, 0.0  # whether frames are to be judged, and [s] since one was
         self.journal = Journal()
-        self._told = Told(log)
+        self._reported = Reported(log)
         self._wind: Vector | None = None  # set by topic since the parameter was last set
         self._winches = Winches(log)
         self.grippers = Grippers()
@@ -89,7 +89,7 @@ class World:
         self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
         self.estimates, self._unjudged = {}, 0.0
         self.grasps.tell_empty(sim, values)
-        self._told.start(sim, values)
+        self._reported.start(sim, values)
         self.compiling.start(sim)
         return True
 
@@ -133,10 +133,10 @@ class World:
         owner, _, field = name.rpartition(".")
         try:
             if owner in self.sim.scene.handles and field == "attached":
-                self._told.say(*self.grasps.set(self.sim, owner, value))
+                self._reported.say(*self.grasps.set(self.sim, owner, value))
             else:
                 self.sim.set(name, value)
-            self._told.reasons(self.sim)
+            self._reported.reasons(self.sim)
         except Unstable as error:
             self._log.error(f"{name} is put back: {error}")
             return False
@@ -264,10 +264,10 @@ class World:
             self.tracks[name].rest(Pose(self.sim.get(f"{name}.position"), self.sim.get(f"{name}.orientation")))
         self.added.look(self.sim, self.tracks)
         self.journal.cut()
-        self._told.know(self.sim.report())
+        self._reported.know(self.sim.report())
         self.grasps.look(self.sim)
         self.estimates = {}
-        self._told.reasons(self.sim)
+        self._reported.reasons(self.sim)
         if self.sim.builds != builds:
             self.compiling.start(self.sim)
         return True, f"the simulation goes on at {self.sim.time:.6g} s from {path}", values
@@ -275,8 +275,8 @@ class World:
     def report(self) -> dict[str, dict[str, float]]:
         """The simulation's report; what is worth it goes to the log."""
         report = self.sim.report()
-        self._told.reasons(self.sim)
-        self._told.report(report, self.in_effect)
+        self._reported.reasons(self.sim)
+        self._reported.report(report, self.in_effect)
         return report
 
     def forget_stamps(self) -> None:

@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
 from cloth_sim_ros.sim.masses import Masses
 from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.model_arrays import ModelArrays
-from cloth_sim_ros.sim.rope_state import Drive, EndTurn, Reel
+from cloth_sim_ros.sim.rope_state import Drive, EndTurn, WinchState
 from cloth_sim_ros.sim.scaled import Scaled
 from cloth_sim_ros.sim.stages.tearing import LEFT
 from cloth_sim_ros.sim.state import Arrays, Material
@@ -61,9 +61,9 @@ class Batch:
             {name: wp.array(getattr(t, part)[None], dtype=wp.float64, device=device) for name, t in topologies.items()}
             for part in ("layout", "rest")
         )
-        self._reels = {name: _wound(topology) for name, topology in topologies.items() if topology.reel is not None}
-        spokes = features.method == "verlet" and not rows  # which lay out their own
-        collected = ModelArrays(spokes, lanes=device.is_cpu)
+        self._winches = {name: _wound(topology) for name, topology in topologies.items() if topology.winch is not None}
+        incident_springs = features.method == "verlet" and not rows  # which lay out their own
+        collected = ModelArrays(incident_springs, lanes=device.is_cpu)
         for topology in topologies.values():
             collected.add(topology)
         self.lines = collected.lines
@@ -139,9 +139,9 @@ class Batch:
             writing.clear(rows, slice(0, rows.shape[1]), chosen)
         if self.torn is not None:
             self.torn.mend(chosen)
-        for name, reel in self._reels.items():
-            for array in ("reels", "good_reels"):
-                writing.put(self.states[array], self.index[name], reel, chosen)
+        for name, winch in self._winches.items():
+            for array in ("winches", "good_winches"):
+                writing.put(self.states[array], self.index[name], winch, chosen)
         for name, rest in self.rest.items():
             self._put_positions(name, rest, chosen)
 
@@ -157,7 +157,7 @@ class Batch:
     def _put_positions(self, name: str, positions: wp.array, chosen: wp.array) -> None:
         parts = [self.part(array, self.span(name), None) for array in ("positions", "good_positions", "low")]
         inverse = self.masses.inverse[:, self.span(name)]
-        inputs = [positions, inverse, chosen, self.states["reels"], self.index[name], *parts]
+        inputs = [positions, inverse, chosen, self.states["winches"], self.index[name], *parts]
         dim = (len(chosen), positions.shape[1])
         wp.launch(writing.put_positions, dim=dim, inputs=inputs, device=self.device)
 
@@ -193,7 +193,7 @@ class Batch:
         self.part(array, slice(b, b + 1), None).assign(counts.reshape(-1, 1).astype(np.int32))
 
     def read_body(self, array: str, name: str, world: int | None) -> np.ndarray:
-        """The row of "reels" or "twists" of a rope, (worlds, 1), of one world or, for None, of all."""
+        """The row of "winches" or "twists" of a rope, (worlds, 1), of one world or, for None, of all."""
         b = self.index[name]
         return self.part(array, slice(b, b + 1), world).numpy()
 
@@ -286,9 +286,9 @@ def _with_own(model: Model, own: dict[str, wp.array]) -> Model:
 
 
 def _wound(topology: Topology) -> np.ndarray:
-    """The row (1, 1) of Reel of a winch at rest."""
-    row = np.zeros((1, 1), dtype=Reel.numpy_dtype())
-    index, length = topology.reel
+    """The row (1, 1) of WinchState of a winch at rest."""
+    row = np.zeros((1, 1), dtype=WinchState.numpy_dtype())
+    index, length = topology.winch
     row["index"], row["length"] = index, length
     row["behind"], row["total"] = topology.chain.rest[index + 1 :].sum(), topology.chain.rest.sum()
     return row

@@ -57,7 +57,7 @@ class BatchFrame:
         """The steps of slow forces that body b needs in a frame, in the world that needs most."""
         rows = self._materials.read(b, None)
         softness = rows["compliance"][:, 2].astype(np.float64)
-        rate = rate * rows["lightness"].astype(np.float64)
+        rate = rate * rows["largest_inverse_mass"].astype(np.float64)
         rates = np.divide(rate, softness, out=np.zeros(len(rows)), where=(softness > 0.0) & (rate > 0.0))
         drag = float(self.rows.read(0, 0)["global_damping"][0])
         return outer_steps(substeps, frame_dt / substeps, rates, rows["damping"].astype(np.float64), drag)

@@ -16,8 +16,8 @@ _PAST = ("last_displacements", "last_velocities")
 @dataclass(frozen=True)
 class BodyState:
     """One body in all worlds: rows of its particles (worlds, N, 4), counts (worlds, 1) and its rows of the live arrays
-    (worlds,). kg: mass and end mass (worlds, 2). Where it has them, also rows of Reel and Twist (worlds, 1). past:
-    order and substeps a frame, which its history is of. torn: see Torn.read; None where it does not tear."""
+    (worlds,). kg: mass and end mass (worlds, 2). Where it has them, also rows of WinchState and Twist (worlds, 1).
+    past: order and substeps a frame, which its history is of. torn: see Torn.read; None where it does not tear."""
 
     past: tuple[int, int]
     particles: dict[str, np.ndarray]
@@ -36,7 +36,7 @@ def take(batch: Batch, name: str) -> BodyState:
     has = [array for array in ("recoveries", "held", "history") if batch.states[array].size]
     counts = {array: batch.part(array, slice(b, b + 1), None).numpy() for array in has}
     live = [rows.read(b, None) for rows in batch.live]
-    own = [array for array, has in (("reels", batch.features.winch), ("twists", batch.features.twist)) if has]
+    own = [array for array, has in (("winches", batch.features.winch), ("twists", batch.features.twist)) if has]
     bodies = {array: batch.read_body(array, name, None) for array in own}
     kg = batch.masses.read(b, None)
     return BodyState(_past(batch), particles, counts, live, kg, bodies, batch.torn and batch.torn.read(b))

@@ -114,7 +114,7 @@ class Masses:
         inputs = [*self._given[b], shares, chosen, self._spans[b].start, self.masses, self.inverse]
         wp.launch(weigh, dim=(len(numbers), len(topology.masses)), inputs=inputs, device=self._device)
         total = topology.masses.sum()
-        self._materials.write(b, world, lightness=np.where(same, 1.0, total / rows.sum(axis=1)))
+        self._materials.write(b, world, largest_inverse_mass=np.where(same, 1.0, total / rows.sum(axis=1)))
 
     def put(self, b: int, world: Some, positions: list[wp.array]) -> None:
         """Bring the masses of a body to its particles that are free, in rows (worlds, N) of inverse masses."""

@@ -86,7 +86,7 @@ class Features:
             method=method,
             worlds=worlds,
             beam=beam,
-            winch=topology.reel is not None,
+            winch=topology.winch is not None,
             twist=beam and topology.twists,
             bent=beam and bool(topology.bends.rest.any()),
             plate=topology.plate is not None,
@@ -110,14 +110,14 @@ class Body:
     segments_end: int
     panels: int
     panels_end: int
-    spokes: int
-    spoke_width: int
+    incident_springs: int
+    incident_width: int
     plate: int
     plate_width: int
     plate_rate: float  # of the stiffest mode at a rigidity of 1 N m [1/s^2], likewise
     curves: int  # triangles that are curved at rest
     curves_end: int
-    yielding: float  # the inverse of its mass [1/kg] where Material.lightness is 1
+    yielding: float  # the inverse of its mass [1/kg] where Material.largest_inverse_mass is 1
     is_rope: bool
     pinned: bool  # whether any of its particles is
     width: float  # how far facets reach from their corners at most, stretched threefold [m]
@@ -154,9 +154,9 @@ class Model:
     rest: wp.array(dtype=wp.vec3)  # (N,) positions at rest [m]
     joints: wp.array(dtype=wp.vec4)  # (C,) behind each segment of a chain that bends: rest turn [-], span [m], and the
     # inverse lengths [1/m] of the segments before and behind it; nothing behind the last
-    spokes: wp.array(dtype=wp.vec2i)  # springs around each particle, for method verlet: other particle and type, the
-    # first spring of all particles of a body, then the second of all, padded with type 0 up to the body's spoke_width
-    spoke_types: wp.array(dtype=wp.vec4)  # (T, 4) rest length [m], 1/scale, kind, and what float32 lost of the rest
+    incident_springs: wp.array(dtype=wp.vec2i)  # around each particle: the other one and the type, the first of
+    # all particles of a body, then the second of all, padded with type 0 up to the body's incident_width
+    spring_types: wp.array(dtype=wp.vec4)  # (T, 4) rest length [m], 1/scale, kind, and what float32 lost of the rest
     # length, over it; type 0 pulls nothing
     plate_strides: wp.vec2i  # places from a neighbour to the next, and from a particle to the next; 0: as many as there
     # are particles, and as many as each has neighbours

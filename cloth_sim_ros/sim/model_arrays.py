@@ -25,12 +25,12 @@ class ModelArrays:
 
     bodies[b]: the fields of Body; groups: the rows of Model.groups; size: name of an array in Model -> rows so far;
     particles: of all bodies so far. lines[b]: (kind, first, end) of the slots of every family of body b.
-    With `spokes` every particle knows its springs. Lines lie as a CPU's lanes or a GPU's warps take them.
+    With `incident_springs` every particle knows its springs. Lines lie as a CPU's lanes or a GPU's warps take them.
     spring_slots[b]: kind -> (S,) the slots of the springs of body b.
     """
 
-    def __init__(self, spokes: bool, lanes: bool) -> None:
-        self._with_spokes, self._lanes = spokes, lanes
+    def __init__(self, incident_springs: bool, lanes: bool) -> None:
+        self._with_incident_springs, self._lanes = incident_springs, lanes
         self.bodies: list[dict[str, Any]] = []
         self.groups: list[tuple[int, int, int]] = []
         self._rows: dict[str, list[np.ndarray]] = {name: [] for name in Model.vars if name not in _NOT_ROWS}
@@ -57,7 +57,9 @@ class ModelArrays:
         groups_end = len(self.groups)
         segments = self._add_chain(topology)
         panels = self._add_panels(topology)
-        spokes, spoke_width = self._add_spokes(topology) if self._with_spokes else (0, 0)
+        incident_springs, incident_width = (
+            self._add_incident_springs(topology) if self._with_incident_springs else (0, 0)
+        )
         curves = self.size["curve_corners"]
         plate, plate_width = self._add_plate(topology, first)
         if topology.tear_strain > 0.0:
@@ -73,8 +75,8 @@ class ModelArrays:
             "segments_end": self.size["segment_length"],
             "panels": panels,
             "panels_end": self.size["panels"],
-            "spokes": spokes,
-            "spoke_width": spoke_width,
+            "incident_springs": incident_springs,
+            "incident_width": incident_width,
             "plate": plate,
             "plate_width": plate_width,
             "plate_rate": topology.plate_rate,
@@ -190,8 +192,8 @@ class ModelArrays:
         self._append("panel_start", offset + np.concatenate([[0], np.cumsum(counts)[:-1]]))
         return start
 
-    def _add_spokes(self, topology: Topology) -> tuple[int, int]:
-        """Spokes of one body: where they begin, and the most springs around one particle of it."""
+    def _add_incident_springs(self, topology: Topology) -> tuple[int, int]:
+        """IncidentSprings of one body: where they begin, and the most springs around one particle of it."""
         count, springs = len(topology.masses), topology.springs
         pairs = np.concatenate([e.particles for e in springs.values()])
         # Rest lengths that differ by rounding are one type, so that the few types of a grid stay in the nearest cache.
@@ -201,17 +203,17 @@ class ModelArrays:
         ]
         table, types = np.unique(np.concatenate([np.stack(k, 1) for k in kinds]), axis=0, return_inverse=True)
         lost = 1.0 - table[:, 0].astype(np.float32) / table[:, 0]
-        start = self._append("spoke_types", np.concatenate([np.zeros((1, 4)), np.column_stack([table, lost])]))
+        start = self._append("spring_types", np.concatenate([np.zeros((1, 4)), np.column_stack([table, lost])]))
         hub, rim = pairs.ravel(), pairs[:, ::-1].ravel()
         types = np.repeat(types.ravel() + start + 1, 2)
         order = np.argsort(hub, kind="stable")
         hub, rim, types = hub[order], rim[order], types[order]
         degree = np.bincount(hub, minlength=count)
         slot = np.arange(len(hub)) - np.repeat(np.cumsum(degree) - degree, degree)
-        spokes = np.full((degree.max(), count, 2), start)
-        spokes[:, :, 0] = np.arange(count)
-        spokes[slot, hub] = np.stack([rim, types], 1)
-        return self._append("spokes", spokes.reshape(-1, 2)), int(degree.max())
+        incident_springs = np.full((degree.max(), count, 2), start)
+        incident_springs[:, :, 0] = np.arange(count)
+        incident_springs[slot, hub] = np.stack([rim, types], 1)
+        return self._append("incident_springs", incident_springs.reshape(-1, 2)), int(degree.max())
 
     def joined(self, name: str) -> np.ndarray:
         """The rows of an array in Model of all bodies, in NumPy."""

@@ -58,7 +58,7 @@ class Placing:
         rows, some = self._rows(name, positions, "positions", _FAR), self._bodies.some(world)
         strained = self._leave_if_strained(name, rows, some)
         topology = self._bodies.elastic[name]
-        if strained and topology.reel is None:  # what is on a drum stays there
+        if strained and topology.winch is None:  # what is on a drum stays there
             rows = off_symmetry(topology, rows, topology.scales_in(worlds_of(some)).min())
         self._write_positions(name, rows, some)
 
@@ -105,7 +105,7 @@ class Placing:
             raise ValueError(f"{name} is {as_theirs} in the other simulation; {allowed}")
         batch, source = self._bodies.batch[name], other._bodies.batch[name]
         if batch.features.winch:
-            batch.write_body("reels", name, source.read_body("reels", name, 0))
+            batch.write_body("winches", name, source.read_body("winches", name, 0))
         rows = other._queries.positions(name)
         self._leave_if_strained(name, rows, None)
         self._write_positions(name, rows, None)
@@ -121,5 +121,5 @@ class Placing:
 
 def _structure_of(topology: Topology) -> str:
     """What has to agree where an object goes on from another simulation, in words."""
-    kind = "a sheet" if len(topology.triangles) else "a rope" if topology.reel is None else "a rope on a winch"
+    kind = "a sheet" if len(topology.triangles) else "a rope" if topology.winch is None else "a rope on a winch"
     return f"{kind} of {len(topology.masses)} particles"

@@ -49,13 +49,13 @@ def measure_chain(arrays: Arrays, b: int, result: wp.array(dtype=float)):
     i = body.particles + wp.tid()
     rest = arrays.model.segment_length[k]
     feed = float(0.0)
-    if arrays.state.reels.shape[0] > 0:
-        reel = arrays.state.reels[b]
-        if wp.tid() < reel.index:
+    if arrays.state.winches.shape[0] > 0:
+        winch = arrays.state.winches[b]
+        if wp.tid() < winch.index:
             return
-        if wp.tid() == reel.index:
-            rest = reel.length
-            feed = reel.rate
+        if wp.tid() == winch.index:
+            rest = winch.length
+            feed = winch.rate
     sag = -rest * arrays.materials[b].compliance[0] * arrays.state.tensions[k]
     _measure(arrays, b, wp.vec2i(i, i + 1), rest, feed, sag, True, result)
 

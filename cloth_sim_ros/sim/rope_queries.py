@@ -32,7 +32,7 @@ class Ropes:
     def drum(self, name: str, world: int) -> int:
         """The first segment of a rope that is out."""
         batch = self._bodies.batch[name]
-        return int(batch.read_body("reels", name, world)["index"][0, 0]) if batch.features.winch else 0
+        return int(batch.read_body("winches", name, world)["index"][0, 0]) if batch.features.winch else 0
 
     def tensions(self, name: str, world: int = 0) -> np.ndarray:
         """Tensions (S,) float32 [N] of a rope's segments at the end of the last substep in one world, also where they

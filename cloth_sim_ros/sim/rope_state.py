@@ -24,7 +24,7 @@ class Segment:
     reach: float
     turn: float
     too_far: int
-    torn: int
+    overstretched: int
     unsettled: int
     pull: float
 
@@ -41,7 +41,7 @@ class Drive:
 
 
 @wp.struct
-class Reel:
+class WinchState:
     """How far one winch has paid out (see ropes/drum.py)."""
 
     index: int  # the particle at the drum that is next to the rope, and the segment that is fed

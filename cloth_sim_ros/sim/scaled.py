@@ -19,9 +19,9 @@ LOST = wp.constant(9)  # in place of a power: what float32 lost of the number th
 # yields by the shape around it alone.
 _POWERS = {
     "rest": (1, 1, 1), "line_rests": (1,), "line_scales": (0,), "segment_length": (1,), "joints": (0, 1, -1, -1),
-    "spoke_types": (1, 0, 0, LOST), "plate_weights": (-2,), "curve_stencil_gradients": (-1,), "curve_gradients": (-1,),
+    "spring_types": (1, 0, 0, LOST), "plate_weights": (-2,), "curve_stencil_gradients": (-1,), "curve_gradients": (-1,),
 }  # fmt: skip
-_OF_ROPES = {**_POWERS, "line_scales": (1,), "spoke_types": (1, -1, 0, LOST)}
+_OF_ROPES = {**_POWERS, "line_scales": (1,), "spring_types": (1, -1, 0, LOST)}
 
 
 @compiled

@@ -20,7 +20,7 @@ def set_scale(bodies: Bodies, owner: str, value: Any, world: Some) -> None:
     """
     topology = bodies.elastic[owner]
     for what, is_so in (
-        ("hangs on a winch", topology.reel is not None),
+        ("hangs on a winch", topology.winch is not None),
         ("tears", topology.tear_strain > 0.0),
         ("started inside of a collider and was moved out", owner in bodies.moves),
     ):

@@ -10,20 +10,20 @@ from __future__ import annotations
 import warp as wp
 
 from cloth_sim_ros.sim.model import Features, Model
-from cloth_sim_ros.sim.rope_state import BeamRow, Drive, EndTurn, Reel, Segment, Twist
+from cloth_sim_ros.sim.rope_state import BeamRow, Drive, EndTurn, Segment, Twist, WinchState
 
 
 @wp.struct
 class Material:
     """One body. compliance: structural, shear (a rope's: twist), bending in units of the scene; lengths [m], damping
-    [s]. lightness: its mass in Model over what it weighs here."""
+    [s]. largest_inverse_mass: its mass in Model over what it weighs here."""
 
     compliance: wp.vec3
     damping: float
     thickness: float
     static_friction: float
     kinetic_friction: float
-    lightness: float
+    largest_inverse_mass: float
 
 
 @wp.func
@@ -202,8 +202,8 @@ class State:
     curve_stencil_gradients: wp.array(dtype=float)
     curve_gradients: wp.array(dtype=float)
     tearing: wp.array(dtype=int)  # (B,) whether a spring failed in this frame
-    reels: wp.array(dtype=Reel)  # (B,) of ropes that a winch feeds, and when the body was last good
-    good_reels: wp.array(dtype=Reel)  # (B,)
+    winches: wp.array(dtype=WinchState)  # (B,) of ropes that a winch feeds, and when the body was last good
+    good_winches: wp.array(dtype=WinchState)  # (B,)
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see watch.py
     start_positions: wp.array(dtype=wp.vec4)  # (N,) where this frame began, explicit methods, see trial.py
     start_low: wp.array(dtype=wp.vec4)  # (N,)
@@ -216,7 +216,7 @@ class State:
     faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
     recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
     relapses: wp.array(dtype=int)  # (B,) how many frames in a row ended so
-    torn: wp.array(dtype=int)  # (B,) whether a chain is torn in this substep, as a graph
+    overstretched: wp.array(dtype=int)  # (B,) whether a chain is in this substep, as a graph
     history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet
     events: wp.array(dtype=int)  # (2 B,) 1 + the last even and odd substep that was not smooth, as a graph
 

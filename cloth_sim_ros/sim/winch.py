@@ -33,9 +33,9 @@ def set_winch(batch: Batch, name: str, row: table.Parameter, value: Any, world: 
 
 def measure_winch(batch: Batch, name: str, world: int) -> dict[str, float]:
     """paid_out [m], unstretched, pay_out [m/s], the rate now, and whether a limit of length has stopped it (0 or 1)."""
-    reel = batch.read_body("reels", name, world)[0, 0]
+    winch = batch.read_body("winches", name, world)[0, 0]
     return {
-        "paid_out": float(reel["behind"] + reel["length"] + reel["owed"]),
-        "pay_out": float(reel["rate"]),
-        "winch_stopped": int(reel["stopped"]),
+        "paid_out": float(winch["behind"] + winch["length"] + winch["owed"]),
+        "pay_out": float(winch["rate"]),
+        "winch_stopped": int(winch["stopped"]),
     }

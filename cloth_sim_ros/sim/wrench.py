@@ -24,8 +24,8 @@ def bending_force(arrays: Arrays, b: int, i: int) -> wp.vec3:
         j = i - place
         if j >= 0 and j < body.count - 2:
             joint = arrays.model.joints[body.segments + j]
-            if arrays.state.reels.shape[0] > 0:
-                joint = joint_out(j, joint, arrays.state.reels[b])
+            if arrays.state.winches.shape[0] > 0:
+                joint = joint_out(j, joint, arrays.state.winches[b])
             weight = wp.where(place == 0, joint[2], wp.where(place == 1, -(joint[2] + joint[3]), joint[3]))
             force -= weight * arrays.state.moments[body.segments + j]
     return force
@@ -54,11 +54,11 @@ def load_on(arrays: Arrays, b: int, i: int, forces: wp.array(dtype=wp.vec3), ben
 @wp.func
 def held_mass(arrays: Arrays, b: int, i: int, masses: wp.array(dtype=float)) -> float:
     """The mass [kg] that goes with held particle i: at a drum half of the segment that is fed, and none on it."""
-    if arrays.state.reels.shape[0] > 0:
-        reel = arrays.state.reels[b]
-        if i <= reel.index:
+    if arrays.state.winches.shape[0] > 0:
+        winch = arrays.state.winches[b]
+        if i <= winch.index:
             body = arrays.model.bodies[b]
-            return wp.where(i < reel.index, 0.0, 0.5 * density_at(i, arrays.model, body) * reel.length)
+            return wp.where(i < winch.index, 0.0, 0.5 * density_at(i, arrays.model, body) * winch.length)
     return masses[i]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.rope_state import Reel
+from cloth_sim_ros.sim.rope_state import WinchState
 
 
 @compiled
@@ -17,7 +17,7 @@ def put_positions(
     values: wp.array3d(dtype=Any),
     inverse_mass: wp.array2d(dtype=float),
     chosen: wp.array(dtype=int),
-    reels: wp.array2d(dtype=Reel),
+    winches: wp.array2d(dtype=WinchState),
     b: int,
     positions: wp.array2d(dtype=wp.vec4),
     good_positions: wp.array2d(dtype=wp.vec4),
@@ -28,8 +28,8 @@ def put_positions(
     w = chosen[k]
     source = int(i)
     inverse = float(inverse_mass[w, i])
-    if reels.shape[1] > 0:
-        if i <= reels[w, b].index:
+    if winches.shape[1] > 0:
+        if i <= winches[w, b].index:
             source = int(0)
             inverse = float(0.0)
     row = wp.where(values.shape[0] == 1, 0, w)

@@ -140,6 +140,34 @@ def test_what_hangs_swings_down_as_right_as_is_wanted(thing):
     assert np.linalg.norm(np.subtract(*ways)) < 1.5e-3 * np.linalg.norm(ways[1])
 
 
+@pytest.mark.parametrize(
+    ("pins", "side", "constant", "wind"),
+    [
+        ((0,), 1.2, 1e5, None),
+        ((0, 23), 0.6, 1e4, None),
+        ("none", 0.6, 1e4, Wind(velocity=(0, 2, 1))),
+        ("none", 1.2, 1e3, Wind(velocity=(0, 2, 1))),
+    ],
+    ids=["corner", "two corners", "stiff in wind", "in wind"],
+)
+def test_what_is_free_moves_as_right_as_is_wanted(pins, side, constant, wind):
+    """Over half a second, beside many more substeps, with no more of them than that takes."""
+    springs = {"stretch_compliance": 1.0 / constant, "shear_compliance": 3.0 / constant}
+    leans = (0.3, 0.1, 0.0, np.sqrt(0.9))  # edge-on, wind makes it flutter, and no two runs are alike for long
+    place = {"size": (side, side), "pins": pins, "orientation": leans if wind else (0, 0, 0, 1)}
+    sheet = Cloth(resolution=(24, 24), mass=0.2 * side**2, **place, **springs)
+    fine = {"method": "xpbd", "order": 2, "substeps": 400, "iterations": 1}
+    sims = [auto(sheet, wind=wind, **each) for each in ({"method": "xpbd", "error": 1e-2}, fine)]
+    start = sims[0].positions("it").astype(float)
+    ways = [[], []]
+    for _ in range(30):
+        for sim, way in zip(sims, ways, strict=True):
+            sim.step()
+            way.append(sim.positions("it") - start)
+    assert sims[0].choices["it"].substeps < 30 and sims[0].choices["it"].error < 1.05e-2
+    assert np.linalg.norm(np.subtract(*ways)) < 1e-2 * np.linalg.norm(ways[1])
+
+
 def test_beyond_the_budget_it_gives_the_nearest_and_says_what_is_missed():
     rich, poor = (choice(RIGID, budget=budget) for budget in (100.0, 1e-3))
     assert "would take" not in rich.reason and rich.error <= 1.05e-3

@@ -153,7 +153,7 @@ FUNCTIONS = {
     "plane": "signed_distance_plane",
     "sphere": "signed_distance_sphere",
     "lines": "solve_line_row solve_row",
-    "springs": "spring_force spoke_force",
+    "springs": "spring_force force_of_spring",
     "plate": "plate_sum",
     "curved": "curve_triangle rest_curvature",
     "beam": "stiffness_at",

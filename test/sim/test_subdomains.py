@@ -85,8 +85,8 @@ def test_a_halo_holds_what_is_within_so_many_springs_and_knows_its_neighbours():
     subdomain = cut(np.stack([*np.divmod(np.arange(n * n), n), np.zeros(n * n)], 1).astype(float), 25)
     partition = surround(subdomain, neighbours, depth)
     starts = np.concatenate([[0], np.cumsum(partition.ends[:, -1])])
-    spokes = np.full((len(partition.members), 4), -1)
-    spokes[partition.inner] = partition.spokes
+    incident_springs = np.full((len(partition.members), 4), -1)
+    incident_springs[partition.inner] = partition.incident_springs
     row, column = np.divmod(np.arange(n * n), n)
     for one in range(subdomain.max() + 1):
         members = partition.members[starts[one] : starts[one + 1]]
@@ -95,7 +95,7 @@ def test_a_halo_holds_what_is_within_so_many_springs_and_knows_its_neighbours():
         for ring in range(depth + 1):
             assert set(members[: partition.ends[one, ring]]) == set(np.flatnonzero(distance <= ring))
         inner = members[: partition.ends[one, depth - 1]]
-        found = spokes[starts[one] : starts[one] + len(inner)]
+        found = incident_springs[starts[one] : starts[one] + len(inner)]
         assert np.array_equal(members[found], neighbours[inner])
 
 
@@ -108,8 +108,8 @@ def test_eight_threads_read_neighbours_from_eight_banks(size, depth):
     subdomain = cut(np.stack([column, row, 0 * row], 1).astype(float), size)
     partition = surround(subdomain, np.stack(beside, 1), depth)
     starts = np.concatenate([[0], np.cumsum(partition.ends[:, -1])])
-    spokes = np.full((len(partition.members), 8), -1)
-    spokes[partition.inner] = partition.spokes
+    incident_springs = np.full((len(partition.members), 8), -1)
+    incident_springs[partition.inner] = partition.incident_springs
     waits, least = 0, 0
     for one, (first, end) in enumerate(zip(starts[:-1], starts[1:], strict=True)):
         places = partition.places[first:end]
@@ -120,7 +120,7 @@ def test_eight_threads_read_neighbours_from_eight_banks(size, depth):
             mine = turns[: partition.ends[one, ring]]
             assert set(mine) == set(range(first, first + len(mine)))
             for group in np.split(mine, range(8, len(mine), 8)):
-                banks = partition.places[first + spokes[group]] % BANKS
+                banks = partition.places[first + incident_springs[group]] % BANKS
                 waits += sum(np.bincount(each).max() for each in banks.T)
                 least += 8
     assert waits < 1.25 * least

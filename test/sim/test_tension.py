@@ -169,7 +169,7 @@ def test_what_holds_a_hanging_rope_carries_all_of_it(device, compliance):
     assert np.array_equal(wrenches[1], np.zeros(6)), "a free end loads nothing"
 
 
-def test_both_ends_of_a_catenary_share_its_weight_and_pull_apart(device):
+def test_two_sided_of_a_catenary_share_its_weight_and_pull_apart(device):
     rope = Rope(start=(0, 0, 0), end=(0.8, 0, 0), segments=20, pins="both", mass=MASS, stretch_compliance=1e-2)
     start, end = settled(rope, device, frames=400).end_wrenches("it")
     assert start[2] == pytest.approx(-0.5 * G * MASS, rel=1e-3)

@@ -8,6 +8,7 @@ that are the nearest of some point in it. Elsewhere the nearest one is found in 
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import load4, load_address, load_int, load_number, xyz
+from cloth_sim_ros.sim.native import LANES, source
 
 # Words of the address of a mesh: the tree, the triangles, the cells of its grid, planes and triangles of all lists, and
 # whether it is convex.
@@ -19,32 +20,10 @@ GRID, SHAPE = wp.constant(WORDS // 2), wp.constant(WORDS // 2 + 1)
 # Of a triangle: its first corner a, b - a and c - a, with the products of the latter two; its unit normal and height;
 # the normals of its corners; those of the edges across from them.
 ROWS = wp.constant(10)
-LANES = 8  # planes of a list lie eight at a time: x of all, y, z, and their heights
-_NEXT = f"""
-#if defined(__CUDA_ARCH__)
-for (; k < last; ++k) {{
-    const float* at = (const float*)planes + k / {LANES} * {4 * LANES} + k % {LANES};
-    if (at[0] * p[0] + at[{LANES}] * p[1] + at[{2 * LANES}] * p[2] - at[{3 * LANES}] < distance) break;
-}}
-return k;
-#else
-typedef float Lanes __attribute__((ext_vector_type({LANES}), aligned(4)));
-typedef bool Mask __attribute__((ext_vector_type({LANES})));
-unsigned from = 255u << k % {LANES};
-for (int block = k / {LANES} * {LANES}; block < last; block += {LANES}) {{
-    const Lanes* at = (const Lanes*)((const float*)planes + 4 * block);
-    const Lanes bound = at[0] * p[0] + at[1] * p[1] + at[2] * p[2] - at[3];
-    const Mask mask = __builtin_convertvector(bound < distance, Mask);
-    const unsigned below = from & __builtin_bit_cast(unsigned char, mask);
-    if (below) return block + __builtin_ctz(below);
-    from = 255u;
-}}
-return last;
-#endif
-"""
+# Planes of a list lie LANES at a time: x of all, y, z, and their heights.
 
 
-@wp.func_native(_NEXT)
+@wp.func_native(source(__file__, "next_below", LANES=LANES))
 def next_below(k: int, last: int, planes: wp.uint64, p: wp.vec3, distance: float) -> int:
     """The first of planes k to `last` whose distance to p is less [m], or `last`; a CPU looks at eight at a time."""
     ...

@@ -11,7 +11,7 @@ import warp as wp
 
 from cloth_sim_ros.sim import intrinsics as native
 from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.executors.shared_history import copy_past, with_past_at
+from cloth_sim_ros.sim.executors.shared_history import copy_history, with_history_at
 from cloth_sim_ros.sim.intrinsics import BYTES_A_PARTICLE, load_row, store4, sync
 from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.methods.stage import in_turn
@@ -154,9 +154,9 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
     tile_size = (3 if all_shared else 2) * shared
     tile_address = native.make_tile_address(tile_size) if shared else None
     # Velocities and what order 2 looks back at, 10 floats a particle, which a rope would fetch from afar every substep.
-    past = 5 * shared // 2 if all_shared and features.chain and features.order == 2 else 0
-    past = past if 16 * (tile_size + slots + past) <= most_shared else 0
-    past_address = native.make_tile_address(past) if past else None
+    history = 5 * shared // 2 if all_shared and features.chain and features.order == 2 else 0
+    history = history if 16 * (tile_size + slots + history) <= most_shared else 0
+    history_address = native.make_tile_address(history) if history else None
     span_address = native.make_tile_address(slots) if slots else None
 
     @wp.func
@@ -180,19 +180,19 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
                 store4(here.x, i, position)
                 if wp.static(all_shared or features.method == "verlet"):
                     store4(here.low, i, lost)
-        if wp.static(past > 0):
-            begin = past_address(wp.tile_empty(shape=(wp.static(past),), dtype=wp.vec4, storage="shared"))
-            here.state = with_past_at(begin, wp.static(shared), here.body, home.state)
+        if wp.static(history > 0):
+            begin = history_address(wp.tile_empty(shape=(wp.static(history),), dtype=wp.vec4, storage="shared"))
+            here.state = with_history_at(begin, wp.static(shared), here.body, home.state)
             for i in range(t, here.body.count, wp.static(block)):
-                copy_past(here.body.particles + i, home.state, here.state)
+                copy_history(here.body.particles + i, home.state, here.state)
         if wp.static(slots > 0):
             here.spans = span_address(wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared"))
         return here
 
     @wp.func
     def unload(t: int, here: Here, home: Here):
-        if wp.static(past > 0):
+        if wp.static(history > 0):
             for i in range(t, here.body.count, wp.static(block)):
-                copy_past(here.body.particles + i, here.state, home.state)
+                copy_history(here.body.particles + i, here.state, home.state)
 
     return load, unload

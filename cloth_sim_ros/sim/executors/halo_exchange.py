@@ -10,6 +10,7 @@ has received the round before from all its neighbours. They sent that after they
 import warp as wp
 
 from cloth_sim_ros.sim.intrinsics import array_address, as_index
+from cloth_sim_ros.sim.native import source
 
 _WHOLE_MESSAGES = 70  # compute capability of GPUs that read and write 16 bytes at once, times 10
 # Reads of a message that does not come, about a second. Blocks of one launch that all fit run at once unless another
@@ -17,47 +18,17 @@ _WHOLE_MESSAGES = 70  # compute capability of GPUs that read and write 16 bytes 
 _PATIENCE = wp.constant(1 << 21)
 _NUMBERED = wp.constant(-(1 << 31))  # the bit that tells a number from what was never sent
 
-_SEND = r"""
-#if defined(__CUDA_ARCH__)
-asm volatile("{\n"
-    ".reg .b64 low, high;\n"
-    ".reg .b128 all;\n"
-    "mov.b64 low, {%1, %2};\n"
-    "mov.b64 high, {%3, %4};\n"
-    "mov.b128 all, {low, high};\n"
-    "st.relaxed.gpu.global.b128 [%0], all;\n"
-    "}" : : "l"(__cvta_generic_to_global((const float4*)address + i)), "r"(__float_as_int(v[0])),
-    "r"(__float_as_int(v[1])), "r"(__float_as_int(v[2])), "r"(number) : "memory");
-#endif
-"""
-_PEEK = r"""
-#if defined(__CUDA_ARCH__)
-int x, y, z, w;
-asm volatile("{\n"
-    ".reg .b64 low, high;\n"
-    ".reg .b128 all;\n"
-    "ld.relaxed.gpu.global.b128 all, [%4];\n"
-    "mov.b128 {low, high}, all;\n"
-    "mov.b64 {%0, %1}, low;\n"
-    "mov.b64 {%2, %3}, high;\n"
-    "}" : "=r"(x), "=r"(y), "=r"(z), "=r"(w) : "l"(__cvta_generic_to_global((const float4*)address + i)) : "memory");
-return wp::vec4(__int_as_float(x), __int_as_float(y), __int_as_float(z), __int_as_float(w));
-#else
-return wp::vec4();
-#endif
-"""
-
 
 def run_at_once(pieces: int, device: wp.Device) -> bool:
     """Whether all `pieces`, of a block each, are on the device at once, as those must be that wait for one another."""
     return device.is_cuda and device.arch >= _WHOLE_MESSAGES and pieces <= device.sm_count
 
 
-@wp.func_native(_SEND)
+@wp.func_native(source(__file__, "halo_send"))
 def send_message(address: wp.uint64, i: int, v: wp.vec3, number: int): ...
 
 
-@wp.func_native(_PEEK)
+@wp.func_native(source(__file__, "halo_peek"))
 def peek(address: wp.uint64, i: int) -> wp.vec4: ...
 
 

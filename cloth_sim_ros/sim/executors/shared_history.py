@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.state import State
 
 
 @wp.func
-def with_past_at(begin: wp.uint64, capacity: int, body: Body, s: State) -> State:
+def with_history_at(begin: wp.uint64, capacity: int, body: Body, s: State) -> State:
     """The state whose velocities, last velocities and last displacements, of the body alone, lie from address `begin`:
     10 floats for each of `capacity` particles. They count through the batch like those elsewhere."""
     here = s
@@ -25,7 +25,7 @@ def with_past_at(begin: wp.uint64, capacity: int, body: Body, s: State) -> State
 
 
 @wp.func
-def copy_past(g: int, source: State, target: State):
+def copy_history(g: int, source: State, target: State):
     """Copy these of particle g from one state to the other."""
     store_row(target.velocities, g, load_row(source.velocities, g))
     target.last_velocities[g] = source.last_velocities[g]

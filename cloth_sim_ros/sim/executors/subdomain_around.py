@@ -31,14 +31,14 @@ def all_around(model: Model, features: Features) -> list[Around]:
     """What lies around the particles of every body, padded alike."""
     found = []
     bodies = [dict(zip(Body.vars, body, strict=True)) for body in model.bodies.numpy().tolist()]
-    spokes, starts = model.spokes.numpy(), model.panel_start.numpy()
+    incident_springs, starts = model.incident_springs.numpy(), model.panel_start.numpy()
     most = int(np.diff(starts).max(initial=0)) if features.panels else 0
-    width = max(body["spoke_width"] for body in bodies)
+    width = max(body["incident_width"] for body in bodies)
     wide = max(body["plate_width"] for body in bodies)
     for body in bodies:
-        count, first = body["count"], body["spokes"]
-        mine = spokes[first : first + count * body["spoke_width"]].reshape(-1, count, 2).swapaxes(0, 1)
-        lacking = width - body["spoke_width"]
+        count, first = body["count"], body["incident_springs"]
+        mine = incident_springs[first : first + count * body["incident_width"]].reshape(-1, count, 2).swapaxes(0, 1)
+        lacking = width - body["incident_width"]
         others, types = (np.pad(mine[:, :, k], ((0, 0), (0, lacking))) for k in range(2))
         others[:, width - lacking :] = np.arange(count)[:, None]
         corners, ends = _panels_around(model, starts[body["particles"] : body["particles"] + count + 1], most)

@@ -11,7 +11,7 @@ from cloth_sim_ros.sim.intrinsics import array_address, load4, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import kicked
 from cloth_sim_ros.sim.stages.aerodynamics import Corners, make_air
-from cloth_sim_ros.sim.stages.motion import pack, spoke_constant, spoke_force
+from cloth_sim_ros.sim.stages.motion import constant_of_spring, force_of_spring, pack
 from cloth_sim_ros.sim.stages.near import Near
 from cloth_sim_ros.sim.state import ColliderMotion, Frame, Material
 
@@ -62,7 +62,7 @@ class InSubdomain:
     material: Material
     constants: wp.vec3  # of springs, see stages.spring_constants
     colliders: wp.array(dtype=ColliderMotion)
-    spoke_types: wp.array(dtype=wp.vec4)
+    spring_types: wp.array(dtype=wp.vec4)
     last_displacements: wp.array(dtype=wp.vec3)
     near: Near
 
@@ -86,11 +86,11 @@ def make_springs(width: int, capacity: int) -> SpringForce:
     def gather(i: int, here: InSubdomain) -> Springs:
         springs = Springs()
         for q in range(width):
-            packed = here.subdomains.spokes[(here.subdomain * width + q) * capacity + i]
-            kind = load4(array_address(here.spoke_types, 0), packed / wp.static(PLACES))
+            packed = here.subdomains.incident_springs[(here.subdomain * width + q) * capacity + i]
+            kind = load4(array_address(here.spring_types, 0), packed / wp.static(PLACES))
             springs.others[q] = packed & wp.static(PLACES - 1)
             springs.rests[q] = kind[0]
-            springs.constants[q] = spoke_constant(kind, here.constants)
+            springs.constants[q] = constant_of_spring(kind, here.constants)
             springs.lost[q] = kind[3]
         return springs
 
@@ -104,7 +104,7 @@ def make_springs(width: int, capacity: int) -> SpringForce:
         total = wp.vec3(0.0)
         for q in range(width):
             e = edge(half, now, springs.others[q], shared)
-            total += spoke_force(e, springs.rests[q], springs.constants[q], springs.lost[q], 0.0, wp.vec3(0.0))
+            total += force_of_spring(e, springs.rests[q], springs.constants[q], springs.lost[q], 0.0, wp.vec3(0.0))
         return total
 
     @wp.func
@@ -113,7 +113,7 @@ def make_springs(width: int, capacity: int) -> SpringForce:
         for q in range(width):
             apart = xyz(load4(shared, 2 * capacity + half + springs.others[q])) - now.v
             e = edge(half, now, springs.others[q], shared)
-            total += spoke_force(e, springs.rests[q], springs.constants[q], springs.lost[q], damping, apart)
+            total += force_of_spring(e, springs.rests[q], springs.constants[q], springs.lost[q], damping, apart)
         return total
 
     @wp.func

@@ -78,13 +78,13 @@ def _make_enter(features: Features):
         # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
         if wp.static(features.worlds):
             s = given[w].state
-            here.spoke_types = given[w].model.spoke_types
+            here.spring_types = given[w].model.spring_types
             here.frame = given[w].frames[0]
             here.material = given[w].materials[body]
             here.colliders = given[w].colliders
         else:
             s = given.state
-            here.spoke_types = given.model.spoke_types
+            here.spring_types = given.model.spring_types
             here.frame = given.frames[0]
             here.material = given.materials[body]
             here.colliders = given.colliders

@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.model import Features, Model
 from cloth_sim_ros.sim.state import Arrays, Sweep
 from cloth_sim_ros.sim.topology.subdomains import Partition, cut, surround
 
-PLACES = 4096  # a packed spoke is a place in the subdomain, below this, and this times a type
+PLACES = 4096  # a packed spring is a place in the subdomain, below this, and this times a type
 IN_REGISTERS = 16  # springs around a particle, up to which their places and numbers stay in registers
 WIDEST = 32  # springs around a particle
 THREADS = 1024  # of a block; each has one member of a subdomain
@@ -41,7 +41,7 @@ class SubdomainArrays:
     places: wp.array(dtype=int)  # (T B,) the place of each thread
     members: wp.array(dtype=int)  # (T C,) particles, counted in the batch
     rings: wp.array(dtype=int)  # (T C,) rings from the subdomain's own particles, OUTSIDE without a member
-    spokes: wp.array(dtype=int)  # (T W C,) place of the other particle + PLACES x type
+    incident_springs: wp.array(dtype=int)  # (T W C,) place of the other particle + PLACES x type
     panels: wp.array(dtype=int)  # (T P C,) places of the other corners, and which corner the member is, 3 for no panel
     plate: wp.array(dtype=wp.vec2)  # (T Q C,) place of a neighbour in the operator of bending, and its weight [1/m^2]
     positions: wp.array(dtype=wp.vec4)  # (worlds N,)
@@ -111,7 +111,7 @@ def plan(
     around = all_around(model, features)
     if around[0].types.shape[1] > WIDEST:
         raise Unfit(f"more than {WIDEST} springs at a particle", "fewer")
-    if model.spoke_types.shape[0] > _TYPES:
+    if model.spring_types.shape[0] > _TYPES:
         raise Unfit(f"more than {_TYPES} kinds of springs", "fewer")
     plans = [_whole(around, worlds, device)] if size is None and max(map(len, layouts)) <= THREADS else []
     subdomains = [cut(layout, size or _usual_size(model, worlds, device)) for layout in layouts]
@@ -165,7 +165,7 @@ def _deep(
 
 def _substeps_cost(partitions: list[Partition], depth: int, worlds: int, device: wp.Device) -> float:
     """Rough microseconds on an H200 that `depth` substeps from one halo take, bound by latency and instructions."""
-    width = max(partition.spokes.shape[1] for partition in partitions)
+    width = max(partition.incident_springs.shape[1] for partition in partitions)
     warps = np.ceil(np.max([partition.ends.max(axis=0) for partition in partitions], axis=0)[:depth] / 32.0)
     load = max(1.0, worlds * sum(len(partition.ends) for partition in partitions) / _multiprocessors(device))
     return float((_LEAST + width * _A_SPRING * np.ceil(load * warps / _SCHEDULERS)).sum())
@@ -187,7 +187,7 @@ def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.De
     messages."""
     arrays = worlds[0]
     capacity, threads = chosen.capacity, chosen.threads
-    body, parts = [], {"places": [], "members": [], "rings": [], "spokes": [], "panels": [], "plate": []}
+    body, parts = [], {"places": [], "members": [], "rings": [], "incident_springs": [], "panels": [], "plate": []}
     starts = [body[2] for body in arrays.model.bodies.numpy().tolist()]
     for b, (partition, around) in enumerate(zip(chosen.partitions, chosen.around, strict=True)):
         sizes, width = partition.ends[:, -1], around.types.shape[1]
@@ -205,18 +205,23 @@ def upload(chosen: Plan, worlds: list[Arrays], features: Features, device: wp.De
         rings[subdomain, place] = (nth[:, None] >= partition.ends[subdomain]).sum(axis=1)
         inner = partition.members[partition.inner]
         at = (subdomain[partition.inner], slice(None), place[partition.inner])
-        around_them = place[first[partition.inner][:, None] + partition.spokes]
+        around_them = place[first[partition.inner][:, None] + partition.incident_springs]
         plate = np.zeros((subdomains, around.plate.shape[1], capacity, 2))
         plate[at] = _plate_of(partition, around, place, subdomain)
-        spokes = np.zeros((subdomains, width, capacity), dtype=np.int64)
-        spokes[at] = around_them[:, :width] + PLACES * around.types[inner]
+        incident_springs = np.zeros((subdomains, width, capacity), dtype=np.int64)
+        incident_springs[at] = around_them[:, :width] + PLACES * around.types[inner]
         panels = np.full((subdomains, around.corners.shape[1], capacity), 3 * PLACES**2)
         panels[at] = around_them[:, width::2] + PLACES * (
             around_them[:, width + 1 :: 2] + PLACES * around.corners[inner]
         )
         parts["places"].append(places.ravel())
         parts["plate"].append(plate.reshape(-1, 2))
-        for name, rows in (("members", members + starts[b]), ("rings", rings), ("spokes", spokes), ("panels", panels)):
+        for name, rows in (
+            ("members", members + starts[b]),
+            ("rings", rings),
+            ("incident_springs", incident_springs),
+            ("panels", panels),
+        ):
             parts[name].append(rows.ravel())
     found = SubdomainArrays()
     found.body = wp.array(np.array(body, dtype=np.int32), dtype=int, device=device)

@@ -3,9 +3,9 @@
 
 Explicit steps that are stable at rest may blow up where springs are strained far beyond it. At the end of a frame a
 body is rejected where fault recovery had to put it back. It is also rejected where a spring is strained by more than
-TORN, or by more than STRAINED and by half more than in the frame before. It then goes back to where the frame began and
-does it again by first-order XPBD, which is stable at any strain. All of that stays on the device; `redone` counts the
-frames.
+TOO_STRAINED, or by more than STRAINED and by half more than in the frame before. It then goes back to where the frame
+began and does it again by first-order XPBD, which is stable at any strain. All of that stays on the device; `redone`
+counts the frames.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from cloth_sim_ros.sim.state import Arrays
 
 STRAINED = wp.constant(0.5)
 GROWTH = wp.constant(1.5)  # of the largest strain, over a frame
-TORN = wp.constant(1.0)  # explicit steps heat what is strained by more, however slowly it came there
+TOO_STRAINED = wp.constant(1.0)  # explicit steps heat what is strained by more, however slowly it came there
 
 
 @compiled
@@ -57,7 +57,7 @@ def judge(given: wp.array(dtype=Arrays), any_rejected: wp.array(dtype=int)):
     s = given[i / bodies].state
     b = i % bodies
     recovered = s.recoveries[b] != s.start_recoveries[b]
-    bad = recovered or s.strain_found[b] > wp.min(wp.max(STRAINED, GROWTH * s.strain[b]), TORN)
+    bad = recovered or s.strain_found[b] > wp.min(wp.max(STRAINED, GROWTH * s.strain[b]), TOO_STRAINED)
     s.rejected[b] = wp.where(bad, 1, 0)
     s.strain[b] = s.strain_found[b]
     s.strain_found[b] = 0.0

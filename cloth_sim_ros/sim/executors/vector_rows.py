@@ -15,8 +15,8 @@ from cloth_sim_ros.sim.intrinsics import array_address, number_address
 from cloth_sim_ros.sim.methods.program import make_begin, make_enter, make_program
 from cloth_sim_ros.sim.methods.stage import in_turn
 from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.native import LANES
 from cloth_sim_ros.sim.physics.integrate import outer_weight
-from cloth_sim_ros.sim.simd import LANES
 from cloth_sim_ros.sim.stages.grasp import feel, hold
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import first_share, spring_constants
@@ -30,24 +30,24 @@ class Grid:
 
     size: int  # places of a plane
     first: int  # the first particle's first number
-    weights: int  # the weight of its first spoke
-    spokes: int
-    spoke_count: int
+    weights: int  # the weight of its first spring
+    incident_springs: int
+    incident_count: int
 
 
 @wp.struct
 class Planes:
     """The grids of a batch; numbers of all worlds behind one another.
 
-    Spokes are springs around every particle, as far as it has them.
+    IncidentSprings are springs around every particle, as far as it has them.
     """
 
     grids: wp.array(dtype=Grid)  # (B,)
     size: int  # of a world's numbers
     numbers: wp.array(dtype=float)
-    spokes: wp.array(dtype=wp.vec2i)  # places to the other end, and kind in KINDS
+    incident_springs: wp.array(dtype=wp.vec2i)  # places to the other end, and kind in KINDS
     rests: wp.array(dtype=wp.vec2)  # rest length [m], and what float32 lost of it, over it
-    weights: wp.array(dtype=float)  # a plane of each spoke: 1/scale, 0 where a particle has none
+    weights: wp.array(dtype=float)  # a plane of each spring: 1/scale, 0 where a particle has none
 
 
 class VectorRows:
@@ -74,8 +74,8 @@ def fits_rows(features: Features, topology: Topology, device: wp.Device) -> bool
     return device.is_cpu and features.method == "verlet" and is_grid
 
 
-def spokes_of(topology: Topology) -> list[tuple[int, int, float, np.ndarray]]:
-    """Spokes in the order of Model.spokes, each as (places to the other end, kind, rest length [m], weights (N,))."""
+def incident_springs_of(topology: Topology) -> list[tuple[int, int, float, np.ndarray]]:
+    """Springs in the order of Model.incident_springs: (places to the other, kind, rest length [m], weights (N,))."""
     found = []
     for kind, elements in topology.springs.items():
         steps = elements.particles[:, 1] - elements.particles[:, 0]
@@ -90,19 +90,19 @@ def spokes_of(topology: Topology) -> list[tuple[int, int, float, np.ndarray]]:
 
 
 def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Planes:
-    """The planes of all bodies of a batch, with room around each for the farthest spokes and the last lanes.
+    """The planes of all bodies of a batch, with room around each for the longest springs and the last lanes.
 
     An odd number of cache lines is a plane, or equal places of all would fall into the same few places of the cache,
     which takes twice as long.
     """
-    grids, spokes, rests, weights, size, weighed = [], [], [], [], 0, 0
+    grids, incident_springs, rests, weights, size, weighed = [], [], [], [], 0, 0
     for topology in topologies:
-        around, count = spokes_of(topology), len(topology.masses)
+        around, count = incident_springs_of(topology), len(topology.masses)
         margin = max(abs(step) for step, *_ in around)
         places = 16 * (-(-(count + LANES + 2 * margin) // 16) | 1)
-        grids.append((places, size + margin, weighed + margin, len(spokes), len(around)))
+        grids.append((places, size + margin, weighed + margin, len(incident_springs), len(around)))
         for step, kind, rest, each in around:
-            spokes.append((step, kind))
+            incident_springs.append((step, kind))
             rests.append((rest, 1.0 - float(np.float32(rest)) / rest))
             weights.append(np.pad(each, (margin, places - margin - count)))
         size += row_lanes.PLANES * places
@@ -111,7 +111,7 @@ def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Plane
     planes.size = size
     planes.grids = wp.array(np.array(grids, dtype=Grid.numpy_dtype()), dtype=Grid, device=device)
     planes.numbers = wp.zeros(worlds * size, dtype=float, device=device)
-    planes.spokes = wp.array(np.array(spokes, dtype=np.int32), dtype=wp.vec2i, device=device)
+    planes.incident_springs = wp.array(np.array(incident_springs, dtype=np.int32), dtype=wp.vec2i, device=device)
     planes.rests = wp.array(np.array(rests, dtype=np.float32), dtype=wp.vec2, device=device)
     planes.weights = wp.array(np.concatenate(weights).astype(np.float32), dtype=float, device=device)
     return planes
@@ -192,11 +192,11 @@ def make_frame(features: Features):
                 numbers,
                 size,
                 count,
-                planes.spokes,
+                planes.incident_springs,
                 planes.rests,
                 weights,
-                grid.spokes,
-                grid.spoke_count,
+                grid.incident_springs,
+                grid.incident_count,
                 constants,
                 here.material.damping,
                 frame.gravity,

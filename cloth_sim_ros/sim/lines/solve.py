@@ -20,24 +20,13 @@ In the first substep of a frame, each line of what is pinned or held adds the si
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 
 import warp as wp
 
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.simd import LANES, ROWS
+from cloth_sim_ros.sim.native import LANES, ROWS, on_cpu, source
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.state import compliance_of
-
-_OPENING = """
-// A tiny edge for a spring without length, in a direction of its own: the R3 sequence in a cube (Roberts 2018).
-auto opening = [](int number) {
-    const float n = (float)(number % 65536);
-    const float a = 0.81917251f * n, b = 0.67104361f * n, c = 0.54970048f * n;
-    return wp::vec3(1.0e-12f * (a - floorf(a) - 0.5f), 1.0e-12f * (b - floorf(b) - 0.5f),
-                    1.0e-12f * (c - floorf(c) - 0.5f));
-};
-"""
 
 
 def scratch_of(slots: int) -> int:
@@ -47,17 +36,8 @@ def scratch_of(slots: int) -> int:
 
 @lru_cache
 def _source(slots: int) -> str:
-    on_cpu, on_gpu = ((Path(__file__).parent / name).read_text() for name in ("lanes.h", "warp.h"))
-    return f"""
-{_OPENING}
-#if defined(__CUDA_ARCH__)
-constexpr int Slots = {slots};
-{on_gpu}
-#else
-{ROWS}
-{on_cpu}
-#endif
-"""
+    here = source(__file__, "opening")
+    return here + on_cpu(ROWS + source(__file__, "lanes"), source(__file__, "warp", Slots=slots))
 
 
 @lru_cache

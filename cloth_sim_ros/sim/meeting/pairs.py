@@ -18,7 +18,7 @@ _SLACK, EAGER = 0.1, 0.5
 # a search is due, and whether it is of all panels, 2 where their ways are found already; AGE when it was due; and how
 # many panels were looked at again since all were.
 AGE, HOLDS, DUE, WHOLE, WAS, AGAIN = (wp.constant(k) for k in range(6))
-CLOSE = 1.25  # times how far they are kept apart, nearer than which other pairs may push two parts together
+CLOSE = 1.05  # times how far they are kept apart, nearer than which other pairs may push two parts together
 
 
 @wp.struct

@@ -34,9 +34,10 @@ _LEANS = 0.05  # of a segment, that a rope's tension moves a particle within a s
 # sheets held at all edges, the hardest of the study's cases. `limit` are the substeps that leapfrog needs, side^2 the
 # particles. Of a sheet too stiff to be seen to stretch it is no more than _RIGID / substeps^2. One that is held along
 # one edge swings: _HUNG / substeps, or _HUNG_MESH side / substeps, where it is _LENGTH [m] long, and as the rate of a
-# pendulum. Implicit Euler misses by _EULER / substeps at least.
+# pendulum. A grid that is free, or held at few particles, misses by no more than _FREE / substeps, likewise. Implicit
+# Euler misses by _EULER / substeps at least.
 # What does not go by `limit` was measured in frames of _FRAME [s], and goes by the length of a substep.
-_BDF2, _RIGID, _HUNG, _HUNG_MESH, _LENGTH, _EULER, _FRAME = 5.6, 30.0, 0.013, 1e-3, 1.2, 0.1, 1.0 / 60.0
+_BDF2, _RIGID, _HUNG, _HUNG_MESH, _FREE, _LENGTH, _EULER, _FRAME = 5.6, 30.0, 0.013, 1e-3, 0.2, 1.2, 0.1, 1.0 / 60.0
 _BENDING = 0.2  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
 _LEAPFROG = 4.0e-4  # error of leapfrog at its limit, likewise; by four with twice the substeps
 _MANY = 16  # materials that are looked at one by one, at most
@@ -127,7 +128,7 @@ def _not_explicit(settings: Settings, topology: Topology, needed: float, straine
     """Why explicit steps cannot be taken, in words; "" where they can."""
     if settings.iterations or settings.order:
         return "iterations or an order are set, which belong to xpbd"
-    if topology.reel is not None:
+    if topology.winch is not None:
         return "a winch feeds it, which explicit steps lack"
     if topology.bends_by_angles:
         return "it bends as a rope does, which explicit steps lack"
@@ -167,9 +168,10 @@ def _xpbd(
 
     def substeps_of(order: int, least: float) -> tuple[int, float]:
         """How many are taken, and how many are wanted."""
-        constant, power = _error_law(topology, limit, order, settings.frame_dt)
+        laws = _error_laws(topology, limit, order, settings.frame_dt)
+        enough = min((constant / settings.error) ** (1.0 / power) for constant, power in laws)
         bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
-        wanted = max((constant / settings.error) ** (1.0 / power), bending, leaning, least)
+        wanted = max(enough, bending, leaning, least)
         return settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), fewest, _MOST_LINES)), wanted
 
     order, calm = settings.order or 2, 0.0 if settings.order else _calm(topology, limit) / iterations
@@ -177,8 +179,9 @@ def _xpbd(
     if substeps < calm or (not settings.order and substeps_of(1, 0.0)[0] < substeps):
         order = 1
         substeps, wanted = substeps_of(order, 0.0)
-    constant, power = _error_law(topology, limit, order, settings.frame_dt)
-    error = constant / substeps**power
+    error = min(
+        constant / substeps**power for constant, power in _error_laws(topology, limit, order, settings.frame_dt)
+    )
     reason = f"is computed by xpbd order {order} in {substeps} x {iterations}"
     if not settings.substeps and substeps < math.floor(wanted):
         reason += f", where an error of {settings.error:g} would take {math.ceil(wanted)}: it may be {error:.2g}"
@@ -210,18 +213,28 @@ def _effective(settings: Settings, order: int) -> float:
     return settings.frame_dt * (2.0 / 3.0 if order == 2 else 1.0)
 
 
-def _error_law(topology: Topology, limit: float, order: int, frame_dt: float) -> tuple[float, int]:
-    """The constant and the power of substeps by which XPBD misses; `limit` are the substeps of leapfrog."""
+def _error_laws(topology: Topology, limit: float, order: int, frame_dt: float) -> list[tuple[float, int]]:
+    """Constants and powers of substeps: XPBD misses by the least of constant / substeps^power.
+
+    limit: substeps that leapfrog needs.
+    """
     long = frame_dt / _FRAME
     side = math.sqrt(len(topology.masses))
     if topology.hung_length > 0.0:
-        swing = math.sqrt(_LENGTH / (topology.hung_length * topology.scales_in().min()))
-        constant, power = (_HUNG if topology.grid is not None else _HUNG_MESH * side) * swing * long, 1
+        swing = _swing(topology, topology.hung_length) * long
+        laws = [((_HUNG if topology.grid is not None else _HUNG_MESH * side) * swing, 1)]
     elif xpbd_is_direct(topology):
-        constant, power = _LEAST_ROPE**2 * 1e-3 * long**2, 2
+        laws = [(_LEAST_ROPE**2 * 1e-3 * long**2, 2)]
     else:
-        constant, power = min(_BDF2 * (limit / 44.0) ** 2 * (16.0 / side) ** 1.4, _RIGID * long**2), 2
-    return (constant, power) if order == 2 else (max(math.sqrt(constant), _EULER * long), 1)
+        laws = [(min(_BDF2 * (limit / 44.0) ** 2 * (16.0 / side) ** 1.4, _RIGID * long**2), 2)]
+        if topology.grid is not None and topology.is_free and order == 2:
+            laws.append((_FREE * _swing(topology, float(np.ptp(topology.layout, axis=0).max())) * long, 1))
+    return laws if order == 2 else [(max(math.sqrt(laws[0][0]), _EULER * long), 1)]
+
+
+def _swing(topology: Topology, length: float) -> float:
+    """How much faster a pendulum of `length` [m] swings than one of _LENGTH, in the world where it is smallest."""
+    return math.sqrt(_LENGTH / (length * topology.scales_in().min()))
 
 
 def _calm(topology: Topology, limit: float) -> float:

@@ -102,7 +102,7 @@ def explicit_substeps(
     The rounding r of lengths l shakes particles by (k / m) l r h a substep of length h = 2 / omega. As a random walk
     that heats them by (l r)^2 omega^3 / 8 a second. The substeps are `infinite` also where that is too much.
     """
-    if topology.reel is not None:
+    if topology.winch is not None:
         return math.inf
     values = [float(compliance[KINDS.index(kind)]) for kind in topology.springs]
     if 0.0 in values or (topology.plate is not None and compliance[2] == 0.0):

@@ -76,7 +76,7 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     if features.shapes:
         before += _look_around(features)
     if features.winch:
-        before.append(Stage("reel", _make_reel(features), lambda *_: 1))
+        before.append(Stage("winch", _make_winch(features), lambda *_: 1))
     slow = program.outer if explicit else before
     if features.panels:
         beside = lambda body, _: 1 if on_cpu else -(-(body["panels_end"] - body["panels"]) // 2)  # noqa: E731
@@ -210,15 +210,15 @@ def _sweep(t: int, width: int, here: Here):
             here.state.sweeps[place] = sweep_collider(here.colliders[c], before, after)
 
 
-def _make_reel(features: Features):
+def _make_winch(features: Features):
     turn = make_turn(features.order)
 
     @wp.func
-    def reel(t: int, width: int, here: Here):
+    def winch(t: int, width: int, here: Here):
         if t == 0:
             turn(here, here.drive, here.frame.dt)
 
-    return reel
+    return winch
 
 
 def _make_curve(explicit: bool) -> Stage:
@@ -252,16 +252,18 @@ def _make_chain(features: Features, threads: int, stored: bool):
         if wp.static(features.twist):
             if t == 0 and here.step.first:
                 ask_for(here.turn, here.body.index, here.state)
-        torn = solve_chain(t, here, here.spans)
+        overstretched = solve_chain(t, here, here.spans)
         if t == 0:
-            here.state.torn[here.body.index] = wp.where(torn or (not here.step.first and _was_torn(here)), 1, 0)
+            here.state.overstretched[here.body.index] = wp.where(
+                overstretched or (not here.step.first and _was_overstretched(here)), 1, 0
+            )
 
     return chain
 
 
 @wp.func
-def _was_torn(here: Here) -> bool:
-    return here.state.torn[here.body.index] > 0
+def _was_overstretched(here: Here) -> bool:
+    return here.state.overstretched[here.body.index] > 0
 
 
 def _make_lines(features: Features, on_cpu: bool) -> Stage:

@@ -48,7 +48,7 @@ def make_joints(winch: bool) -> Joints:
     def joint_of(j: int, here: Here) -> wp.vec4:
         joint = here.model.joints[here.body.segments + j]
         if wp.static(winch):
-            joint = joint_out(j, joint, here.state.reels[here.body.index])
+            joint = joint_out(j, joint, here.state.winches[here.body.index])
         return joint
 
     @wp.func
@@ -162,7 +162,7 @@ def _turned(moves: wp.mat33, weights: wp.vec3) -> wp.vec3:
     return (moves[2] - moves[1]) * weights[2] - (moves[1] - moves[0]) * weights[0]
 
 
-def _make_walks(bent: bool, winch: bool):
+def _make_eliminations(bent: bool, winch: bool):
     """Two Warp functions: elimination, and substitution."""
     weights_at, stiffness_at, turn_at, rest_at = make_joints(winch)
 
@@ -272,7 +272,7 @@ def make_solve_beam(bent: bool, winch: bool):
     """A Warp function: one solve over all joints of a body, `bent` at rest or straight, or of what is out of a `winch`,
     by one thread; it moves the particles and changes the moments."""
     keep_moment = make_keep_moment(bent, winch)
-    eliminate, substitute = _make_walks(bent, winch)
+    eliminate, substitute = _make_eliminations(bent, winch)
 
     @wp.func
     def solve_beam(here: Here):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The direct solve of a rope's bending by many threads: all tell what joints and rows are, and one eliminates.
 
-The equations are those of beam.py, where one thread does everything in one walk. What depends on the row before is
-little, and lies in shared memory.
+The equations are those of beam.py, where one thread does everything in one elimination. What depends on the row before
+is little, and lies in shared memory.
 """
 
 import warp as wp
@@ -76,7 +76,7 @@ def _row_of(w: float, begun: Joint, near: Joint, far: Joint):
     return row, pull, turning
 
 
-def _make_walks(bent: bool):
+def _make_eliminations(bent: bool):
     """Two Warp functions by one thread: elimination, and substitution."""
     width = rows_of(bent)
 
@@ -160,7 +160,7 @@ def make_solve_beam_together(threads: int, bent: bool):
     """
     width = rows_of(bent)
     joint_at, keep_moment = _make_joint_at(bent), make_keep_moment(bent)
-    eliminate, substitute = _make_walks(bent)
+    eliminate, substitute = _make_eliminations(bent)
 
     @wp.func
     def shown(j: int, here: Here, rows: wp.uint64) -> Joint:

@@ -15,13 +15,13 @@ from cloth_sim_ros.sim.ropes.elimination import FEWEST
 from cloth_sim_ros.sim.stages.here import Here
 
 
-def make_solve_beam_from_both_ends(bent: bool):
+def make_solve_beam_two_sided(bent: bool):
     """A Warp function: one solve over all joints of a body, `bent` at rest or straight. It moves the particles and
     changes the moments. It is False where this is not a CPU or joints are few."""
-    prepare, walk, add_up, move = make_lanes(bent)
+    prepare, eliminate, add_up, move = make_lanes(bent)
 
     @wp.func
-    def solve_beam_from_both_ends(here: Here) -> bool:
+    def solve_beam_two_sided(here: Here) -> bool:
         if here.body.count <= FEWEST or here.state.ladder.shape[0] == 0:
             return False
         p = here.body.particles
@@ -40,7 +40,7 @@ def make_solve_beam_from_both_ends(bent: bool):
             here.step.effective,
             STIFFEST,
         )
-        walk(p, here.body.count, here.x, here.d, here.state.ladder)
+        eliminate(p, here.body.count, here.x, here.d, here.state.ladder)
         rotation = wp.mat33(0.0)
         if wp.static(bent):
             found = add_up(p, here.body.count, here.x, here.d, here.state.ladder)
@@ -62,4 +62,4 @@ def make_solve_beam_from_both_ends(bent: bool):
         )
         return True
 
-    return solve_beam_from_both_ends
+    return solve_beam_two_sided

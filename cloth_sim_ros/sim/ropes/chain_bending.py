@@ -7,7 +7,7 @@ from cloth_sim_ros.sim.intrinsics import sync
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.ropes.beam import make_bend_by_moments, make_solve_beam
 from cloth_sim_ros.sim.ropes.beam_parallel import make_solve_beam_together, most_together
-from cloth_sim_ros.sim.ropes.beam_two_sided import make_solve_beam_from_both_ends
+from cloth_sim_ros.sim.ropes.beam_two_sided import make_solve_beam_two_sided
 from cloth_sim_ros.sim.ropes.twist import make_find_twist, push_by_couples
 from cloth_sim_ros.sim.stages.here import Here
 
@@ -41,7 +41,7 @@ def make_bend_after(features: Features, threads: int):
         return None
     bent, winch = features.bent, features.winch
     solve_beam = make_solve_beam(bent, winch)
-    solve_beam_from_both_ends = make_solve_beam_from_both_ends(bent) if threads == 1 else None
+    solve_beam_two_sided = make_solve_beam_two_sided(bent) if threads == 1 else None
     solve_beam_together = make_solve_beam_together(threads, bent) if threads > 1 else None
 
     @wp.func
@@ -54,7 +54,7 @@ def make_bend_after(features: Features, threads: int):
                 solve_beam_together(t, here, shared)
             elif t == 0:
                 solve_beam(here)
-        elif not solve_beam_from_both_ends(here):
+        elif not solve_beam_two_sided(here):
             solve_beam(here)
 
     return bend_after

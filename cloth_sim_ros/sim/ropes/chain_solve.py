@@ -4,7 +4,7 @@
 Positions and multipliers start from where the last substep and iteration left them. The tension carries over, so that
 the first tangent already knows the geometric stiffness. The static balance does not depend on step or iterations.
 
-A thread takes neighbouring segments. Alone it walks the chain to its end and back, on a CPU from both ends at once
+A thread takes neighbouring segments. Alone it eliminates to the end and back, on a CPU from both ends at once
 (two_sided.py) but for the shortest chains and those on a winch. Many first join their segments to spans and scan these,
 from both ends of the chain, so that each knows what lies before its own and how its end moves.
 """
@@ -20,7 +20,7 @@ from cloth_sim_ros.sim.ropes.newton_step import make_attempt
 from cloth_sim_ros.sim.ropes.partition import Share, make_share
 from cloth_sim_ros.sim.ropes.segment_simd import lack
 from cloth_sim_ros.sim.ropes.segments import NEWTON_STEPS, make_prepare
-from cloth_sim_ros.sim.ropes.two_sided import prepare_both_ends, solve_both_ends
+from cloth_sim_ros.sim.ropes.two_sided import prepare_two_sided, solve_two_sided
 from cloth_sim_ros.sim.stages.here import Here
 
 
@@ -67,7 +67,7 @@ def owns(share: Share, r: int) -> bool:
 
 
 def make_solve_chain(features: Features, threads: int, stored: bool):
-    """A Warp function by which thread t of `threads` solves its part of a body's chain; whether that was torn.
+    """A Warp function by which thread t of `threads` solves its part of a body's chain; whether that was overstretched.
 
     `stored`: a thread may have several segments, kept in State.segments; otherwise its one stays in registers. The
     address is that of scan_size(threads) vec4 that the threads share, unused by one thread. A beam also resists
@@ -94,8 +94,8 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
         again = int(1)
         steps = int(0)
         if wp.static(threads == 1 and not winch):
-            if prepare_both_ends(here):
-                placed = _solve_from_both_ends(here)
+            if prepare_two_sided(here):
+                placed = _solve_two_sided(here)
                 again = 0
         while again > 0:
             segment, first = find_tangent(share, steps, segment, here)
@@ -104,8 +104,8 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                     missing -= near
                 else:
                     missing = missing_of(share.start, here)
-            segment, near, eventful, torn, unsettled = attempt(t, share, segment, missing, first, here, shared)
-            placed = placed or torn
+            segment, near, eventful, overstretched, unsettled = attempt(t, share, segment, missing, first, here, shared)
+            placed = placed or overstretched
             move(share, segment, near, here)
             steps += 1
             again = int(0)
@@ -121,12 +121,12 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
 
 
 @wp.func
-def _solve_from_both_ends(here: Here) -> bool:
-    """A whole chain by one thread of a CPU, from both its ends; whether it was torn."""
+def _solve_two_sided(here: Here) -> bool:
+    """A whole chain by one thread of a CPU, from both its ends; whether it was overstretched."""
     if here.step.store or not here.step.first:
         for i in range(here.body.count):
             lack(i, missing_of(i, here), here.body.particles, here.body.count - 1, here.state.ladder)
-    placed = solve_both_ends(here)
+    placed = solve_two_sided(here)
     if here.step.store or here.step.repeats:
         for i in range(here.body.count):
             _keep(i, load4(here.d, i), here)

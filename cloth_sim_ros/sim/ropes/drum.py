@@ -2,10 +2,10 @@
 """A winch at the start of a rope: rest length is fed to, or taken from, the segment between the drum and the rope.
 
 All particles of a rope exist from the beginning. Those still on the drum lie at its point, held, with no length between
-them. `Reel.index` is the last of them. The segment that begins there is the one that is fed. A segment is born when the
-fed one is longer than one and a half segments. The particle at the drum is let go where one whole segment ends, and the
-rest is fed on. The fed segment is swallowed when it is shorter than nearly half of one. The drum takes in its other
-particle then. Never is a segment so short that its mass or length would stiffen the solve.
+them. `WinchState.index` is the last of them. The segment that begins there is the one that is fed. A segment is born
+when the fed one is longer than one and a half segments. The particle at the drum is let go where one whole segment
+ends, and the rest is fed on. The fed segment is swallowed when it is shorter than nearly half of one. The drum takes in
+its other particle then. Never is a segment so short that its mass or length would stiffen the solve.
 
 Nothing of that jumps. Fed material enters at the pay-out rate of unstretched rope. A born particle lies on its segment
 where its material is, so that both parts keep the strain. It moves as that material does: with the rope ahead and with
@@ -22,7 +22,7 @@ from cloth_sim_ros.sim.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.integrate import split_sum
 from cloth_sim_ros.sim.physics.winch import next_rate
-from cloth_sim_ros.sim.rope_state import Drive, Reel
+from cloth_sim_ros.sim.rope_state import Drive, WinchState
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.state import State
 
@@ -46,10 +46,10 @@ def density_at(k: int, m: Model, body: Body) -> float:
 
 
 @wp.func
-def lightened(reel: Reel, m: Model, body: Body) -> float:
+def lightened(winch: WinchState, m: Model, body: Body) -> float:
     """The mass [kg] of the particle beyond the drum, with as much of its segment as is out."""
-    k = reel.index
-    lacks = m.segment_length[body.segments + k] - reel.length
+    k = winch.index
+    lacks = m.segment_length[body.segments + k] - winch.length
     return m.particle_masses[body.particles + k + 1] - 0.5 * density_at(k, m, body) * lacks
 
 
@@ -65,8 +65,8 @@ def make_turn(order: int):
     """A Warp function: one thread turns a body's drum at the start of a substep of length h [s]."""
 
     @wp.func
-    def swallow(reel: Reel, here: Here) -> Reel:
-        k = reel.index
+    def swallow(winch: WinchState, here: Here) -> WinchState:
+        k = winch.index
         g = here.body.particles + k
         drum = load4(here.x, k)
         drum_low = load4(here.low, k)
@@ -75,13 +75,13 @@ def make_turn(order: int):
         first = xyz(middle - drum) + xyz(middle_low - drum_low)
         second = xyz(load4(here.x, k + 2) - middle) + xyz(load4(here.low, k + 2) - middle_low)
         following = here.model.segment_length[here.body.segments + k + 1]
-        whole = reel.length + following
+        whole = winch.length + following
         straight = wp.length(first + second) / wp.max(wp.length(first) + wp.length(second), 1.0e-12)
         length = wp.clamp(straight * whole, SHORTEST * following, whole)
-        reel.owed += whole - length
-        reel.length = length
-        reel.behind -= following
-        reel.index = k + 1
+        winch.owed += whole - length
+        winch.length = length
+        winch.behind -= following
+        winch.index = k + 1
         store4(here.x, k + 1, wp.vec4(drum[0], drum[1], drum[2], 0.0))
         store4(here.low, k + 1, drum_low)
         here.state.velocities[g + 1] = wp.vec4(0.0)
@@ -90,23 +90,23 @@ def make_turn(order: int):
         if wp.static(order == 2):
             here.state.last_velocities[g + 1] = wp.vec3(0.0)
             here.state.last_displacements[g + 1] = wp.vec3(0.0)
-        return reel
+        return winch
 
     @wp.func
-    def bear(reel: Reel, h: float, here: Here) -> Reel:
-        k = reel.index
+    def bear(winch: WinchState, h: float, here: Here) -> WinchState:
+        k = winch.index
         g = here.body.particles + k
         drum = load4(here.x, k)
         drum_low = xyz(load4(here.low, k))
         e = xyz(load4(here.x, k + 1) - drum) + (xyz(load4(here.low, k + 1)) - drum_low)
         own = here.model.segment_length[here.body.segments + k]
-        part = own / reel.length
+        part = own / winch.length
         away = drum_low + (1.0 - part) * e
         position = xyz(drum)
         rest = split_sum(position, away)
         position += away
         # How the material at this place moves: by (1 - part) with the rope ahead, by part with the feed.
-        feed = (part * reel.rate / reel.length) * e
+        feed = (part * winch.rate / winch.length) * e
         velocity = (1.0 - part) * xyz(here.state.velocities[g + 1]) + feed
         store4(here.x, k, wp.vec4(position[0], position[1], position[2], 1.0 / here.model.particle_masses[g]))
         store4(here.low, k, wp.vec4(rest[0], rest[1], rest[2], 0.0))
@@ -116,43 +116,44 @@ def make_turn(order: int):
             here.state.last_displacements[g] = (1.0 - part) * here.state.last_displacements[g + 1] + h * feed
         here.state.tensions[here.body.segments + k - 1] = here.state.tensions[here.body.segments + k]
         weigh(k + 1, here.model.particle_masses[g + 1], here.x)
-        reel.length -= own
-        reel.behind += own
-        reel.index = k - 1
-        return reel
+        winch.length -= own
+        winch.behind += own
+        winch.index = k - 1
+        return winch
 
     @wp.func
     def turn(here: Here, drive: Drive, h: float):
-        reel = here.state.reels[here.body.index]
+        winch = here.state.winches[here.body.index]
         last = here.body.segments_end - here.body.segments - 1
         while (
-            reel.index < last and reel.length < SWALLOWED * here.model.segment_length[here.body.segments + reel.index]
+            winch.index < last
+            and winch.length < SWALLOWED * here.model.segment_length[here.body.segments + winch.index]
         ):
-            reel = swallow(reel, here)
-        while reel.index > 0 and reel.length >= (
-            here.model.segment_length[here.body.segments + reel.index]
-            + BORN * here.model.segment_length[here.body.segments + reel.index - 1]
+            winch = swallow(winch, here)
+        while winch.index > 0 and winch.length >= (
+            here.model.segment_length[here.body.segments + winch.index]
+            + BORN * here.model.segment_length[here.body.segments + winch.index - 1]
         ):
-            reel = bear(reel, h, here)
-        out = reel.behind + reel.length + reel.owed
+            winch = bear(winch, h, here)
+        out = winch.behind + winch.length + winch.owed
         shortest = wp.max(drive.shortest, SHORTEST * here.model.segment_length[here.body.segments_end - 1])
-        longest = wp.min(drive.longest, reel.total)
+        longest = wp.min(drive.longest, winch.total)
         room = longest - out
-        slack = out - wp.max(reel.owed, 0.0) - shortest  # what is owed cannot be hauled in
-        reel.rate = next_rate(reel.rate, drive.pay_out, drive.max_rate, drive.acceleration, room, slack, h)
-        near = REACHED * reel.total
-        reel.stopped = 0
+        slack = out - wp.max(winch.owed, 0.0) - shortest  # what is owed cannot be hauled in
+        winch.rate = next_rate(winch.rate, drive.pay_out, drive.max_rate, drive.acceleration, room, slack, h)
+        near = REACHED * winch.total
+        winch.stopped = 0
         if (drive.pay_out > 0.0 and room < near) or (drive.pay_out < 0.0 and slack < near):
-            reel.stopped = 1
-        returned = reel.owed * wp.min(h / SETTLING, 1.0)
-        fed = reel.rate * h + returned
-        length = reel.length + fed
-        reel.last_fed = reel.fed
-        reel.fed = length - reel.length
-        reel.owed += (fed - reel.fed) - returned  # what rounding kept back, too
-        reel.length = length
-        weigh(reel.index + 1, lightened(reel, here.model, here.body), here.x)
-        here.state.reels[here.body.index] = reel
+            winch.stopped = 1
+        returned = winch.owed * wp.min(h / SETTLING, 1.0)
+        fed = winch.rate * h + returned
+        length = winch.length + fed
+        winch.last_fed = winch.fed
+        winch.fed = length - winch.length
+        winch.owed += (fed - winch.fed) - returned  # what rounding kept back, too
+        winch.length = length
+        weigh(winch.index + 1, lightened(winch, here.model, here.body), here.x)
+        here.state.winches[here.body.index] = winch
 
     return turn
 
@@ -160,18 +161,18 @@ def make_turn(order: int):
 @wp.func
 def rest_of(k: int, here: Here) -> float:
     """The rest length [m] of segment k of the body."""
-    reel = here.state.reels[here.body.index]
-    return wp.where(k == reel.index, reel.length, here.model.segment_length[here.body.segments + k])
+    winch = here.state.winches[here.body.index]
+    return wp.where(k == winch.index, winch.length, here.model.segment_length[here.body.segments + k])
 
 
 @wp.func
-def joint_out(j: int, joint: wp.vec4, reel: Reel) -> wp.vec4:
+def joint_out(j: int, joint: wp.vec4, winch: WinchState) -> wp.vec4:
     """Joint j as in Model.joints, beside the segment that is fed or behind; without weights on the drum."""
-    if j < reel.index:
+    if j < winch.index:
         return wp.vec4(0.0, 1.0, 0.0, 0.0)
-    if j > reel.index:
+    if j > winch.index:
         return joint
-    return wp.vec4(0.0, joint[1] + 0.5 * (reel.length - 1.0 / joint[2]), 1.0 / reel.length, joint[3])
+    return wp.vec4(0.0, joint[1] + 0.5 * (winch.length - 1.0 / joint[2]), 1.0 / winch.length, joint[3])
 
 
 def make_fed(order: int):
@@ -180,12 +181,12 @@ def make_fed(order: int):
 
     @wp.func
     def fed_to(k: int, length: float, s: State, body: Body, second: bool) -> float:
-        reel = s.reels[body.index]
-        fed = reel.fed
+        winch = s.winches[body.index]
+        fed = winch.fed
         if wp.static(order == 2):
             if second:
-                fed -= reel.last_fed / 3.0
-        return wp.where(k == reel.index, fed * length / reel.length, 0.0)
+                fed -= winch.last_fed / 3.0
+        return wp.where(k == winch.index, fed * length / winch.length, 0.0)
 
     return fed_to
 
@@ -193,4 +194,4 @@ def make_fed(order: int):
 @wp.func
 def first_out(s: State, body: Body) -> int:
     """The first segment of the body that is out."""
-    return s.reels[body.index].index
+    return s.winches[body.index].index

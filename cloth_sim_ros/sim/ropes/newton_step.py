@@ -16,7 +16,7 @@ def make_attempt(threads: int, stored: bool):
     """A Warp function: a Newton step of a thread's segments, taken again where one of them would go too far.
 
     It returns the last segment, how its near particle moves, whether anything happened to the chain, whether a segment
-    of it went too far or is torn, and how many of the thread's own are unsettled.
+    of it went too far or is overstretched, and how many of the thread's own are unsettled.
     """
     sweep, settle_all = _make_sweep(threads, stored), _make_settle_all(threads, stored)
 
@@ -94,7 +94,7 @@ def _make_sweep(threads: int, stored: bool):
 
 def _make_settle_all(threads: int, stored: bool):
     """A Warp function: how a thread's particles move, from the far one of its last segment back. It returns the last
-    segment, how its near particle moves, and how many segments go too far, are torn, and are unsettled."""
+    segment, how its near particle moves, and how many segments go too far, are overstretched, and are unsettled."""
 
     @wp.func
     def settle_all(share: Share, last: Segment, far: wp.vec3, moved: wp.vec3, change: wp.vec3, here: Here):
@@ -111,7 +111,7 @@ def _make_settle_all(threads: int, stored: bool):
             else:
                 segment, u = backward(segment, u, here.step.effective)
                 near = u
-            found += wp.vec3i(segment.too_far, segment.torn, segment.unsettled)
+            found += wp.vec3i(segment.too_far, segment.overstretched, segment.unsettled)
             if wp.static(stored):
                 here.state.segments[here.body.segments + k] = segment
         return segment, near, found

@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.state import State
 
 @wp.struct
 class Share:
-    """A thread's part of a chain, walked from the start of the chain or from its end, whichever side it is on."""
+    """A thread's part of a chain, eliminated from the start of the chain or from its end, whichever side it is on."""
 
     lane: int  # the thread's place among the `lanes` of its side that take part, of both sides at `most`
     lanes: int
@@ -43,7 +43,7 @@ class Reach:
 def make_share(threads: int, stored: bool):
     """A Warp function: the part of thread t of `threads`, of the `out` segments of a body from `first`.
 
-    `stored`: a thread may have several. One thread walks all of the chain; many take half of it from either end.
+    `stored`: a thread may have several. One thread takes all of the chain; many take half of it from either end.
     """
     half = max(threads // 2, 1)
 

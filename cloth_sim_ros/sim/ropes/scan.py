@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The threads of a block scan a chain from both its ends: from spans of their own segments to what lies before them.
 
-The first half of the threads walks from the start of the chain to its middle, the other from its end, as if it began
+The first half of the threads goes from the start of the chain to its middle, the other from its end, as if it began
 there. Where they meet, one particle is moved by both sides; from there the forces reach back. Both ways take log2 of
 the threads of a side (Hillis and Steele 1986). Threads show one another their spans in shared memory, in two copies
 that take turns. What a step stores in one was last read two steps ago, so that each step needs one barrier. A side of

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One segment of a chain in a direct solve: what its tangent needs, and the ways past it, there and back.
 
-See physics/chain.py for the quantities, and chain_solve.py for the walk.
+See physics/chain.py for the quantities, and chain_solve.py for the elimination.
 """
 
 import warp as wp
@@ -30,14 +30,14 @@ NEWTON_STEPS = wp.constant(8)
 # Of what a rope's whole mass yields, what the tangent of a rigid segment yields along it.
 STIFFEST = wp.constant(1.0e-4)
 
-# A chain was torn where a segment needs several attempts or changes its length by this share of it in a substep.
-TORN = wp.constant(0.02)
+# A chain is overstretched where a segment needs several attempts, or changes its length by this share in a substep.
+MOST_STRETCHED = wp.constant(0.02)
 
 
 @wp.func
 def stiffest_of(here: Here) -> float:
     """What the tangent of a segment yields along it at least [1/kg]."""
-    return STIFFEST * (here.material.lightness * here.body.yielding)
+    return STIFFEST * (here.material.largest_inverse_mass * here.body.yielding)
 
 
 @wp.func
@@ -49,7 +49,7 @@ def stiffness_across(segment: Segment) -> float:
 def make_prepare(order: int, winch: bool, two_sided: bool):
     """A Warp function: everything that the tangent at segment k needs and that does not depend on others.
 
-    way: 1 where the chain is walked along to its end; -1 where it is walked back from there, as if it began there.
+    way: 1 where the chain is eliminated along to its end; -1 where it is back from there, as if it began there.
     missing: of the particle at the segment's far end on the way.
     """
     fed_to = make_fed(order)
@@ -163,7 +163,7 @@ def settle(segment: Segment, u: wp.vec3, near: wp.vec3, change: wp.vec3, h: floa
     segment.too_far = wp.where(turn > LARGEST_TURN and turn > 2.0 * segment.turn, 1, 0)
     segment.unsettled = wp.where(0.5 * turn * segment.reach > SETTLED_SPEED * h, 1, 0)
     segment.turn = larger(turn, segment.turn)
-    segment.torn = wp.where(wp.abs(turned[0]) > TORN * segment.reach, 1, 0)
+    segment.overstretched = wp.where(wp.abs(turned[0]) > MOST_STRETCHED * segment.reach, 1, 0)
     segment.pull = change[0]
     return segment
 

@@ -4,9 +4,9 @@
 import warp as wp
 
 from cloth_sim_ros.sim.physics.distance import SHORTEST
-from cloth_sim_ros.sim.ropes.elimination import FEWEST, walk
+from cloth_sim_ros.sim.ropes.elimination import FEWEST, eliminate
 from cloth_sim_ros.sim.ropes.segment_simd import (
-    TEARS,
+    OVERSTRETCHED,
     TOO_FAR,
     UNSETTLED,
     judge_segments,
@@ -18,16 +18,16 @@ from cloth_sim_ros.sim.ropes.segment_simd import (
 from cloth_sim_ros.sim.ropes.segments import (
     ATTEMPTS,
     LARGEST_TURN,
+    MOST_STRETCHED,
     NEWTON_STEPS,
     SETTLED_SPEED,
-    TORN,
     stiffest_of,
 )
 from cloth_sim_ros.sim.stages.here import Here
 
 
 @wp.func
-def prepare_both_ends(here: Here) -> bool:
+def prepare_two_sided(here: Here) -> bool:
     """What the segments of a chain are as they lie; False where this is no CPU, they are few or one has no length."""
     n = here.body.segments_end - here.body.segments
     if n < FEWEST or here.state.ladder.shape[0] == 0:
@@ -54,27 +54,29 @@ def prepare_both_ends(here: Here) -> bool:
 
 
 @wp.func
-def solve_both_ends(here: Here) -> bool:
-    """Newton steps along a prepared chain until it is settled, see chain_solve.py; whether it was torn."""
+def solve_two_sided(here: Here) -> bool:
+    """Newton steps along a prepared chain until it is settled, see chain_solve.py; whether it was overstretched."""
     n = here.body.segments_end - here.body.segments
     lacking = not here.step.first
-    torn = bool(False)
+    overstretched = bool(False)
     steps = int(0)
     again = bool(True)
     while again:
         if steps > 0:
             lack_more(here.body.particles, n, lacking, here.state.ladder)
             lacking = True
-            prepare_both_ends(here)
+            prepare_two_sided(here)
         events = int(TOO_FAR)
         attempt = int(0)
         while (events & TOO_FAR) != 0 and attempt < ATTEMPTS:
             if attempt > 0:
                 stiffen_segments(here.body.particles, n, here.state.ladder)
-            walk(here.body.particles, n, lacking, here.state.ladder)
+            eliminate(here.body.particles, n, lacking, here.state.ladder)
             settled = SETTLED_SPEED * here.step.effective
-            events = judge_segments(here.body.particles, n, lacking, here.state.ladder, LARGEST_TURN, settled, TORN)
-            torn = torn or (events & (TOO_FAR | TEARS)) != 0
+            events = judge_segments(
+                here.body.particles, n, lacking, here.state.ladder, LARGEST_TURN, settled, MOST_STRETCHED
+            )
+            overstretched = overstretched or (events & (TOO_FAR | OVERSTRETCHED)) != 0
             attempt += 1
         move_particles(
             here.body.particles,
@@ -87,4 +89,4 @@ def solve_both_ends(here: Here) -> bool:
         )
         steps += 1
         again = (events & UNSETTLED) != 0 and steps < NEWTON_STEPS
-    return torn
+    return overstretched

@@ -11,6 +11,7 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import array_address, load4, store4, xyz
 from cloth_sim_ros.sim.methods.limits import MOST_BENDING
 from cloth_sim_ros.sim.model import Body, Features, Model
+from cloth_sim_ros.sim.native import source
 from cloth_sim_ros.sim.physics.integrate import carried
 from cloth_sim_ros.sim.physics.plate import rest_curvature
 from cloth_sim_ros.sim.stages.here import Here
@@ -18,36 +19,8 @@ from cloth_sim_ros.sim.state import Material
 
 MOST = wp.constant(MOST_BENDING)  # (omega h_e)^2 (1 + gamma) of the stiffest mode, gamma = dashpot time / h_e
 
-_SUM = """
-const float* weight = weights.data + base;
-const int* neighbour = neighbours.data + base;
-#if defined(__CUDA_ARCH__)
-typedef float4 Row;
-const float4 ai = ((const float4*)a)[i], bi = ((const float4*)b)[i];
-float x = 0.0f, y = 0.0f, z = 0.0f;
-for (int q = 0; q < width; ++q) {
-    const int j = neighbour[q * across + i * along];
-    const float w = weight[q * across + i * along];
-    const float4 aj = ((const float4*)a)[j], bj = ((const float4*)b)[j];
-    x += w * ((aj.x - ai.x) + (bj.x - bi.x));
-    y += w * ((aj.y - ai.y) + (bj.y - bi.y));
-    z += w * ((aj.z - ai.z) + (bj.z - bi.z));
-}
-return wp::vec3(x, y, z);
-#else
-typedef float Row __attribute__((ext_vector_type(4), aligned(4)));
-const Row ai = ((const Row*)a)[i], bi = ((const Row*)b)[i];
-Row sum = 0.0f;
-for (int q = 0; q < width; ++q) {
-    const int j = neighbour[q * across + i * along];
-    sum += weight[q * across + i * along] * ((((const Row*)a)[j] - ai) + (((const Row*)b)[j] - bi));
-}
-return wp::vec3(sum[0], sum[1], sum[2]);
-#endif
-"""
 
-
-@wp.func_native(_SUM)
+@wp.func_native(source(__file__, "plate_sum"))
 def plate_sum(
     i: int,
     base: int,
@@ -78,7 +51,7 @@ def around(i: int, m: Model, body: Body, a: wp.uint64, b: wp.uint64) -> wp.vec3:
 def rigidity_of(material: Material, body: Body, inverse_square: float) -> float:
     """The rigidity [N m] that acts in a substep of 1 / sqrt(inverse_square) [s]."""
     asked = 1.0 / wp.max(material.compliance[2], 1.0e-30)
-    return wp.min(asked, MOST * inverse_square / wp.max(material.lightness * body.plate_rate, 1.0e-30))
+    return wp.min(asked, MOST * inverse_square / wp.max(material.largest_inverse_mass * body.plate_rate, 1.0e-30))
 
 
 def make_plate_force(features: Features):
@@ -147,7 +120,7 @@ def make_bend(features: Features):
         predicted = load4(here.p, i)
         rigidity = rigidity_of(here.material, here.body, here.step.inverse_square)
         # Dashpots of bending give way before its rigidity does.
-        rate = here.material.lightness * here.body.plate_rate * rigidity
+        rate = here.material.largest_inverse_mass * here.body.plate_rate * rigidity
         room = MOST * here.step.inverse_square / wp.max(rate, 1.0e-30) - 1.0
         gamma = wp.clamp(here.material.damping * here.step.inverse, 0.0, wp.max(room, 0.0))
         force = plate_force(i, here, here.x, here.p)

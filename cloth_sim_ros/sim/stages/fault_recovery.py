@@ -66,9 +66,9 @@ def make_count(features: Features):
                 s.good_twists[b] = s.twists[b]
         if wp.static(features.winch):
             if faulty:
-                s.reels[b] = s.good_reels[b]
+                s.winches[b] = s.good_winches[b]
             else:
-                s.good_reels[b] = s.reels[b]
+                s.good_winches[b] = s.winches[b]
         count_fault(b, s)
         if wp.static(features.looks_back):
             n = here.frame.substeps

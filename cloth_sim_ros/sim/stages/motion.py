@@ -73,13 +73,13 @@ def spring_constants(material: Material) -> wp.vec3:
 
 
 @wp.func
-def spoke_constant(kind: wp.vec4, constants: wp.vec3) -> float:
-    """The constant [N/m] of a spring of type `kind` (Model.spoke_types)."""
+def constant_of_spring(kind: wp.vec4, constants: wp.vec3) -> float:
+    """The constant [N/m] of a spring of type `kind` (Model.spring_types)."""
     return wp.where(kind[2] == 0.0, constants[0], wp.where(kind[2] == 1.0, constants[1], constants[2])) * kind[1]
 
 
 @wp.func
-def spoke_force(e: wp.vec3, rest: float, constant: float, lost: float, damping: float, apart: wp.vec3) -> wp.vec3:
+def force_of_spring(e: wp.vec3, rest: float, constant: float, lost: float, damping: float, apart: wp.vec3) -> wp.vec3:
     """The force [N] of the spring and dashpot along e [m] on the particle where e begins; `apart` is de/dt [m/s].
 
     lost: what float32 lost of the rest length, over it. It would strain all springs of a grid alike, by up to 6e-8, a
@@ -99,20 +99,21 @@ def spring_force(i: int, here: Here, v: wp.vec3) -> wp.vec3:
     li = load4(here.low, i)
     constants = spring_constants(here.material)
     force = wp.vec3(0.0)
-    # One spoke ahead: the fetch from a GPU's memory takes longer than the arithmetic of a spoke.
-    ahead = load_pair(here.model.spokes, here.body.spokes + i)
-    for q in range(1, here.body.spoke_width + 1):
-        spoke = ahead
+    # One spring ahead: the fetch from a GPU's memory takes longer than the arithmetic of a spring.
+    ahead = load_pair(here.model.incident_springs, here.body.incident_springs + i)
+    for q in range(1, here.body.incident_width + 1):
+        spring = ahead
         ahead = load_pair(
-            here.model.spokes, here.body.spokes + wp.min(q, here.body.spoke_width - 1) * here.body.count + i
+            here.model.incident_springs,
+            here.body.incident_springs + wp.min(q, here.body.incident_width - 1) * here.body.count + i,
         )
-        j = spoke[0]
-        kind = load4(array_address(here.model.spoke_types, 0), spoke[1])
+        j = spring[0]
+        kind = load4(array_address(here.model.spring_types, 0), spring[1])
         e = xyz((load4(here.x, j) - xi) + (load4(here.low, j) - li))
         apart = wp.vec3(0.0)
         if here.material.damping > 0.0:
             apart = xyz(load_row(here.state.velocities, here.body.particles + j)) - v
-        force += spoke_force(e, kind[0], spoke_constant(kind, constants), kind[3], here.material.damping, apart)
+        force += force_of_spring(e, kind[0], constant_of_spring(kind, constants), kind[3], here.material.damping, apart)
     return force
 
 
@@ -233,8 +234,8 @@ def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
     )
 
 
-# A substep that puts a torn rope together may move its particles by many segments. Of the velocity that this would
-# leave, a particle gains at most this many segments a substep. Otherwise the next substep would tear it again.
+# A substep that puts an overstretched rope together may move its particles by many segments. Of the velocity that this
+# would leave, a particle gains at most this many segments a substep. Otherwise the next substep would tear it again.
 MOST_SPACINGS = wp.constant(0.25)
 
 
@@ -256,10 +257,12 @@ def make_finish(features: Features):
             if here.step.second:
                 base = carried(here.state.last_displacements[g])
             velocity = rate_of(displacement - base, here.step)
-            rough = wp.length(displacement - here.state.last_displacements[g]) > wp.static(smooth) * here.body.spacing
+            not_smooth = (
+                wp.length(displacement - here.state.last_displacements[g]) > wp.static(smooth) * here.body.spacing
+            )
             if wp.static(features.supported):
-                rough = rough or here.state.supports[g][3] > 0.0
-            if rough:
+                not_smooth = not_smooth or here.state.supports[g][3] > 0.0
+            if not_smooth:
                 here.state.events[2 * here.body.index + here.substep % 2] = here.substep + 1
             before = xyz(load_row(here.state.velocities, g))
             if wp.static(features.panels != ""):
@@ -269,7 +272,7 @@ def make_finish(features: Features):
             here.state.last_displacements[g] = displacement
         if wp.static(features.chain):
             # A chain that was put together from afar: its particles did not move so, they were placed.
-            if here.state.torn[here.body.index] > 0:
+            if here.state.overstretched[here.body.index] > 0:
                 kick = velocity - xyz(load_row(here.state.velocities, g))
                 most = MOST_SPACINGS * here.body.spacing * here.step.inverse
                 velocity -= kick * (1.0 - wp.min(1.0, most / wp.max(wp.length(kick), 1.0e-20)))

@@ -66,7 +66,7 @@ class Topology:
     one, which then has no springs. bends: (B, 3), whose rest is the turn [-]. bend_weights (B, 2): the inverse lengths
     [1/m] of the two segments of a bend. triangles: (T, 3). panels: (P, 3) particles that the wind acts on, -1 as the
     third of a rope's segment. layout: (N, 3) rest positions [m] in local axes, along which grids are cut into
-    subdomains. grid: particles along x and y, None for what is no grid. reel: of a rope on a winch, the last particle
+    subdomains. grid: particles along x and y, None for what is no grid. winch: of a rope on a winch, the last particle
     at the drum and the rest length [m] of the segment that begins there. plate: what a sheet resists bending with.
     twists: whether a rope resists twist. tear_strain: beyond which its springs fail, 0 for never. load: what of
     the last mass is no part of the object [kg]. world_scales: (worlds,) by how much it is larger than all this says in
@@ -80,7 +80,7 @@ class Topology:
     triangles: np.ndarray
     panels: np.ndarray
     layout: np.ndarray
-    reel: tuple[int, float] | None = None
+    winch: tuple[int, float] | None = None
     twists: bool = False
     plate: Plate | None = None
     bends: Elements | None = None
@@ -171,6 +171,11 @@ class Topology:
         along = beside @ beside[np.linalg.norm(beside, axis=1).argmax()]
         return [int(k) for k in (first, second, along.argmin(), along.argmax())]
 
+    @property
+    def is_free(self) -> bool:
+        """Whether an object is held by few particles at most."""
+        return np.count_nonzero(self.pinned) < 0.5 * math.sqrt(len(self.masses))
+
     @cached_property
     def hung_length(self) -> float:
         """How far a sheet reaches from the line along which it is held [m], so that it swings more than it stretches.
@@ -178,7 +183,7 @@ class Topology:
         It is 0 where a sheet is held elsewhere too, or by few particles, and of a rope.
         """
         held = self.layout[self.pinned]
-        if not len(self.triangles) or len(held) < 0.5 * math.sqrt(len(self.masses)):
+        if not len(self.triangles) or self.is_free:
             return 0.0
         middle = held.mean(axis=0)
         _, spread, axes = np.linalg.svd(held - middle, full_matrices=False)

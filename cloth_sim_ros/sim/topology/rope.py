@@ -22,9 +22,9 @@ def of_rope(rope: Rope, direct: bool) -> Topology:
     masses = rope.mass * halves / halves.sum() if rope.particle_masses is None else rope.particle_masses
     masses = masses + np.where(np.arange(count) == count - 1, rope.end_mass, 0.0)
     named = {"start": np.array([0]), "end": np.array([count - 1]), "both": np.array([0, count - 1])}
-    reel = _reel(rope, length)
-    if reel is not None:
-        points = _paid_out(points, length, reel)
+    winch = _winch(rope, length)
+    if winch is not None:
+        points = _paid_out(points, length, winch)
     index = np.arange(count)
     pairs = np.stack([index[:-1], index[1:]], axis=1)
     stretch = Elements(pairs, length, length)
@@ -39,7 +39,7 @@ def of_rope(rope: Rope, direct: bool) -> Topology:
         triangles=np.zeros((0, 3), dtype=np.int32),
         panels=np.concatenate([pairs, np.full((count - 1, 1), -1)], axis=1),
         layout=points,
-        reel=reel,
+        winch=winch,
         twists=rope.twist_compliance is not None,
         bends=bends,
         bend_weights=weights,
@@ -49,7 +49,7 @@ def of_rope(rope: Rope, direct: bool) -> Topology:
     )
 
 
-def _reel(rope: Rope, length: np.ndarray) -> tuple[int, float] | None:
+def _winch(rope: Rope, length: np.ndarray) -> tuple[int, float] | None:
     """The particle at the drum of a rope of segments `length` (S,) [m] and how much of its segment is out [m]."""
     if rope.winch is None:
         return None
@@ -62,9 +62,9 @@ def _reel(rope: Rope, length: np.ndarray) -> tuple[int, float] | None:
     return index, max(out, 0.5 * float(length[index]))
 
 
-def _paid_out(points: np.ndarray, length: np.ndarray, reel: tuple[int, float]) -> np.ndarray:
+def _paid_out(points: np.ndarray, length: np.ndarray, winch: tuple[int, float]) -> np.ndarray:
     """Where particles lie when what is out begins at the start of the path through `points` (N, 3)."""
-    index, out = reel
+    index, out = winch
     along = np.concatenate([[0.0], np.cumsum(length)])
     place = np.maximum(along - along[index + 1] + out, 0.0)
     place[: index + 1] = 0.0

@@ -21,15 +21,15 @@ class Partition:
 
     members (M,): particles of all subdomains behind one another, in each subdomain its own first, then ring after ring.
     ends (T, depth + 1): how many members of a subdomain lie within distance r of its own. inner (M,): whether a member
-    lies within distance depth - 1. spokes (inner members, W): which members of its subdomain the W neighbours of a
-    member are. places (M,): where a member lies in the memory of its subdomain. turns (M,): all members once more, in
-    each subdomain in the order in which threads take them.
+    lies within distance depth - 1. incident_springs (inner members, W): which members of its subdomain the W neighbours
+    of a member are. places (M,): where a member lies in the memory of its subdomain. turns (M,): all members once more,
+    in each subdomain in the order in which threads take them.
     """
 
     members: np.ndarray
     ends: np.ndarray
     inner: np.ndarray
-    spokes: np.ndarray
+    incident_springs: np.ndarray
     places: np.ndarray
     turns: np.ndarray
 
@@ -80,9 +80,9 @@ def surround(subdomain: np.ndarray, neighbours: np.ndarray, depth: int) -> Parti
     inner = ring < depth
     by_key = np.argsort(key)
     wanted = home[inner, None] * count + neighbours[members[inner]]
-    spokes = place[by_key[np.searchsorted(key[by_key], wanted)]]
+    incident_springs = place[by_key[np.searchsorted(key[by_key], wanted)]]
     places = _places(members, home)
-    return Partition(members, ends, inner, spokes, places, _turns(places, ring, home))
+    return Partition(members, ends, inner, incident_springs, places, _turns(places, ring, home))
 
 
 def _places(members: np.ndarray, home: np.ndarray) -> np.ndarray:

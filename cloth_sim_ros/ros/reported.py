@@ -11,7 +11,7 @@ from cloth_sim_ros.sim import Simulation
 Report = Mapping[str, dict[str, float]]
 
 
-class Told:
+class Reported:
     """Remembers what `log` has said. One for all the simulations of a node."""
 
     def __init__(self, log: Any):
