@@ -153,6 +153,7 @@ class State:
     last_displacements: wp.array(dtype=wp.vec3)  # (N,) of the last substep [m], order 2 alone
     line_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m] of the springs in the slots of lines
     line_slips: wp.array(dtype=float)  # (S,) rate at which they got longer behind their solve [m/s], order 2 alone
+    tautness: wp.array(dtype=float)  # (N,) the largest tension of a line through a particle [N]
     line_scratch: wp.array(dtype=float)  # what a line is eliminated in, on a CPU
     predicted: wp.array(dtype=wp.vec4)  # (N,) displacements before a sheet's bending moves particles
     curve_normals: wp.array(dtype=wp.vec3)  # (C,) unit normals of triangles that are curved at rest

@@ -41,6 +41,7 @@ def make_states(
         "last_displacements": second,
         "line_multipliers": arrays.size["line_nodes"],
         "line_slips": arrays.size["line_nodes"] if features.order == 2 else 0,
+        "tautness": particles if arrays.size["line_nodes"] else 0,
         "line_scratch": scratch_of(arrays.longest_row) if device.is_cpu else 0,
         "predicted": particles if features.plate else 0,
         "curve_normals": arrays.size["curve_corners"],

@@ -63,6 +63,7 @@ def errors(found, truth):
 
 
 @pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.long
 def test_four_parameters_are_found_to_2_percent(device, seed):
     truth = drawn(seed)
     candidates = Candidates(scene(GUESS), SETTINGS, record(truth, device), FIT, 16, device)

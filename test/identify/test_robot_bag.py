@@ -123,6 +123,7 @@ def test_material_and_delay_are_found(identified):
     assert "clocks" not in told and number(told, "The motion with these numbers is ") < 0.004
 
 
+@pytest.mark.long
 def test_what_clocks_apart_do_is_told(identified):
     status, told, values = identified(*SEEN, fit=list(TRUTH)[:1])
     assert status == 0, told

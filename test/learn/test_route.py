@@ -33,6 +33,7 @@ def test_the_route_passes_all_pegs_and_each_other_way_does_not():
     assert list(passes(np.array([there, *others, short, back, there * [1, -1, 1]]))) == [True] + 6 * [False]
 
 
+@pytest.mark.long
 def test_a_hand_that_goes_around_all_pegs_lays_the_cable(device):
     """And one that draws it straight to the end does not, though it ends in the same place."""
     env = RouteCable(8, device)

@@ -57,6 +57,7 @@ def test_pictures_show_each_world_and_the_hands(device, name):
         TASKS[name](1, device, render_mode="human")
 
 
+@pytest.mark.long
 def test_masses_sizes_and_starts_may_vary_too(device):
     start = HangTowel(1, device).setup.scene.objects["towel"].position
     vary = {

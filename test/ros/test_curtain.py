@@ -112,6 +112,7 @@ def test_the_ball_pushes_the_curtain(curtain):
     assert gaps.min() == pytest.approx(0.01, abs=5e-3)  # touches, at the cloth's thickness
 
 
+@pytest.mark.long
 def test_the_wind_lifts_the_curtain(curtain):
     calm = settle(curtain, 1)
     curtain.blow((0.0, 6.0, 0.0))

@@ -132,6 +132,7 @@ def test_gltf_has_the_vertices_of_the_bag(bag, tmp_path):
     assert min(np.abs(middles - each).max() for each in clouds(bag, "cable")) < 1e-5, "around its particles"
 
 
+@pytest.mark.long
 def test_movies_show_what_moves(bag, tmp_path):
     from PIL import Image
 

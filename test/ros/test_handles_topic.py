@@ -73,6 +73,7 @@ def test_two_hands_lift_fold_and_lay_down_a_towel(towel, client):
     client.until(lambda: fields(towel.clouds[-1])[:, 2].max() < -0.2)  # it falls
 
 
+@pytest.mark.long
 def test_an_answer_tells_what_is_held_and_what_is_not(towel, client):
     assert hold(client, "left", True).message == "left holds 1 particles"
     assert client.set("left.attached", False).successful
@@ -97,6 +98,7 @@ def test_a_hand_lets_go_of_too_much_and_says_so(towel, client):
     assert client.get("right.attached") is True
 
 
+@pytest.mark.long
 def test_hands_keep_their_hold_through_a_rebuild_and_are_back_after_a_reset(towel, client):
     for k in range(30):
         for side, x in (("left", -0.25), ("right", 0.25)):

@@ -2,6 +2,7 @@
 """Messages far beyond half a megabyte arrive whole, also at a best-effort subscriber with default settings."""
 
 import numpy as np
+import pytest
 from client import NEWEST_ONLY
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import SetBool
@@ -18,6 +19,7 @@ cloth_sim:
 """
 
 
+@pytest.mark.long
 def test_a_large_mesh_arrives(start, client):
     start(LARGE).ready()
     client.call(SetBool, "/cloth_sim/pause", SetBool.Request(data=True))  # sends without simulating

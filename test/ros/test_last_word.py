@@ -44,6 +44,7 @@ def heights(start, client: Client):
     return node
 
 
+@pytest.mark.long
 def test_calm_by_parameter_ends_a_wind_by_topic(heights, client):
     client.until(lambda: heights.lee() > 0.2, meanwhile=lambda: client.blow((0.0, 8.0, 0.0)))
     client.spin(0.5)

@@ -5,11 +5,13 @@ import os
 import subprocess
 import sys
 
+import pytest
 from node_process import ROOT, SMALL
 
 from cloth_sim_ros.demo import latency
 
 
+@pytest.mark.long
 def test_latency_counts_every_topic_and_what_is_lost(tmp_path):
     config = tmp_path / "small.yaml"
     config.write_text(SMALL)

@@ -67,6 +67,7 @@ def frames(client, node, counted, count, but=()):
     return dict(counted)
 
 
+@pytest.mark.long
 def test_nobody_listens_and_frames_alone_are_computed(client, node, counted):
     alone = frames(client, node, counted, 60)
     assert set(alone) <= {"frames", "reports"} and alone.get("reports", 0) <= 1, alone

@@ -142,6 +142,7 @@ def test_a_node_that_ends_leaves_no_reader_behind(start, client, large, tmp_path
     assert not readers()
 
 
+@pytest.mark.long
 def test_places_far_away_are_refused_and_the_farthest_is_simulated(start, client):
     start("/**:\n  ros__parameters:\n    objects: [rope]\n    colliders: [ball]\n    rope: {type: rope}\n").ready()
     refused = client.set("rope.position", [1e6, 0.0, 0.0])

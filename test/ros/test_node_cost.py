@@ -6,11 +6,13 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 from node_process import ROOT, SMALL
 
 from cloth_sim_ros.demo import node_cost
 
 
+@pytest.mark.long
 def test_it_compares_a_node_with_the_simulation_alone(tmp_path):
     config = tmp_path / "small.yaml"
     config.write_text(SMALL)

@@ -60,6 +60,7 @@ def method(client) -> str:
     return diagnostics(client)["method"]
 
 
+@pytest.mark.long
 def test_a_cloth_is_kept_apart_from_itself_from_now_on(node, client):
     assert client.set("cloth.self_contact", True).successful
     client.until(lambda: "cloth.crossings" in diagnostics(client), timeout=60.0)

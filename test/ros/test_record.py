@@ -136,6 +136,7 @@ def test_a_recorded_node_is_replayed_to_the_same_bits(bag):
         assert f'["{act}"' in text
 
 
+@pytest.mark.long
 def test_the_frame_of_one_changed_number_is_told(bag, tmp_path):
     from cloth_sim_ros.record.bag import Bag
     from cloth_sim_ros.record.replay import SAME, compared

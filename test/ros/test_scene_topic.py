@@ -69,6 +69,7 @@ def test_a_marker_pushes_the_cloth_moves_and_goes(room, client):
     assert reaches(room, client, 1.05, 1.065), "it came from below"
 
 
+@pytest.mark.long
 def test_what_cannot_be_added_is_told_and_nothing_changes(room, client):
     send(client, marker(1, Marker.SPHERE, (0.2, 0.1, 0.2)), marker(2, Marker.CUBE, (-1, 1, 1)))
     room.wait_for("box/1 is of type 2 and scale 0.2 0.1 0.2; allowed are cubes", 5.0)

@@ -125,6 +125,7 @@ def test_the_tablecloth_leaves_the_table():
     assert cloth[:, 0].min() > 0.45 and np.abs(cloth[:, 2] - 0.006).max() < 0.1, "it lies on the floor beside"
 
 
+@pytest.mark.long
 def test_the_harness_rests_on_its_pegs():
     sim = simulation("harness")
     run(sim, harness.END - harness.AGAIN, drive_hands(sim, harness, lambda name, t: harness.hand(t)))
@@ -241,6 +242,7 @@ def test_the_skirt_flares_when_it_turns():
     assert hem[0] > 0.36 > 1.2 * hem[1]
 
 
+@pytest.mark.long
 def test_the_pile_lies_on_its_stone():
     """The stone and the floor bear the weight of all, also of what touches neither."""
     sim = simulation("pile")

@@ -10,6 +10,7 @@ from node_process import SMALL
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("when", ["cloth_sim]: building", "cloth_sim]: simulating"])
+@pytest.mark.long
 def test_signals_end_it(start, number, when):
     node = start(SMALL).wait_for(when)
     begin = time.monotonic()

@@ -46,6 +46,7 @@ def run(client, node, begin, end, step):
         client.until(lambda t=t: node.newest() > t - FRAME + 1e-5, meanwhile=lambda t=t: node.tick(t))
 
 
+@pytest.mark.long
 def test_one_frame_for_each_frame_dt_of_the_clock(falling, client):
     client.until(lambda: falling.log.count("no /clock comes") == 1)
     told = client.listen(DiagnosticArray, "/diagnostics", 1)
@@ -67,6 +68,7 @@ def test_one_frame_for_each_frame_dt_of_the_clock(falling, client):
     assert seconds(told[-1].header.stamp) == pytest.approx(102.0, abs=1e-3)
 
 
+@pytest.mark.long
 def test_a_paused_clock_pauses_and_one_that_goes_back_starts_time_anew(falling, client):
     client.until(lambda: falling.log.count("no /clock comes") == 1)
     for _ in range(5):

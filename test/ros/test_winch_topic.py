@@ -89,6 +89,7 @@ def test_hauls_in_by_parameter(winch, client):
         (-math.inf, "a message on rope/winch is refused: its rate -inf is not finite"),
     ],
 )
+@pytest.mark.long
 def test_a_bad_rate_is_refused_in_one_sentence(winch, client, rate, text):
     client.spin(0.5)
     client.until(lambda: text in winch.log, meanwhile=lambda: winch.turn(rate))

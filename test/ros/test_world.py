@@ -15,6 +15,7 @@ from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.ros.world import World
 
 
+@pytest.mark.long
 def test_reset_brings_objects_back_and_leaves_colliders_where_their_senders_put_them():
     world = World(values(device="cpu"), logging.getLogger("test"))
     assert world.build(world.values)

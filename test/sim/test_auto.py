@@ -235,6 +235,7 @@ def test_a_live_change_within_the_method_changes_the_substeps_and_builds_nothing
     assert sim.choices["it"].words == "xpbd order 2" and sim.report()["it"]["iterations"] == 2
 
 
+@pytest.mark.long
 def test_one_method_serves_an_object_in_all_worlds():
     sim = Simulation(Scene({"it": SOFT}), Settings(substeps=NEEDED), "cpu", worlds=3)
     sim.set("gravity", (0, 0, -5), world=1)

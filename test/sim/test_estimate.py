@@ -27,6 +27,7 @@ def simulation(device, substeps=40, colliders=None, executor=None, **settings):
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.long
 def test_it_changes_no_bit(device, method):
     plain, watched = (simulation(device, colliders=BALL, **METHODS[method]) for _ in range(2))
     for frame in range(12):

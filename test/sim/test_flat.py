@@ -69,6 +69,7 @@ def test_what_counts_as_flat_is_apart(device, sheet):
     assert min(found.values()) >= 15, found
 
 
+@pytest.mark.long
 def test_no_bit_depends_on_it(device, monkeypatch):
     """A sheet that swings, is blown over a ball and folds: as if pairs were looked for in every frame."""
     sheet = Cloth(resolution=(12, 12), thickness=THICKNESS, pins="top", self_contact=True)

@@ -111,6 +111,7 @@ def test_a_patch_turns_with_its_hand_and_the_torque_is_its_load(device):
 
 
 @pytest.mark.parametrize("compliance", [0.0, 0.01, 0.2])
+@pytest.mark.long
 def test_a_soft_hold_gives_way_by_its_compliance(device, compliance):
     hand = Handle(position=(0, 0, 1), reach=0.02, compliance=compliance, attached=True)
     rope = Rope(segments=8, start=(0, 0, 1), end=(0, 0, 0), pins="none", stretch_compliance=1e-4)

@@ -76,6 +76,7 @@ def test_both_executors_give_the_same_state(device, order, iterations):
         assert np.abs(v - kinds["graph"][name][1]).max() < 2e-3
 
 
+@pytest.mark.long
 def test_bending_of_plates_agrees_between_executors(device):
     found = [states(device, plate=True, executor=executor)["cloth"][0] for executor in ("block", "graph")]
     assert np.abs(found[0] - found[1]).max() < 2e-6
@@ -193,6 +194,7 @@ HOSE = Features(False, True, "", (), 2, "xpbd", beam=True, twist=True)
         (ROPE_AND_ROOM, {"chain", "wind on ropes", "colliders", "plane", "box", "surface"}),
     ],
 )  # fmt: skip
+@pytest.mark.long
 def test_a_kernel_holds_what_its_scene_needs_and_nothing_else(features, present):
     found = functions_in_kernel(features)
     for feature, names in FUNCTIONS.items():
@@ -229,6 +231,7 @@ def test_two_scenes_without_a_feature_share_one_kernel():
     assert make_frame(without, 0, 1) is make_frame(Features.of(large, False, ()), 0, 1)
 
 
+@pytest.mark.long
 def test_changing_live_numbers_compiles_nothing(device):
     sim = Simulation(busy_scene(), Settings(method="xpbd", order=2, substeps=20), device=device)
     sim.step()

@@ -144,6 +144,7 @@ def test_a_mass_on_a_spring_swings_at_the_frequency_of_its_mass(device, settings
     assert expected[0] == pytest.approx(2.0 * expected[3], rel=1e-12), "four times the mass, half the frequency"
 
 
+@pytest.mark.long
 def test_what_hangs_or_lies_is_felt_with_the_weight_that_it_has_in_its_world(device):
     sheets = {
         "held": Cloth(resolution=(5, 5), size=(0.2, 0.2), pins="none", damping=1e-2),

@@ -138,6 +138,7 @@ def test_an_unknown_material_is_refused_with_those_that_there_are(make, names):
         make()
 
 
+@pytest.mark.long
 def test_a_cloth_let_go_comes_to_rest_by_the_air_and_not_by_the_steps(device):
     """Kinetic energy [J] 2 to 3 s after a level cloth is let go by its edge: alike at three times the substeps."""
 

@@ -89,6 +89,7 @@ def test_a_mesh_pushes_a_sheet_as_its_shape(alone, device, name, executor, setti
     assert np.sqrt((off**2).mean()) < apart + 1e-6 and off.max() < 6 * apart + 1e-5
 
 
+@pytest.mark.long
 def test_a_fine_mesh_of_a_ball_is_as_round_as_the_ball(device):
     """Nothing is patched here: neither touches the sheet between its particles, which move alike."""
     surface = trimesh.creation.icosphere(subdivisions=5, radius=BALL)
@@ -128,6 +129,7 @@ def test_a_volume_pushes_a_sheet_as_its_shape(alone, device):
 @pytest.mark.parametrize(
     ("executor", "settings"), [(None, {"order": 2}), ("subdomains", {"method": "verlet", "substeps": 80})]
 )
+@pytest.mark.long
 def test_the_weight_of_a_sheet_is_read_from_what_it_lies_on(alone, device, kind, executor, settings):
     table = of(trimesh.creation.box((1.4, 1.4, 0.2)), position=(0, 0, -0.1))
     if kind == "volume":
@@ -144,6 +146,7 @@ def test_the_weight_of_a_sheet_is_read_from_what_it_lies_on(alone, device, kind,
     assert np.abs(torque).max() < 0.005 * WEIGHT
 
 
+@pytest.mark.long
 def test_a_small_mesh_does_not_pass_between_the_particles(device):
     """A ball of 3 cm at 5 m/s under a sheet whose particles are 4.3 cm apart, as the shape that it stands for."""
     surface = trimesh.creation.icosphere(subdivisions=2, radius=0.03)
@@ -181,6 +184,7 @@ def fingers():
 
 @pytest.mark.parametrize("name", ["box", "finger", "hook"])
 @pytest.mark.parametrize(("resolution", "speed"), [(12, 10.0), (24, 1.0)])
+@pytest.mark.long
 def test_no_finger_with_edges_passes_a_sheet(device, name, resolution, speed):
     """It is a fifth of the spacing wide, or half of it, and lifts the sheet by half of its side."""
     finger, outside = fingers()[name]
@@ -197,6 +201,7 @@ def test_no_finger_with_edges_passes_a_sheet(device, name, resolution, speed):
     assert over.any() and points[over, 2].min() > 0.0
 
 
+@pytest.mark.long
 def test_the_report_says_how_deep_a_sheet_lies_in_a_mesh(device):
     meshed = of(trimesh.creation.box(2 * np.array(SLAB)), position=(0, 0, -5))
     sim = Simulation(Scene({"it": Cloth(resolution=(12, 12))}, {"slab": meshed}), fixed(), device)
@@ -227,6 +232,7 @@ def test_worlds_share_a_mesh_and_each_is_what_it_would_be_alone(device):
     assert not np.array_equal(many.positions("it", 0), many.positions("it", 2))
 
 
+@pytest.mark.long
 def test_a_saved_state_goes_on_with_the_mesh_of_another_process(device, tmp_path):
     """What lies elsewhere in memory now is found again, and the same bits come of it."""
     first = Simulation(scene_of_both(), fixed(), device)

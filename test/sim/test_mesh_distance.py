@@ -177,6 +177,7 @@ def test_the_grid_of_a_mesh_promises_no_more_than_a_closed_form():
     assert (least <= exact + 1e-6).all() and (exact - least)[exact > 0.0].max() < 0.2
 
 
+@pytest.mark.long
 def test_a_mesh_is_round_where_its_shape_is():
     """A ball comes between particles just where a sphere does, within the quarter of the thickness that is kept."""
     fine, thickness = of(ball(5)), 0.005

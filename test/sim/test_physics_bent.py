@@ -53,6 +53,7 @@ def bending_energy(rope, start):
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("compliance", [0.5, 1e-2, 1e-4, 1e-9])
 @pytest.mark.parametrize("held", PINS)
+@pytest.mark.long
 def test_bent_rope_gains_no_energy(device, held, compliance, order):
     rope = Rope(points=arc(33, np.pi), pins=PINS[held], bend_compliance=compliance, mass=MASS)
     along = np.linspace(0.0, 1.0, 34)[:, None]

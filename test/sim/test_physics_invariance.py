@@ -41,6 +41,7 @@ def same(first, second):
 
 
 @pytest.mark.parametrize(("executor", "order"), [("block", 1), ("block", 2), ("graph", 2)])
+@pytest.mark.long
 def test_same_inputs_give_the_same_bits(device, executor, order):
     assert same(*(run(NAMES, device, executor=executor, order=order, substeps=5) for _ in range(2)))
 
@@ -65,6 +66,7 @@ def test_reset_returns_to_the_first_bit(device, settings):
     assert same(*found)
 
 
+@pytest.mark.long
 def test_both_executors_give_the_same_motion(device):
     """Within what 800 substeps of float32 add up to: 1.01e-5 m on an H200, less on a CPU."""
     one, other = (run(NAMES, device, executor=executor) for executor in ("block", "graph"))

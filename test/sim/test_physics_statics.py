@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Simulation
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Sphere
 from cloth_sim_ros.study.closed_forms import ropes
 
 G = 9.81
@@ -122,3 +122,40 @@ def test_strip_of_cloth_stretches_as_its_springs(device, resolution):
     ea = (1.0 / compliance) * height / (ny - 1)
     expected = ropes.hanging_stretch(height, height, weight * column, 0.0, ea)
     assert z[-1] - z[0] - height == pytest.approx(np.full(nx, expected), rel=1e-3)
+
+
+def pressed(device, constant, **settings):
+    """A ball of 10 cm is pressed 0.2 m deep into a sheet of 0.6 m that is clamped; its strain and energy [J/kg]."""
+    springs = {"stretch_compliance": 1.0 / constant, "shear_compliance": 3.0 / constant}
+    sheet = Cloth(resolution=(24, 24), size=(0.6, 0.6), mass=0.1, thickness=0.005, pins="edges", **springs)
+    start = np.array([0.03, 0.02, -0.16])
+    scene = Scene({"it": sheet}, {"ball": Sphere(radius=0.1, position=tuple(start))})
+    sim = Simulation(scene, Settings(**settings), device)
+    for frame in range(90):
+        sim.set_collider_pose("ball", start + (0, 0, min(0.5 * (frame + 1) / 60.0, 0.35)))
+        sim.step()
+    told = sim.report()["it"]
+    return told["max_strain"], told["kinetic_energy"] / 0.1
+
+
+def test_a_ball_strains_a_clamped_sheet_alike_however_stiff_it_is(device):
+    """Who moves a linear system by hand moves it alike, whatever its springs are. It shook at 160 J/kg."""
+    strain, _ = pressed(device, 1e3, method="verlet")
+    for settings in ({}, {"method": "xpbd", "substeps": 40}, {"method": "xpbd", "substeps": 80, "order": 1}):
+        stiff, energy = pressed(device, 1e5, **settings)
+        assert stiff == pytest.approx(strain, rel=0.05) and energy < 2.0, settings
+
+
+def test_what_is_taut_lies_still(device):
+    """A clamped sheet of 1e5 N/m, stretched by 20 %, is strained alike everywhere, and what shakes it dies down."""
+    springs = {"stretch_compliance": 1e-5, "shear_compliance": 3e-5}
+    sheet = Cloth(resolution=(48, 48), size=(0.6, 0.6), mass=0.1, pins="edges", **springs)
+    sim = Simulation(Scene({"it": sheet}), Settings(method="xpbd"), device)
+    x = sim.positions("it")
+    x[:, :2] *= 1.2
+    sim.set_positions("it", x)
+    speeds = 0.1 * np.random.default_rng(1).normal(size=x.shape)
+    sim.set_velocities("it", speeds)
+    sim.step(60)
+    told = sim.report()["it"]
+    assert told["max_strain"] == pytest.approx(0.2, abs=2e-3) and told["kinetic_energy"] < 1e-4

@@ -10,6 +10,7 @@ from cloth_sim_ros.sim.executors.choose import forced_executor
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.long
 def test_it_goes_on_to_the_same_bits(case, device, tmp_path):
     seed = random.randrange(1 << 30)
     print(f"seed {seed}")

@@ -120,6 +120,7 @@ def test_a_damaged_file_is_refused_or_harmless(whole, tmp_path):
         ("handle hand is there in it and not there here", lambda: replace(cloth_scene(), handles={}), {}, 1),
     ],
 )
+@pytest.mark.long
 def test_another_scene_is_refused(whole, tmp_path, what, scene, settings, worlds):
     other = Simulation(scene(), Settings(**settings), "cpu", worlds)
     told = refusal(other, whole[1], tmp_path)

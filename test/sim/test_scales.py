@@ -120,6 +120,7 @@ def test_each_world_moves_as_a_scene_of_its_size(device, settings):
 
 
 @pytest.mark.parametrize("settings", [{"order": 2}, {"method": "verlet", "substeps": 200}], ids=["xpbd", "verlet"])
+@pytest.mark.long
 def test_each_world_has_the_arrays_of_a_scene_of_its_size(device, settings):
     """All of them, those too that only a fault or contact with itself reads."""
     explicit = settings.get("method") == "verlet"

@@ -114,6 +114,7 @@ def test_a_sheet_that_falls_on_its_edge_does_not_come_through_itself(device, cou
     assert sim.report()["it"]["crossings"] > count, "without it, it comes through"
 
 
+@pytest.mark.long
 def test_crumpled_sheets_come_to_rest(device):
     """They neither tremble nor slide: what lies on the floor sticks to it, whatever lies on top.
 
@@ -151,6 +152,7 @@ def test_crossings_are_told(device):
 
 
 @pytest.mark.parametrize(("settings", "share"), [({}, 0.7), ({"substeps": 40, "iterations": 4}, 0.9)])
+@pytest.mark.long
 def test_a_rope_piles_up_on_itself(device, settings, share):
     """No two parts of a rope that falls on a floor come nearer than a share of its thickness, in most of four starts,
     and none at its end."""
@@ -202,6 +204,7 @@ def pulled_knot(device, self_contact):
     return np.array(found).T
 
 
+@pytest.mark.long
 def test_a_knot_is_tight_where_an_ideal_one_is(device):
     """The tightest open trefoil takes 10.1 diameters of a smooth rope (Pieranski, Przybyl and Stasiak 2001).
 

@@ -129,6 +129,7 @@ def test_a_rigid_spring_has_an_infinite_constant():
         Plane(normal=(0, 1, 0), point=(0.0, -0.3, -0.1)),
     ],
 )
+@pytest.mark.long
 def test_a_moving_collider_pushes_the_cloth_and_none_stays_inside(device, collider):
     start = collider.position
     sim = sheet_sim(device, {"it": collider})
@@ -204,6 +205,7 @@ def test_report_measures_strain_energy_and_penetration(device):
     assert report["max_penetration"] == report["particle_penetration"] == pytest.approx(0.205, rel=1e-4)
 
 
+@pytest.mark.long
 def test_penetration_is_of_the_surface(device):
     sheet = Cloth(resolution=(3, 3), pins=None, thickness=0.001)
     rope = Rope(segments=2, start=(-0.5, 0.25, 0), end=(0.5, 0.25, 0), pins=None, radius=0.001)
@@ -255,6 +257,7 @@ def run_in_calls(case, device, whole, captured=False):
 
 
 @pytest.mark.parametrize("case", STEPPED)
+@pytest.mark.long
 def test_many_frames_of_a_call_are_those_of_as_many_calls(device, case):
     one_by_one, sim = run_in_calls(case, device, whole=False)
     assert sim.time == pytest.approx(39 / 60)

@@ -105,6 +105,7 @@ def test_reach_and_roundness_of_many_sizes_are_those_of_each():
     assert Ellipsoid((0.1, 0.4, 0.2)).roundness() == pytest.approx(0.025)
 
 
+@pytest.mark.long
 def test_sizes_are_drawn(device):
     sim = Simulation(scene(), fixed(), device, worlds=WORLDS)
     vary = {"ball.radius": {"uniform": [0.1, 0.3]}, "egg.radii": {"log_uniform": [[0.1, 0.1, 0.1], [0.2, 0.2, 0.3]]}}
@@ -128,6 +129,7 @@ def test_sizes_are_drawn(device):
         ("lump.spacing", (1, 1, 1), "lump.spacing is fixed when a Simulation is built"),
     ],
 )
+@pytest.mark.long
 def test_sizes_that_cannot_be_are_refused(name, value, words):
     grid = np.linalg.norm(np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3), axis=-1), axis=-1) * 0.1 - 0.15
     lump = SignedDistance(values=grid, origin=(-0.2, -0.2, -0.2), spacing=0.1)

@@ -127,6 +127,7 @@ def test_eight_threads_read_neighbours_from_eight_banks(size, depth):
 
 
 @pytest.mark.parametrize("iterations", [1, 2])
+@pytest.mark.long
 def test_no_way_of_cutting_changes_a_bit(device, iterations):
     whole = states(simulation(device, 200, 1, iterations=iterations))
     for size, depth in ((16, 1), (16, 4), (50, 3), (None, None)):

@@ -159,6 +159,7 @@ def test_what_sticks_between_particles_does_not_creep(device, order):
 
 @pytest.mark.parametrize("radius", [0.012, 0.05])
 @pytest.mark.parametrize("method", ["auto", "xpbd"])
+@pytest.mark.long
 def test_a_cloth_over_a_rail_comes_to_rest(device, radius, method):
     """Its own tension presses it on a rail that lies between its particles: nothing of that may shake it."""
     sheet = Cloth(resolution=(24, 24), pins="none")
@@ -176,6 +177,7 @@ def test_a_cloth_over_a_rail_comes_to_rest(device, radius, method):
 
 
 @pytest.mark.parametrize("segments", [40, 100])
+@pytest.mark.long
 def test_a_hand_pulls_a_rope_around_a_peg(device, segments):
     """The peg is 15 mm thick or less than a segment. The rope is long enough, so it neither stretches nor passes."""
     peg = np.array([0.0, 0.03])
@@ -198,6 +200,7 @@ def test_a_hand_pulls_a_rope_around_a_peg(device, segments):
 
 
 @pytest.mark.parametrize(("segments", "load"), [(40, 0.2), (40, 1.0), (100, 1.0), (100, 5.0)])
+@pytest.mark.long
 def test_a_weight_hangs_over_a_bar(device, segments, load):
     """On a bar without friction the rope pulls alike on both sides, and it stretches by next to nothing."""
     radius = 0.03 + 0.004

@@ -148,6 +148,7 @@ AMONG = {"wind": Wind(NOTHING), "colliders": {"ball": Sphere(position=(0, 0, 9),
     ],
     ids=["springs", "among things", "plate", "graph", "self-contact", "curved mesh", "mesh"],
 )
+@pytest.mark.long
 def test_parts_that_are_cut_have_nothing_to_do_with_one_another(device, cloth, way):
     """One part is put down elsewhere, turned. Each keeps its shape there, to rounding, and both stay at rest."""
     sim = simulated(cloth, device, **way)

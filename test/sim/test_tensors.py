@@ -60,6 +60,7 @@ def poses(seed, height):
     return np.column_stack([random.uniform(-0.02, 0.02, (WORLDS, 2)), np.full(WORLDS, height), turned])
 
 
+@pytest.mark.long
 def test_arrays_and_masks_write_what_single_worlds_would(device):
     many, alone = make(device)
     for name, values in numbers(1).items():
@@ -162,6 +163,7 @@ def test_tensions_of_ropes_that_hang_are_the_weight_below(device, settings):
 
 
 @pytest.mark.parametrize("others", [0, 2])
+@pytest.mark.long
 def test_contact_forces_of_what_lies_carry_its_weight(device, others):
     """Those of one collider are a view, those of several are added up; a particle in the air feels none."""
     sheet = Cloth(resolution=(5, 5), pins="none", position=(0, 0, 0.004), thickness=0.004, mass=0.2)

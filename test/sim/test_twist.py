@@ -34,6 +34,7 @@ def free_length(segments, length):
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("turn", [np.pi / 2, -12.0])
+@pytest.mark.long
 def test_the_turn_of_the_end_is_spread_evenly(device, turn, order):
     segments, length, torsion = 20, 1.0, 0.05
     sim = simulation(clamped(segments, length, 10.0, torsion), device, order=order)
@@ -223,6 +224,7 @@ def turn_hand(sim, begin, end):
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("turn", [2.0, -8.0])
+@pytest.mark.long
 def test_a_hand_that_turns_the_end_twists_the_rope_and_feels_its_torsion(device, turn, order):
     sim, stiffness = held(device, turn, order)
     assert sim.report()["it"]["torsion"] == pytest.approx(stiffness * turn, rel=1e-3)
@@ -243,6 +245,7 @@ def test_what_a_hand_lets_go_has_no_twist_and_begins_anew_when_it_is_held_again(
     assert sim.report()["it"]["torsion"] == pytest.approx(-stiffness, rel=2e-3)
 
 
+@pytest.mark.long
 def test_both_executors_twist_by_hand_alike(device):
     found = []
     for executor in ("block", "graph"):

@@ -69,6 +69,7 @@ def dense_step(rope, rest, x, v, tensions):
 @pytest.mark.parametrize(
     ("load", "compliance", "damping"), [(0.0, 1e-3, 0.0), (0.0, 1e-3, 2e-3), (1e4, 1e-5, 0.0), (1e4, 0.0, 0.0)]
 )
+@pytest.mark.long
 def test_a_substep_is_what_a_dense_matrix_finds(segments, pins, load, compliance, damping):
     pins = pins and tuple(pin % (segments + 1) for pin in pins)
     rope = rope_of(segments, pins, load, stretch_compliance=compliance, damping=damping)

@@ -85,6 +85,7 @@ STARTS = {
 }
 
 
+@pytest.mark.long
 def test_objects_start_where_is_drawn_as_in_a_scene_that_puts_them_there(device):
     many = Simulation(started(), fixed(), device, worlds=3)
     many.step(4)

@@ -52,6 +52,7 @@ def test_each_spring_pulls_as_it_does_alone(resolution, more, damping):
 
 
 @pytest.mark.parametrize("iterations", [1, 2])
+@pytest.mark.long
 def test_vector_rows_are_one_executor_of_many_in_a_busy_scene(iterations):
     things = {
         "sheet": Cloth(resolution=(12, 11), pins="top", damping=1e-4, bending="springs", **SPRINGS),

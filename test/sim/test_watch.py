@@ -30,6 +30,7 @@ def poison(sim, name, value):
 @pytest.mark.parametrize("executor", ["block", "graph"])
 @pytest.mark.parametrize("settings", [{}, {"order": 2}, {"method": "verlet", "substeps": 120}])
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+@pytest.mark.long
 def test_a_bad_object_is_put_back_alone(device, executor, settings, value):
     with forced_executor(executor):
         sims = [Simulation(scene(), fixed(**settings), device=device) for _ in range(2)]
@@ -57,6 +58,7 @@ def test_a_bad_object_is_put_back_alone(device, executor, settings, value):
 
 @pytest.mark.parametrize("executor", ["block", "graph"])
 @pytest.mark.parametrize("settings", [{}, {"order": 2}])
+@pytest.mark.long
 def test_a_state_that_is_never_good_gives_way_to_the_rest_shape(device, executor, settings):
     both = Scene({"wild": SHORT, "calm": replace(SHORT, position=(0, 3, 0))}, gravity=(0, 0, 0))
     with forced_executor(executor):

@@ -308,6 +308,7 @@ def test_what_a_winch_cannot_have_is_said(change, sentence):
 
 
 @pytest.mark.parametrize(("order", "executor"), [(1, "block"), (2, "block"), (1, "graph")])
+@pytest.mark.long
 def test_what_bends_is_fed_between_two_hinges_as_the_elastica(device, order, executor):
     """Rise and thrust of Euler's elastica, out and in. A rope of length l over a span s has the modulus k of
     2 E(k) / K(k) - 1 = s / l, rises by k l / K(k) and thrusts with EI (2 K(k) / l)^2."""

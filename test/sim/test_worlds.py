@@ -72,6 +72,7 @@ def test_each_world_is_what_it_would_be_alone(device, executor, settings):
             assert all(not np.array_equal(a, b) for a, b in zip(states(many, w), first, strict=True)), "inputs differ"
 
 
+@pytest.mark.long
 def test_writing_without_a_world_writes_to_all(device):
     many, one = Simulation(scene(), device=device, worlds=3), Simulation(scene(), device=device)
     for poses in zip(drive(many, 2, None), drive(one, 2, None), strict=True):

@@ -50,6 +50,7 @@ CHOSEN = [
 
 
 @pytest.mark.parametrize(("case", "kind", "method", "options"), CHOSEN)
+@pytest.mark.long
 def test_a_hard_case_keeps_its_promise(case, kind, method, options):
     options = {"substeps": 20, "iterations": 1, **options}
     verdict = judge.judge(judge.Combination(case, kind, method, options, seed=7), "cpu")

@@ -109,6 +109,7 @@ def test_choice_is_the_cheapest_that_keeps_the_error_else_the_nearest():
     assert tune.choose(rows, 1.0, 0.5) is None
 
 
+@pytest.mark.long
 def test_tune_meets_its_error_and_says_so(monkeypatch, tmp_path, scene, capsys):
     options = ("--device", "cpu", "--error", "1e-3", "--seconds", "0.3", "--substeps", "2", "10", "40")
     more = ("--iterations", "1", "2", "--output", str(tmp_path), "--move", "ball", "0", "-0.5", "0")

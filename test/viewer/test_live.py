@@ -68,6 +68,7 @@ def test_objects_are_where_their_particles_are(shown, client):
     assert np.allclose(np.linalg.norm(rings - points[:, None], axis=2), 0.02, atol=1e-6)
 
 
+@pytest.mark.long
 def test_colliders_and_handles_are_where_they_are_and_as_large(shown):
     bodies = shown.page.scene.bodies
     assert set(bodies) == {"floor/0", "ball/0", "box/0", "bar/0", "bar/1", "bar/2", "hand/0"}
@@ -128,6 +129,7 @@ def test_a_slider_follows_what_others_set(shown, client):
     assert client.get("cloth.static_friction") == 1.25
 
 
+@pytest.mark.long
 def test_what_is_dragged_comes_along_and_is_let_go(shown, client):
     page = shown.page
     for k in range(4):

@@ -66,6 +66,7 @@ def served(port: str, count: int) -> None:
             assert isinstance(socket.recv(timeout=20.0), bytes)
 
 
+@pytest.mark.long
 def test_the_viewer_serves_its_page_and_ends_with_0(command, start):
     start(SMALL).ready()
     viewer = command("cloth_sim_ros.viewer", "--ros-args", "-p", "port:=18200")

@@ -227,6 +227,7 @@ def test_the_error_falls_to_nothing_by_colours_and_not_by_races(net):
 # -- e. the whole cloth ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_whole_cloth_weighs_on_the_ball_and_is_dragged(open_page):
     page = open_page(whole_cloth.WholeCloth)
     sim = page.stage.sim

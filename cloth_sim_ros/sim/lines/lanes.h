@@ -130,10 +130,17 @@ auto push = [&](const int* at, const Lanes* by) {
         displacements[at[lane]] += change;
     }
 };
-auto feel = [&](const int* at, const Lanes* impulse) {  // adds the size of this family's force [N] to low.w
+// Adds the size of this family's force on a particle [N] to low.w, and raises `tautness` to its tension there.
+auto feel = [&](const int* at, const Lanes* impulse, Lanes pulls) {
     const Lanes force = weighs * __builtin_elementwise_sqrt(dot(impulse, impulse));
-    for (int lane = 0; lane < lines; ++lane) ((Row*)low)[at[lane]][3] += force[lane];
+    const Lanes tension = 0.5f * weighs * (pulls > 0.0f ? pulls : Lanes(0.0f));
+    for (int lane = 0; lane < lines; ++lane) {
+        ((Row*)low)[at[lane]][3] += force[lane];
+        float& most = tautness.data[particle + at[lane]];
+        most = most > tension[lane] ? most : tension[lane];
+    }
 };
+Lanes pull_behind = 0.0f;
 for (int k = slots - 2; k >= 0; --k) {
     const Spring& spring = springs[k];
     const Lanes lambda = spring.inverse * (spring.rest - coupled);
@@ -152,7 +159,8 @@ for (int k = slots - 2; k >= 0; --k) {
         by[axis] = spring.weight * net[axis];
         behind[axis] = impulse;
     }
-    if (weighs > 0.0f) feel(at + 8 * (k + 1), net);
+    if (weighs > 0.0f) feel(at + 8 * (k + 1), net, pull_behind - lambda);
+    pull_behind = -lambda;
     by[3] = 0.0f;
     push(at + 8 * (k + 1), by);
     coupled = spring.coupling * lambda;
@@ -163,4 +171,4 @@ Lanes by[4];
 for (int axis = 0; axis < 3; ++axis) by[axis] = -columns[3] * behind[axis];
 by[3] = 0.0f;
 push(at, by);
-if (weighs > 0.0f) feel(at, behind);
+if (weighs > 0.0f) feel(at, behind, pull_behind);

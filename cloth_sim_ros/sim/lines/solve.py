@@ -14,7 +14,7 @@ dashpots would resist what is undone behind them: a sheet at rest under load wou
 slip what came behind this solve in the substep before, which is all of that slip less `line_slips`.
 
 In the first substep of a frame, each line of what is pinned or held adds the size of its force on a particle to what
-`physics/integrate.py` makes it heavier by.
+`physics/integrate.py` makes it heavier by. So does the tension of the tautest.
 """
 
 from __future__ import annotations
@@ -64,6 +64,7 @@ def make_solve_row(slots_a_thread: int):
         last: wp.array(dtype=wp.vec3),
         velocities: wp.array(dtype=wp.vec4),
         slips: wp.array(dtype=float),
+        tautness: wp.array(dtype=float),
         span: float,
         fresh: bool,
         stores: bool,
@@ -116,6 +117,7 @@ def make_solve_line_row(features: Features):
             here.state.last_displacements,
             here.state.velocities,
             here.state.line_slips,
+            here.state.tautness,
             here.step.effective,
             here.step.first,
             here.step.store,

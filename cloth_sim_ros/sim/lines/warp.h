@@ -169,19 +169,23 @@ if (keeps) {
 }
 const float l = R[Slots - 1];
 float bx = up(l * ux[Slots - 1], 1), by = up(l * uy[Slots - 1], 1), bz = up(l * uz[Slots - 1], 1);
-if (lane == 0) bx = by = bz = 0.0f;
+float pull = up(l, 1);
+if (lane == 0) bx = by = bz = pull = 0.0f;
 #pragma unroll
 for (int j = 0; j < Slots; ++j) {
     const float fx = R[j] * ux[j], fy = R[j] * uy[j], fz = R[j] * uz[j];
     if (node[j] >= 0) {
         const float4 now = make_float4(d[j].x + w[j] * (bx - fx), d[j].y + w[j] * (by - fy), d[j].z + w[j] * (bz - fz), d[j].w);
         ((float4*)d_address)[node[j]] = now;
-        if (weighs > 0.0f) {  // the size of this family's force [N] is added to low.w
+        if (weighs > 0.0f) {  // as in lanes.h
             const float nx = bx - fx, ny = by - fy, nz = bz - fz;
+            float& most = tautness.data[particle + node[j]];
+            most = fmaxf(most, -0.5f * weighs * (pull + R[j]));
             ((float4*)low)[node[j]].w += weighs * sqrtf(nx * nx + ny * ny + nz * nz);
         }
     }
     bx = fx;
     by = fy;
     bz = fz;
+    pull = R[j];
 }

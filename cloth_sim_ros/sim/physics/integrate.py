@@ -38,6 +38,11 @@ def predict_displacement(base: wp.vec3, v: wp.vec3, a: wp.vec3, h: float, eased:
 # moves on may be moved by some times its own way, and by more times what its weight does, as in long substeps.
 MOST_ASIDE, MOST_WAYS, MOST_WEIGHTS = wp.constant(0.02), wp.constant(2.0), wp.constant(20.0)
 
+# A taut line moves a particle that lies beside it by 4 w h^2 T / l times as far, where T is its tension and l the
+# length of its springs. Beyond 2 it swings to and fro ever farther, beyond 1 it comes out on the other side. A particle
+# gets heavier until it does not: geometric stiffness as mass, after the same paper.
+MOST_TAUT = wp.constant(0.25)
+
 
 @wp.func
 def share_of_inverse_mass(aside: float, way: wp.vec3, fall: wp.vec3, spacing: float) -> float:

@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.intrinsics import (
     load4,
     load_pair,
     load_row,
+    quotient,
     store4,
     store_row,
     xyz,
@@ -24,6 +25,8 @@ from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.integrate import (
     MOST_ASIDE,
+    MOST_TAUT,
+    MOST_WEIGHTS,
     Step,
     carried,
     eased_by,
@@ -166,12 +169,17 @@ def make_predict(features: Features):
             a *= first_share(here.step)
         if wp.static(features.lines):
             h = here.step.effective
+            taut = h * h * eased * w * here.state.tautness[g]
+            most = MOST_TAUT * here.body.spacing + MOST_WEIGHTS * wp.length(h * h * a)
+            if taut > most:
+                eased *= quotient(most, taut)
             aside = h * h * eased * w * load4(here.low, i)[3]
             # Few do, so the roots and the quotient are found for these alone.
             if aside > MOST_ASIDE * here.body.spacing:
                 eased *= share_of_inverse_mass(aside, base + h * v, h * h * a, here.body.spacing)
             if here.substep == 0:
                 store4(here.low, i, pack(low, 0.0))
+                here.state.tautness[g] = 0.0
         # Chosen, not branched to, or a warp with a pinned particle would go both ways.
         moved = prediction(base, v, a, eased, w, low, here.step)
         if wp.static(features.supported):
