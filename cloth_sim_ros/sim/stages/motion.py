@@ -169,12 +169,12 @@ def make_predict(features: Features):
             a *= first_share(here.step)
         if wp.static(features.lines):
             h = here.step.effective
+            # Few are taut or go aside, so the roots and the quotients are found for these alone.
             taut = h * h * eased * w * here.state.tautness[g]
-            most = MOST_TAUT * here.body.spacing + MOST_WEIGHTS * wp.length(h * h * a)
-            if taut > most:
-                eased *= quotient(most, taut)
+            if taut > MOST_TAUT * here.body.spacing:
+                most = MOST_TAUT * here.body.spacing + MOST_WEIGHTS * wp.length(h * h * a)
+                eased *= wp.min(1.0, quotient(most, taut))
             aside = h * h * eased * w * load4(here.low, i)[3]
-            # Few do, so the roots and the quotient are found for these alone.
             if aside > MOST_ASIDE * here.body.spacing:
                 eased *= share_of_inverse_mass(aside, base + h * v, h * h * a, here.body.spacing)
             if here.substep == 0:
