@@ -72,6 +72,7 @@ def test_four_parameters_are_found_to_2_percent(device, seed):
     assert found.noise < 1e-5
 
 
+@pytest.mark.long
 def test_unordered_points_with_2_mm_noise_give_5_percent(device):
     truth = drawn(13)
     recording = record(truth, device, noise=0.002, seen="shuffled")

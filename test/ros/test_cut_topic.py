@@ -45,6 +45,7 @@ def hung(start, client):
     return node
 
 
+@pytest.mark.long
 def test_a_cut_drops_what_is_below_it_and_reset_mends(hung, client):
     assert len(hung.topologies[-1].triangles) == 2 * 7 * 8
     hung.cut(across(1.95))

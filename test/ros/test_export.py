@@ -147,6 +147,7 @@ def test_movies_show_what_moves(bag, tmp_path):
     assert b"ftyp" in (tmp_path / "cloth.mp4").read_bytes()[:12]
 
 
+@pytest.mark.long
 def test_what_cannot_be_exported_is_told_in_a_sentence(bag, tmp_path):
     assert "ends in .obj; allowed are .glb, .mp4, .gif" in export(bag, tmp_path / "cloth.obj", status=1)
     assert "is not there" in export(tmp_path / "none", tmp_path / "cloth.glb", status=1)

@@ -62,6 +62,7 @@ def rate_of(client, heights) -> float:
     return float(fields(clouds[0])[-1, 2] - fields(clouds[60])[-1, 2])
 
 
+@pytest.mark.long
 def test_pay_out_by_parameter_stops_a_winch_set_by_topic(heights, client):
     client.until(lambda: heights.end_of_rope() < 1.45, meanwhile=lambda: heights.turn(0.2))
     assert rate_of(client, heights) == pytest.approx(0.2, rel=0.1)

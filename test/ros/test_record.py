@@ -170,6 +170,7 @@ def journal_of(bag):
     return Bag(bag).journal
 
 
+@pytest.mark.long
 def test_a_changed_input_is_told_from_its_frame_on(bag, tmp_path):
     frames = 0
     for entry in journal_of(bag):

@@ -57,6 +57,7 @@ def shared(ros, tmp_path_factory):
         ("cloth.masss", 1.0, "there is no parameter cloth.masss; did you mean cloth.mass?"),
     ],
 )
+@pytest.mark.long
 def test_refused_with_the_reason(shared, name, value, reason):
     client = shared.client
     before = client.get(name)

@@ -81,6 +81,7 @@ def test_what_cannot_be_added_is_told_and_nothing_changes(room, client):
     assert reaches(room, client, 0.99, 1.01) and room.alive()
 
 
+@pytest.mark.long
 def test_a_lifetime_is_told_to_be_none(room, client):
     brief = marker(1, Marker.SPHERE, (0.2, 0.2, 0.2), (0, 0, 0.93))
     brief.lifetime.sec = 1

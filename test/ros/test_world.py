@@ -56,6 +56,7 @@ def test_the_error_of_a_frame_is_estimated_once_a_period():
     assert world.estimates == seen[-1]
 
 
+@pytest.mark.long
 def test_an_object_that_goes_bad_is_named_in_log_and_diagnostics(caplog):
     world = World(values(device="cpu"), logging.getLogger("test"))
     assert world.build(world.values)

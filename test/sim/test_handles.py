@@ -195,6 +195,7 @@ def test_what_is_held_goes_with_the_hand_through_a_collider(device):
     assert np.linalg.norm(sim.positions("towel") - (-0.5, -0.5, 0.3), axis=1).min() < 1e-4
 
 
+@pytest.mark.long
 def test_hands_that_wring_a_sheet_on_itself_never_fling_it(device):
     """Its parts keep what is held from following: the force that was not given has to be forgotten."""
     sheet = Cloth(resolution=(8, 8), size=(0.4, 0.4), damping=1e-3, pins="none", thickness=0.003, self_contact=True)

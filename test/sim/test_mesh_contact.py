@@ -108,6 +108,7 @@ def test_a_fine_mesh_of_a_ball_is_as_round_as_the_ball(device):
 
 
 @pytest.mark.parametrize(("executor", "settings"), WAYS[:1])
+@pytest.mark.long
 def test_a_mesh_moves_and_turns_as_its_shape(alone, device, executor, settings):
     shape, mesh, _ = pairs()["slab"]
     wanted, found = (pushed(it, device, executor, settings, turning) for it in (shape, mesh))

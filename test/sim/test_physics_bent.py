@@ -97,6 +97,7 @@ def zeros(times, course):
 @pytest.mark.parametrize("segments", [4, 8, 33])
 @pytest.mark.parametrize("compliance", [1e-4, 1e-9])
 @pytest.mark.parametrize("substeps, iterations, order", [(20, 1, 1), (10, 1, 2), (20, 1, 2), (10, 4, 2)])
+@pytest.mark.long
 def test_stiff_rope_swings_as_a_rigid_pendulum(device, rest, segments, compliance, substeps, iterations, order):
     points = arc(segments, rest)
     rope = Rope(points=points, bend_compliance=compliance, mass=MASS, stretch_compliance=1e-6)

@@ -46,6 +46,7 @@ def test_same_inputs_give_the_same_bits(device, executor, order):
     assert same(*(run(NAMES, device, executor=executor, order=order, substeps=5) for _ in range(2)))
 
 
+@pytest.mark.long
 def test_order_of_objects_does_not_matter_to_the_bit(device):
     assert same(run(NAMES, device), run(NAMES[::-1], device))
 
@@ -55,6 +56,7 @@ def test_an_object_alone_moves_as_among_others(device):
 
 
 @pytest.mark.parametrize("settings", [{}, {"order": 2, "substeps": 5}])
+@pytest.mark.long
 def test_reset_returns_to_the_first_bit(device, settings):
     sim = Simulation(scene(NAMES), fixed(**settings), device=device)
     found = []

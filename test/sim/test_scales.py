@@ -145,6 +145,7 @@ def test_it_compiles_for_cuda(tmp_path):
     wp.compile_aot_module(wp.get_module(scaled_rows.__name__), arch=90, module_dir=tmp_path, use_ptx=True)
 
 
+@pytest.mark.long
 def test_scales_are_live_by_mask_outlive_a_reset_and_are_saved(device, tmp_path):
     settings = fixed(order=2)
     many, alone = scaled(settings, device), built(0.5, settings, device)
@@ -279,6 +280,7 @@ def test_what_takes_one_shape_of_all_worlds_is_left_to_others(device):
         sim.set("it.scale", 2.0)
 
 
+@pytest.mark.long
 def test_the_largest_world_decides_whether_colliders_come_between_particles(device):
     sim = Simulation(
         Scene({"it": Cloth((9, 9), (0.2, 0.2))}, {"ball": Sphere(0.5, position=(0, 0, -3))}), fixed(), device, 2

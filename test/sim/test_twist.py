@@ -66,6 +66,7 @@ def helix(sim, stretch, wave, size):
 @pytest.mark.parametrize("substeps", [10, 40])
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(("share", "coils"), [(0.97, False), (-0.97, False), (1.05, True), (-1.05, True)])
+@pytest.mark.long
 def test_a_long_rope_in_tension_coils_at_greenhills_moment(device, share, coils, order, substeps):
     """M = 2 sqrt(EI T) (Greenhill 1883); between clamps it is some 1 % more."""
     segments, length, bending, torsion, tension, axial = 128, 1.0, 1e-3, 1e-3, 1.6, 100.0

@@ -83,6 +83,7 @@ def test_vector_rows_are_one_executor_of_many_in_a_busy_scene(iterations):
     assert np.array_equal(*states([alone, sims[0]], "sheet"))
 
 
+@pytest.mark.long
 def test_worlds_have_their_own_vector_rows():
     scene = {"it": Cloth(resolution=(9, 9), pins="top", **SPRINGS), "other": Cloth(resolution=(6, 3), **SPRINGS)}
     many, single = both(scene, worlds=3)[0], both(scene, gravity=(0, 0, -3.0))[0]

@@ -41,6 +41,7 @@ def told(page, words):
     return float(re.search(rf"^ {{4}}.*{words} (-?[\d.]+)", (TUTORIALS / f"{page}.md").read_text(), re.MULTILINE)[1])
 
 
+@pytest.mark.long
 def test_the_first_towel_lies_over_its_ball_and_sags_when_soft(tmp_path):
     sim = simulation("first-scene", tmp_path)
     sim.step(120)
@@ -55,6 +56,7 @@ def test_the_first_towel_lies_over_its_ball_and_sags_when_soft(tmp_path):
     assert sim.positions("towel")[:, 2].mean() < height - 0.005
 
 
+@pytest.mark.long
 def test_fingers_hold_the_towel_by_friction(tmp_path):
     text = printed("fingers", tmp_path)
     press = float(re.search(r"presses with ([\d.]+)", text)[1])

@@ -87,6 +87,7 @@ def test_colliders_and_handles_are_where_they_are_and_as_large(shown):
     assert not shown.page.scene._ground.visible  # the floor is one
 
 
+@pytest.mark.long
 def test_a_slider_sets_its_parameter(shown, client):
     sliders = shown.page.panel.sliders
     for name, value in {
