@@ -106,6 +106,17 @@ def test_a_longer_frame_has_as_many_more_substeps(thing):
     assert np.linalg.norm(ways[0] - ways[1]) < 3.0 * sims[10].choices["it"].error * np.linalg.norm(ways[1])
 
 
+def ways_of(sims, frames):
+    """How far particles of "it" have gone since now, after each of so many frames, in each of two simulations."""
+    start = sims[0].positions("it").astype(float)
+    ways = [[], []]
+    for _ in range(frames):
+        for sim, way in zip(sims, ways, strict=True):
+            sim.step()
+            way.append(sim.positions("it") - start)
+    return ways
+
+
 def cut(count, side, **fields):
     """An irregular mesh of count^2 vertices that hangs by its upper edge, `side` [m] long."""
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(0.0, side, count), np.linspace(-side, 0.0, count)))
@@ -130,12 +141,7 @@ def test_what_hangs_swings_down_as_right_as_is_wanted(thing):
     """From level, for 20 frames, beside many more substeps. A light sheet of 0.3 m was 1.1 % of its way off, a mesh of
     cotton 1.4 %, while 0.1 % was wanted."""
     sims = [auto(thing), auto(thing, method="xpbd", order=2, substeps=400, iterations=1)]
-    start = sims[0].positions("it").astype(float)
-    ways = [[], []]
-    for _ in range(20):
-        for sim, way in zip(sims, ways, strict=True):
-            sim.step()
-            way.append(sim.positions("it") - start)
+    ways = ways_of(sims, 20)
     assert sims[0].choices["it"].error < 1.05e-3
     assert np.linalg.norm(np.subtract(*ways)) < 1.5e-3 * np.linalg.norm(ways[1])
 
@@ -158,12 +164,7 @@ def test_what_is_free_moves_as_right_as_is_wanted(pins, side, constant, wind):
     sheet = Cloth(resolution=(24, 24), mass=0.2 * side**2, **place, **springs)
     fine = {"method": "xpbd", "order": 2, "substeps": 400, "iterations": 1}
     sims = [auto(sheet, wind=wind, **each) for each in ({"method": "xpbd", "error": 1e-2}, fine)]
-    start = sims[0].positions("it").astype(float)
-    ways = [[], []]
-    for _ in range(30):
-        for sim, way in zip(sims, ways, strict=True):
-            sim.step()
-            way.append(sim.positions("it") - start)
+    ways = ways_of(sims, 30)
     assert sims[0].choices["it"].substeps < 30 and sims[0].choices["it"].error < 1.05e-2
     assert np.linalg.norm(np.subtract(*ways)) < 1e-2 * np.linalg.norm(ways[1])
 

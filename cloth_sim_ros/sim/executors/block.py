@@ -9,10 +9,9 @@ from functools import lru_cache
 
 import warp as wp
 
-from cloth_sim_ros.sim import intrinsics as native
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.executors.shared_history import copy_history, with_history_at
-from cloth_sim_ros.sim.intrinsics import BYTES_A_PARTICLE, load_row, store4, sync
+from cloth_sim_ros.sim.intrinsics import BYTES_A_PARTICLE, beside, load_row, make_tile_address, store4, sync
 from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.methods.stage import in_turn
 from cloth_sim_ros.sim.model import Features
@@ -152,12 +151,12 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
     keeps_low = features.lines or features.chain
     all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
     tile_size = (3 if all_shared else 2) * shared
-    tile_address = native.make_tile_address(tile_size) if shared else None
+    tile_address = make_tile_address(tile_size) if shared else None
     # Velocities and what order 2 looks back at, 10 floats a particle, which a rope would fetch from afar every substep.
     history = 5 * shared // 2 if all_shared and features.chain and features.order == 2 else 0
     history = history if 16 * (tile_size + slots + history) <= most_shared else 0
-    history_address = native.make_tile_address(history) if history else None
-    span_address = native.make_tile_address(slots) if slots else None
+    history_address = make_tile_address(history) if history else None
+    span_address = make_tile_address(slots) if slots else None
 
     @wp.func
     def load(t: int, home: Here) -> Here:
@@ -166,13 +165,13 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
             # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
             here.x = tile_address(wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared"))
             if wp.static(features.method == "verlet"):
-                here.low = native.beside(here.x, wp.static(shared))
+                here.low = beside(here.x, wp.static(shared))
             else:
-                here.d = native.beside(here.x, wp.static(shared))
+                here.d = beside(here.x, wp.static(shared))
                 if wp.static(not features.plate):
                     here.p = here.d
             if wp.static(all_shared):
-                here.low = native.beside(here.x, wp.static(2 * shared))
+                here.low = beside(here.x, wp.static(2 * shared))
             for i in range(t, here.body.count, wp.static(block)):
                 # Both are asked for before one is stored, which the compiler could not tell.
                 position = load_row(here.state.positions, here.body.particles + i)

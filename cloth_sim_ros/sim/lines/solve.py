@@ -14,7 +14,7 @@ dashpots would resist what is undone behind them: a sheet at rest under load wou
 slip what came behind this solve in the substep before, which is all of that slip less `line_slips`.
 
 In the first substep of a frame, each line of what is pinned or held adds the size of its force on a particle to what
-`physics/integrate.py` makes it heavier by. So does the tension of the tautest.
+`physics/integrate.py` makes it heavier by. The largest tension of a line there counts too.
 """
 
 from __future__ import annotations

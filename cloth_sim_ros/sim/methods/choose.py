@@ -166,22 +166,20 @@ def _xpbd(
     fewest, leaning = _fewest(topology, around.meets), _leaning(topology, settings, around)
     affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
 
-    def substeps_of(order: int, least: float) -> tuple[int, float]:
-        """How many are taken, and how many are wanted."""
+    def substeps_of(order: int, least: float) -> tuple[int, float, float]:
+        """How many are taken, how many are wanted, and the error of those that are taken."""
         laws = _error_laws(topology, limit, order, settings.frame_dt)
         enough = min((constant / settings.error) ** (1.0 / power) for constant, power in laws)
         bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
         wanted = max(enough, bending, leaning, least)
-        return settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), fewest, _MOST_LINES)), wanted
+        taken = settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), fewest, _MOST_LINES))
+        return taken, wanted, min(constant / taken**power for constant, power in laws)
 
     order, calm = settings.order or 2, 0.0 if settings.order else _calm(topology, limit) / iterations
-    substeps, wanted = substeps_of(order, calm)
+    substeps, wanted, error = substeps_of(order, calm)
     if substeps < calm or (not settings.order and substeps_of(1, 0.0)[0] < substeps):
         order = 1
-        substeps, wanted = substeps_of(order, 0.0)
-    error = min(
-        constant / substeps**power for constant, power in _error_laws(topology, limit, order, settings.frame_dt)
-    )
+        substeps, wanted, error = substeps_of(order, 0.0)
     reason = f"is computed by xpbd order {order} in {substeps} x {iterations}"
     if not settings.substeps and substeps < math.floor(wanted):
         reason += f", where an error of {settings.error:g} would take {math.ceil(wanted)}: it may be {error:.2g}"

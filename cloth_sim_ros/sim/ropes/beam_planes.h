@@ -1,10 +1,11 @@
-// SPDX-License-Identifier: Apache-2.0 Planes of numbers, in the room of elimination.py, which is done by then. Of every
-// joint: its stiffness, the inverse lengths before and behind it, and by how much its moment is to change. Of every
-// particle: inverse mass, row, pull and move. Of every step, from both ends side by side: what couples a row to the two
-// before it, and D^-1 of its pull. Before the first and behind the last there are two places where nothing is. Where
-// rows are one too few for eliminations of as many steps and two between them, one more is there, which moves nothing.
-// Where rest is bent (beam_rotation.py), pulls and moves have three columns more, by which the rest shape turns. There
-// are also the rest turn of every joint and by how much bending has moved every particle before.
+// SPDX-License-Identifier: Apache-2.0
+// Planes of numbers, in the room of elimination.py, which is done by then. Of every joint: its stiffness, the inverse
+// lengths before and behind it, and by how much its moment is to change. Of every particle: inverse mass, row, pull and
+// move. Of every step, from both ends side by side: what couples a row to the two before it, and D^-1 of its pull.
+// Before the first and behind the last there are two places where nothing is. Where rows are one too few for
+// eliminations of as many steps and two between them, one more is there, which moves nothing. Where rest is bent
+// (beam_rotation.py), pulls and moves have three columns more, by which the rest shape turns. There are also the rest
+// turn of every joint and by how much bending has moved every particle before.
 enum { STIFF, BEFORE, BEHIND, CHANGE, WEIGHT = 6, DIAGONAL, BELOW, BEYOND, PULL, COLUMNS = BENT ? 6 : 3,
     MOVED = PULL + COLUMNS, STEPS = MOVED + COLUMNS, REST = STEPS + 2 + COLUMNS + 1,
     KNOWN = REST + 3 };
