@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import copy
 import logging
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,7 @@ from cloth_sim_ros.sim.batch import Batch, Shared
 from cloth_sim_ros.sim.body_state import give, take
 from cloth_sim_ros.sim.checks import names_of, on_host
 from cloth_sim_ros.sim.colliders import shapes_of
-from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.colliders.collider import FASTEST, STRETCHED, Collider
 from cloth_sim_ros.sim.device import find_device
 from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.executors.choose import goes_in_rows
@@ -87,17 +89,26 @@ class Bodies:
     def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]], thickness: float) -> Choice:
         """How an object with these pairs of compliances and damping, and this least thickness, is to be computed."""
         topology, rows = self.elastic[name], self.colliders.array.shape[1]
-        gap = topology.widest_gap * topology.scales_in().max()
-        enters = any(each.enters(gap, thickness) for each in {**self.scene.colliders, **self._sharpest}.values())
-        surface = enters or self.scene.spare_colliders > 0
         wind, meets, tears = self.scene.wind is not None, self._meets(name), topology.tear_strain > 0.0
         device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
-        around = Surroundings(device, wind, rows, self.worlds, surface, meets, tears, gravity)
-        choice = choosing.choose(self.settings, topology, list(materials), name in self.strained, around)
-        if surface:
+        around = Surroundings(device, wind, rows, self.worlds, self.scene.spare_colliders > 0, meets, tears, gravity)
+        choose = partial(choosing.choose, self.settings, topology, list(materials), name in self.strained)
+        choice = choose(around)
+        if not choice.surface and self._enter(topology, thickness, self.settings.frame_dt / choice.substeps):
+            choice = choose(replace(around, surface=True))
+        if choice.surface:
             choice = replace(choice, reason=f"{choice.reason}; colliders touch it between its particles too")
         scaled = "; its scale may differ between worlds" if name in self.scales else ""
         return replace(choice, reason=choice.reason + scaled)
+
+    def _enter(self, topology: Topology, thickness: float, substep: float) -> bool:
+        """Whether a collider comes between particles that it touches, in substeps of so many seconds."""
+        gap = topology.widest_gap * topology.scales_in().max()
+        if len(topology.triangles):
+            # The fastest pushes one ahead of the others before these follow, and no point of a triangle lies farther
+            # from its corners than its longest side over the root of 3.
+            gap = max(gap, (gap + FASTEST * substep / math.sqrt(3.0)) / STRETCHED)
+        return any(each.enters(gap, thickness) for each in {**self.scene.colliders, **self._sharpest}.values())
 
     def _choose_now(self, name: str) -> Choice:
         """The same for an object as its materials and masses are now."""

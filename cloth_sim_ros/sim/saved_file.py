@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-FORMAT = 8  # of files that this package writes and reads
+FORMAT = 9  # of files that this package writes and reads
 ALLOWED = "allowed is a file that Simulation.save has written"
 _KIND, _HEADER = "state of cloth_sim_ros", "header"
 

@@ -12,10 +12,11 @@ from cloth_sim_ros.sim.live_array import LiveArray, Some
 
 
 def write_size(rows: LiveArray, row: int, collider: Collider, field: str, value: Any, world: Some) -> None:
-    """Give a dimension of a collider a checked value [m], or one for each of some worlds; its reach follows."""
+    """Give a dimension of a collider a checked value [m], or one for each of some worlds, and what goes with it."""
     sizes = rows.read(row, world)["size"].astype(np.float64)
     sizes[:, collider.place_in_size(field)] = value
-    rows.write(row, world, size=sizes, reach=collider.resized(sizes).reach())
+    resized = collider.resized(sizes)
+    rows.write(row, world, size=sizes, reach=resized.reach(), roundness=resized.roundness())
 
 
 def sharpest(rows: LiveArray, row: int, collider: Collider) -> Collider:

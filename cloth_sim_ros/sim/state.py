@@ -56,14 +56,15 @@ class ColliderMotion:
     """One collider: shape, size, reach [m] of it around its origin, friction, and poses at both ends of the frame.
 
     data: the address of what a shape has beside its size, of one that three numbers do not describe; 0 for others.
-    compliance: of each point of contact [m/N]. The struct is of whole words of eight bytes, so that equal colliders are
-    equal bytes in a file.
+    roundness: the smallest radius of curvature of its surface, as far as is known [m]. compliance: of each point of
+    contact [m/N].
     """
 
     shape: int
     size: wp.vec3
     data: wp.uint64
     reach: float
+    roundness: float
     compliance: float
     static_friction: float
     kinetic_friction: float
@@ -71,6 +72,7 @@ class ColliderMotion:
     start_orientation: wp.quat
     end_position: wp.vec3
     end_orientation: wp.quat
+    filler: int  # the struct is of whole words of eight bytes, so that equal colliders are equal bytes in a file
 
 
 @wp.struct

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact of surfaces: sharp, thin and small colliders meet a sheet or a rope between its particles too."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fixed_settings import fixed
@@ -142,6 +144,65 @@ def test_no_ball_passes_a_clamped_sheet_that_it_stretches_by_half(
     column = np.linalg.norm(above[:, :2] - beside, axis=1) < 0.01
     assert column.any() and above[column, 2].min() > height
     assert sim.report()["it"]["max_strain"] > 0.3
+
+
+def is_above(sim, middle):
+    """Whether the straight way up from a point meets the sheet an odd number of times, as from below."""
+    corners = sim.positions("it")[sim.triangles("it")] - middle
+    x, y = corners[..., 0], corners[..., 1]
+    areas = np.stack([x[:, k - 2] * y[:, k - 1] - y[:, k - 2] * x[:, k - 1] for k in range(3)], axis=1)
+    met = (areas > 0).all(1) | (areas < 0).all(1)
+    heights = (areas[met] * corners[met, :, 2]).sum(1) / areas[met].sum(1)
+    return np.count_nonzero(heights > 0) % 2 == 1
+
+
+SMALL = {"ball": Sphere(radius=0.02), "capsule": Capsule(radius=0.01, half_length=0.05)}
+
+
+@pytest.mark.parametrize(
+    ("shape", "constant", "speed", "settings"),
+    [
+        ("ball", 1e5, 10.0, {}),
+        ("capsule", 1e3, 5.0, {}),
+        pytest.param("ball", 1e3, 20.0, {}, marks=pytest.mark.long),
+        pytest.param("capsule", 1e5, 20.0, {}, marks=pytest.mark.long),
+        pytest.param("ball", 1e5, 5.0, {"substeps": 80, "iterations": 1}, marks=pytest.mark.long),
+        ("capsule", 1e5, 10.0, {"substeps": 20, "iterations": 4}),
+        ("ball", 1e3, 10.0, {"substeps": 5, "iterations": 1}),
+    ],
+)
+def test_a_fine_sheet_that_a_small_thing_stretches_manifold_lets_nothing_through(
+    device, shape, constant, speed, settings
+):
+    """Particles are 1 cm apart, too near for the collider unless it stretches the sheet by far more than half."""
+    springs = {"stretch_compliance": 1.0 / constant, "shear_compliance": 3.0 / constant}
+    sheet = Cloth(resolution=(64, 64), size=(0.6, 0.6), thickness=0.005, pins="edges", **springs)
+    lying = (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5))
+    place, height = np.array([0.013, 0.021, 0.0]), -0.07
+    thing = replace(SMALL[shape], position=(*place[:2], height), orientation=lying)
+    sim = Simulation(Scene({"it": sheet}, {"thing": thing}, gravity=(0, 0, 0)), Settings(**settings), device)
+    for _ in range(max(6, int(np.ceil(0.32 / speed * 60)) + 3)):
+        height = min(height + speed / 60, 0.25)
+        sim.set_collider_pose("thing", (*place[:2], height), lying)
+        sim.step()
+        assert sim.report()["it"]["max_penetration"] < sheet.thickness
+    assert is_above(sim, (*place[:2], height))
+    assert sim.report()["it"]["max_strain"] > 0.5
+
+
+def test_what_turns_while_it_moves_does_not_come_through(device):
+    """In a substep it turns by a fifth of a right angle, and moves by more than its thickness."""
+    sheet = Cloth(resolution=(32, 32), size=(0.6, 0.6), thickness=0.005, pins="edges")
+    turned = [(0.0, np.sin(angle), 0.0, np.cos(angle)) for angle in np.linspace(0.25 * np.pi, 0.0, 6)]
+    pole = Capsule(radius=0.01, half_length=0.05, position=(0.013, 0.021, -0.06), orientation=turned[0])
+    settings = Settings(substeps=1, iterations=1, frame_dt=1 / 300)
+    sim = Simulation(Scene({"it": sheet}, {"pole": pole}, gravity=(0, 0, 0)), settings, device)
+    for k in range(1, 9):
+        place = (0.013, 0.021, -0.06 + 5 / 300 * k)
+        sim.set_collider_pose("pole", place, turned[min(k, 5)])
+        sim.step()
+        assert sim.report()["it"]["max_penetration"] < sheet.thickness
+    assert is_above(sim, place)
 
 
 @pytest.mark.parametrize("order", [1, 2])

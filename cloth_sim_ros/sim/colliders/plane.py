@@ -44,9 +44,9 @@ class Plane(Collider):
         """A plane is everywhere."""
         return math.inf
 
-    def enters(self, gap: float, thickness: float) -> bool:
-        """Never: of every triangle, a particle is deepest."""
-        return False
+    def roundness(self) -> float:
+        """It is flat: of every triangle, a particle is deepest."""
+        return math.inf
 
 
 def _up(orientation: Quaternion) -> np.ndarray:

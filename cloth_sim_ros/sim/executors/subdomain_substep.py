@@ -10,6 +10,7 @@ from cloth_sim_ros.sim.intrinsics import load4, store4, sync, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import Step, split_sum
 from cloth_sim_ros.sim.stages.contact import Met, make_touch, share_of
+from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import (
     first_share,
     pack,
@@ -69,19 +70,16 @@ def _make_move(features: Features, capacity: int, force):
                 met.forces = here.subdomains.forces
                 met.velocities = here.subdomains.velocities
                 met.last_displacements = here.last_displacements
+                member = Here()
+                member.material = here.material
+                member.x = here.shared + wp.uint64(16 * half)
+                member.low = here.shared + wp.uint64(16 * (half + capacity))
+                member.d = here.shared + wp.uint64(16 * other)
                 for iteration in range(here.frame.iterations):
                     step.first = iteration == 0
                     step.repeats = here.frame.iterations > 1
-                    contact(
-                        i,
-                        met,
-                        here.material,
-                        step,
-                        here.shared + wp.uint64(16 * half),
-                        here.shared + wp.uint64(16 * (half + capacity)),
-                        here.shared + wp.uint64(16 * other),
-                        0.0,
-                    )
+                    member.step = step
+                    contact(i, met, member, 0.0)
                 total = load4(here.shared, other + i)
         d = xyz(total)
         then.v = rate_of(d - now.low, step)

@@ -2,10 +2,10 @@
 """A frame of explicit steps is a trial: what it leaves is checked, and a body that is not good does the frame again.
 
 Explicit steps that are stable at rest may blow up where springs are strained far beyond it. At the end of a frame a
-body is rejected where fault recovery had to put it back. It is also rejected where a spring is strained by more than
-TOO_STRAINED, or by more than STRAINED and by half more than in the frame before. It then goes back to where the frame
-began and does it again by first-order XPBD, which is stable at any strain. All of that stays on the device; `redone`
-counts the frames.
+body is rejected where fault recovery had to put it back. It is also rejected where a spring is or was strained by more
+than TOO_STRAINED, or by more than STRAINED and half more or less than in the frame before, or while a collider moves:
+that might come through between the particles. It then goes back to where the frame began and does it again by
+first-order XPBD, which is stable at any strain. All of that stays on the device; `redone` counts the frames.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
-from cloth_sim_ros.sim.state import Arrays
+from cloth_sim_ros.sim.state import Arrays, ColliderMotion
 
 STRAINED = wp.constant(0.5)
-GROWTH = wp.constant(1.5)  # of the largest strain, over a frame
+GROWTH = wp.constant(1.5)  # of the largest strain, over a frame, or its inverse
 TOO_STRAINED = wp.constant(1.0)  # explicit steps heat what is strained by more, however slowly it came there
 
 
@@ -50,6 +50,12 @@ def find_strain(given: wp.array(dtype=Arrays), b: int, first: int, slots: int):
         wp.atomic_max(s.strain_found, b, strain)
 
 
+@wp.func
+def is_moving(c: ColliderMotion) -> bool:
+    turned = wp.length_sq(c.end_orientation - c.start_orientation)
+    return turned + wp.length_sq(c.end_position - c.start_position) > 0.0
+
+
 @compiled
 def judge(given: wp.array(dtype=Arrays), any_rejected: wp.array(dtype=int)):
     i = wp.tid()
@@ -57,7 +63,11 @@ def judge(given: wp.array(dtype=Arrays), any_rejected: wp.array(dtype=int)):
     s = given[i / bodies].state
     b = i % bodies
     recovered = s.recoveries[b] != s.start_recoveries[b]
-    bad = recovered or s.strain_found[b] > wp.min(wp.max(STRAINED, GROWTH * s.strain[b]), TOO_STRAINED)
+    most, least = wp.max(s.strain_found[b], s.strain[b]), wp.min(s.strain_found[b], s.strain[b])
+    moves = bool(False)
+    for c in range(given[0].colliders.shape[0]):
+        moves = moves or is_moving(given[i / bodies].colliders[c])
+    bad = recovered or most > TOO_STRAINED or (most > STRAINED and (most > GROWTH * least or moves))
     s.rejected[b] = wp.where(bad, 1, 0)
     s.strain[b] = s.strain_found[b]
     s.strain_found[b] = 0.0
@@ -81,6 +91,17 @@ def restore_start(given: wp.array(dtype=Arrays), b: int, particles: int):
         s.history[b] = 0
 
 
+@compiled
+def remember_strain(given: wp.array(dtype=Arrays)):
+    i = wp.tid()
+    bodies = given[0].model.bodies.shape[0]
+    s = given[i / bodies].state
+    b = i % bodies
+    if s.rejected[b] == 1:
+        s.strain[b] = s.strain_found[b]
+    s.strain_found[b] = 0.0
+
+
 class Trial:
     """An executor of explicit steps, and one of XPBD that does again what it leaves.
 
@@ -99,16 +120,16 @@ class Trial:
         if not self._device.is_cpu:
             self.make_ready()
         self._before = [self._launch(keep_start, sum(counts))]
-        self._check = [
+        self._measure = [
             self._launch(find_strain, end - first, b, first, end - first)
             for b, spans in enumerate(lines)
             for _, first, end in spans
         ]
-        bodies = len(counts)
+        bodies = self._worlds * len(counts)
         inputs = [self._given, self._any]
-        self._check.append(
-            wp.launch(judge, dim=self._worlds * bodies, inputs=inputs, device=self._device, record_cmd=True)
-        )
+        self._judge = wp.launch(judge, dim=bodies, inputs=inputs, device=self._device, record_cmd=True)
+        inputs = [self._given]
+        self._remember = wp.launch(remember_strain, dim=bodies, inputs=inputs, device=self._device, record_cmd=True)
         self._restore = [self._launch(restore_start, count, b, count) for b, count in enumerate(counts)]
 
     def _launch(self, kernel: wp.Kernel, size: int, *numbers: int) -> wp.Launch:
@@ -124,7 +145,7 @@ class Trial:
         """Simulate one frame, with `outer` steps of slow forces; of XPBD it would take `safe_substeps`."""
         _run(self._before)
         self.explicit.advance(substeps, 1, outer)
-        _run(self._check)
+        _run([*self._measure, self._judge])
         wp.capture_if(self._any, on_true=self._redo, substeps=safe_substeps)
 
     def _redo(self, substeps: int) -> None:
@@ -132,6 +153,7 @@ class Trial:
         self.make_ready()
         _run(self._restore)
         self._safe.advance(substeps, 1, 1)
+        _run([*self._measure, self._remember])
 
 
 def _run(launches: list[wp.Launch]) -> None:

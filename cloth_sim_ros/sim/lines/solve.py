@@ -13,8 +13,8 @@ Lines that come later in the sweep move the particles on, so that the slip of a 
 dashpots would resist what is undone behind them: a sheet at rest under load would be too soft. So order 2 adds to the
 slip what came behind this solve in the substep before, which is all of that slip less `line_slips`.
 
-In the first substep of a frame, each line of what is pinned or held adds the size of its force on a particle to what
-`physics/integrate.py` makes it heavier by. The largest tension of a line there counts too.
+In substeps that weigh (see WEIGHED in integrate.py), each line of what is pinned or held adds the size of its force on
+a particle to what makes it heavier there. The largest tension of a line counts too.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def make_solve_line_row(features: Features):
         held = here.body.pinned
         if wp.static(features.handles):
             held = held or here.state.held[here.body.index] > 0
-        weighs = wp.where(held and here.substep == 0 and here.step.first, here.step.inverse_square, 0.0)
+        weighs = wp.where(held and here.step.weighs and here.step.first, here.step.inverse_square, 0.0)
         if wp.static(features.order == 2):
             keeps = here.last and gamma > 0.0
             if here.step.second:

@@ -28,7 +28,7 @@ from cloth_sim_ros.sim.lines.layout import WARP
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.methods.stage import Stage, both, once, over_meeting, over_particles
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.integrate import make_step, outer_weight
+from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step, outer_weight
 from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
 from cloth_sim_ros.sim.ropes.drum import make_turn
 from cloth_sim_ros.sim.ropes.twist import ask_for
@@ -190,6 +190,7 @@ def make_enter(features: Features):
             if substep == 0:
                 smooth = here.state.history[here.body.index] > 0
         here.step = make_step(here.frame.dt, smooth, wp.static(features.order), here.frame.global_damping)
+        here.step.weighs = substep % WEIGHED == 0 or not smooth
         bodies, colliders = here.model.bodies.shape[0], here.colliders.shape[0]
         here.sweep = (substep % wp.static(SWEPT) * bodies + here.body.index) * colliders
         return here

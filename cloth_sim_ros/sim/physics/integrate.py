@@ -42,6 +42,9 @@ MOST_ASIDE, MOST_WAYS, MOST_WEIGHTS = wp.constant(0.02), wp.constant(2.0), wp.co
 # length of its springs. Beyond 2 it swings to and fro ever farther, beyond 1 it comes out on the other side. A particle
 # gets heavier until it does not: geometric stiffness as mass, after the same paper.
 MOST_TAUT = wp.constant(0.25)
+# These forces and tensions are looked at in every so many substeps, and in each behind one that was not smooth, as
+# under a stroke of a collider.
+WEIGHED = wp.constant(4)
 
 
 @wp.func
@@ -76,6 +79,7 @@ class Step:
     first: bool  # first iteration: multipliers start from zero
     repeats: bool  # more iterations than one
     store: bool  # someone reads the multipliers afterwards
+    weighs: bool  # what lines do to a particle is looked at, see WEIGHED
 
 
 @wp.func

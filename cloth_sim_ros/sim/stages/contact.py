@@ -3,16 +3,17 @@
 
 import warp as wp
 
+from cloth_sim_ros.sim.colliders.collider import STRETCHED
 from cloth_sim_ros.sim.intrinsics import load4, load_row, store4, store_row, xyz
-from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.model import Body, Features
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 from cloth_sim_ros.sim.stages.grasp import HELD
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.meet import make_meet
-from cloth_sim_ros.sim.stages.motion import pack
+from cloth_sim_ros.sim.stages.motion import pack, slip_of
 from cloth_sim_ros.sim.stages.near import Near, make_near_of, next_of, note, strays
-from cloth_sim_ros.sim.state import ColliderMotion, Material, Sweep
+from cloth_sim_ros.sim.state import ColliderMotion, Sweep
 
 # [m/s] at which what overlaps at the start of a substep comes apart, as after a fall of half a metre. A collider that
 # is placed into a cloth would otherwise fling it out within one substep.
@@ -196,6 +197,59 @@ def _make_leave(features: Features):
     return leave
 
 
+@wp.func
+def widest_around(i: int, here: Here) -> float:
+    """How far a point of the panels around particle i lies from the nearest of their corners, at most [m].
+
+    It is the longest side over the root of 3 in a triangle (Jung 1901), and its half in a segment. Sides are taken
+    where the substep began, as other particles are moving now.
+    """
+    square = float(0.0)
+    slot = here.body.particles + i
+    for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
+        panel = here.model.panels[here.model.particle_panels[place]]
+        a, b = xyz(load4(here.x, panel[0])), xyz(load4(here.x, panel[1]))
+        longest = wp.length_sq(b - a)
+        if panel[2] >= 0:
+            c = xyz(load4(here.x, panel[2]))
+            longest = wp.max(longest, wp.max(wp.length_sq(c - a), wp.length_sq(c - b))) * wp.static(4.0 / 3.0)
+        square = wp.max(square, 0.25 * longest)
+    return wp.sqrt(square)
+
+
+@wp.func
+def thick_enough(thickness: float, gap: float, roundness: float, body: Body) -> float:
+    """The thickness [m] at which a collider of this least radius of curvature does not come between particles.
+
+    gap: the farthest that a point between them lies from the nearest of them [m], as in Collider.enters. As that has
+    told, the collider is round enough for gaps that are STRETCHED times as wide as at rest.
+    """
+    rest = wp.static(STRETCHED / 3.0) * body.width
+    least = 0.5 * (rest * rest / wp.max(thickness, 1.0e-9) - thickness)
+    round = wp.max(roundness, least)
+    return wp.max(thickness, gap * gap / (round + wp.sqrt(round * round + gap * gap)))
+
+
+def _make_thickness_for(features: Features):
+    """A Warp function: at which thickness particle i touches a collider, and how wide the panels around it are [m].
+
+    These are looked at where it is not `away` from the collider. A `gap` above 0 is known already. Explicit steps do
+    without, as a frame in which springs are strained so far is done again by XPBD.
+    """
+
+    @wp.func
+    def thickness_for(i: int, roundness: float, away: float, gap: float, here: Here) -> wp.vec2:
+        found = wp.vec2(here.material.thickness, gap)
+        if wp.static(features.method == "xpbd" and not features.surface):
+            if away < here.body.width:
+                if gap == 0.0:
+                    found[1] = widest_around(i, here)
+                found[0] = thick_enough(found[0], found[1], roundness, here.body)
+        return found
+
+    return thickness_for
+
+
 def make_touch(features: Features):
     """A Warp function that keeps particle i outside all colliders, with friction.
 
@@ -203,21 +257,13 @@ def make_touch(features: Features):
     """
     meet, leave = make_meet(features.shapes), _make_leave(features)
     carried_by, is_supported, let_go = _make_support(features)
-    least = least_mass(features)
+    least, thickness_for = least_mass(features), _make_thickness_for(features)
 
     @wp.func
-    def contact(
-        i: int,
-        met: Met,
-        material: Material,
-        step: Step,
-        x: wp.uint64,
-        low_address: wp.uint64,
-        d: wp.uint64,
-        width: float,
-    ) -> bool:
-        packed = load4(d, i)
-        row = load4(x, i)
+    def contact(i: int, met: Met, here: Here, width: float) -> bool:
+        material, step = here.material, here.step
+        packed = load4(here.d, i)
+        row = load4(here.x, i)
         w = packed[3]
         if w <= wp.static(least) * row[3]:
             let_go(met)
@@ -227,6 +273,7 @@ def make_touch(features: Features):
         displacement = xyz(packed)
         touched = bool(False)
         push, support = Push(), wp.vec4(0.0)
+        known = wp.vec2(0.0)
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
         while c < met.colliders.shape[0]:
@@ -244,15 +291,17 @@ def make_touch(features: Features):
             path += met.sweeps[k].spin * (wp.length(offset) + path)
             away = wp.length(offset) - path - met.colliders[c].reach - material.thickness
             close = close or away < width
+            known = thickness_for(i, met.colliders[c].roundness, away, known[1], here)
+            thickness = known[0]
+            away -= thickness - material.thickness
             if away < 0.0 or is_supported(before):
                 collider = met.colliders[c]
                 sweep = met.sweeps[k]
-                low = xyz(load4(low_address, i))
-                # Relative motion in the collider's axes, without the difference of two large positions.
-                slip = sweep.to_local * (displacement - low - sweep.motion) + sweep.turn * (position - sweep.position)
+                low = xyz(load4(here.low, i))
+                slip = slip_of(position - sweep.position, displacement - low, sweep)
                 p = sweep.to_local * offset
                 apart = pace(collider, step)
-                touching = meet(collider.shape, collider.size, collider.data, p, slip, material.thickness, apart)
+                touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 gap = touching[3]
                 if gap < 0.0 or is_supported(before):
                     n = xyz(touching)
@@ -278,7 +327,7 @@ def make_touch(features: Features):
                 store_row(met.contacts, entry, pack(after, 0.0))
             c = next_of(c, met.near, stray)
         if touched or wp.static(features.supported):
-            leave(i, low_address, d, displacement, push, support, met, step)
+            leave(i, here.low, here.d, displacement, push, support, met, step)
         return close
 
     return contact
@@ -314,7 +363,7 @@ def make_contact(features: Features):
     @wp.func
     def contact(i: int, met: Met, here: Here):
         width = here.body.width
-        close = touch(i, met, here.material, here.step, here.x, here.low, here.d, width)
+        close = touch(i, met, here, width)
         if wp.static(features.surface):
             if here.step.first:
                 here.state.close[met.slot] = wp.where(close, 1, 0)

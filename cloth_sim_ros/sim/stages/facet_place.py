@@ -6,6 +6,7 @@ import warp as wp
 from cloth_sim_ros.sim.intrinsics import load4, xyz
 from cloth_sim_ros.sim.stages.facet import Facet
 from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.stages.motion import slip_of
 from cloth_sim_ros.sim.stages.near import Near, strays
 from cloth_sim_ros.sim.state import ColliderMotion, Look, Sweep
 
@@ -59,10 +60,10 @@ def place_of(i: int, here: Here, sweep: Sweep) -> wp.vec3:
 
 
 @wp.func
-def slip_of(i: int, here: Here, sweep: Sweep) -> wp.vec3:
-    """How far it came [m] as a collider sees it, without the difference of two large positions."""
-    moved = xyz(load4(here.d, i)) - xyz(load4(here.low, i)) - sweep.motion
-    return sweep.to_local * moved + sweep.turn * (xyz(load4(here.x, i)) - sweep.position)
+def slip_of_particle(i: int, here: Here, sweep: Sweep) -> wp.vec3:
+    """How far it came [m] as a collider sees it."""
+    moved = xyz(load4(here.d, i)) - xyz(load4(here.low, i))
+    return slip_of(xyz(load4(here.x, i)) - sweep.position, moved, sweep)
 
 
 @wp.func
@@ -72,9 +73,9 @@ def facet_of(corners: wp.vec3i, here: Here, sweep: Sweep) -> Facet:
     facet.a = place_of(corners[0], here, sweep)
     facet.b = place_of(corners[1], here, sweep)
     facet.c = place_of(corners[2], here, sweep)
-    facet.slip_a = slip_of(corners[0], here, sweep)
-    facet.slip_b = slip_of(corners[1], here, sweep)
-    facet.slip_c = slip_of(corners[2], here, sweep)
+    facet.slip_a = slip_of_particle(corners[0], here, sweep)
+    facet.slip_b = slip_of_particle(corners[1], here, sweep)
+    facet.slip_c = slip_of_particle(corners[2], here, sweep)
     facet.is_segment = corners[1] == corners[2]
     return facet
 

@@ -69,6 +69,16 @@ def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
 
 
 @wp.func
+def slip_of(start: wp.vec3, moved: wp.vec3, sweep: Sweep) -> wp.vec3:
+    """How far a point that moved [m] came in the axes of a collider, without the difference of two large positions.
+
+    start: where it was when the substep began, from where the collider ends [m]. Of a collider that turns by T and
+    moves by u it is R^T_end (moved - u) + T (start + u), as the collider itself began at -u.
+    """
+    return sweep.to_local * (moved - sweep.motion) + sweep.turn * (start + sweep.motion)
+
+
+@wp.func
 def spring_constants(material: Material) -> wp.vec3:
     """Constants [N/m] of structural, shear and bending springs of scale 1."""
     c = material.compliance
@@ -177,7 +187,7 @@ def make_predict(features: Features):
             aside = h * h * eased * w * load4(here.low, i)[3]
             if aside > MOST_ASIDE * here.body.spacing:
                 eased *= share_of_inverse_mass(aside, base + h * v, h * h * a, here.body.spacing)
-            if here.substep == 0:
+            if here.step.weighs:
                 store4(here.low, i, pack(low, 0.0))
                 here.state.tautness[g] = 0.0
         # Chosen, not branched to, or a warp with a pinned particle would go both ways.

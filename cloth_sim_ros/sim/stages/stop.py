@@ -14,7 +14,7 @@ from cloth_sim_ros.sim.intrinsics import load4, store4, store_row, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.stages.contact import Met, add_force, length_of
 from cloth_sim_ros.sim.stages.facet import ADVANCES, STEP, back, longest_way, make_deepest
-from cloth_sim_ros.sim.stages.facet_place import corners_of, facet_of, is_far, is_stray, moved_since, slip_of
+from cloth_sim_ros.sim.stages.facet_place import corners_of, facet_of, is_far, is_stray, moved_since, slip_of_particle
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import pack
 from cloth_sim_ros.sim.stages.near import make_near_of, next_of
@@ -146,7 +146,7 @@ def make_stay(features: Features):
                 if press.stopped == here.substep and press.stops[corner] > most:
                     most, of = press.stops[corner], c
         sweep, packed = here.state.sweeps[here.sweep + of], load4(here.d, i)
-        less = -most * (wp.transpose(sweep.to_local) * slip_of(i, here, sweep))
+        less = -most * (wp.transpose(sweep.to_local) * slip_of_particle(i, here, sweep))
         moved = xyz(packed) + less
         store4(here.d, i, pack(moved, packed[3]))
         add_force(met.forces, met.slot * colliders + of, (met.share / packed[3]) * less)

@@ -307,7 +307,7 @@ def make_yield(features: Features):
                 add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, here.step))
             # Its facets may have moved it into a collider: it has the last word.
             met.carries = False
-            touch(i, met, here.material, here.step, here.x, here.low, here.d, 0.0)
+            touch(i, met, here, 0.0)
             if wp.static(features.supported):
                 by = (CARRIED * here.step.inverse_square) * (xyz(load4(here.d, i)) - xyz(packed))
                 support = load_row(here.state.supports, met.slot)
