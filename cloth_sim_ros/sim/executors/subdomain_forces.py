@@ -9,6 +9,7 @@ import warp as wp
 from cloth_sim_ros.sim.executors.subdomain_plan import PLACES, SubdomainArrays
 from cloth_sim_ros.sim.intrinsics import array_address, load4, xyz
 from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.integrate import kicked
 from cloth_sim_ros.sim.stages.aerodynamics import Corners, make_air
 from cloth_sim_ros.sim.stages.motion import constant_of_spring, force_of_spring, pack
@@ -29,12 +30,14 @@ class Widths:
 
 @dataclass(frozen=True)
 class SpringForce:
-    """The struct of the springs of a member, its size, and the Warp functions that fetch it and compute its force."""
+    """The struct of the springs of a member, its size, and the Warp functions that fetch it, compute its force and find
+    the largest strain."""
 
     Springs: Any
     width: int
     gather: Any
     of: Any
+    strain: Any
 
 
 @wp.struct
@@ -50,11 +53,12 @@ class Carried:
 
 @wp.struct
 class InSubdomain:
-    """What all members of a subdomain know: the subdomain and its block in the launch, the launch's first substep, its
-    body's numbers, and the address of its memory."""
+    """What all members of a subdomain know: the subdomain, its body and its block in the launch, the launch's first
+    substep, the body's numbers, and the address of its memory."""
 
     subdomains: SubdomainArrays
     subdomain: int
+    body: int
     block: int
     first: int
     shared: wp.uint64
@@ -64,6 +68,7 @@ class InSubdomain:
     colliders: wp.array(dtype=ColliderMotion)
     spring_types: wp.array(dtype=wp.vec4)
     last_displacements: wp.array(dtype=wp.vec3)
+    strain_found: wp.array(dtype=float)
     near: Near
 
 
@@ -108,6 +113,14 @@ def make_springs(width: int, capacity: int) -> SpringForce:
         return total
 
     @wp.func
+    def strain(half: int, now: Carried, springs: Springs, shared: wp.uint64) -> float:
+        longest = float(0.0)  # of what is missing both lengths are 0
+        for q in range(width):
+            length = wp.length(edge(half, now, springs.others[q], shared))
+            longest = wp.max(longest, length / wp.max(springs.rests[q], SHORTEST))
+        return longest - 1.0
+
+    @wp.func
     def damped_force(half: int, now: Carried, springs: Springs, damping: float, shared: wp.uint64) -> wp.vec3:
         total = wp.vec3(0.0)
         for q in range(width):
@@ -122,7 +135,7 @@ def make_springs(width: int, capacity: int) -> SpringForce:
             return damped_force(half, now, springs, damping, shared)
         return elastic_force(half, now, springs, shared)
 
-    return SpringForce(Springs, width, gather, force)
+    return SpringForce(Springs, width, gather, force, strain)
 
 
 def make_impulse(features: Features, widths: Widths, capacity: int):

@@ -75,6 +75,7 @@ def _make_enter(features: Features):
         here = InSubdomain()
         here.subdomains = subdomains
         here.subdomain = n
+        here.body = body
         # Each part by itself, so that the arrays of a single world stay in the kernel's constant arguments.
         if wp.static(features.worlds):
             s = given[w].state
@@ -89,6 +90,7 @@ def _make_enter(features: Features):
             here.material = given.materials[body]
             here.colliders = given.colliders
         here.last_displacements = s.last_displacements
+        here.strain_found = s.strain_found
         if wp.static(bool(features.shapes)):
             here.near = everything(s.near, body, here.colliders.shape[0])
         here.constants = spring_constants(here.material)

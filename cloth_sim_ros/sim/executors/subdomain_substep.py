@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.executors.subdomain_plan import IN_REGISTERS, SWEPT
 from cloth_sim_ros.sim.intrinsics import load4, store4, sync, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import Step, split_sum
-from cloth_sim_ros.sim.stages.contact import Met, make_touch, share_of
+from cloth_sim_ros.sim.stages.contact import TOUCHED, Met, make_touch, note_strain, share_of
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import (
     first_share,
@@ -79,7 +79,9 @@ def _make_move(features: Features, capacity: int, force):
                     step.first = iteration == 0
                     step.repeats = here.frame.iterations > 1
                     member.step = step
-                    contact(i, met, member, 0.0)
+                    touched = contact(i, met, member, 0.0) & TOUCHED
+                    if touched != 0:
+                        note_strain(force.strain(half, now, springs, here.shared), here.body, here.strain_found)
                 total = load4(here.shared, other + i)
         d = xyz(total)
         then.v = rate_of(d - now.low, step)

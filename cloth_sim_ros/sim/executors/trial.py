@@ -15,13 +15,15 @@ from collections.abc import Callable
 
 import warp as wp
 
+from cloth_sim_ros.sim.colliders.collider import STRETCHED
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.state import Arrays, ColliderMotion
 
 STRAINED = wp.constant(0.5)
 GROWTH = wp.constant(1.5)  # of the largest strain, over a frame, or its inverse
-TOO_STRAINED = wp.constant(1.0)  # explicit steps heat what is strained by more, however slowly it came there
+# Explicit steps heat what is strained by more, however slowly it came there, and a collider may come through it.
+TOO_STRAINED = wp.constant(STRETCHED - 1.0)
 
 
 @compiled

@@ -21,6 +21,8 @@ SEPARATION = wp.constant(3.0)
 # Of a support, what carries over to the next substep. If all did, a chain and a collider would wind one another up.
 CARRIED = wp.constant(0.95)
 NOISE = wp.constant(1.0e-6)  # [m] a motion of this size may be rounding alone
+# Bits of what contact tells of a particle: a collider may come near it in this substep, and one touched it.
+CLOSE, TOUCHED = wp.constant(1), wp.constant(2)
 
 
 @wp.func
@@ -230,11 +232,21 @@ def thick_enough(thickness: float, gap: float, roundness: float, body: Body) -> 
     return wp.max(thickness, gap * gap / (round + wp.sqrt(round * round + gap * gap)))
 
 
+@wp.func
+def note_strain(strain: float, body: int, found: wp.array(dtype=float)):
+    """Remember the strain around a particle that a collider touches, where that may open a way for it.
+
+    The frame of explicit steps is then done again, see executors/trial.py.
+    """
+    if strain > wp.static(STRETCHED - 1.0):
+        wp.atomic_max(found, body, strain)
+
+
 def _make_thickness_for(features: Features):
     """A Warp function: at which thickness particle i touches a collider, and how wide the panels around it are [m].
 
     These are looked at where it is not `away` from the collider. A `gap` above 0 is known already. Explicit steps do
-    without, as a frame in which springs are strained so far is done again by XPBD.
+    without, see note_strain.
     """
 
     @wp.func
@@ -253,21 +265,21 @@ def _make_thickness_for(features: Features):
 def make_touch(features: Features):
     """A Warp function that keeps particle i outside all colliders, with friction.
 
-    Returns whether one of them may come within a `width` [m] of it in the substep.
+    Returns bits of whether one of them may come within a `width` [m] of it in the substep, and whether one touched it.
     """
     meet, leave = make_meet(features.shapes), _make_leave(features)
     carried_by, is_supported, let_go = _make_support(features)
     least, thickness_for = least_mass(features), _make_thickness_for(features)
 
     @wp.func
-    def contact(i: int, met: Met, here: Here, width: float) -> bool:
+    def contact(i: int, met: Met, here: Here, width: float) -> int:
         material, step = here.material, here.step
         packed = load4(here.d, i)
         row = load4(here.x, i)
         w = packed[3]
         if w <= wp.static(least) * row[3]:
             let_go(met)
-            return True
+            return CLOSE
         close = bool(False)
         position = xyz(row)
         displacement = xyz(packed)
@@ -328,7 +340,7 @@ def make_touch(features: Features):
             c = next_of(c, met.near, stray)
         if touched or wp.static(features.supported):
             leave(i, here.low, here.d, displacement, push, support, met, step)
-        return close
+        return wp.where(close, CLOSE, 0) + wp.where(touched, TOUCHED, 0)
 
     return contact
 
@@ -363,9 +375,13 @@ def make_contact(features: Features):
     @wp.func
     def contact(i: int, met: Met, here: Here):
         width = here.body.width
-        close = touch(i, met, here, width)
+        found = touch(i, met, here, width)
         if wp.static(features.surface):
             if here.step.first:
-                here.state.close[met.slot] = wp.where(close, 1, 0)
+                here.state.close[met.slot] = found & CLOSE
+        elif wp.static(features.method == "verlet"):
+            if found & TOUCHED != 0:
+                strain = 3.0 * widest_around(i, here) / here.body.width - 1.0
+                note_strain(strain, here.body.index, here.state.strain_found)
 
     return contact
