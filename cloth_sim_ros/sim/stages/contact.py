@@ -312,7 +312,8 @@ def make_touch(features: Features):
                 low = xyz(load4(here.low, i))
                 slip = slip_of(position - sweep.position, displacement - low, sweep)
                 p = sweep.to_local * offset
-                apart = pace(collider, step)
+                # What it is thicker by than a moment ago was no overlap before.
+                apart = pace(collider, step) + (thickness - material.thickness)
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 gap = touching[3]
                 if gap < 0.0 or is_supported(before):
