@@ -145,6 +145,16 @@ class Bodies:
         """Whether an object is kept apart from itself or from others."""
         return self.scene.objects[name].self_contact or (self.scene.object_contact and len(self.scene.objects) > 1)
 
+    def advance(self) -> None:
+        """Begin a frame: colliders and handles go to where they are wanted, and kernels are told in which worlds."""
+        still = self.colliders.are_still and self.handles.are_still
+        self.colliders.advance()
+        self.handles.advance()
+        if not still:
+            moves = self.colliders.moves() | self.handles.moves()
+            if (moves != self.frame.read(0, None)["moves"]).any():
+                self.frame.write(0, None, moves=moves)
+
     def alike(self, most: int) -> int:
         """How many of the next `most` frames can be run as one, because the host has nothing to do between them."""
         still = self.colliders.are_still and self.handles.are_still

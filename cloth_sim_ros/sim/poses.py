@@ -59,6 +59,10 @@ class Motions(LiveArray):
         wanted = {"moving": self._moving, "wanted": self._wanted}
         return {**super().mirrors(), **wanted, "positions": self._position, "orientations": self._orientation}
 
+    def moves(self) -> np.ndarray:
+        """Whether any of them moves in this frame, in each world (worlds,)."""
+        return self._moving.any(axis=1)
+
     def touch(self) -> None:
         """See LiveArray; some may move now."""
         super().touch()

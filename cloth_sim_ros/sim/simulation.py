@@ -146,8 +146,7 @@ class Simulation:
             frames -= alike
 
     def _begin(self) -> None:
-        self._bodies.colliders.advance()
-        self._bodies.handles.advance()
+        self._bodies.advance()
 
     def make_ready(self) -> None:
         """Compile what only some frames need, so that none of them waits; may run in a thread beside `step`."""

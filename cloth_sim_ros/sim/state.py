@@ -37,7 +37,7 @@ def compliance_of(material: Material, kind: int) -> float:
 @wp.struct
 class Frame:
     """One batch. gravity [m/s^2], dt of a substep [s], outer: steps of slow forces, global_damping [1/s], wind [m/s],
-    air_density [kg/m^3]."""
+    air_density [kg/m^3]. moves: 1 while a collider or handle moves."""
 
     gravity: wp.vec3
     dt: float
@@ -49,6 +49,7 @@ class Frame:
     air_density: float
     drag: float
     lift: float
+    moves: int
 
 
 @wp.struct

@@ -190,7 +190,9 @@ def make_enter(features: Features):
             if substep == 0:
                 smooth = here.state.history[here.body.index] > 0
         here.step = make_step(here.frame.dt, smooth, wp.static(features.order), here.frame.global_damping)
-        here.step.weighs = substep % WEIGHED == 0 or not smooth
+        here.step.weighs = substep == 0 or (here.frame.moves > 0 and substep % WEIGHED == 0)
+        if wp.static(features.order == 2):
+            here.step.weighs = here.step.weighs or not smooth
         bodies, colliders = here.model.bodies.shape[0], here.colliders.shape[0]
         here.sweep = (substep % wp.static(SWEPT) * bodies + here.body.index) * colliders
         return here

@@ -42,8 +42,8 @@ MOST_ASIDE, MOST_WAYS, MOST_WEIGHTS = wp.constant(0.02), wp.constant(2.0), wp.co
 # length of its springs. Beyond 2 it swings to and fro ever farther, beyond 1 it comes out on the other side. A particle
 # gets heavier until it does not: geometric stiffness as mass, after the same paper.
 MOST_TAUT = wp.constant(0.25)
-# These forces and tensions are looked at in every so many substeps, and in each behind one that was not smooth, as
-# under a stroke of a collider.
+# These forces and tensions are looked at in the first substep of a frame, in every so many while a collider or handle
+# moves, and behind each that was not smooth, as under a stroke.
 WEIGHED = wp.constant(4)
 
 
