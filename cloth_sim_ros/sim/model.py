@@ -120,7 +120,7 @@ class Body:
     yielding: float  # the inverse of its mass [1/kg] where Material.largest_inverse_mass is 1
     is_rope: bool
     pinned: bool  # whether any of its particles is
-    width: float  # how far facets reach from their corners at most, stretched threefold [m]
+    gap: float  # how far a point of its panels lies from the nearest of their corners at most, at rest [m]
 
 
 @wp.struct

@@ -85,7 +85,7 @@ class ModelArrays:
             "yielding": 1.0 / float(topology.masses.sum()),
             "is_rope": not len(topology.triangles),
             "pinned": bool(topology.pinned.any()),
-            "width": 3.0 * topology.widest_gap,
+            "gap": topology.widest_gap,
         }
         self.bodies.append(body)
 

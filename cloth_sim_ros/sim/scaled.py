@@ -86,7 +86,7 @@ class Scaled:
     def write(self, chosen: wp.array) -> None:
         """Bring Topology.world_scales to the device, in worlds of these numbers."""
         self.plate_rates[0][:] = self._body["plate_rate"] / self._scales**2
-        lengths = {name: self._body[name] * self._scales for name in ("spacing", "width")}
+        lengths = {name: self._body[name] * self._scales for name in ("spacing", "gap")}
         self._bodies.write(0, None, plate_rate=self.plate_rates[0], **lengths)
         self._bodies.upload()
         scales = wp.array(self._scales, dtype=wp.float64, device=self._device)

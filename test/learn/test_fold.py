@@ -27,6 +27,7 @@ def test_hands_that_go_in_half_circles_fold_it(device):
     assert still[1] == pytest.approx(-still[4]["distance"] / SIDE)
 
 
+@pytest.mark.long
 def test_a_plan_over_worlds_folds_at_least_95_of_100_better_than_its_guess(device):
     """The guess are half circles that are too wide, as of a towel that is a quarter larger."""
     guess = np.clip(1.25 * half_circles(), -1.0, 1.0)

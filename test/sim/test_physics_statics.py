@@ -138,6 +138,7 @@ def pressed(device, constant, **settings):
     return told["max_strain"], told["kinetic_energy"] / 0.1
 
 
+@pytest.mark.long
 def test_a_ball_strains_a_clamped_sheet_alike_however_stiff_it_is(device):
     """Who moves a linear system by hand moves it alike, whatever its springs are. It shook at 160 J/kg."""
     strain, _ = pressed(device, 1e3, method="verlet")

@@ -211,6 +211,7 @@ def test_a_file_is_loaded_where_the_object_was_moved_out_of_a_collider(device, t
         assert np.allclose(inside.rest_positions("it", world), above.rest_positions("it", world) + up, atol=1e-6)
 
 
+@pytest.mark.long
 def test_a_pose_is_that_of_a_body_of_its_size(device):
     many, pose = scaled(fixed(order=2), device), np.array([0.3, -0.2, 2.0, *(0.5 * np.array([1.0, 1.0, -1.0, 1.0]))])
     for name in many.scene.objects:

@@ -84,7 +84,8 @@ def test_writing_without_a_world_writes_to_all(device):
         assert all(np.array_equal(a, b) for a, b in zip(states(many, w), states(one), strict=True))
 
 
-@pytest.mark.parametrize("executor", ["block", pytest.param("graph", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("executor", ["block", "graph"])
 def test_a_bad_world_leaves_63_others_as_they_were(device, executor):
     """NaN forced into the state of one of 64 worlds: it alone is put back and counted."""
     with forced_executor(executor):

@@ -85,6 +85,7 @@ def test_error_of_a_rope_for_as_long_as_asked(monkeypatch, tmp_path, capsys):
     assert "allowed is 0.5 s" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_touching_has_a_row_a_scene(monkeypatch, capsys):
     options = ("--resolution", 8, "--substeps", 20, "--seconds", 0.3, "--device", "cpu")
     assert command(monkeypatch, "touching", *options) == 0

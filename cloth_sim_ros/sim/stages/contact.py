@@ -23,6 +23,7 @@ CARRIED = wp.constant(0.95)
 NOISE = wp.constant(1.0e-6)  # [m] a motion of this size may be rounding alone
 # Bits of what contact tells of a particle: a collider may come near it in this substep, and one touched it.
 CLOSE, TOUCHED = wp.constant(1), wp.constant(2)
+NEARBY = wp.constant(3.0)  # gaps between particles: how far facets reach from their corners, stretched threefold
 
 
 @wp.func
@@ -226,7 +227,7 @@ def thick_enough(thickness: float, gap: float, roundness: float, body: Body) -> 
     gap: the farthest that a point between them lies from the nearest of them [m], as in Collider.enters. As that has
     told, the collider is round enough for gaps that are STRETCHED times as wide as at rest.
     """
-    rest = wp.static(STRETCHED / 3.0) * body.width
+    rest = wp.static(STRETCHED) * body.gap
     least = 0.5 * (rest * rest / wp.max(thickness, 1.0e-9) - thickness)
     round = wp.max(roundness, least)
     return wp.max(thickness, gap * gap / (round + wp.sqrt(round * round + gap * gap)))
@@ -253,7 +254,7 @@ def _make_thickness_for(features: Features):
     def thickness_for(i: int, roundness: float, away: float, gap: float, here: Here) -> wp.vec2:
         found = wp.vec2(here.material.thickness, gap)
         if wp.static(features.method == "xpbd" and not features.surface):
-            if away < here.body.width:
+            if away < NEARBY * here.body.gap:
                 if gap == 0.0:
                     found[1] = widest_around(i, here)
                 found[0] = thick_enough(found[0], found[1], roundness, here.body)
@@ -375,14 +376,14 @@ def make_contact(features: Features):
 
     @wp.func
     def contact(i: int, met: Met, here: Here):
-        width = here.body.width
+        width = NEARBY * here.body.gap
         found = touch(i, met, here, width)
         if wp.static(features.surface):
             if here.step.first:
                 here.state.close[met.slot] = found & CLOSE
         elif wp.static(features.method == "verlet"):
             if found & TOUCHED != 0:
-                strain = 3.0 * widest_around(i, here) / here.body.width - 1.0
+                strain = widest_around(i, here) / here.body.gap - 1.0
                 note_strain(strain, here.body.index, here.state.strain_found)
 
     return contact
