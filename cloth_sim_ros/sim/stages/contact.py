@@ -24,6 +24,8 @@ NOISE = wp.constant(1.0e-6)  # [m] a motion of this size may be rounding alone
 # Bits of what contact tells of a particle: a collider may come near it in this substep, and one touched it.
 CLOSE, TOUCHED = wp.constant(1), wp.constant(2)
 NEARBY = wp.constant(3.0)  # gaps between particles: how far facets reach from their corners, stretched threefold
+# As many times as wide a gap may count: what is around a collider would else drive itself apart without end.
+WIDEST = wp.constant(6.0)
 
 
 @wp.func
@@ -230,7 +232,8 @@ def thick_enough(thickness: float, gap: float, roundness: float, body: Body) -> 
     rest = wp.static(STRETCHED) * body.gap
     least = 0.5 * (rest * rest / wp.max(thickness, 1.0e-9) - thickness)
     round = wp.max(roundness, least)
-    return wp.max(thickness, gap * gap / (round + wp.sqrt(round * round + gap * gap)))
+    wide = wp.min(gap, WIDEST * body.gap)
+    return wp.max(thickness, wide * wide / (round + wp.sqrt(round * round + wide * wide)))
 
 
 @wp.func
