@@ -2,9 +2,9 @@
 """A frame of explicit steps is a trial: what it leaves is checked, and a body that is not good does the frame again.
 
 Explicit steps that are stable at rest may blow up where springs are strained far beyond it. At the end of a frame a
-body is rejected where fault recovery had to put it back. It is also rejected where a spring is or was strained by more
-than TOO_STRAINED, or by more than STRAINED and half more or less than in the frame before, or while a collider moves:
-that might come through between the particles. It then goes back to where the frame began and does it again by
+body is rejected where fault recovery had to put it back, and where a spring is or was strained by more than
+TOO_STRAINED. Beyond STRAINED it is rejected if that changed by half since the frame before. So it is while a collider
+moves, which might come through between the particles. It then goes back to where the frame began and does it again by
 first-order XPBD, which is stable at any strain. All of that stays on the device; `redone` counts the frames.
 """
 

@@ -13,8 +13,8 @@ Lines that come later in the sweep move the particles on, so that the slip of a 
 dashpots would resist what is undone behind them: a sheet at rest under load would be too soft. So order 2 adds to the
 slip what came behind this solve in the substep before, which is all of that slip less `line_slips`.
 
-In substeps that weigh (see WEIGHED in integrate.py), each line of what is pinned or held adds the size of its force on
-a particle to what makes it heavier there. The largest tension of a line counts too.
+In substeps that weigh (see WEIGHED in integrate.py), lines of what is pinned or held make their particles heavier. Each
+adds the size of its force there. The largest tension of a line counts too.
 """
 
 from __future__ import annotations
