@@ -63,7 +63,7 @@ class Batch:
         )
         self._winches = {name: _wound(topology) for name, topology in topologies.items() if topology.winch is not None}
         incident_springs = features.method == "verlet" and not rows  # which lay out their own
-        collected = ModelArrays(incident_springs, lanes=device.is_cpu)
+        collected = ModelArrays(incident_springs, device.is_cpu, features.line_slots)
         for topology in topologies.values():
             collected.add(topology)
         self.lines = collected.lines

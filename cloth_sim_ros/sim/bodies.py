@@ -20,10 +20,10 @@ from cloth_sim_ros.sim.checks import names_of, on_host
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.colliders.collider import FASTEST, STRETCHED, Collider
 from cloth_sim_ros.sim.device import find_device
-from cloth_sim_ros.sim.executors.block import capacity
 from cloth_sim_ros.sim.executors.choose import goes_in_rows
 from cloth_sim_ros.sim.forces import name_of
 from cloth_sim_ros.sim.frames import LONGEST, Frames
+from cloth_sim_ros.sim.lines.layout import CROWDED
 from cloth_sim_ros.sim.live_array import LiveArray, Some, worlds_of
 from cloth_sim_ros.sim.meeting.together import Together
 from cloth_sim_ros.sim.methods import choose as choosing
@@ -227,6 +227,7 @@ class Bodies:
         numbers = np.array([force.numbers() for force in self.scene.forces.values()]).reshape(-1, 4)
         forces = wp.array(numbers, dtype=wp.vec4, device=self.warp_device)
         shared = Shared(self.colliders, self.handles, self.handle_counts, forces)
+        crowded = self.warp_device.is_cuda and self.worlds * len(self.topologies) > self.warp_device.sm_count
         alike: dict[tuple[Features, bool, str], dict[str, Topology]] = {}
         for name, topo in self.topologies.items():
             choice = self._choices[name]
@@ -238,6 +239,7 @@ class Bodies:
                 surface=choice.surface,
                 meets=self._meets(name),
                 listed=self.colliders.array.shape[1] > FEW,
+                line_slots=max(features.line_slots, CROWDED if crowded else 1),
             )
             rows = goes_in_rows(features, topo, self.warp_device)
             alike.setdefault((features, rows, name if name in self.scales else ""), {})[name] = topo
@@ -282,11 +284,6 @@ class Bodies:
     def choices(self) -> dict[str, Choice]:
         """Name -> how the object is computed now, in all worlds, and why."""
         return dict(self._choices)
-
-    @property
-    def fits_a_block(self) -> bool:
-        """Whether the block executor can hold every object, each in one block of the device."""
-        return all(max(batch.counts) <= capacity(self.warp_device, batch.features) for batch in self.batches)
 
     def one(self, world: int) -> int:
         """`world` if there is one of that number, else ValueError."""

@@ -98,13 +98,13 @@ class Features:
 
 @wp.struct
 class Body:
-    """Where a body's parts begin: particles, families of lines, chain segments, panels."""
+    """Where a body's parts begin: particles, rounds of lines, chain segments, panels."""
 
     index: int
     spacing: float  # mean rest length of its springs [m]
     particles: int
     count: int
-    groups: int  # families of lines
+    groups: int  # rounds of families of lines
     groups_end: int
     segments: int
     segments_end: int
@@ -137,14 +137,14 @@ class Seams:
 
 @wp.struct
 class Model:
-    """Constant arrays. groups: (material kind, first, end) of the rows of a family of lines.
+    """Constant arrays. groups: (first, end) of the rows of lines of a round, and how many a warp takes in a row.
 
     scale: element compliance / material compliance. What lies in slots of lines is told in lines/layout.py.
     """
 
     bodies: wp.array(dtype=Body)
     groups: wp.array(dtype=wp.vec3i)
-    line_rows: wp.array(dtype=wp.vec3i)  # (R,) first slot, slots and lines of a row
+    line_rows: wp.array(dtype=wp.vec4i)  # (R,) first slot, slots, lines and material kind of a row
     line_nodes: wp.array(dtype=int)  # (S,) particle in each lane of each slot, -1 for none
     line_others: wp.array(dtype=int)  # (S,) the particle behind it in its line, -1 for none
     line_rests: wp.array(dtype=float)  # (S,) rest length of the spring between them [m], -1 where there is none

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.lines.layout import in_lanes, in_warps, slots_a_thread
+from cloth_sim_ros.sim.lines.layout import Rows, in_lanes, in_warps, packed
 from cloth_sim_ros.sim.model import Body, Model, Seams
 from cloth_sim_ros.sim.topology import KINDS, Topology
 from cloth_sim_ros.sim.topology.elements import Plate
@@ -25,12 +25,13 @@ class ModelArrays:
 
     bodies[b]: the fields of Body; groups: the rows of Model.groups; size: name of an array in Model -> rows so far;
     particles: of all bodies so far. lines[b]: (kind, first, end) of the slots of every family of body b.
-    With `incident_springs` every particle knows its springs. Lines lie as a CPU's lanes or a GPU's warps take them.
+    With `incident_springs` every particle knows its springs. Lines lie as a CPU's `lanes` take them, or a GPU's warps,
+    of which each thread holds `slots` particles.
     spring_slots[b]: kind -> (S,) the slots of the springs of body b.
     """
 
-    def __init__(self, incident_springs: bool, lanes: bool) -> None:
-        self._with_incident_springs, self._lanes = incident_springs, lanes
+    def __init__(self, incident_springs: bool, lanes: bool, slots: int) -> None:
+        self._with_incident_springs, self._lanes, self._slots = incident_springs, lanes, slots
         self.bodies: list[dict[str, Any]] = []
         self.groups: list[tuple[int, int, int]] = []
         self._rows: dict[str, list[np.ndarray]] = {name: [] for name in Model.vars if name not in _NOT_ROWS}
@@ -91,22 +92,37 @@ class ModelArrays:
 
     def _add_lines(self, topology: Topology) -> None:
         """The springs of a sheet, and of a rope that is not solved as a whole, family by family."""
-        slots = slots_a_thread(topology.families)
         self.lines.append([])
-        slots_of = {kind: np.full(len(springs.rest), -1) for kind, springs in topology.springs.items()}
-        for family in topology.families:
-            springs, kind = topology.springs[family.kind], KINDS.index(family.kind)
-            rows = in_lanes(family, springs) if self._lanes else in_warps(family, springs, slots)
-            lanes, first = rows.nodes.shape[1], self.size["line_nodes"]
-            numbers = rows.numbers.ravel()
-            slots_of[family.kind][numbers[numbers >= 0]] = first + np.flatnonzero(numbers >= 0)
+        self.spring_slots.append({kind: np.full(len(e.rest), -1) for kind, e in topology.springs.items()})
+        tables: list[np.ndarray] = []
+        for family, rows in zip(topology.families, self._rows_of(topology), strict=True):
+            kind, first, numbers = KINDS.index(family.kind), self.size["line_nodes"], rows.numbers.ravel()
+            self.spring_slots[-1][family.kind][numbers[numbers >= 0]] = first + np.flatnonzero(numbers >= 0)
             for name in ("nodes", "others", "rests", "scales"):
                 self._append(f"line_{name}", getattr(rows, name).ravel())
-            start = self._append("line_rows", rows.table + [first // lanes, 0, 0])
+            table = rows.table + [first // rows.nodes.shape[1], 0, 0]
+            tables.append(np.column_stack([table, np.full(len(table), kind)]))
             self.longest_row = max(self.longest_row, int(rows.table[:, 1].max()))
             self.lines[-1].append((kind, first, self.size["line_nodes"]))
-            self.groups.append((kind, start, start + len(rows.table)))
-        self.spring_slots.append(slots_of)
+        for some in topology.rounds:
+            parts = [tables[number] for number, _ in some]
+            # A warp takes the rows of a round that belong together one after the other; a core takes all in order.
+            joined = np.concatenate(parts) if self._lanes else np.stack(parts, axis=1).reshape(-1, 4)
+            start = self._append("line_rows", joined)
+            self.groups.append((start, start + len(joined), 1 if self._lanes else len(parts)))
+
+    def _rows_of(self, topology: Topology) -> list[Rows]:
+        """How each family lies; in warps, what lies within a line is in the row of the same number as that line."""
+        families, found = topology.families, {}
+        if self._lanes:
+            return [in_lanes(family, topology.springs[family.kind]) for family in families]
+        for some in topology.rounds:
+            last = packed(families[some[-1][0]], self._slots)
+            for number, around in some:
+                family = families[number]
+                lines = last if around is None else [np.flatnonzero(np.isin(around, row)).tolist() for row in last]
+                found[number] = in_warps(family, topology.springs[family.kind], self._slots, lines)
+        return [found[number] for number in range(len(families))]
 
     def _add_seams(self, topology: Topology, first_panel: int) -> None:
         """What goes with a spring that fails, of a body whose panels begin at `first_panel`."""

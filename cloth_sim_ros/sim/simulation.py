@@ -122,7 +122,7 @@ class Simulation:
     scene, settings = _its("scene"), _its("settings")
     worlds, builds = _its("worlds"), _its("builds")
     device, method = _its("device"), _its("method")
-    choices, fits_a_block = _its("choices"), _its("fits_a_block")
+    choices = _its("choices")
 
     @property
     def time(self) -> float:

@@ -8,7 +8,6 @@ import dataclasses
 import numpy as np
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.study.timing import frame_time, quartiles
 
 # Where a collider is: out of reach, or in the middle of the cloth.
@@ -48,20 +47,16 @@ def variants(cloth: Cloth) -> dict[str, tuple[Scene, dict, str]]:
 def measure(cloth: Cloth, device: str, substeps: int, rounds: int, frames: int) -> list[dict]:
     """A row a variant: quartiles of ms a frame, and of the difference to what it is held against, in turns.
 
-    All run one launch a frame, where the cloth fits a block, so that differences are those of the feature alone. The
-    plain cloth is there twice: its own difference is the noise.
+    All run one launch a frame, so that differences are those of the feature alone. The plain cloth is there twice: its
+    own difference is the noise.
     """
     chosen = variants(cloth)
     plain = {"method": "xpbd", "order": 1, "substeps": substeps, "iterations": 1}
-    fits = Simulation(chosen["all springs"][0], Settings(**plain), device=device).fits_a_block
-    executor = "block" if fits else "graph"
     sims = {"": None}
     for name, (scene, settings, _) in chosen.items():
-        with forced_executor(executor):
-            sims[name] = Simulation(scene, Settings(**{**plain, **settings}), device=device)
+        sims[name] = Simulation(scene, Settings(**{**plain, **settings}), device=device)
     scene = chosen["all springs"][0]
-    with forced_executor(executor):
-        sims[""] = Simulation(scene, Settings(**plain), device=device)
+    sims[""] = Simulation(scene, Settings(**plain), device=device)
     for sim in sims.values():
         for _ in range(3):  # compiles, captures
             sim.step()

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`speed`: one launch a frame or one a stage: the same cloth in the same run, by xpbd of second order.
+"""`speed`: a frame of a hung cloth, by xpbd of second order.
 
-The executors take turns, so that whatever else the machine does falls on all alike. --peers adds the same springs at
-the same substeps in Newton and pyPBD, and MuJoCo's flex of the same size, in the same run. --features adds what each
-feature of a scene costs.
+--peers adds the same springs at the same substeps in Newton and pyPBD, and MuJoCo's flex of the same size, in the same
+run. --features adds what each feature of a scene costs.
 """
 
 from __future__ import annotations
@@ -18,15 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.study import feature_costs
 from cloth_sim_ros.study.cases import Case
 from cloth_sim_ros.study.contenders import Run
 from cloth_sim_ros.study.figures import draw_speed
 from cloth_sim_ros.study.peers import PEERS, flex_times
 from cloth_sim_ros.study.timing import frame_time, machine, quartiles
-
-EXECUTORS = {"block": "a frame", "graph": "a stage"}  # and what each needs a launch for
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resolution", type=int, nargs="+", default=[16, 32, 64], help="particles along each side")
     parser.add_argument("--substeps", type=int, default=20)
     parser.add_argument("--iterations", type=int, default=1)
-    parser.add_argument("--rounds", type=int, default=9, help="turns that each executor takes")
+    parser.add_argument("--rounds", type=int, default=9, help="turns that are measured")
     parser.add_argument("--seconds", type=float, default=0.25, help="length of a turn [s]")
     parser.add_argument("--peers", action="store_true", help="also Newton, pyPBD and MuJoCo, if installed")
     parser.add_argument("--worlds", type=int, default=1, help="copies of the cloth in the same launches")
@@ -61,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     features = []
     if arguments.features:
         cloth = hanging_cloth(arguments.resolution[-1])
-        frames = max(5, int(1e3 * arguments.seconds / rows[-1][best(rows[-1])]["median"]))
+        frames = max(5, int(1e3 * arguments.seconds / rows[-1]["ms"]["median"]))
         features = feature_costs.measure(cloth, rows[-1]["device"], arguments.substeps, arguments.rounds, frames)
         print(feature_costs.table(features))
     if arguments.figure:
@@ -92,7 +88,7 @@ def compare(rows: list[dict], arguments: argparse.Namespace) -> list[dict]:
     """Peers at the sizes of `rows`: their ms per frame, and how often the product's frame goes into theirs."""
     found = []
     for row in rows:
-        ours = row[best(row)]["median"]
+        ours = row["ms"]["median"]
 
         def add(label: str, times: np.ndarray, row: dict = row, ours: float = ours) -> None:
             numbers = quartiles(times)
@@ -114,7 +110,7 @@ def compare(rows: list[dict], arguments: argparse.Namespace) -> list[dict]:
 
 
 def peer_table(rows: list[dict]) -> str:
-    """The peers as text: median and quartiles in ms per frame, and the ratio to the product's fastest executor."""
+    """The peers as text: median and quartiles in ms per frame, and the ratio to the product."""
     lines = [f"{'cloth':>9}  {'peer':<28}  {'ms per frame':>26}  {'times ours':>10}"]
     for row in rows:
         size = f"{row['resolution']} x {row['resolution']}"
@@ -123,40 +119,18 @@ def peer_table(rows: list[dict]) -> str:
     return "\n".join(lines)
 
 
-def best(row: dict) -> str:
-    """The executor that was fastest."""
-    return min((name for name in EXECUTORS if name in row), key=lambda name: row[name]["median"])
-
-
 def measure(resolution: int, arguments: argparse.Namespace) -> dict:
-    """Medians over the rounds of all executors [ms per frame], their quartiles, and the ratio of stages to frames.
-
-    A cloth too large for one block of the device has no launch a frame.
-    """
+    """Median and quartiles over the rounds [ms per frame]."""
     numbers = {"substeps": arguments.substeps, "iterations": arguments.iterations}
-    settings = {"method": "xpbd", "order": 2, **numbers}
-    scene, sims, frames = Scene(objects={"cloth": hanging_cloth(resolution)}), {}, {}
-    automatic = Simulation(scene, Settings(**settings), device=arguments.device, worlds=arguments.worlds)
-    for executor in EXECUTORS:
-        if executor == "block" and not automatic.fits_a_block:
-            continue
-        with forced_executor(executor):
-            sim = Simulation(scene, Settings(**settings), arguments.device, arguments.worlds)
-        for _ in range(3):  # compiles, captures
-            sim.step()
-        sims[executor] = sim
-        frames[executor] = max(3, int(1e3 * arguments.seconds / frame_time(sim, 5)))
-    found = {executor: [] for executor in sims}
-    for _ in range(arguments.rounds):
-        for executor, sim in sims.items():
-            found[executor].append(frame_time(sim, frames[executor]))
-    row = {"resolution": resolution, **numbers, "device": automatic.device}
-    for executor in sims:
-        row[executor] = quartiles(found[executor])
-    if "block" in found:
-        row["ratio"] = quartiles(np.array(found["graph"]) / np.array(found["block"]))
-    row["chosen"], row["wall"] = automatic.method, _wall(automatic, max(frames.values()))
-    return row
+    settings = Settings(method="xpbd", order=2, **numbers)
+    scene = Scene(objects={"cloth": hanging_cloth(resolution)})
+    sim = Simulation(scene, settings, arguments.device, arguments.worlds)
+    for _ in range(3):  # compiles, captures
+        sim.step()
+    frames = max(3, int(1e3 * arguments.seconds / frame_time(sim, 5)))
+    times = quartiles([frame_time(sim, frames) for _ in range(arguments.rounds)])
+    row = {"resolution": resolution, **numbers, "device": sim.device, "ms": times}
+    return row | {"chosen": sim.method, "wall": _wall(sim, frames)}
 
 
 def _wall(sim: Simulation, frames: int) -> float:
@@ -171,18 +145,9 @@ def _wall(sim: Simulation, frames: int) -> float:
 def table(rows: list[dict]) -> str:
     """The rows as text: median and quartiles in ms per frame."""
 
-    def spread(numbers: dict | None) -> str:
-        if numbers is None:
-            return "-"
-        return f"{numbers['median']:.3f} ({numbers['low']:.3f}-{numbers['high']:.3f}) ms"
-
-    heads = "  ".join(f"{'one launch ' + what:>24}" for what in EXECUTORS.values())
-    lines = [f"{'cloth':>9}  {heads}  {'wall':>9}  chosen"]
+    lines = [f"{'cloth':>9}  {'ms per frame':>24}  {'wall':>9}  chosen"]
     for row in rows:
-        size = f"{row['resolution']} x {row['resolution']}"
-        times = "  ".join(f"{spread(row.get(executor)):>24}" for executor in EXECUTORS)
-        lines.append(f"{size:>9}  {times}  {row['wall']:.3f} ms  {row['chosen']}")
-        if "ratio" in row:
-            ratio = row["ratio"]
-            lines.append(f"{'':>9}  stages / frame {ratio['median']:.2f} ({ratio['low']:.2f}-{ratio['high']:.2f})")
+        size, ms = f"{row['resolution']} x {row['resolution']}", row["ms"]
+        spread = f"{ms['median']:.3f} ({ms['low']:.3f}-{ms['high']:.3f}) ms"
+        lines.append(f"{size:>9}  {spread:>24}  {row['wall']:.3f} ms  {row['chosen']}")
     return "\n".join(lines)

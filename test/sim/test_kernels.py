@@ -138,7 +138,7 @@ def test_every_device_agrees_with_the_cpu(device):
 def functions_in_kernel(features):
     """Names of all functions in the CUDA source generated for `features`, without compiling it."""
     if features.meets:  # it never runs in a block
-        module = graph.make_kernels(features, on_cpu=False)[1]["lines"].module
+        module = graph.make_kernels.__wrapped__(features, 64)["solved"].module
     else:
         module = block.make_frame.__wrapped__(features, 256, 128).module
     source = ModuleBuilder(module, {**module.options, "output_arch": 90}).codegen("cuda")
@@ -210,9 +210,15 @@ def test_a_frame_of_a_block_compiles_for_cuda(features, tmp_path):
 
 
 @pytest.mark.long
-def test_one_launch_a_stage_of_a_winch_compiles_for_cuda(tmp_path):
-    features = Features(False, True, "segments", (), 2, "xpbd", True, winch=True)
-    module = graph.make_kernels(features, on_cpu=False)[1]["chain"].module
+def test_a_frame_of_several_blocks_compiles_for_cuda(tmp_path):
+    module = block.make_spread_frame.__wrapped__(SHEET_AND_BALL, 64).module
+    wp.compile_aot_module(module, arch=90, module_dir=tmp_path, use_ptx=True)
+
+
+@pytest.mark.long
+def test_the_parts_of_a_winch_that_meets_compile_for_cuda(tmp_path):
+    features = Features(False, True, "segments", (), 2, "xpbd", True, winch=True, meets=True)
+    module = graph.make_kernels.__wrapped__(features, 64)["solved"].module
     wp.compile_aot_module(module, arch=90, module_dir=tmp_path, use_ptx=True)
     source = next(tmp_path.glob("*.cu")).read_text()
     assert "next_rate" in source and "half_binormal" not in source

@@ -72,6 +72,19 @@ def test_lines_of_a_grid_are_its_rows_columns_and_diagonals():
     ]  # fmt: skip
 
 
+def test_bending_springs_of_a_grid_are_solved_with_the_rows_and_columns_that_they_lie_in():
+    """So a substep of a grid has four barriers, and a row finds its own bending springs solved."""
+    topology = build(SHEETS["grid"], "it", True)
+    assert [[number for number, _ in some] for some in topology.rounds] == [[2], [3], [0, 4], [1, 5]]
+    for inner, outer in ((0, 4), (1, 5)):
+        rows, lines = topology.families[outer].particles, topology.families[inner].particles
+        around = dict(some[0] for some in topology.rounds[2:])[inner]
+        for line, row in zip(lines, rows[around], strict=True):
+            assert set(line[line >= 0]) <= set(row)
+    mesh = build(SHEETS["mesh"], "it", True)
+    assert [number for some in mesh.rounds for number, _ in some] == list(range(len(mesh.families)))
+
+
 def test_a_line_of_a_mesh_goes_straight_on():
     """A grid given as triangles has rows and columns as lines, whatever the order of its springs."""
     grid = build(Cloth(resolution=(6, 6)), "it", True)
@@ -89,7 +102,7 @@ def dense_substep(topology, x, v, constants, damping, iterations):
     gamma = damping / H
     multipliers = {kind: np.zeros(len(elements.rest)) for kind, elements in topology.springs.items()}
     for _ in range(iterations):
-        for family in topology.families:
+        for family in (topology.families[number] for some in topology.rounds for number, _ in some):
             springs = family.springs[family.springs >= 0]
             pairs, rest = topology.springs[family.kind].particles[springs], topology.springs[family.kind].rest[springs]
             alpha = 1.0 / constants[family.kind][springs] / H**2
@@ -127,8 +140,8 @@ def test_a_substep_is_what_dense_matrices_find(device, kind, compliance, damping
     constants = {name: springs[2] for name, springs in sim.springs("it").items()}
     sim.step()
     wanted = dense_substep(topology, x, v, constants, damping, iterations)
-    # Cyclic reduction in float32 loses three digits of a rigid line.
-    within = 3e-4 if compliance or sim.device == "cpu" else 3e-3
+    # Cyclic reduction in float32 loses five digits of a rigid line, to whose diagonal a share of 1e-5 is added.
+    within = 3e-4 if compliance or sim.device == "cpu" else 2e-2
     assert np.abs(sim.velocities("it") - wanted).max() < within * np.abs(wanted).max()
     assert np.abs(wanted - v - H * GRAVITY)[~topology.pinned].max() > 0.1 * np.abs(wanted).max(), "springs acted"
 

@@ -19,15 +19,14 @@ def command(monkeypatch, *arguments):
 
 
 @pytest.mark.long
-def test_speed_measures_executors_and_features(monkeypatch, tmp_path, capsys):
+def test_speed_measures_frames_and_features(monkeypatch, tmp_path, capsys):
     file = tmp_path / "speed.json"
     options = ("--device", "cpu", "--resolution", 8, "--rounds", 2, "--seconds", 0.01, "--json", file)
     options += ("--features", "--figure", tmp_path / "speed.png")
     assert command(monkeypatch, "speed", *options) == 0
     stored = json.loads(file.read_text())
     row, features = stored["rows"][0], stored["features"]
-    assert row["resolution"] == 8 and min(row["block"]["low"], row["graph"]["low"]) > 0.0
-    assert row["ratio"]["low"] <= row["ratio"]["median"] <= row["ratio"]["high"]
+    assert row["resolution"] == 8 and 0.0 < row["ms"]["low"] <= row["ms"]["median"] <= row["ms"]["high"]
     assert features[0]["feature"] == features[0]["against"] == "all springs" and len(features) == 16
     assert (tmp_path / "speed.png").stat().st_size > 5_000
     printed = capsys.readouterr().out

@@ -2,7 +2,8 @@
 """One launch a frame: a block (on the CPU, one thread) keeps a body of a world and runs all its substeps.
 
 On a GPU positions and displacements stay in the block's shared memory for the whole frame. A body may have at most
-`capacity(device)` particles there; on the CPU there is no limit. Blocks never wait for one another.
+`capacity(device)` particles there; on the CPU there is no limit. Blocks of different bodies never wait for one another.
+A large body may have several blocks, which wait for one another and share plain arrays.
 """
 
 from functools import lru_cache
@@ -10,16 +11,18 @@ from functools import lru_cache
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
+from cloth_sim_ros.sim.cooperative import Crew, crews_of, number_of
 from cloth_sim_ros.sim.executors.shared_history import copy_history, with_history_at
 from cloth_sim_ros.sim.intrinsics import BYTES_A_PARTICLE, beside, load_row, make_tile_address, store4, sync
 from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
-from cloth_sim_ros.sim.methods.stage import in_turn
+from cloth_sim_ros.sim.methods.stage import in_turn, wait_in_block, wait_in_crew
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import outer_weight
 from cloth_sim_ros.sim.ropes.scan import THREADS, scan_size
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 
+_LEAST, _MOST = 64, 512  # threads of each of several blocks of a body; of more, contact would not fit the registers
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 
 
@@ -37,19 +40,24 @@ def shared_memory(device: wp.Device) -> int:
 
 
 class Block:
-    """The launch of one batch. `advance()` simulates one frame of every body in every world of it."""
+    """The launch of one batch. `advance()` simulates one frame of every body in every world of it.
 
-    def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int, block: int):
-        shared = 0 if device.is_cpu else -(-largest // 64) * 64
-        kernel = make_frame(features, shared, block, shared_memory(device))
-        bodies = worlds[0].model.bodies.shape[0]
+    largest: particles of the largest body. blocks, block: how many blocks of how many threads a body has.
+    """
+
+    def __init__(
+        self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int, blocks: int, block: int
+    ):
+        bodies = len(worlds) * worlds[0].model.bodies.shape[0]
+        inputs = [gathered(worlds, device)]
+        if blocks == 1:
+            shared = 0 if device.is_cpu else -(-largest // 64) * 64
+            kernel, crews = make_frame(features, shared, block, shared_memory(device)), bodies
+        else:
+            kernel, crews = make_spread_frame(features, block), min(bodies, device.sm_count // blocks)
+            inputs += [bodies, crews_of(crews, blocks, block, device)]
         self._launch = wp.launch(
-            kernel,
-            dim=len(worlds) * bodies * block,
-            inputs=[gathered(worlds, device)],
-            device=device,
-            block_dim=block,
-            record_cmd=True,
+            kernel, dim=crews * blocks * block, inputs=inputs, device=device, block_dim=block, record_cmd=True
         )
 
     def advance(self, substeps: int, iterations: int, outer: int) -> None:
@@ -57,11 +65,10 @@ class Block:
         self._launch.launch()
 
 
-def threads_for(features: Features, largest: int, bodies: int, device: wp.Device) -> int:
-    """The threads of a block for a body of `largest` particles, one of so many at a time.
+def threads_for(features: Features, largest: int, device: wp.Device) -> int:
+    """The threads of a block for a body of `largest` particles.
 
-    A thread takes a segment of a rope, a particle of an explicit method, or its slots of a row of lines. Where bodies
-    share multiprocessors, half as many threads each wait less at barriers.
+    A thread takes a segment of a rope, a particle of an explicit method, or its slots of a row of lines.
     """
     if device.is_cpu:
         return 1
@@ -69,8 +76,17 @@ def threads_for(features: Features, largest: int, bodies: int, device: wp.Device
     if features.chain:
         work, most = largest - 1, THREADS
     elif features.method == "xpbd":
-        work = max(128, largest // features.line_slots // (1 if bodies <= device.sm_count else 2))
+        work = max(128, largest // features.line_slots)
     return min(most, -(-work // 32) * 32)
+
+
+def blocks_for(largest: int, bodies: int, device: wp.Device) -> tuple[int, int]:
+    """How many blocks, of how many threads each, share a body of `largest` particles, one of so many at a time.
+
+    Many small blocks wait no longer for one another than few large ones, and each has a multiprocessor to itself.
+    """
+    blocks = max(2, min(device.sm_count // bodies, -(-largest // _LEAST)))
+    return blocks, max(_LEAST, min(_MOST, -(-largest // blocks // 32) * 32))
 
 
 @lru_cache
@@ -82,7 +98,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     """
     program = make_program(features, block == 1, block, shared == 0 or shared > THREADS)
     load, unload = _make_memory(features, shared, block, most_shared)
-    begin = make_begin(features)
+    home_of = make_home(features)
     called = block == 1 and bool(features.shapes)
     simulate, end = _make_substeps(features, program, called), in_turn(program.ending, "ending", called)
     argument = given_type(features)
@@ -92,15 +108,9 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         # By the number of the thread alone: of two dimensions Warp would divide numbers of 64 bits.
         b = wp.tid() / wp.static(block)
         t = wp.tid() - b * wp.static(block)
-        if wp.static(features.worlds):
-            bodies = given[0].model.bodies.shape[0]
-            w = b // bodies
-            b -= w * bodies
-            home = begin(given[w], b)
-        else:
-            home = begin(given, b)
+        home = home_of(given, b, Crew())
         if wp.static(features.redoes):
-            if home.state.rejected[b] == 0:
+            if home.state.rejected[home.body.index] == 0:
                 return
         here = load(t, home)
         sync()
@@ -111,12 +121,56 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     return simulate_frame
 
 
-def _make_substeps(features: Features, program: Program, called: bool):
-    """A Warp function: the threads of a block run all substeps of a frame."""
-    enter, outer = make_enter(features), in_turn(program.outer, "outer", called)
-    before = in_turn(program.before, "before", called)
-    iterated = in_turn([*program.solved, *program.touched], "iterated", called)
-    after = in_turn([*program.kept, *program.after], "after", called)
+@lru_cache
+def make_spread_frame(features: Features, block: int):
+    """The same where several blocks of `block` threads have a body together, in plain arrays.
+
+    A barrier of blocks takes as long as ten of a block, but each has the whole multiprocessor.
+    """
+    program, home_of = make_program(features, False), make_home(features)
+    simulate = _make_substeps(features, program, False, wait_in_crew)
+    end = in_turn(program.ending, "ending", False, wait_in_crew)
+    argument = given_type(features)
+
+    @compiled(module="unique", launch_bounds=block)
+    def simulate_frame(given: argument, bodies: int, crew: Crew):
+        t = number_of(wp.tid(), crew)
+        for b in range(wp.tid() / crew.width, bodies, crew.teams):
+            here = home_of(given, b, crew)
+            if wp.static(features.redoes):
+                if here.state.rejected[here.body.index] == 0:
+                    continue
+            simulate(t, crew.width, here)
+            end(t, crew.width, here)
+
+    return simulate_frame
+
+
+def make_home(features: Features):
+    """A Warp function: body b of all worlds, in device arrays, which a crew has."""
+    begin, argument = make_begin(features), given_type(features)
+
+    @wp.func
+    def home_of(given: argument, b: int, crew: Crew) -> Here:
+        here = Here()
+        if wp.static(features.worlds):
+            bodies = given[0].model.bodies.shape[0]
+            w = b // bodies
+            here = begin(given[w], b - w * bodies)
+        else:
+            here = begin(given, b)
+        here.crew = crew
+        return here
+
+    return home_of
+
+
+def _make_substeps(features: Features, program: Program, called: bool, wait=wait_in_block):
+    """A Warp function: the threads of a body run all substeps of a frame; wait(here) is a barrier of them."""
+    enter, outer = make_enter(features), in_turn(program.outer, "outer", called, wait)
+    before = in_turn(program.before, "before", called, wait)
+    iterated = in_turn([*program.solved, *program.touched], "iterated", called, wait)
+    after = in_turn([*program.kept, *program.after], "after", called, wait)
 
     @wp.func
     def simulate(t: int, width: int, loaded: Here):

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import warp as wp
 
-from cloth_sim_ros.sim.executors.block import Block, capacity, threads_for
+from cloth_sim_ros.sim.executors.block import Block, blocks_for, capacity, threads_for
 from cloth_sim_ros.sim.executors.graph import Graph, Member
 from cloth_sim_ros.sim.executors.subdomain_plan import Unfit
 from cloth_sim_ros.sim.executors.subdomains import Subdomains
@@ -20,7 +20,7 @@ from cloth_sim_ros.sim.topology import Topology
 
 Executor = Block | Graph | Subdomains | VectorRows
 _forced: str | None = None
-_BLOCK_OF_LINES, _GRAPH_OF_LINES = 1600, 160_000  # particles of a body and of all, on an H200
+_ALONE = 1600  # particles that one block computes faster than several, on an H100
 
 
 @contextmanager
@@ -66,15 +66,14 @@ def make_executor(
             f"the executor 'block' is forced on a body of {largest} particles; allowed are up to {limit} on "
             f"{device.alias}"
         )
-    # A line solve takes a warp: a launch of all lines on all multiprocessors beats one block, until there are many.
-    alone = device.is_cuda and features.lines and largest > _BLOCK_OF_LINES
-    spread = alone and sum(counts) * len(worlds) < _GRAPH_OF_LINES
-    return _block_or_graph(features, worlds, counts, _forced == "graph" or (spread and _forced is None), device)
+    if _forced == "graph":
+        return Graph([Member(features, worlds, device)])
+    return _in_blocks(features, worlds, counts, _forced == "block", device)
 
 
 def make_safe_executor(
     features: Features, worlds: list[Arrays], frames: wp.array, counts: list[int], device: wp.Device
-) -> Block | Graph:
+) -> Block:
     """XPBD of first order for bodies whose explicit frame is rejected, in substeps as `frames` (worlds, 1) tell.
 
     counts: how many particles each body has.
@@ -87,14 +86,18 @@ def make_safe_executor(
             setattr(arrays, name, getattr(world, name))
         arrays.frames = frames[w]
         again.append(arrays)
-    return _block_or_graph(features, again, counts, False, device)
+    return _in_blocks(features, again, counts, False, device)
 
 
-def _block_or_graph(
-    features: Features, worlds: list[Arrays], counts: list[int], spread: bool, device: wp.Device
-) -> Block | Graph:
-    """A block a body where they fit; launches of their own where they do not, or are to be `spread`."""
-    largest = max(counts)
+def _in_blocks(features: Features, worlds: list[Arrays], counts: list[int], alone: bool, device: wp.Device) -> Block:
+    """A block a body, or several where they do not fit one.
+
+    Several compute a large sheet faster too; not if it shall be `alone`. The threads of a chain need one block.
+    """
+    largest, bodies = max(counts), len(counts) * len(worlds)
+    spread = device.is_cuda and not features.chain and largest > _ALONE and not alone
     if spread or largest > capacity(device, features):
-        return Graph([Member(features, worlds, device)])
-    return Block(features, worlds, device, largest, threads_for(features, largest, len(counts) * len(worlds), device))
+        blocks, block = blocks_for(largest, bodies, device)
+    else:
+        blocks, block = 1, threads_for(features, largest, device)
+    return Block(features, worlds, device, largest, blocks, block)

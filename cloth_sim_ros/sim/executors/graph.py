@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One launch a stage, for bodies that touch one another or are too large for a block.
+"""Bodies that touch one another advance together: a launch for each part of the program, and what meets between them.
 
 The same program as the block executor, on plain device arrays: both give the same state but for the rounding of the
 compiler's choices.
 """
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -14,13 +13,15 @@ from typing import Protocol
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
+from cloth_sim_ros.sim.cooperative import Crew, crews_of, number_of
+from cloth_sim_ros.sim.executors.block import blocks_for, make_home
 from cloth_sim_ros.sim.meeting.apart import Apart
 from cloth_sim_ros.sim.meeting.bound import Bound
 from cloth_sim_ros.sim.meeting.flat import Flat
 from cloth_sim_ros.sim.meeting.search import Search
-from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
-from cloth_sim_ros.sim.methods.stage import Stage
-from cloth_sim_ros.sim.model import Body, Features
+from cloth_sim_ros.sim.methods.program import make_enter, make_program
+from cloth_sim_ros.sim.methods.stage import in_turn, wait_in_crew
+from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 
 _KEPT = 4  # frames kept at a time, for as many triples of substeps, iterations and outer steps
@@ -33,68 +34,29 @@ class Launch(Protocol):
 
 
 class Member:
-    """The stages of a batch as launches, recorded once."""
+    """The parts of the program of a batch as launches, recorded once."""
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device) -> None:
-        self.features, self._device = features, device
-        self.program, self._kernels = make_kernels(features, device.is_cpu)
-        self._worlds, self._given = len(worlds), gathered(worlds, device)
-        self._colliders = worlds[0].colliders.shape[0]
-        bodies = worlds[0].model.bodies.numpy().tolist()
-        self._bodies = [dict(zip(Body.vars, body, strict=True)) for body in bodies]
-        self._groups = worlds[0].model.groups.numpy().tolist()
+        counts = worlds[0].model.bodies.numpy()["count"]
+        bodies = len(worlds) * len(counts)
+        blocks, block = (1, 1) if device.is_cpu else blocks_for(int(counts.max()), bodies, device)
+        crews = 1 if device.is_cpu else min(bodies, device.sm_count // blocks)
+        self._kernels = make_kernels(features, block)
+        self._given = [gathered(worlds, device), bodies, crews_of(crews, blocks, block, device)]
+        self._dims = {"dim": crews * blocks * block, "block_dim": block, "device": device}
         self._recorded: dict[tuple, wp.Launch] = {}
         for kernel in self._kernels.values():  # as none may have to be loaded while a frame is captured
-            kernel.module.load(device)
+            kernel.module.load(device, block)
 
-    def begin(self, substep: int, begins_outer: bool) -> list[Launch]:
-        """What begins a substep."""
-        found = self.run(self.program.outer, substep) if begins_outer else []
-        for stage in self.program.before:
-            if substep % stage.every == 0:
-                found += self.run([stage], substep if stage.every > 1 else self._at(substep))
-        return found
-
-    def iterate(self, stages: Sequence[Stage], substep: int, iteration: int, most: tuple[int, int]) -> list[Launch]:
-        """Stages of an iteration; most: substeps and iterations."""
-        substeps, iterations = most
-        store, last = iterations > 1 or substep == substeps - 1, iteration + 1 == iterations
-        return self.run(stages, self._at(substep), min(iteration, 1), int(store), int(last))
-
-    def finish(self, stages: Sequence[Stage], substep: int, iterations: int) -> list[Launch]:
-        """Stages behind the iterations."""
-        return self.run(stages, self._at(substep), min(iterations - 1, 1))
-
-    def end(self, substeps: int) -> list[Launch]:
-        """What ends a frame."""
-        return self.run((*self.program.outer, *self.program.ending), substeps)
-
-    def _at(self, substep: int) -> int:
-        # What looks at no substep is one launch, packed once.
-        looks = self.features.looks_back or self.features.lines or self.features.handles or self._colliders
-        return substep if looks else 0
-
-    def run(
-        self, stages: Sequence[Stage], substep: int, iteration: int = 0, store: int = 0, last: int = 1
-    ) -> list[Launch]:
-        """The launches of stages, for each body; those that are alike are one."""
-        found = []
-        for b, body in enumerate(self._bodies):
-            for stage in stages:
-                for g in range(body["groups"], body["groups_end"]) if stage.rounds else (0,):
-                    size = self._groups[g][2] - self._groups[g][1] if stage.rounds else body
-                    numbers = (stage.threads(size, self._colliders), b, substep, iteration, store, last, g)
-                    found.append(self._record(stage.name, numbers))
-        return found
-
-    def _record(self, name: str, numbers: tuple) -> wp.Launch:
-        key = (name, *numbers)
+    def run(self, part: str, substep: int, iteration: int = 0, store: int = 0, last: int = 1) -> list[wp.Launch]:
+        """The launch of a part of the program, for all bodies in all worlds; none of a part without stages."""
+        if part not in self._kernels:
+            return []
+        key = (part, substep, iteration, store, last)
         if key not in self._recorded:
-            inputs, dim = [self._given, *numbers], self._worlds * numbers[0]
-            self._recorded[key] = wp.launch(
-                self._kernels[name], dim=dim, inputs=inputs, device=self._device, record_cmd=True
-            )
-        return self._recorded[key]
+            inputs = [*self._given, substep, iteration, store, last]
+            self._recorded[key] = wp.launch(self._kernels[part], inputs=inputs, record_cmd=True, **self._dims)
+        return [self._recorded[key]]
 
 
 class Graph:
@@ -118,30 +80,33 @@ class Graph:
         _run(self._frames[settings])
 
     def _launches(self, substeps: int, iterations: int, outer: int) -> list[Launch]:
-        frame, members = [], self._members
+        frame: list[Launch] = []
+
+        def run(part: str, *numbers: int) -> None:
+            for member in self._members:
+                frame.extend(member.run(part, *numbers))
+
         if self._meeting is not None:
             flat, search, apart, bound = self._meeting
             frame += [Call(bound.begin), Call(flat.begin), Call(partial(search.look, ends=False))]
         outer_ends = {j * substeps // outer for j in range(outer + 1)}
         for substep in range(substeps):
-            for member in members:
-                frame += member.begin(substep, substep in outer_ends)
+            if substep in outer_ends:
+                run("outer", substep)
+            run("before", substep)
+            store = int(iterations > 1 or substep == substeps - 1)
             for iteration in range(iterations):
-                now = (substep, iteration, (substeps, iterations))
-                for member in members:
-                    frame += member.iterate(member.program.solved, *now)
+                now = (substep, min(iteration, 1), store, int(iteration + 1 == iterations))
+                run("solved", *now)
                 if self._meeting is not None:
                     frame.append(apart)
-                for member in members:
-                    frame += member.iterate(member.program.touched, *now)
-            for member in members:
-                frame += member.finish(member.program.kept, substep, iterations)
+                run("touched", *now)
+            run("kept", substep, min(iterations - 1, 1))
             if self._meeting is not None:
                 frame += [Call(partial(search.look, ends=True)), bound]
-            for member in members:
-                frame += member.finish(member.program.after, substep, iterations)
-        for member in members:
-            frame += member.end(substeps)
+            run("after", substep, min(iterations - 1, 1))
+        run("outer", substeps)
+        run("ending", substeps)
         return frame
 
 
@@ -158,38 +123,32 @@ class Call:
 
 
 @lru_cache
-def make_kernels(features: Features, on_cpu: bool) -> tuple[Program, dict[str, wp.Kernel]]:
-    """The program for `features` and the kernel of each of its stages, in one module of their own."""
-    program = make_program(features, on_cpu)
-    module = wp.get_module(f"cloth_sim_ros.graph.{features.key()}.{'cpu' if on_cpu else 'cuda'}")
-    begin, enter = make_begin(features), make_enter(features)
-    each = (program.outer, program.before, program.solved, program.touched)
-    stages = itertools.chain(*each, program.kept, program.after, program.ending)
-    return program, {stage.name: _make_kernel(stage, features, begin, enter, module) for stage in stages}
+def make_kernels(features: Features, block: int) -> dict[str, wp.Kernel]:
+    """Part of the program -> its kernel, in one module. A body has blocks of `block` threads; 1 is a CPU."""
+    program = make_program(features, block == 1)
+    module = wp.get_module(f"cloth_sim_ros.graph.{features.key()}.{block}")
+    called = block == 1 and bool(features.shapes)
+    each = {part: in_turn(stages, part, called, wait_in_crew) for part, stages in vars(program).items()}
+    return {part: _make_kernel(part, run, features, block, module) for part, run in each.items() if run is not None}
 
 
-def _make_kernel(stage: Stage, features: Features, begin, enter, module: wp.Module) -> wp.Kernel:
-    """The kernel that runs a stage of body b in the substep and iteration of a launch, with `size` threads a world."""
-    run, argument = stage.run, given_type(features)
+def _make_kernel(part: str, run, features: Features, block: int, module: wp.Module) -> wp.Kernel:
+    """The kernel that runs a part in the substep and iteration of a launch."""
+    home_of, enter, argument = make_home(features), make_enter(features), given_type(features)
 
-    def launched(given: argument, size: int, b: int, substep: int, iteration: int, store: int, last: int, g: int):
-        t = wp.tid()
-        if wp.static(features.worlds):
-            w = t // size
-            t -= w * size
-            home = begin(given[w], b)
-        else:
-            home = begin(given, b)
-        if wp.static(features.redoes):
-            if home.state.rejected[b] == 0:
-                return
-        here = enter(home, substep)
-        here.step.first = iteration == 0
-        here.step.store = store != 0
-        here.last = last != 0
-        here.step.repeats = here.frame.iterations > 1
-        here.group = g
-        run(t, size, here)
+    def launched(given: argument, bodies: int, crew: Crew, substep: int, iteration: int, store: int, last: int):
+        t = number_of(wp.tid(), crew)
+        for b in range(wp.tid() / crew.width, bodies, crew.teams):
+            home = home_of(given, b, crew)
+            if wp.static(features.redoes):
+                if home.state.rejected[home.body.index] == 0:
+                    continue
+            here = enter(home, substep)
+            here.step.first = iteration == 0
+            here.step.store = store != 0
+            here.last = last != 0
+            here.step.repeats = here.frame.iterations > 1
+            run(t, crew.width, here)
 
-    launched.__qualname__ = f"launch_{stage.name}"
-    return compiled(launched, module=module)
+    launched.__qualname__ = f"launch_{part}"
+    return compiled(launched, module=module, launch_bounds=block)

@@ -12,6 +12,8 @@ from cloth_sim_ros.sim.topology.lines import Family
 from cloth_sim_ros.sim.topology.springs import Elements
 
 WARP = 32  # threads that share a row of lines on a GPU
+# Particles a thread at least, where bodies share multiprocessors: a particle takes fewer instructions then.
+CROWDED = 4
 
 
 @dataclass(frozen=True)
@@ -56,11 +58,16 @@ def in_lanes(family: Family, springs: Elements) -> Rows:
     return _rows(springs, table, parts)
 
 
-def in_warps(family: Family, springs: Elements, slots: int) -> Rows:
-    """Lines one behind the other along the threads of a warp, `slots` particles each, as many as find room."""
+def packed(family: Family, slots: int) -> list[list[int]]:
+    """The lines of each row of a family, if each thread of a warp holds `slots` particles: as many as find room."""
+    return _packed((family.particles >= 0).sum(1), WARP * slots)
+
+
+def in_warps(family: Family, springs: Elements, slots: int, rows: list[list[int]]) -> Rows:
+    """The lines of each row one behind the other along the threads of a warp, `slots` particles each."""
     room, table, parts = WARP * slots, [], []
     lengths = (family.particles >= 0).sum(1)
-    for lines in _packed(lengths, room):
+    for lines in rows:
         nodes, numbers = np.full(room, -1), np.full(room, -1)
         at = 0
         for line in lines:

@@ -79,17 +79,13 @@ def make_solve_row(slots_a_thread: int):
 
 
 def make_solve_line_row(features: Features):
-    """A Warp function that solves row r of the lines of a family of springs of one `kind`."""
+    """A Warp function that solves row r of the lines of a family."""
     solve_row = make_solve_row(features.line_slots)
 
     @wp.func
-    def solve_line_row(
-        r: int,
-        kind: int,
-        here: Here,
-    ):
+    def solve_line_row(r: int, here: Here):
         row = here.model.line_rows[r]
-        alpha = compliance_of(here.material, kind) * here.step.inverse_square
+        alpha = compliance_of(here.material, row[3]) * here.step.inverse_square
         gamma = here.material.damping * here.step.inverse
         carried = float(0.0)
         keeps = bool(False)

@@ -12,8 +12,8 @@ What is asked is summed in whole numbers, so that the order of pairs decides no 
 
 import warp as wp
 
+from cloth_sim_ros.sim.cooperative import Crew, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.intrinsics import add_exactly, exact_sum, load_row, next_place, store_row, sum_of_four, xyz
-from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.pairs import CLOSE, Pairs, pair_of, room_of
 from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, number_of_body, place, surface_of

@@ -11,8 +11,8 @@ Planes move at the mean velocity of all that meets, where nothing is pinned: wha
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
+from cloth_sim_ros.sim.cooperative import Crew, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
-from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.meeting.nearest import nearest
 from cloth_sim_ros.sim.meeting.pairs import Pair, Pairs, pair_of
 from cloth_sim_ros.sim.meeting.surfaces import Members, Surface, panel_of, surface_of, velocity

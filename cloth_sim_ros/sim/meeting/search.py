@@ -14,6 +14,7 @@ from typing import Any
 import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
+from cloth_sim_ros.sim.cooperative import Crew, recorded
 from cloth_sim_ros.sim.intrinsics import lowest_bit, next_place, xyz
 from cloth_sim_ros.sim.meeting.bound import ROUNDS
 from cloth_sim_ros.sim.meeting.boxes import (
@@ -25,7 +26,6 @@ from cloth_sim_ros.sim.meeting.boxes import (
     overlap,
     surround,
 )
-from cloth_sim_ros.sim.meeting.cooperative import Crew, recorded
 from cloth_sim_ros.sim.meeting.nearest import crosses
 from cloth_sim_ros.sim.meeting.pairs import (
     AGE,

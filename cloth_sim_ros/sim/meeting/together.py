@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from cloth_sim_ros.sim.batch import Batch
+from cloth_sim_ros.sim.cooperative import crew_of
 from cloth_sim_ros.sim.executors.graph import Graph, Member
 from cloth_sim_ros.sim.meeting.apart import Apart
 from cloth_sim_ros.sim.meeting.bound import Bound
-from cloth_sim_ros.sim.meeting.cooperative import crew_of
 from cloth_sim_ros.sim.meeting.flat import Flat
 from cloth_sim_ros.sim.meeting.search import Search
 from cloth_sim_ros.sim.meeting.surfaces import members_of

@@ -3,9 +3,9 @@
 
 import warp as wp
 
+from cloth_sim_ros.sim.cooperative import Crew, cooperative, number_of, sync_all
 from cloth_sim_ros.sim.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.meeting.bound import measure
-from cloth_sim_ros.sim.meeting.cooperative import Crew, cooperative, number_of, sync_all
 from cloth_sim_ros.sim.meeting.flat import judge
 from cloth_sim_ros.sim.meeting.pairs import AGAIN, AGE, DUE, EAGER, HOLDS, WAS, WHOLE, Pairs, empty, forget, slack
 from cloth_sim_ros.sim.meeting.surfaces import Members, Panel, Surface, panel_of, place, velocity

@@ -20,10 +20,10 @@ _GRID, _MESH, _MOTION, _AIR, _PLATE, _COLLIDER, _FACETS = (n * _NS for n in (6.0
 _SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
 _SEGMENT = 45.0 * _NS  # of a rope
 _LAYERS = 900.0 * _NS  # of what is kept apart from itself or others, where it lies in layers
-# Of an H200: a substep of subdomains, and for each particle of all worlds. A launch of one stage, likewise. A rope in a
-# block. Lines in a block, for each particle of all worlds.
-_TILES, _TILES_PARTICLE, _LAUNCH, _LAUNCH_PARTICLE, _ROPE = 6.0e-4, 5.5e-8, 4.0e-3, 2.5e-8, 5.0e-3
-_BLOCK, _BLOCK_PARTICLE = 4.0e-3, 1.3e-7
+# Of an H200: a substep of subdomains, and for each particle of all worlds. A stage of several blocks, likewise. A rope
+# in a block. Six stages of a block, for each of its particles, and for each of all worlds.
+_TILES, _TILES_PARTICLE, _STAGE, _STAGE_PARTICLE, _ROPE = 6.0e-4, 5.5e-8, 3.0e-3, 8.0e-8, 5.0e-3
+_BLOCK, _BLOCK_OWN, _BLOCK_PARTICLE = 4.0e-3, 8.0e-6, 2.4e-7
 _LAYERS_LAUNCHED, _LAYERS_PARTICLE = 0.14, 1.2e-5
 
 
@@ -54,9 +54,9 @@ def verlet(topology: Topology, around: Surroundings) -> float:
     """Of explicit steps."""
     count = len(topology.masses)
     if around.device == "cuda" and (around.surface or topology.world_scales is not None):
-        return _launched(topology, 4 + around.wind + (topology.plate is not None), around)
+        return _in_blocks(topology, 4 + around.wind + (topology.plate is not None), around)
     if around.device == "cuda":
-        slow = 1.0 + 0.5 * around.wind + 0.1 * around.near + 0.5 * (topology.plate is not None)
+        slow = 1.0 + 0.5 * around.wind + 0.1 * around.near + 4.0 * (topology.plate is not None)
         return slow * (_TILES + _TILES_PARTICLE * count * around.worlds)
     springs = _GRID if topology.grid is not None and topology.world_scales is None else _MESH
     return (
@@ -83,7 +83,7 @@ def _alone(topology: Topology, materials: Collection[tuple[Sequence[float], floa
     if not len(topology.triangles):
         return _ROPE if around.device == "cuda" else around.worlds * count * _SEGMENT
     if around.device == "cuda":
-        return _launched(topology, 2 + len(topology.families) + around.wind + plate + 2 * around.surface, around)
+        return _in_blocks(topology, 2 + len(topology.families) + around.wind + plate + 2 * around.surface, around)
     springs = sum(len(elements.rest) for elements in topology.springs.values())
     damped = any(damping > 0.0 for _, damping in materials)
     each = _MOTION + _AIR * around.wind + _touching(around) + _PLATE * plate
@@ -95,8 +95,8 @@ def _touching(around: Surroundings) -> float:
     return around.near * (_COLLIDER + _FACETS * around.surface)
 
 
-def _launched(topology: Topology, stages: int, around: Surroundings) -> float:
-    """Of a GPU, in a block or by a launch a stage, whichever is cheaper."""
+def _in_blocks(topology: Topology, stages: int, around: Surroundings) -> float:
+    """Of a GPU, by one block a body or by several, whichever is cheaper."""
     count, particles = len(topology.masses), len(topology.masses) * around.worlds
-    in_blocks = stages / 6 * (_BLOCK + 8.0e-6 * count + _BLOCK_PARTICLE * particles)
-    return min(in_blocks, stages * (_LAUNCH + _LAUNCH_PARTICLE * particles))
+    alone = stages / 6 * (_BLOCK + _BLOCK_OWN * count + _BLOCK_PARTICLE * particles)
+    return min(alone, stages * (_STAGE + _STAGE_PARTICLE * particles))

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program of a substep: which stages it has for the features of a scene, and in which order. Written once.
 
-The contract of an executor (block.py: a body in a block; graph.py: a launch a stage):
+The contract of an executor (block.py: a launch a frame; graph.py: launches between which objects meet):
 
 1. It gives every stage a `Here` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
 2. It runs `outer` before each substep that begins a step of slow forces, and once more behind the last. Each substep
    runs `before`, then `solved` and `touched` in each iteration, then `kept` and `after`. `ending` ends the frame.
    Where objects meet, they are kept apart before `touched`, so that what lies on a floor sticks to it, whatever lies on
    top. They are bounded behind `kept`, so that nothing comes through a sheet, whatever pushes.
-3. A stage is run(t, width, here), called by `width` threads of numbers t. What they store is seen by all threads of the
-   body before the next stage begins.
-4. A stage with `rounds` is run once for each family of lines, in order, with `here.group` set and a barrier between.
+3. A stage is run(t, width, here), called by `width` threads of numbers t, of which `threads` solve chains. What they
+   store is seen by all threads of the body before the next stage begins.
+4. A stage with `rounds` is run once for each round of lines, in order, with `here.group` set and a barrier between.
    Its `width` is a multiple of a warp on a GPU.
 5. It sets `here.step.first`, `store` and `repeats`, and `here.last`, which holds in the last iteration. Stages of
    `every` n substeps run in substeps that n divides.
@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import array_address
+from cloth_sim_ros.sim.intrinsics import array_address, sync_warp
 from cloth_sim_ros.sim.lines.layout import WARP
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.methods.stage import Stage, both, once, over_meeting, over_particles
@@ -53,7 +53,6 @@ from cloth_sim_ros.sim.stages.tearing import followers, make_tear
 from cloth_sim_ros.sim.state import Arrays
 
 _A_FRAME = 1 << 30  # more substeps than a frame has
-_THREADS = 1024  # of a launch that looks at all particles and stores few numbers
 
 
 @dataclass
@@ -76,11 +75,10 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     if features.shapes:
         before += _look_around(features)
     if features.winch:
-        before.append(Stage("winch", _make_winch(features), lambda *_: 1))
+        before.append(Stage("winch", _make_winch(features)))
     slow = program.outer if explicit else before
     if features.panels:
-        beside = lambda body, _: 1 if on_cpu else -(-(body["panels_end"] - body["panels"]) // 2)  # noqa: E731
-        slow.append(Stage("panels", make_panels(features), beside))
+        slow.append(Stage("panels", make_panels(features)))
     predict, finish = make_predict(features), make_finish(features)
     if features.handles:
         predict, finish = both(predict, hold), both(feel, finish)
@@ -96,20 +94,19 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
             slow.append(over_particles("take_kick", store_velocity))
         before.append(over_particles("predict", predict))
     if features.chain:
-        program.solved.append(Stage("chain", _make_chain(features, threads, stored), lambda *_: 1))
+        program.solved.append(Stage("chain", _make_chain(features, threads, stored)))
     if features.lines:
         program.solved.append(_make_lines(features, on_cpu))
     if features.shapes:
         _keep_out(program, features, None if features.meets else finish)
     if features.meets or not features.shapes:
         program.after.append(over_particles("finish", finish))
-    many = lambda *_: 1 if on_cpu else 16 * _THREADS  # noqa: E731
     if features.tears:
-        program.after.append(Stage("tear", make_tear(features), many))
+        program.after.append(Stage("tear", make_tear(features)))
     program.ending += [over_particles("find_faults", find_fault), over_particles("settle", make_settle(features))]
     if features.tears:
-        program.ending += [Stage(f.key, f, many) for f in followers(features)]
-    program.ending.append(Stage("count", once(make_count(features)), lambda *_: 1))
+        program.ending += [Stage(f.key, f) for f in followers(features)]
+    program.ending.append(Stage("count", once(make_count(features))))
     return program
 
 
@@ -122,24 +119,23 @@ def _keep_out(program: Program, features: Features, ends) -> None:
     if not features.surface:
         program.touched.append(over_meeting("contact", met_in, contact, ends))
         return
-    panels = lambda body, _: body["panels_end"] - body["panels"]  # noqa: E731
     program.touched.append(over_meeting("contact", met_in, contact))
-    program.touched.append(Stage("press", make_press(features), panels))
+    program.touched.append(Stage("press", make_press(features)))
     program.touched.append(over_meeting("give_way", met_in, make_yield(features)))
-    program.kept.append(Stage("stop", make_stop(features), panels))
+    program.kept.append(Stage("stop", make_stop(features)))
     program.kept.append(over_meeting("stay", met_in, make_stay(features), ends))
 
 
 def _look_around(features: Features) -> list[Stage]:
     """What begins a frame and some of its substeps where there are colliders."""
-    stages, many = [], lambda body, _: min(body["count"], _THREADS)
+    stages = []
     if features.surface:
-        stages.append(Stage("carry_presses", make_carry_presses(features), many, every=_A_FRAME))
-    stages.append(Stage("forget_contacts", make_forget_contacts(features.listed), many, every=_A_FRAME))
+        stages.append(Stage("carry_presses", make_carry_presses(features), every=_A_FRAME))
+    stages.append(Stage("forget_contacts", make_forget_contacts(features.listed), every=_A_FRAME))
     if features.listed:
-        stages.append(Stage("measure_extent", measure_extent, many, every=_A_FRAME))
-        stages.append(Stage("list_colliders", list_colliders, lambda _, colliders: colliders, every=_A_FRAME))
-    stages.append(Stage("sweep", _sweep, lambda body, colliders: SWEPT * colliders, every=SWEPT))
+        stages.append(Stage("measure_extent", measure_extent, every=_A_FRAME))
+        stages.append(Stage("list_colliders", list_colliders, every=_A_FRAME))
+    stages.append(Stage("sweep", _sweep, every=SWEPT))
     return stages
 
 
@@ -233,7 +229,7 @@ def _make_curve(explicit: bool) -> Stage:
         for c in range(here.body.curves + t, here.body.curves_end, width):
             curve_triangle(c, here, here.x, moved)
 
-    return Stage("curve", curve, lambda body, _: body["curves_end"] - body["curves"])
+    return Stage("curve", curve)
 
 
 def _make_slow_kick(features: Features):
@@ -255,7 +251,9 @@ def _make_chain(features: Features, threads: int, stored: bool):
         if wp.static(features.twist):
             if t == 0 and here.step.first:
                 ask_for(here.turn, here.body.index, here.state)
-        overstretched = solve_chain(t, here, here.spans)
+        overstretched = bool(False)
+        if t < wp.static(threads):
+            overstretched = solve_chain(t, here, here.spans)
         if t == 0:
             here.state.overstretched[here.body.index] = wp.where(
                 overstretched or (not here.step.first and _was_overstretched(here)), 1, 0
@@ -275,7 +273,11 @@ def _make_lines(features: Features, on_cpu: bool) -> Stage:
     @wp.func
     def lines(t: int, width: int, here: Here):
         group = here.model.groups[here.group]
-        for r in range(group[1] + t / wp.static(team), group[2], width / wp.static(team)):
-            solve_line_row(r, group[0], here)
+        first, end, many = group[0], group[1], group[2]
+        for r in range(first + many * (t / wp.static(team)), end, many * (width / wp.static(team))):
+            for k in range(many):
+                solve_line_row(r + k, here)
+                if wp.static(not on_cpu):
+                    sync_warp()
 
-    return Stage("lines", lines, lambda size, _: team * size, rounds=True)
+    return Stage("lines", lines, rounds=True)

@@ -3,25 +3,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import warp as wp
 
+from cloth_sim_ros.sim.cooperative import sync_all
 from cloth_sim_ros.sim.intrinsics import sync
 from cloth_sim_ros.sim.stages.here import Here
 
 
 @dataclass(frozen=True)
 class Stage:
-    """run(t, width, here); threads(body row, colliders) of a launch of its own.
-
-    rounds: whether it is run once for each family of lines.
-    """
+    """run(t, width, here). rounds: whether it is run once for each round of lines. every: n, in substeps n divides."""
 
     name: str
     run: wp.Function
-    threads: Callable[[dict, int], int]
     rounds: bool = False
     every: int = 1
 
@@ -34,7 +30,7 @@ def over_particles(name: str, stage) -> Stage:
         for i in range(here.body.count - 1 - t, -1, -width):
             stage(i, here)
 
-    return Stage(name, wp.func(run, name=f"over_particles_{name}"), lambda body, _: body["count"])
+    return Stage(name, wp.func(run, name=f"over_particles_{name}"))
 
 
 def over_meeting(name: str, met_in, stage, at_last=None) -> Stage:
@@ -49,7 +45,7 @@ def over_meeting(name: str, met_in, stage, at_last=None) -> Stage:
                 if here.last:
                     at_last(i, here)
 
-    return Stage(name, wp.func(run, name=f"over_meeting_{name}"), lambda body, _: body["count"])
+    return Stage(name, wp.func(run, name=f"over_meeting_{name}"))
 
 
 def both(first, second):
@@ -74,15 +70,27 @@ def once(stage):
     return run
 
 
-def in_turn(stages: list[Stage], name: str, called: bool):
-    """A Warp function: the threads of a block, or of a CPU, run `stages` one after the other; None without any.
+@wp.func
+def wait_in_block(here: Here):
+    """A barrier of the threads of a block."""
+    sync()
 
-    called: whether each is a function that is called. A CPU compiles a frame with contact in less time then, and 0.2 us
-    a call are nothing beside it. Elsewhere all are inlined.
+
+@wp.func
+def wait_in_crew(here: Here):
+    """A barrier of the threads of all blocks that have a body together."""
+    sync_all(here.crew)
+
+
+def in_turn(stages: list[Stage], name: str, called: bool, wait=wait_in_block):
+    """A Warp function: the threads of a body run `stages` one after the other; None without any.
+
+    wait(here): the barrier behind each. called: whether each is a function that is called. A CPU compiles a frame with
+    contact in less time then, and 0.2 us a call are nothing beside it. Elsewhere all are inlined.
     """
     run = None
     for stage in stages:
-        run = _then(run, _with_barrier(stage, called), f"{name}_to_{stage.name}")
+        run = _then(run, _with_barrier(stage, called, wait), f"{name}_to_{stage.name}")
     return run
 
 
@@ -97,20 +105,20 @@ def _then(first, second, name: str):
     return wp.func(both, name=name)
 
 
-def _with_barrier(stage: Stage, called: bool):
+def _with_barrier(stage: Stage, called: bool, wait):
     """A stage with its rounds, and a barrier behind each."""
     run = stage.run
 
     def once(t: int, width: int, here: Here):
         if wp.static(stage.every == 1) or here.substep % wp.static(stage.every) == 0:
             run(t, width, here)
-            sync()
+            wait(here)
 
     def rounds(t: int, width: int, here: Here):
         inside = here
         for g in range(here.body.groups, here.body.groups_end):
             inside.group = g
             run(t, width, inside)
-            sync()
+            wait(here)
 
     return wp.func(rounds if stage.rounds else once, name=f"block_{stage.name}", inline=False if called else None)

@@ -3,6 +3,7 @@
 
 import warp as wp
 
+from cloth_sim_ros.sim.cooperative import Crew
 from cloth_sim_ros.sim.model import Body, Model
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.rope_state import Drive
@@ -28,6 +29,7 @@ class Here:
     d: wp.uint64
     p: wp.uint64
     spans: wp.uint64  # where the threads of a block show one another spans of a chain
+    crew: Crew  # of the blocks that have the body together
     colliders: wp.array(dtype=ColliderMotion)
     handles: wp.array(dtype=HandleMotion)
     handle_counts: wp.array(dtype=int)
@@ -36,5 +38,5 @@ class Here:
     turn: float  # of the end of a rope [rad]
     substep: int
     sweep: int  # where the motion of its first collider in this substep lies in State.sweeps
-    group: int  # family of lines
+    group: int  # round of lines
     last: bool  # last iteration

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.sim.topology.frequencies import Frequencies
-from cloth_sim_ros.sim.topology.lines import Family, families
+from cloth_sim_ros.sim.topology.lines import Family, families, rounds
 from cloth_sim_ros.sim.topology.springs import Elements
 
 _MOST_POWERS = 300
@@ -110,8 +110,13 @@ class Topology:
 
     @cached_property
     def families(self) -> list[Family]:
-        """All springs in lines, in families of lines that share no particle, in the order in which they are solved."""
+        """All springs in lines, in families of lines that share no particle."""
         return families(self.springs, self.layout, self.grid)
+
+    @cached_property
+    def rounds(self) -> list[list[tuple[int, np.ndarray | None]]]:
+        """The families in the order in which they are solved, see topology/lines.py."""
+        return rounds(self.families, len(self.masses))
 
     @cached_property
     def widest_gap(self) -> float:

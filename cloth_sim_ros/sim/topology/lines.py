@@ -15,7 +15,7 @@ import numpy as np
 from cloth_sim_ros.sim.topology.springs import Elements
 
 _STRAIGHTEST = -0.5  # cosine between two edges at a vertex, both seen from it, beyond which they do not continue
-_ORDER = ("bending", "shear", "structural")  # the last that is solved is met best
+_ORDER = ("bending", "shear", "structural")  # the last that is solved is met best, see `rounds`
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Family:
 
 
 def families(springs: dict[str, Elements], points: np.ndarray, grid: tuple[int, int] | None) -> list[Family]:
-    """All `springs`, by kind, each in one line of one family, in the order in which they are solved.
+    """All `springs`, by kind, each in one line of one family.
 
     points (N, 3) [m]: particles at rest; grid: how many of them lie along x and y, None where they are no grid.
     """
@@ -45,6 +45,33 @@ def families(springs: dict[str, Elements], points: np.ndarray, grid: tuple[int, 
                 woven = [_numbered(lines, springs[kind], len(points)) for lines in _directions(grid, kind)]
             found += [Family(kind, *lines) for lines in woven]
     return found
+
+
+def rounds(families: list[Family], count: int) -> list[list[tuple[int, np.ndarray | None]]]:
+    """Families in the order in which they are solved, of a body of `count` particles.
+
+    Whoever solves a line of the last family of a round has solved what of the others lies within that line. Of each
+    family: its number, and (L,) in which of the last family's lines its own lie, None for the last.
+    """
+    found: list[list[tuple[int, np.ndarray | None]]] = [[(k, None)] for k in range(len(families))]
+    for k, family in enumerate(families):
+        for j in range(k + 1, len(families)):
+            lines = _lines_around(family, families[j], count)
+            if lines is not None:
+                found[j].insert(-1, (k, lines))
+                found[k] = []
+                break
+    return [some for some in found if some]
+
+
+def _lines_around(family: Family, other: Family, count: int) -> np.ndarray | None:
+    """(L,) the line of another family within which each line lies, None where one lies in none."""
+    line = np.full(count + 1, -1)
+    line[other.particles] = np.arange(len(other.particles))[:, None]
+    line[-1] = -1  # what stands behind the end of a line
+    around = line[family.particles[:, 0]]
+    inside = (line[family.particles] == around[:, None]) | (family.particles < 0)
+    return around if inside.all() and (around >= 0).all() else None
 
 
 def _directions(grid: tuple[int, int], kind: str) -> list[np.ndarray]:
