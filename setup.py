@@ -27,7 +27,7 @@ setup(
         "record": ["rosbags"],
         "export": ["rosbags", "pygltflib", "trimesh", "matplotlib", "imageio-ffmpeg", "tqdm"],
         "viewer": ["viser>=1.1", "scipy"],
-        "study": ["scipy", "matplotlib", "pyyaml"],
+        "study": ["scipy", "matplotlib", "pyyaml", "trimesh"],
         "identify": ["scipy", "matplotlib", "pyyaml"],
         "cluster": ["ray>=2.40", "scipy", "matplotlib", "pyyaml"],
         "learn": ["gymnasium>=1.1", "matplotlib", "trimesh"],

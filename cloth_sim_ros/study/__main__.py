@@ -8,15 +8,16 @@ import sys
 
 import warp as wp
 
-from cloth_sim_ros.study import elongation, error, report, scenes, speed, stability, touching, tune
+from cloth_sim_ros.study import elongation, error, report, scenes, speed, stability, throws, touching, tune
 from cloth_sim_ros.study.pictures import command as pictures
 
 COMMANDS = {
-    "speed": (speed, "one launch a frame, a substep or a pass, and what features and peers cost"),
+    "speed": (speed, "what a frame of a hung cloth costs, and what features and peers cost"),
     "scenes": (scenes, "what a frame of real scenes costs by the defaults and by set numbers, and its error"),
     "error": (error, "error against time for a case over orders, substeps and iterations"),
     "elongation": (elongation, "how much too long a hung sheet gets by XPBD, over substeps and iterations"),
     "touching": (touching, "what it costs to keep a sheet apart from itself, and what comes through"),
+    "throws": (throws, "things thrown at sheets, drawn at random: what passes, and how deep the rest gets"),
     "tune": (tune, "the cheapest settings of a scene file that keep a wanted error"),
     "stability": (stability, "every hard case by every method: what stays finite, bounded, and comes back"),
     "report": (report, "one HTML page with every figure and table that the other commands have written"),

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`throws`: things thrown at sheets, drawn at random: what passes, and how deep the rest gets."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Cylinder, Ellipsoid, Mesh, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.sim.colliders.collider import Collider
+
+BODY, THING = "sheet", "thing"
+_SIZE, _HEIGHT, _STOP = 0.6, 1.0, 0.2  # of the sheet, where it lies, and how far beyond it the thing stops [m]
+_STEPS = [(0, 0), (0, 0), (0, 0), (5, 1), (20, 1), (20, 4), (80, 1), (80, 4)]  # substeps and iterations; 0 is chosen
+
+
+def _finger(**pose: object) -> Mesh:
+    """A mesh of 6 cm and a radius of 1 cm."""
+    shape = trimesh.creation.capsule(radius=0.01, height=0.04, count=[16, 16])
+    return Mesh(shape.vertices - shape.center_mass, shape.faces, **pose)
+
+
+# What is thrown, and how far it reaches from its origin [m].
+THINGS: dict[str, tuple[Callable[..., Collider], float]] = {
+    **{
+        f"ball of {100 * radius:g} cm": (lambda radius=radius, **pose: Sphere(radius=radius, **pose), radius)
+        for radius in (0.02, 0.03, 0.05, 0.1)
+    },
+    "capsule": (lambda **pose: Capsule(radius=0.01, half_length=0.05, **pose), 0.06),
+    "thin box": (lambda **pose: Box(half_extents=(0.05, 0.05, 0.0025), **pose), 0.071),
+    "cylinder": (lambda **pose: Cylinder(radius=0.015, half_length=0.04, **pose), 0.043),
+    "ellipsoid": (lambda **pose: Ellipsoid(radii=(0.05, 0.03, 0.02), **pose), 0.05),
+    "finger": (_finger, 0.031),
+}
+
+
+@dataclass(frozen=True)
+class Throw:
+    """A thing that comes from below at a `speed` [m/s], `aside` [m] of the middle of a sheet, turned and `spinning`.
+
+    stiffness: of the sheet's springs [N/m]. steps: substeps and iterations, 0 where they are chosen.
+    """
+
+    thing: str
+    speed: float
+    aside: tuple[float, float]
+    turn: tuple[float, ...]
+    spinning: bool
+    resolution: tuple[int, int]
+    hung: bool
+    stiffness: float
+    thickness: float
+    friction: float
+    steps: tuple[int, int]
+
+    def __str__(self) -> str:
+        spin, held = " that spins" if self.spinning else "", "hung" if self.hung else "clamped"
+        sheet = f"{self.resolution[0]} x {self.resolution[1]}, {self.stiffness:.0f} N/m, {1e3 * self.thickness:g} mm"
+        steps = f"{self.steps[0]} x {self.steps[1]}" if self.steps[0] else "the defaults"
+        return f"{self.thing}{spin} at {self.speed:g} m/s, a {held} sheet of {sheet}, {steps}"
+
+
+def drawn(random: np.random.Generator) -> Throw:
+    """One of all throws."""
+    side = int(random.choice([12, 16, 24, 32, 48, 64]))
+    return Throw(
+        thing=str(random.choice(list(THINGS))),
+        speed=float(random.choice([1.0, 5.0, 10.0, 20.0])),
+        aside=tuple(random.uniform(-0.1, 0.1, 2).tolist()),
+        turn=tuple(Rotation.from_quat(random.standard_normal(4)).as_quat().tolist()),
+        spinning=bool(random.random() < 0.4),
+        resolution=(side, side if random.random() < 0.7 else int(random.choice([12, 24, 48]))),
+        hung=bool(random.random() < 0.5),
+        stiffness=float(10.0 ** random.uniform(2.5, 5.3)),
+        thickness=float(random.choice([0.003, 0.005, 0.01])),
+        friction=float(random.uniform(0.0, 1.0)),
+        steps=_STEPS[random.integers(len(_STEPS))],
+    )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Whether a thing passed through, and how deep any sampled point of the sheet was at the end of a frame [m].
+
+    What is hung gives way, so that nothing is said of it to have passed.
+    """
+
+    passed: bool
+    depth: float
+
+
+def throw(each: Throw, random: np.random.Generator, device: str) -> Outcome:
+    """Simulate one; `random` tells how what spins turns."""
+    make, reach = THINGS[each.thing]
+    nx, ny = each.resolution
+    friction = {"static_friction": each.friction, "kinetic_friction": 0.8 * each.friction}
+    sheet = Cloth(
+        resolution=each.resolution,
+        size=(_SIZE, _SIZE),
+        position=(0.0, 0.0, _HEIGHT),
+        thickness=each.thickness,
+        stretch_compliance=1.0 / each.stiffness,
+        shear_compliance=3.0 / each.stiffness,
+        pins=(nx * (ny - 1), nx * ny - 1) if each.hung else "edges",
+        **friction,
+    )
+    height, turn = -0.05 - reach, Rotation.from_quat(each.turn)
+    thing = make(position=(*each.aside, _HEIGHT + height), orientation=each.turn, **friction)
+    substeps, iterations = each.steps
+    sim = Simulation(Scene({BODY: sheet}, {THING: thing}), Settings(substeps=substeps, iterations=iterations), device)
+    depth, frame_dt = 0.0, sim.settings.frame_dt
+    while height < _STOP:
+        height = min(height + each.speed * frame_dt, _STOP)
+        if each.spinning:
+            turn = Rotation.from_rotvec(0.3 * random.standard_normal(3)) * turn
+        sim.set_collider_pose(THING, (*each.aside, _HEIGHT + height), tuple(turn.as_quat()))
+        sim.step()
+        depth = max(depth, sim.report()[BODY]["max_penetration"])
+    return Outcome(not each.hung and not is_above(sim, (*each.aside, _HEIGHT + height)), depth)
+
+
+def is_above(sim: Simulation, point: tuple[float, ...]) -> bool:
+    """Whether a sheet lies above a point: whether an odd number of its triangles does."""
+    corners = (sim.positions(BODY) - point)[sim.triangles(BODY)]
+    following = np.roll(corners, -1, axis=1)
+    areas = np.roll(corners[..., 0] * following[..., 1] - corners[..., 1] * following[..., 0], -1, axis=1)
+    around = (areas > 0.0).all(axis=1) | (areas < 0.0).all(axis=1)
+    return bool(((areas[around] * corners[around, :, 2]).sum(1) / areas[around].sum(1) > 0.0).sum() % 2)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("--count", type=int, default=100, help="how many are thrown")
+    parser.add_argument("--seed", type=int, help="of all that is drawn; another one every time if not given")
+    parser.add_argument("--device", default="cpu")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Throw, and print what went wrong; the exit status is 1 if anything did."""
+    seed = arguments.seed if arguments.seed is not None else int(np.random.SeedSequence().entropy % 2**31)
+    random, passed, deep = np.random.default_rng(seed), 0, 0
+    for number in range(arguments.count):
+        each = drawn(random)
+        found = throw(each, random, arguments.device)
+        passed, deep = passed + found.passed, deep + (not found.passed and found.depth > each.thickness)
+        if found.passed or found.depth > each.thickness:
+            what = "passes" if found.passed else f"gets {1e3 * found.depth:.1f} mm deep"
+            print(f"{number}: {what}: {each}", flush=True)
+    print(f"seed {seed}: of {arguments.count} throws {passed} pass, {deep} get deeper than the thickness")
+    return 1 if passed or deep else 0
