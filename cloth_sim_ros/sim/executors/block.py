@@ -51,7 +51,8 @@ class Block:
         bodies = len(worlds) * worlds[0].model.bodies.shape[0]
         inputs = [gathered(worlds, device)]
         if blocks == 1:
-            shared = 0 if device.is_cpu else -(-largest // 64) * 64
+            fits = not device.is_cpu and largest <= capacity(device, features)
+            shared = -(-largest // 64) * 64 if fits else 0
             kernel, crews = make_frame(features, shared, block, shared_memory(device)), bodies
         else:
             kernel, crews = make_spread_frame(features, block), min(bodies, device.sm_count // blocks)
@@ -165,6 +166,19 @@ def make_home(features: Features):
     return home_of
 
 
+def make_give_spans(slots: int):
+    """A Warp function: a body whose threads show one another spans of a chain in so many vec4 of shared memory."""
+    address = make_tile_address(slots) if slots else None
+
+    @wp.func
+    def give_spans(here: Here) -> Here:
+        if wp.static(slots > 0):
+            here.spans = address(wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared"))
+        return here
+
+    return give_spans
+
+
 def _make_substeps(features: Features, program: Program, called: bool, wait=wait_in_block):
     """A Warp function: the threads of a body run all substeps of a frame; wait(here) is a barrier of them."""
     enter, outer = make_enter(features), in_turn(program.outer, "outer", called, wait)
@@ -201,7 +215,7 @@ def _make_substeps(features: Features, program: Program, called: bool, wait=wait
 def _make_memory(features: Features, shared: int, block: int, most_shared: int):
     """Two Warp functions: what brings a body into a block's shared memory, as far as there is room, and back."""
     # What every particle reads and writes once a substep lies in shared memory too where there is room.
-    slots = scan_size(block) if shared and features.chain else 0
+    slots = scan_size(block) if block > 1 and features.chain else 0
     keeps_low = features.lines or features.chain
     all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
     tile_size = (3 if all_shared else 2) * shared
@@ -210,7 +224,7 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
     history = 5 * shared // 2 if all_shared and features.chain and features.order == 2 else 0
     history = history if 16 * (tile_size + slots + history) <= most_shared else 0
     history_address = make_tile_address(history) if history else None
-    span_address = make_tile_address(slots) if slots else None
+    give_spans = make_give_spans(slots)
 
     @wp.func
     def load(t: int, home: Here) -> Here:
@@ -238,9 +252,7 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
             here.state = with_history_at(begin, wp.static(shared), here.body, home.state)
             for i in range(t, here.body.count, wp.static(block)):
                 copy_history(here.body.particles + i, home.state, here.state)
-        if wp.static(slots > 0):
-            here.spans = span_address(wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared"))
-        return here
+        return give_spans(here)
 
     @wp.func
     def unload(t: int, here: Here, home: Here):

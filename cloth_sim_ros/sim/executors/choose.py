@@ -95,8 +95,7 @@ def _in_blocks(features: Features, worlds: list[Arrays], counts: list[int], alon
     Several compute a large sheet faster too; not if it shall be `alone`. The threads of a chain need one block.
     """
     largest, bodies = max(counts), len(counts) * len(worlds)
-    spread = device.is_cuda and not features.chain and largest > _ALONE and not alone
-    if spread or largest > capacity(device, features):
+    if device.is_cuda and not features.chain and not alone and largest > min(_ALONE, capacity(device, features)):
         blocks, block = blocks_for(largest, bodies, device)
     else:
         blocks, block = 1, threads_for(features, largest, device)

@@ -14,7 +14,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.compiled import compiled
 from cloth_sim_ros.sim.cooperative import Crew, crews_of, number_of
-from cloth_sim_ros.sim.executors.block import blocks_for, make_home
+from cloth_sim_ros.sim.executors.block import blocks_for, make_give_spans, make_home, threads_for
 from cloth_sim_ros.sim.meeting.apart import Apart
 from cloth_sim_ros.sim.meeting.bound import Bound
 from cloth_sim_ros.sim.meeting.flat import Flat
@@ -22,6 +22,7 @@ from cloth_sim_ros.sim.meeting.search import Search
 from cloth_sim_ros.sim.methods.program import make_enter, make_program
 from cloth_sim_ros.sim.methods.stage import in_turn, wait_in_crew
 from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.ropes.scan import scan_size
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 
 _KEPT = 4  # frames kept at a time, for as many triples of substeps, iterations and outer steps
@@ -39,7 +40,10 @@ class Member:
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device) -> None:
         counts = worlds[0].model.bodies.numpy()["count"]
         bodies = len(worlds) * len(counts)
-        blocks, block = (1, 1) if device.is_cpu else blocks_for(int(counts.max()), bodies, device)
+        if device.is_cpu or features.chain:  # whose threads are those of one block
+            blocks, block = 1, threads_for(features, int(counts.max()), device)
+        else:
+            blocks, block = blocks_for(int(counts.max()), bodies, device)
         crews = 1 if device.is_cpu else min(bodies, device.sm_count // blocks)
         self._kernels = make_kernels(features, block)
         self._given = [gathered(worlds, device), bodies, crews_of(crews, blocks, block, device)]
@@ -125,7 +129,7 @@ class Call:
 @lru_cache
 def make_kernels(features: Features, block: int) -> dict[str, wp.Kernel]:
     """Part of the program -> its kernel, in one module. A body has blocks of `block` threads; 1 is a CPU."""
-    program = make_program(features, block == 1)
+    program = make_program(features, block == 1, block if features.chain else 1)
     module = wp.get_module(f"cloth_sim_ros.graph.{features.key()}.{block}")
     called = block == 1 and bool(features.shapes)
     each = {part: in_turn(stages, part, called, wait_in_crew) for part, stages in vars(program).items()}
@@ -135,6 +139,7 @@ def make_kernels(features: Features, block: int) -> dict[str, wp.Kernel]:
 def _make_kernel(part: str, run, features: Features, block: int, module: wp.Module) -> wp.Kernel:
     """The kernel that runs a part in the substep and iteration of a launch."""
     home_of, enter, argument = make_home(features), make_enter(features), given_type(features)
+    give_spans = make_give_spans(scan_size(block) if part == "solved" and features.chain and block > 1 else 0)
 
     def launched(given: argument, bodies: int, crew: Crew, substep: int, iteration: int, store: int, last: int):
         t = number_of(wp.tid(), crew)
@@ -148,7 +153,7 @@ def _make_kernel(part: str, run, features: Features, block: int, module: wp.Modu
             here.step.store = store != 0
             here.last = last != 0
             here.step.repeats = here.frame.iterations > 1
-            run(t, crew.width, here)
+            run(t, crew.width, give_spans(here))
 
     launched.__qualname__ = f"launch_{part}"
     return compiled(launched, module=module, launch_bounds=block)
