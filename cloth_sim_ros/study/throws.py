@@ -121,12 +121,12 @@ def throw(each: Throw, random: np.random.Generator, device: str) -> Outcome:
         sim.set_collider_pose(THING, (*each.aside, _HEIGHT + height), tuple(turn.as_quat()))
         sim.step()
         depth = max(depth, sim.report()[BODY]["max_penetration"])
-    return Outcome(not each.hung and not is_above(sim, (*each.aside, _HEIGHT + height)), depth)
+    return Outcome(not each.hung and not is_above(sim, BODY, (*each.aside, _HEIGHT + height)), depth)
 
 
-def is_above(sim: Simulation, point: tuple[float, ...]) -> bool:
+def is_above(sim: Simulation, name: str, point: tuple[float, ...]) -> bool:
     """Whether a sheet lies above a point: whether an odd number of its triangles does."""
-    corners = (sim.positions(BODY) - point)[sim.triangles(BODY)]
+    corners = (sim.positions(name) - point)[sim.triangles(name)]
     following = np.roll(corners, -1, axis=1)
     areas = np.roll(corners[..., 0] * following[..., 1] - corners[..., 1] * following[..., 0], -1, axis=1)
     around = (areas > 0.0).all(axis=1) | (areas < 0.0).all(axis=1)
@@ -136,6 +136,7 @@ def is_above(sim: Simulation, point: tuple[float, ...]) -> bool:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
     parser.add_argument("--count", type=int, default=100, help="how many are thrown")
+    parser.add_argument("--first", type=int, default=0, help="number of the first, so that one can be thrown again")
     parser.add_argument("--seed", type=int, help="of all that is drawn; another one every time if not given")
     parser.add_argument("--device", default="cpu")
 
@@ -143,8 +144,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Throw, and print what went wrong; the exit status is 1 if anything did."""
     seed = arguments.seed if arguments.seed is not None else int(np.random.SeedSequence().entropy % 2**31)
-    random, passed, deep = np.random.default_rng(seed), 0, 0
-    for number in range(arguments.count):
+    passed, deep = 0, 0
+    for number in range(arguments.first, arguments.first + arguments.count):
+        random = np.random.default_rng((seed, number))
         each = drawn(random)
         found = throw(each, random, arguments.device)
         passed, deep = passed + found.passed, deep + (not found.passed and found.depth > each.thickness)

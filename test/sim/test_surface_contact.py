@@ -10,6 +10,7 @@ from surfaces import outside_box, points_of
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Handle, Plane, Rope, Scene, Settings, Simulation, Sphere
 from cloth_sim_ros.sim.executors.choose import forced_executor
+from cloth_sim_ros.study.throws import is_above
 
 SMOOTH = {"static_friction": 0.0, "kinetic_friction": 0.0}
 HALF, THICKNESS, SPACING = np.array([0.3, 0.5, 0.2]), 0.02, 0.1  # a box whose corner is five times finer than the mesh
@@ -146,16 +147,6 @@ def test_no_ball_passes_a_clamped_sheet_that_it_stretches_by_half(
     assert sim.report()["it"]["max_strain"] > 0.3
 
 
-def is_above(sim, middle):
-    """Whether the straight way up from a point meets the sheet an odd number of times, as from below."""
-    corners = sim.positions("it")[sim.triangles("it")] - middle
-    x, y = corners[..., 0], corners[..., 1]
-    areas = np.stack([x[:, k - 2] * y[:, k - 1] - y[:, k - 2] * x[:, k - 1] for k in range(3)], axis=1)
-    met = (areas > 0).all(1) | (areas < 0).all(1)
-    heights = (areas[met] * corners[met, :, 2]).sum(1) / areas[met].sum(1)
-    return np.count_nonzero(heights > 0) % 2 == 1
-
-
 SMALL = {"ball": Sphere(radius=0.02), "capsule": Capsule(radius=0.01, half_length=0.05)}
 
 
@@ -186,7 +177,7 @@ def test_a_fine_sheet_that_a_small_thing_stretches_manifold_lets_nothing_through
         sim.set_collider_pose("thing", (*place[:2], height), lying)
         sim.step()
         assert sim.report()["it"]["max_penetration"] < sheet.thickness
-    assert is_above(sim, (*place[:2], height))
+    assert is_above(sim, "it", (*place[:2], height))
     assert sim.report()["it"]["max_strain"] > 0.5
 
 
@@ -202,7 +193,7 @@ def test_what_turns_while_it_moves_does_not_come_through(device):
         sim.set_collider_pose("pole", place, turned[min(k, 5)])
         sim.step()
         assert sim.report()["it"]["max_penetration"] < sheet.thickness
-    assert is_above(sim, place)
+    assert is_above(sim, "it", place)
 
 
 @pytest.mark.parametrize("order", [1, 2])

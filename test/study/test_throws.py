@@ -16,13 +16,15 @@ def test_a_point_that_a_sheet_lies_above_is_told_from_one_that_it_lies_below():
     )
     x = sim.positions(throws.BODY)
     for under, over in (((0.031, 0.017, 0.9), (0.031, 0.017, 1.1)), ((-0.2, 0.3, 0.0), (-0.2, 0.3, 2.0))):
-        assert throws.is_above(sim, under) and not throws.is_above(sim, over)
-    assert not throws.is_above(sim, (0.8, 0.0, 0.9)), "nothing is above what lies beside it"
+        assert throws.is_above(sim, throws.BODY, under) and not throws.is_above(sim, throws.BODY, over)
+    assert not throws.is_above(sim, throws.BODY, (0.8, 0.0, 0.9)), "nothing is above what lies beside it"
     # Folded over by its half, it has two layers over what was below.
     x[:, 2] += np.where(x[:, 0] < 0.0, 0.02, 0.0)
     x[:, 0] = np.abs(x[:, 0])
     sim.set_positions(throws.BODY, x)
-    assert not throws.is_above(sim, (0.2, 0.017, 0.9)) and throws.is_above(sim, (0.2, 0.017, 1.01))
+    assert not throws.is_above(sim, throws.BODY, (0.2, 0.017, 0.9)) and throws.is_above(
+        sim, throws.BODY, (0.2, 0.017, 1.01)
+    )
 
 
 def test_throws_are_drawn_from_everything_and_alike_for_a_seed():
@@ -51,9 +53,7 @@ def test_what_passes_is_told(monkeypatch, capsys):
     """What has passed does not count as deep too."""
     monkeypatch.setattr(throws, "throw", lambda each, random, device: throws.Outcome(each.speed > 5.0, 0.004))
     monkeypatch.setattr(sys, "argv", ["study", "throws", "--count", "40", "--seed", "3"])
-    drawn, random = [], np.random.default_rng(3)
-    for _ in range(40):
-        drawn.append(throws.drawn(random))
+    drawn = [throws.drawn(np.random.default_rng((3, number))) for number in range(40)]
     passed = sum(each.speed > 5.0 for each in drawn)
     deep = sum(each.speed <= 5.0 and each.thickness < 0.004 for each in drawn)
     assert passed and deep and __main__.main() == 1

@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.executors.subdomain_plan import IN_REGISTERS, SWEPT
 from cloth_sim_ros.sim.intrinsics import load4, store4, sync, xyz
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.integrate import Step, split_sum
-from cloth_sim_ros.sim.stages.contact import TOUCHED, Met, make_touch, note_strain, share_of
+from cloth_sim_ros.sim.stages.contact import TOUCHED, Met, make_touch, share_of
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import (
     first_share,
@@ -18,6 +18,7 @@ from cloth_sim_ros.sim.stages.motion import (
     rate_of,
     sweep_collider,
 )
+from cloth_sim_ros.sim.stages.thickness import note_strain
 
 
 def make_memory(capacity: int):
