@@ -10,7 +10,7 @@ from surfaces import outside_box, points_of
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Handle, Plane, Rope, Scene, Settings, Simulation, Sphere
 from cloth_sim_ros.sim.executors.choose import forced_executor
-from cloth_sim_ros.study.throws import is_above
+from cloth_sim_ros.study.throws import drawn, is_above, throw
 
 SMOOTH = {"static_friction": 0.0, "kinetic_friction": 0.0}
 HALF, THICKNESS, SPACING = np.array([0.3, 0.5, 0.2]), 0.02, 0.1  # a box whose corner is five times finer than the mesh
@@ -194,6 +194,15 @@ def test_what_turns_while_it_moves_does_not_come_through(device):
         sim.step()
         assert sim.report()["it"]["max_penetration"] < sheet.thickness
     assert is_above(sim, "it", place)
+
+
+@pytest.mark.parametrize("number", [3119, 3858])
+def test_the_edge_of_a_fast_thin_box_does_not_cut_into_a_triangle(device, number):
+    """A triangle touches it at one point and comes on to it at another, within one substep."""
+    random = np.random.default_rng((6, number))
+    each = drawn(random)
+    assert each.thing == "thin box" and each.speed == 20.0
+    assert throw(each, random, device).depth < each.thickness
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -20,7 +20,7 @@ from cloth_sim_ros.sim.stages.motion import pack
 from cloth_sim_ros.sim.stages.near import make_near_of, next_of
 from cloth_sim_ros.sim.state import ColliderMotion, Sweep
 
-# Bits of State.pressed: a particle of a facet that is pressed, one that facets have moved, and one that stops.
+# Bits of State.pressed: a particle of a facet that is pressed or fast, the same behind that stage, and one that stops.
 PRESSED, MOVED, STOPS = wp.constant(1), wp.constant(2), wp.constant(4)
 # Of how far a facet is from a collider, and of its thickness, what no substep takes away.
 _LEFT, _LEAST = wp.constant(0.1), wp.constant(0.1)

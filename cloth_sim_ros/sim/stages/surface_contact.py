@@ -221,6 +221,8 @@ def make_press(features: Features):
                     sweep = here.state.sweeps[here.sweep + c]
                     if not is_far(corners, here, here.colliders[c], sweep):
                         found = press_on(corners, entry, here.colliders[c], sweep, last, here)
+                        if longest_way(facet_of(corners, here, sweep)) > FAST * here.material.thickness:
+                            mark(corners, PRESSED, here)  # another point of it may come through, see stop.py
                     if wp.max(found.weights) > 0.0:
                         found.when = here.substep
                         here.state.presses[entry] = found
@@ -280,7 +282,8 @@ def make_yield(features: Features):
         marks = here.state.pressed[met.slot]
         if marks & PRESSED == 0:
             return
-        here.state.pressed[met.slot] = marks & MOVED
+        here.state.pressed[met.slot] = MOVED
+        here.state.stirred[here.body.index] = here.substep + 1
         displacement = xyz(packed)
         touched, last = bool(False), int(0)
         push = Push()
@@ -299,8 +302,6 @@ def make_yield(features: Features):
                     push = with_push(push, n, wp.dot(correction, n), motion, entry)
             c = next_of(c, met.near, False)
         if touched:
-            here.state.pressed[met.slot] = MOVED
-            here.state.stirred[here.body.index] = here.substep + 1
             store4(here.d, i, pack(displacement, w))
             if wp.static(features.order == 2):
                 moved = displacement - xyz(load4(here.low, i))
