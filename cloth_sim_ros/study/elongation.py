@@ -4,14 +4,18 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 import numpy as np
 from scipy import optimize
 
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation
+from cloth_sim_ros.study.case import BODY, Case
+from cloth_sim_ros.study.contenders import Run
+from cloth_sim_ros.study.peers import PEERS
 
-BODY = "sheet"
 _REST = {"global_damping": 2.0}  # [1/s] by which it comes to rest
+_APART = 1e3  # as many times as in equilibrium: then it has flown apart
 _FINE = {"substeps": 80, "iterations": 4, "order": 1}  # from where the minimum of the energy is looked for
 
 
@@ -23,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--constant", type=float, default=1000.0, help="of structural springs [N/m]")
     parser.add_argument("--seconds", type=float, default=5.0, help="until it is at rest")
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--peers", action="store_true", help="also Newton and pyPBD, if installed")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -37,14 +42,34 @@ def run(arguments: argparse.Namespace) -> int:
         for substeps, iterations in pairs:
             sim, x = _at_rest(scene, {"substeps": substeps, "iterations": iterations, "order": 1}, arguments)
             found.append(mean_strain(sim, x) / wanted - 1.0)
-        print(f"{f'{resolution} x {resolution}':<40}" + "".join(f"{share:>+10.1%}" for share in found), flush=True)
+        _print_row(f"{resolution} x {resolution}", found)
+        for peer in PEERS if arguments.peers else ():
+            problem = peer.why_not(arguments.device)
+            if problem:
+                print(problem, file=sys.stderr)
+                continue
+            case = Case("hung", "hung by two corners", hung_sheet, round(60 * arguments.seconds), 1e-3, 32, 1e3)
+            runs = [Run(case, resolution, arguments.constant, arguments.device, *pair) for pair in pairs]
+            strains = [_lasting_strain(exact[0], peer.simulate(run)[0]) for run in runs]
+            _print_row(f"{resolution} x {resolution}, {peer.label}", [strain / wanted - 1.0 for strain in strains])
     return 0
+
+
+def _print_row(label: str, shares: list[float]) -> None:
+    words = (f"{share:+.1%}" if share < _APART else "diverges" for share in shares)
+    print(f"{label:<40}" + "".join(f"{word:>10}" for word in words), flush=True)
+
+
+def _lasting_strain(sim: Simulation, frames: np.ndarray) -> float:
+    """The mean strain [-] over the last quarter of frames (F, N, 3) [m], as a peer may still swing then."""
+    return float(np.mean([mean_strain(sim, x) for x in frames[-len(frames) // 4 :]]))
 
 
 def hung_sheet(resolution: int, constant: float) -> Cloth:
     """A square sheet of 1 m and 0.2 kg that hangs by its two upper corners."""
     return Cloth(
         resolution=(resolution, resolution),
+        pins=(resolution * (resolution - 1), resolution**2 - 1),
         orientation=(np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)),
         stretch_compliance=1.0 / constant,
         shear_compliance=3.0 / constant,

@@ -95,6 +95,15 @@ def test_touching_has_a_row_a_scene(monkeypatch, capsys):
         assert substeps == 20 and 0.0 < median <= most and without > 0.0 and crossings == 0
 
 
+def test_elongation_has_a_row_a_sheet_and_a_peer(monkeypatch, capsys):
+    pytest.importorskip("pypbd")
+    assert command(monkeypatch, "elongation", "--resolution", 16, "--peers") == 0
+    rows = {line[:40].strip(): line[40:].split() for line in capsys.readouterr().out.splitlines()}
+    ours, theirs = ([float(share.strip("%")) for share in rows[name]] for name in ("16 x 16", "16 x 16, pyPBD XPBD"))
+    assert 1.0 < ours[0] < 5.0 and abs(ours[1]) < 1.0
+    assert theirs[0] > ours[0] and theirs[0] > theirs[1]
+
+
 def test_report_of_nothing_says_what_to_run(monkeypatch, tmp_path, capsys):
     assert command(monkeypatch, "report", "--folder", tmp_path, "--images", tmp_path) == 2
     assert "run the commands error" in capsys.readouterr().err
