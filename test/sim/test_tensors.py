@@ -93,7 +93,8 @@ def test_arrays_and_masks_write_what_single_worlds_would(device):
     assert np.abs(many.tensor("hand", "wrench").numpy()).min() > 0
 
 
-@pytest.mark.parametrize("settings", [{}, pytest.param({"method": "verlet", "substeps": 80}, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("settings", [{}, {"method": "verlet", "substeps": 80}])
 def test_a_masked_reset_is_that_of_a_lone_simulation_and_touches_nothing_else(device, settings):
     many, alone = make(device, **settings)
     fresh = make(device, **settings)[1]

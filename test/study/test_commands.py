@@ -95,6 +95,7 @@ def test_touching_has_a_row_a_scene(monkeypatch, capsys):
         assert substeps == 20 and 0.0 < median <= most and without > 0.0 and crossings == 0
 
 
+@pytest.mark.long
 def test_elongation_has_a_row_a_sheet_and_a_peer(monkeypatch, capsys):
     pytest.importorskip("pypbd")
     assert command(monkeypatch, "elongation", "--resolution", 16, "--peers") == 0
