@@ -72,8 +72,11 @@ def crew_of(worlds: int, device: wp.Device) -> Crew:
     return _crew(device.sm_count, _BLOCK, width, 1, device)
 
 
-def crews_of(crews: int, blocks: int, block: int, device: wp.Device) -> Crew:
-    """So many crews of `blocks` blocks, each of which has a body at a time; `teams` are all of them."""
+def crews_of(bodies: int, blocks: int, block: int, device: wp.Device) -> Crew:
+    """As many crews of `blocks` blocks as fit the device, or as there are bodies: `teams`, of which each has a body at
+    a time.
+    """
+    crews = 1 if device.is_cpu else min(bodies, device.sm_count // blocks)
     return _crew(blocks, block, blocks * block, crews, device)
 
 

@@ -49,17 +49,15 @@ class Block:
         self, features: Features, worlds: list[Arrays], device: wp.Device, largest: int, blocks: int, block: int
     ):
         bodies = len(worlds) * worlds[0].model.bodies.shape[0]
-        inputs = [gathered(worlds, device)]
+        inputs, threads = [gathered(worlds, device)], bodies * block
         if blocks == 1:
             fits = not device.is_cpu and largest <= capacity(device, features)
             shared = -(-largest // 64) * 64 if fits else 0
-            kernel, crews = make_frame(features, shared, block, shared_memory(device)), bodies
+            kernel = make_frame(features, shared, block, shared_memory(device))
         else:
-            kernel, crews = make_spread_frame(features, block), min(bodies, device.sm_count // blocks)
-            inputs += [bodies, crews_of(crews, blocks, block, device)]
-        self._launch = wp.launch(
-            kernel, dim=crews * blocks * block, inputs=inputs, device=device, block_dim=block, record_cmd=True
-        )
+            kernel, crew = make_spread_frame(features, block), crews_of(bodies, blocks, block, device)
+            inputs, threads = [*inputs, bodies, crew], crew.teams * crew.width
+        self._launch = wp.launch(kernel, dim=threads, inputs=inputs, device=device, block_dim=block, record_cmd=True)
 
     def advance(self, substeps: int, iterations: int, outer: int) -> None:
         """Launch one frame; the numbers are read from the device's Frame, where they are already."""

@@ -44,10 +44,10 @@ class Member:
             blocks, block = 1, threads_for(features, int(counts.max()), device)
         else:
             blocks, block = blocks_for(int(counts.max()), bodies, device)
-        crews = 1 if device.is_cpu else min(bodies, device.sm_count // blocks)
+        crew = crews_of(bodies, blocks, block, device)
         self._kernels = make_kernels(features, block)
-        self._given = [gathered(worlds, device), bodies, crews_of(crews, blocks, block, device)]
-        self._dims = {"dim": crews * blocks * block, "block_dim": block, "device": device}
+        self._given = [gathered(worlds, device), bodies, crew]
+        self._dims = {"dim": crew.teams * crew.width, "block_dim": block, "device": device}
         self._recorded: dict[tuple, wp.Launch] = {}
         for kernel in self._kernels.values():  # as none may have to be loaded while a frame is captured
             kernel.module.load(device, block)
