@@ -117,6 +117,7 @@ def test_intervals_hold_the_truth(device, seen):
     assert missed <= 2
 
 
+@pytest.mark.long
 def test_what_is_hidden_does_not_mislead_and_what_is_not_felt_is_said(device):
     """A third of the sheet is never seen, and nothing ever touches it, so that its friction could be anything."""
     truth = drawn(14)

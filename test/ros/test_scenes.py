@@ -106,6 +106,7 @@ def test_the_ball_stays_under_its_sheet():
     assert np.linalg.norm(ball[:2]) > 0.2, "it has gone away from where it was"
 
 
+@pytest.mark.long
 def test_the_tablecloth_leaves_the_table():
     sim = simulation("tablecloth")
 

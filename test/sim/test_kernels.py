@@ -123,6 +123,7 @@ def test_drawn_scenes_move_the_same_by_every_executor(device, method, seed):
             assert np.abs(x - other[name]).max() < 1e-5
 
 
+@pytest.mark.long
 def test_the_same_inputs_give_the_same_bits(device):
     first, second = states(device), states(device)
     for name in first:
@@ -130,6 +131,7 @@ def test_the_same_inputs_give_the_same_bits(device):
         assert np.array_equal(first[name][1], second[name][1])
 
 
+@pytest.mark.long
 def test_every_device_agrees_with_the_cpu(device):
     here, there = states(device, frames=12), states("cpu", frames=12, executor="graph")
     for name in here:

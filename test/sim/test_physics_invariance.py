@@ -51,6 +51,7 @@ def test_order_of_objects_does_not_matter_to_the_bit(device):
     assert same(run(NAMES, device), run(NAMES[::-1], device))
 
 
+@pytest.mark.long
 def test_an_object_alone_moves_as_among_others(device):
     assert same(run(("right",), device), run(NAMES, device))
 

@@ -252,6 +252,7 @@ def test_a_rope_bends_to_a_radius_little_above_its_own(device, segments):
     assert found == pytest.approx(1.106 * radius, rel=0.06)
 
 
+@pytest.mark.long
 def test_the_same_bits_again_and_in_many_worlds(device):
     sims = [crumpled(8, device), crumpled(8, device), crumpled(8, device, worlds=3)]
     for sim in sims:

@@ -68,6 +68,7 @@ def test_each_world_is_what_it_would_be_built_with_its_sizes(device):
         assert not np.array_equal(states(many, w)[0], states(many, (w + 1) % WORLDS)[0]), "inputs differ"
 
 
+@pytest.mark.long
 def test_one_thin_world_has_colliders_kept_out_between_particles_in_all(device, tmp_path):
     """A ball that passes between the particles where it is small is tested against triangles."""
     sheet = Scene({"sheet": Cloth(resolution=(8, 8), pins="edges")}, {"ball": Sphere(5.0, position=(0, 0, -5.2))})

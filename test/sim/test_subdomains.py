@@ -167,6 +167,7 @@ def test_it_agrees_with_the_block_executor(device):
     assert np.abs(wanted[:, 2]).max() > 0.02
 
 
+@pytest.mark.long
 def test_worlds_have_their_own_subdomains(device):
     single = {gravity: simulation(device, 40, 4) for gravity in (-9.81, -3.0)}
     many = forced("subdomains", busy_scene(), Settings(method="verlet", substeps=45), device, worlds=3)
@@ -279,7 +280,6 @@ def irregular():
 
 
 WIND = Wind((1, 2, 0.5))
-QUICK = ("curtain", "mesh")  # of REAL
 REAL = {
     "bends": Scene({"it": dataclasses.replace(SHEET, orientation=(0, 0, 0, 1), **BENDS)}),
     "bends and is damped in wind": Scene({"it": dataclasses.replace(SHEET, damping=1e-4, **BENDS)}, wind=WIND),
@@ -299,7 +299,7 @@ def pushed(sim):
     return np.hstack([sim.positions("it"), sim.velocities("it")])
 
 
-@pytest.mark.parametrize("kind", [*QUICK, *[pytest.param(k, marks=pytest.mark.long) for k in REAL if k not in QUICK]])
+@pytest.mark.parametrize("kind", ["mesh", *[pytest.param(k, marks=pytest.mark.long) for k in REAL if k != "mesh"]])
 def test_real_scenes_move_in_subdomains_as_in_one_block(device, kind):
     substeps = 150 if kind == "mesh" else 60
     block = forced("block", REAL[kind], Settings(method="verlet", substeps=substeps), device)

@@ -204,6 +204,7 @@ def test_a_ball_passes_through_a_hole(device):
     assert lowest[0] > -0.3 and lowest[1] < -0.35
 
 
+@pytest.mark.long
 def test_worlds_tear_alone_reset_mends_and_a_file_keeps_what_tore(device, tmp_path):
     sim = simulated(sheet(), device, worlds=2)
     with pytest.raises(ValueError, match="there is no object"):

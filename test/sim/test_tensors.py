@@ -115,6 +115,7 @@ def test_a_masked_reset_is_that_of_a_lone_simulation_and_touches_nothing_else(de
     assert list(many.held("hand")) == [alone[0].held("hand")] * WORLDS
 
 
+@pytest.mark.long
 def test_masks_come_from_any_library(device):
     many, _ = make(device)
     many.step(2)

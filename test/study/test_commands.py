@@ -33,6 +33,7 @@ def test_speed_measures_frames_and_features(monkeypatch, tmp_path, capsys):
     assert "8 x 8" in printed and "box, touching" in printed
 
 
+@pytest.mark.long
 def test_error_writes_table_and_figures(monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     options = ("--device", "cpu", "--resolution", 8, "--substeps", 20, 40, 80, "--iterations", 2, "--output", tmp_path)

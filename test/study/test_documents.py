@@ -84,6 +84,7 @@ def test_pages_are_all_in_one_of_the_four_parts():
     assert parts == {"index.md", "tutorials", "how-to", "reference", "explanation", "notes"}
 
 
+@pytest.mark.long
 def test_the_examples_of_many_worlds_run(tmp_path, monkeypatch):
     text = (ROOT / "docs" / "how-to" / "worlds.md").read_text()
     (vary,) = re.findall(r"```yaml\n(.*?)```", text, flags=re.DOTALL)
