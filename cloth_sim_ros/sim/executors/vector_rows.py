@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Method verlet for grids on a CPU: one launch a frame like the block executor, with the springs of eight particles
+"""Method verlet for grids on a CPU: one launch a frame like the block executor, with the springs of many particles
 at a time (see vector_rows_simd.py). What air and colliders do is done particle by particle, as elsewhere.
 """
 
@@ -15,7 +15,6 @@ from cloth_sim_ros.sim.intrinsics import array_address, number_address
 from cloth_sim_ros.sim.methods.program import make_begin, make_enter, make_program
 from cloth_sim_ros.sim.methods.stage import in_turn
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.native import LANES
 from cloth_sim_ros.sim.physics.integrate import outer_weight
 from cloth_sim_ros.sim.stages.grasp import feel, hold
 from cloth_sim_ros.sim.stages.here import Here
@@ -99,7 +98,7 @@ def lay_out(topologies: list[Topology], worlds: int, device: wp.Device) -> Plane
     for topology in topologies:
         around, count = incident_springs_of(topology), len(topology.masses)
         margin = max(abs(step) for step, *_ in around)
-        places = 16 * (-(-(count + LANES + 2 * margin) // 16) | 1)
+        places = 16 * (-(-(count + row_lanes.MOST + 2 * margin) // 16) | 1)
         grids.append((places, size + margin, weighed + margin, len(incident_springs), len(around)))
         for step, kind, rest, each in around:
             incident_springs.append((step, kind))

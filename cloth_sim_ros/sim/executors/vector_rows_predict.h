@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The displacement of eight particles at a time; behind vector_rows_planes.h.
+// The displacement of LANES particles at a time; behind vector_rows_planes.h.
 const float* all_weights = (const float*)weights;
 auto dot = [](const Lanes* a, const Lanes* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; };
 for (int i = 0; i < count; i += LANES) {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Method verlet on a grid, eight particles at a time in the vector registers of a CPU.
+"""Method verlet on a grid, many particles at a time in the vector registers of a CPU.
 
 Every number of a particle has a plane of its own, in which particles lie one behind the other, row by row. The other
 end of a spring is equally far away for all, so that nothing is gathered. At the border, where a spring is missing, one
@@ -11,13 +11,14 @@ compiler's choice.
 
 import warp as wp
 
-from cloth_sim_ros.sim.native import LANES, on_cpu, source
+from cloth_sim_ros.sim.native import on_cpu, source
 
 # Where the planes of a number begin: position [m] and inverse mass [1/kg], low part [m], velocity [m/s], displacement
 # [m] and effective inverse mass.
 X, LOW, V, D = 0, 4, 7, 10
 PLANES = 14
-_KNOWN = {"LANES": LANES, "X": X, "LOW": LOW, "V": V, "D": D}
+MOST = 32  # particles at a time, see vector_rows_planes.h
+_KNOWN = {"X": X, "LOW": LOW, "V": V, "D": D}
 
 
 @wp.func_native(on_cpu(source(__file__, "vector_rows_planes", "vector_rows_predict", **_KNOWN)))
