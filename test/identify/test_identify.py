@@ -134,6 +134,7 @@ def test_what_is_hidden_does_not_mislead_and_what_is_not_felt_is_said(device):
     assert found.felt[2] == 0 and np.isinf(found.high[2])
 
 
+@pytest.mark.long
 def test_fewer_worlds_find_the_same_and_the_way_down_takes_as_few_as_it_needs(device):
     recording = record(drawn(13), device, noise=0.002, seen="shuffled", frames=20)
     candidates = Candidates(scene(GUESS), SETTINGS, recording, FIT[:2], 32, device)

@@ -154,6 +154,7 @@ def test_what_cannot_be_exported_is_told_in_a_sentence(bag, tmp_path):
     assert "--rate is 0; allowed is" in export(bag, tmp_path / "cloth.glb", "--rate", "0", status=1)
 
 
+@pytest.mark.long
 def test_a_bag_of_another_version_is_told_in_a_sentence(bag, tmp_path):
     """One whose parameters lack what there is now, as one recorded before has it."""
     import rosbags.rosbag2 as rosbag2

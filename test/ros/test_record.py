@@ -189,6 +189,7 @@ def test_a_changed_input_is_told_from_its_frame_on(bag, tmp_path):
     assert second.startswith(f"frame {frames}: c") and "particles differ, by up to" in second
 
 
+@pytest.mark.long
 def test_lost_messages_of_the_journal_are_told(bag, tmp_path):
     number = b'"sequence": %d,' % journal_of(bag)[20]["sequence"]
     lossy = copied(bag, tmp_path / "lossy", lambda topic, data: None if number in data else data)

@@ -153,6 +153,7 @@ def test_contacts_with_colliders_are_counted(device):
         assert sim.report()["it"]["contacts"] == count
 
 
+@pytest.mark.long
 def test_the_same_bits_again_and_in_many_worlds(device):
     sims = [sheets(device), sheets(device)]
     many = Simulation(sims[0].scene, device=device, worlds=3)

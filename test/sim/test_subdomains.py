@@ -223,7 +223,8 @@ def test_too_many_springs_at_a_particle_are_refused():
         simulation("cpu", scene=Scene({"it": sheet}))
 
 
-@pytest.mark.parametrize("kind", ["sheet", pytest.param("rope", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["sheet", "rope"])
 def test_wind_blows_through_subdomains(device, kind):
     sheet = Cloth(resolution=(12, 11), pins="top", stretch_compliance=1e-3, shear_compliance=3e-3)
     rope = Rope(segments=60, stretch_compliance=1e-2, pins="both")
@@ -299,7 +300,8 @@ def pushed(sim):
     return np.hstack([sim.positions("it"), sim.velocities("it")])
 
 
-@pytest.mark.parametrize("kind", ["mesh", *[pytest.param(k, marks=pytest.mark.long) for k in REAL if k != "mesh"]])
+@pytest.mark.long
+@pytest.mark.parametrize("kind", REAL)
 def test_real_scenes_move_in_subdomains_as_in_one_block(device, kind):
     substeps = 150 if kind == "mesh" else 60
     block = forced("block", REAL[kind], Settings(method="verlet", substeps=substeps), device)
@@ -311,6 +313,7 @@ def test_real_scenes_move_in_subdomains_as_in_one_block(device, kind):
     assert np.abs(wanted[:, :3] - block.rest_positions("it")).max() > 0.01
 
 
+@pytest.mark.long
 def test_worlds_of_a_real_scene_have_their_own_wind(device):
     settings = Settings(method="verlet", substeps=60)
     many = forced("subdomains", REAL["curtain"], settings, device, worlds=2)
@@ -326,7 +329,8 @@ def test_worlds_of_a_real_scene_have_their_own_wind(device):
     assert np.array_equal(many.positions("it", 0), first.positions("it"))
 
 
-@pytest.mark.parametrize("shape", ["ball", pytest.param("box", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("shape", ["ball", "box"])
 def test_skipping_colliders_decides_nothing(device, monkeypatch, shape):
     """A ball at 20 m/s, and a long box that turns by 45 degrees a frame: the same bits as testing every substep."""
     collider = Sphere(radius=0.2, position=(0, 0, -0.5)) if shape == "ball" else Box(half_extents=(0.6, 0.02, 0.1))

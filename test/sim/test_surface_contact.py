@@ -53,9 +53,10 @@ def dragged_over_the_edge(device, rope=False, executor=None, **settings):
     "settings",
     [
         {},
-        {"order": 2},
-        {"iterations": 3},
-        pytest.param({"executor": "graph"}, marks=pytest.mark.long),
+        *[
+            pytest.param(some, marks=pytest.mark.long)
+            for some in ({"order": 2}, {"iterations": 3}, {"executor": "graph"})
+        ],
         {"method": "verlet", "substeps": 60},
     ],
 )
@@ -68,6 +69,7 @@ def test_a_rope_lies_over_the_edge_with_its_segments(device, settings):
     assert dragged_over_the_edge(device, rope=True, **settings) < 0.01 * SPACING
 
 
+@pytest.mark.long
 def test_a_thin_fast_pole_takes_the_sheet_along(device):
     """At 20 m/s it crosses a sheet that is 30 times as wide as itself between two rows, within a frame."""
     sheet = Cloth(resolution=(6, 6), size=(0.5, 0.5), pins=None, thickness=0.002)

@@ -132,6 +132,7 @@ def test_masks_come_from_any_library(device):
     assert [count > 0 for count in many.held("hand")] == list(~MASK) and list(many.held("hand", MASK)) == [0, 0]
 
 
+@pytest.mark.long
 def test_a_mask_tells_which_worlds_were_put_back(device):
     many, _ = make(device)
     many.step()

@@ -48,6 +48,7 @@ def test_a_peer_that_cannot_stand_in_the_figure_is_named():
     assert "one world at a time" in gpu.why_not("cuda:0", 2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "runs",
     [*PEERS, *OTHER_MODELS, *CONTENDERS],

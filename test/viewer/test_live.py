@@ -123,6 +123,7 @@ def test_a_hundred_moves_of_a_slider_end_at_the_last(shown, client):
     assert client.get("wind.velocity")[0] == pytest.approx(9.9)
 
 
+@pytest.mark.long
 def test_a_slider_follows_what_others_set(shown, client):
     assert client.set("cloth.static_friction", 1.25).successful
     slider = shown.page.panel.sliders["cloth.static_friction"][0]
@@ -168,6 +169,7 @@ def test_two_clicks_cut_what_tears_between_them(shown):
     shown.until(lambda: drawn() and len(drawn().faces) <= 2 * 5 * 4 - 2 * 3)
 
 
+@pytest.mark.long
 def test_an_object_that_becomes_another_one_is_drawn_anew(shown, client):
     page = shown.page
     corner = page.scene.positions["cloth"][29].astype(float)
