@@ -85,11 +85,14 @@ def choose(
     was `strained` beyond all rest.
     """
     limit = partial(_explicit_substeps, topology, settings, around)
-    xpbd = _xpbd(settings, topology, materials, max(limit(compliance, 0.0) for compliance, _ in materials), around)
+    limit_of_springs = max(limit(compliance, 0.0) for compliance, _ in materials)
+    xpbd = _xpbd(settings, topology, materials, limit_of_springs, around)
     if settings.method == "xpbd":
         return xpbd
     needed = max(limit(compliance, damping) for compliance, damping in materials)
-    verlet = replace(_verlet(settings, needed, around.surface), safe_substeps=max(xpbd.substeps, _SAFE))
+    again = _kinks(settings, topology, materials, limit_of_springs, around).substeps(settings.error, 1)
+    safe = max(xpbd.substeps, _SAFE, math.ceil(again))
+    verlet = replace(_verlet(settings, needed, around.surface), safe_substeps=safe)
     if settings.method == "verlet":
         return verlet
     because = _not_explicit(settings, topology, needed, strained)
@@ -165,15 +168,17 @@ def _xpbd(
     iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
     fewest, leaning = _fewest(topology, around.meets), _leaning(topology, settings, around)
     affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
+    kinks = _kinks(settings, topology, materials, limit, around)
 
     def substeps_of(order: int, least: float) -> tuple[int, float, float]:
         """How many are taken, how many are wanted, and the error of those that are taken."""
         laws = _error_laws(topology, limit, order, settings.frame_dt)
         enough = min((constant / settings.error) ** (1.0 / power) for constant, power in laws)
         bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
-        wanted = max(enough, bending, leaning, least)
+        wanted = max(enough, bending, leaning, least, kinks.substeps(settings.error, order))
         taken = settings.substeps or int(np.clip(math.ceil(min(wanted, affordable)), fewest, _MOST_LINES))
-        return taken, wanted, min(constant / taken**power for constant, power in laws)
+        error = min(constant / taken**power for constant, power in laws)
+        return taken, wanted, max(error, kinks.error(taken, order))
 
     order, calm = settings.order or 2, 0.0 if settings.order else _calm(topology, limit) / iterations
     substeps, wanted, error = substeps_of(order, calm)
@@ -183,6 +188,8 @@ def _xpbd(
     reason = f"is computed by xpbd order {order} in {substeps} x {iterations}"
     if not settings.substeps and substeps < math.floor(wanted):
         reason += f", where an error of {settings.error:g} would take {math.ceil(wanted)}: it may be {error:.2g}"
+    if kinks.error(substeps, order) > settings.error:
+        reason += f", as under its weight it is strained {kinks.excess(substeps, order):.0%} too much"
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
         reason += f", and {share:.2g} of its bending rigidity acts"
@@ -208,7 +215,7 @@ def _leaning(topology: Topology, settings: Settings, around: Surroundings) -> fl
 
 def _effective(settings: Settings, order: int) -> float:
     """Substeps times their effective length h_e [s]."""
-    return settings.frame_dt * (2.0 / 3.0 if order == 2 else 1.0)
+    return settings.frame_dt * limits.EFFECTIVE[order]
 
 
 def _error_laws(topology: Topology, limit: float, order: int, frame_dt: float) -> list[tuple[float, int]]:
@@ -228,6 +235,20 @@ def _error_laws(topology: Topology, limit: float, order: int, frame_dt: float) -
         if topology.grid is not None and topology.is_free and order == 2:
             laws.append((_FREE * _swing(topology, float(np.ptp(topology.layout, axis=0).max())) * long, 1))
     return laws if order == 2 else [(max(math.sqrt(laws[0][0]), _EULER * long), 1)]
+
+
+def _kinks(
+    settings: Settings,
+    topology: Topology,
+    materials: Collection[tuple[Sequence[float], float]],
+    limit: float,
+    around: Surroundings,
+) -> limits.Kinks:
+    """What the kinks of a mesh's lines leave."""
+    is_mesh = len(topology.triangles) > 0 and topology.grid is None and math.isfinite(limit)
+    weight = around.gravity * topology.masses.sum() if is_mesh else 0.0
+    strain = 0.5 * weight * max(compliance[0] for compliance, _ in materials)
+    return limits.Kinks(limit, strain, settings.iterations or 1)
 
 
 def _swing(topology: Topology, length: float) -> float:

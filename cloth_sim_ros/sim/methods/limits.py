@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,6 +24,8 @@ _SHARE_OF_LINES = 0.5
 
 _ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS, of a length in float32
 _HEAT = 1e-2  # [m^2/s^3] by which rounding may heat a body; beyond it a spring is as good as rigid
+
+EFFECTIVE = {1: 1.0, 2: 2.0 / 3.0}  # of a substep of XPBD, by its order, over the substep
 
 _LONGEST_OUTER = 1.0 / 600.0  # [s] between impulses of the air
 _OUTER_PHASE = 0.5  # omega times that between impulses of bending, omega of its fastest mode
@@ -49,6 +52,44 @@ def outer_steps(substeps: int, h: float, rate: np.ndarray, damping: np.ndarray, 
     )
     longest = np.where(bends, np.minimum(longest, phase), longest)
     return math.ceil(substeps / max(1, math.floor(longest.min() / h * (1.0 + 1e-9))))
+
+
+@dataclass(frozen=True)
+class Kinks:
+    """By how much XPBD strains a mesh too much that hangs, and what that counts as.
+
+    The lines of a mesh have kinks. The solve of each line straightens them, until others bend them back. So a share of
+    the tension is lost: 0.1 (h_e limit / (h substeps))^2 of it, as measured in meshes of 256 to 4096 particles. A sweep
+    more multiplies it by the same again.
+
+    limit: substeps that leapfrog needs. strain: about that of the sheet under its weight; 0 where nothing is lost. By
+    5 % too much counts as an error of 1e-3, and less where the strain itself is below 1e-4 and is not seen.
+    """
+
+    limit: float
+    strain: float
+    iterations: int
+
+    def excess(self, substeps: int, order: int) -> float:
+        """The share by which the strain is too large."""
+        once = 0.1 * (EFFECTIVE[order] * self.limit / substeps) ** 2 if self.strain > 0.0 else 0.0
+        return min(once, once**self.iterations)
+
+    def error(self, substeps: int, order: int) -> float:
+        """What that counts as, in the units of solver.error."""
+        return self._weight * self.excess(substeps, order)
+
+    def substeps(self, error: float, order: int) -> float:
+        """How many have that error."""
+        if self.strain == 0.0:
+            return 0.0
+        excess = error / self._weight
+        return EFFECTIVE[order] * self.limit * math.sqrt(0.1 / max(excess, excess ** (1.0 / self.iterations)))
+
+    @property
+    def _weight(self) -> float:
+        # What is strained a lot moves by its strain, too.
+        return max(0.02 * min(1.0, self.strain / 1e-4), 2.5 * self.strain)
 
 
 # (omega h_e)^2 of the stiffest bending mode that XPBD takes; beyond it, the sheet is computed as softer.
