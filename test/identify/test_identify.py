@@ -302,6 +302,7 @@ def test_a_number_that_nothing_feels_stays(device):
     assert "as nothing feels it: it stays as the scene has it" in sentences(candidates, found)[0]
 
 
+@pytest.mark.long
 def test_what_moves_begins_where_the_recording_says(device):
     """Not where the scene has it: swept from there, the ball would hit the sheet between."""
     scene = Scene({"it": Cloth(resolution=(8, 8))}, {"ball": Sphere(0.1, position=(0, 0, -1))}, gravity=(0, 0, 0))

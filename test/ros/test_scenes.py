@@ -82,6 +82,7 @@ def test_scenes_that_move_have_drivers_and_the_others_none():
     assert {scene for scene in SCENES if driver.has_driver(scene)} == moved
 
 
+@pytest.mark.long
 def test_the_wind_lifts_the_flag():
     heights = {}
     for name, wind in (("calm", lambda t: (0.0, 0.0, 0.0)), ("gusts", flag.gust)):
@@ -173,6 +174,7 @@ def test_the_gripper_carries_the_napkin_and_drops_it():
     assert sim.positions("napkin")[:, 2].max() < 0.3, "it lies on the floor"
 
 
+@pytest.mark.long
 def test_the_load_swings_as_a_pendulum():
     """Load and rope as one stiff pendulum, at its amplitude: the period by the arithmetic-geometric mean (Gauss)."""
     sim, gravity, length, load, rope, amplitude = simulation("rope_swing"), 9.81, 2.0, 3.0, 0.15, math.radians(30.0)

@@ -59,6 +59,7 @@ def extended(monkeypatch):
     monkeypatch.setitem(FORCES, "tether", (Tether, tether_force))
 
 
+@pytest.mark.long
 def test_a_shape_from_outside_holds_a_rope(extended, device):
     rope = Rope(start=(-0.6, 0.0, 0.5), end=(0.6, 0.0, 0.5), segments=48, pins="none", static_friction=1.0)
     scene = Scene({"rope": rope}, {"pipe": Pipe(radius=0.15, static_friction=1.0, kinetic_friction=1.0)})

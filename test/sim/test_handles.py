@@ -14,10 +14,15 @@ WEIGHT = 0.2 * 9.81
 WAYS = [
     (None, {}),
     (None, {"method": "xpbd", "substeps": 5}),
-    (None, {"method": "xpbd", "substeps": 20, "order": 1, "iterations": 2}),
     (None, {"method": "verlet", "substeps": 100}),
-    ("block", {"method": "verlet", "substeps": 100}),
-    ("graph", {"method": "xpbd", "substeps": 20}),
+    *(
+        pytest.param(executor, settings, marks=pytest.mark.long)
+        for executor, settings in (
+            (None, {"method": "xpbd", "substeps": 20, "order": 1, "iterations": 2}),
+            ("block", {"method": "verlet", "substeps": 100}),
+            ("graph", {"method": "xpbd", "substeps": 20}),
+        )
+    ),
 ]
 
 

@@ -83,6 +83,7 @@ def test_what_is_hit_away_meets_the_wall_behind_in_the_same_frame(device, execut
     assert np.linalg.norm(x, axis=1).max() > 0.5, "it was hit"
 
 
+@pytest.mark.long
 def test_what_touched_is_forgotten_when_it_is_out_of_reach(device, always):
     floor = {"floor": Plane(), "ball": Sphere(0.2, position=(0, 0, 5))}
     sim = simulated(None, {}, device, floor, {"sheet": Cloth(resolution=(6, 6), pins="none", position=(0, 0, 0.005))})

@@ -113,7 +113,7 @@ def test_an_edge_that_falls_on_a_bar_stays_there(device, order):
 
 
 @pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("executor", ["block", "graph"])
+@pytest.mark.parametrize("executor", ["block", pytest.param("graph", marks=pytest.mark.long)])
 def test_what_falls_on_the_floor_stays_there(device, order, executor):
     """From 0.1 m at 1.4 m/s: BDF2 that remembered the fall would throw it 25 mm up again."""
     sheet = Cloth(resolution=(4, 4), size=(0.2, 0.2), pins=None, position=(0, 0, 0.105), thickness=0.005)

@@ -195,6 +195,7 @@ def test_what_is_alike_but_in_its_scale_is_kept_apart(device):
         assert np.ptp(sims[0].positions("a", 1), axis=0) == pytest.approx([2, 2, 0], rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_file_is_loaded_where_the_object_was_moved_out_of_a_collider(device, tmp_path):
     """It is then larger about its place there."""
     scenes = [
@@ -306,6 +307,7 @@ def test_positions_strain_only_worlds_of_another_size(device):
     assert 0.0 < moved < 3e-8, "by a hundred-thousandth of a spring of that world"
 
 
+@pytest.mark.long
 def test_scales_are_drawn_and_hands_grasp_what_is_there_then(device):
     corner = Handle(position=(0.5, 0.5, 0), reach=0.05, attached=True)
     objects = {"it": Cloth((2, 2), pins="none"), "line": Rope(segments=6, start=(0, 3, 0), end=(1, 3, 0))}

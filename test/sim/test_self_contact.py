@@ -12,7 +12,7 @@ from cloth_sim_ros.sim.executors.choose import forced_executor
 GRAVITY, THICKNESS = 9.81, 0.004
 WAYS = [
     {},
-    {"order": 1, "substeps": 20, "iterations": 2},
+    pytest.param({"order": 1, "substeps": 20, "iterations": 2}, marks=pytest.mark.long),
     pytest.param({"order": 2, "substeps": 60}, marks=pytest.mark.long),
 ]
 

@@ -151,6 +151,7 @@ def test_what_cannot_or_need_not_be_moved_starts_where_the_scene_puts_it(device)
         assert sim.moved == {} and sim.builds == 1 and np.array_equal(sim.positions("it"), rest), name
 
 
+@pytest.mark.long
 def test_it_starts_there_in_all_worlds_and_after_a_reset_and_what_a_handle_holds_stays(device):
     sim = with_collider(Cloth(**GRID), Sphere(radius=0.1), device, worlds=2)
     start = sim.positions("it", None)

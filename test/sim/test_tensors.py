@@ -187,6 +187,7 @@ def test_contact_forces_of_what_lies_carry_its_weight(device, others):
     assert np.allclose(pushes.numpy().sum(axis=1), -wrench, atol=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("action", "words"),
     [

@@ -147,6 +147,7 @@ def test_bending_is_what_a_dense_matrix_finds(segments, pins, compliance, bent):
     assert found == pytest.approx(wanted, abs=1e-3 * np.abs(wanted).max())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("segments", [9, 32])
 def test_a_stiff_rod_that_falls_stays_straight_and_level(segments):
     """In single precision it bends and drifts by centimetres a second, since its stiffness is 1e5 times its inertia."""

@@ -114,6 +114,7 @@ def test_a_bad_world_leaves_63_others_as_they_were(device, executor):
             assert all(same) and sims[0].report(w)["sheet"]["recoveries"] == 0
 
 
+@pytest.mark.long
 def test_a_world_does_a_frame_again_alone(device):
     """One of four worlds is torn: its sheet alone is done again by XPBD, the others do not change by a bit."""
     one = Scene({"sheet": Cloth(resolution=(6, 6), pins="top")})
@@ -147,6 +148,7 @@ def test_one_world_is_reset_alone(device):
     assert many.time == 0
 
 
+@pytest.mark.long
 def test_readback_and_springs_are_of_the_world_they_are_asked_for(device):
     many = Simulation(scene(), device=device, worlds=2)
     many.set("sheet.stretch_compliance", 1e-2, 1)

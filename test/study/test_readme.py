@@ -42,6 +42,7 @@ def test_the_winch_holds_five_kilograms_and_the_hose_half_a_turn(simulations):
     assert report["twist"] == pytest.approx(3.14, abs=0.3) and np.isfinite(hose.positions("hose")).all()
 
 
+@pytest.mark.long
 def test_the_example_of_the_winch_is_its_file(simulations):
     file = read_plan(ROOT / "config" / "winch.yaml").scene.objects["cable"]
     assert simulations["cable"].scene.objects["cable"].winch == file.winch
