@@ -25,6 +25,25 @@ def test_other_pins_hold_others_where_they_are(device, settings):
     assert (sim.positions("cloth")[[56, 63], 2] < x[[56, 63], 2] - 0.1).all(), "what was pinned falls"
 
 
+@pytest.mark.parametrize("settings", [{}, {"method": "xpbd", "substeps": 80, "iterations": 1}])
+def test_a_rigid_sheet_whose_sides_are_pulled_apart_stays_between_them_and_comes_back(device, settings):
+    """To twice its width, which no rigid spring can meet: it does not fly away, and all is well when they are back."""
+    pins = tuple(np.r_[0:100:10, 9:100:10].tolist())
+    sheet = Cloth(resolution=(10, 10), size=(0.9, 0.9), stretch_compliance=0.0, pins=pins, damping=2e-3)
+    sim = Simulation(Scene({"it": sheet}), Settings(global_damping=2.0, **settings), device)
+    rest = sim.rest_positions("it")
+    for frame in range(200):
+        x, v = sim.positions("it"), sim.velocities("it")
+        x[list(pins)] = rest[list(pins)] * [1.0 + np.clip(min(frame, 90 - frame) / 30.0, 0.0, 1.0), 1.0, 1.0]
+        sim.set_positions("it", x)
+        sim.set_velocities("it", v)
+        sim.step()
+        assert np.abs(sim.positions("it")).max() < 3.0
+    assert sim.report()["it"]["recoveries"] == 0
+    assert sim.report()["it"]["max_strain"] < 1e-3
+    assert np.abs(sim.velocities("it")).max() < 0.3
+
+
 def test_what_is_let_go_falls_freely(device):
     sim = Simulation(Scene({"cloth": Cloth(resolution=(6, 6), pins="none")}), Settings(substeps=20), device)
     sim.step(10)

@@ -42,6 +42,9 @@ MOST_ASIDE, MOST_WAYS, MOST_WEIGHTS = wp.constant(0.02), wp.constant(2.0), wp.co
 # length of its springs. Beyond 2 it swings to and fro ever farther, beyond 1 it comes out on the other side. A particle
 # gets heavier until it does not: geometric stiffness as mass, after the same paper.
 MOST_TAUT = wp.constant(0.25)
+# Springs that cannot be met at all, as rigid ones between pins that move apart, pull the more the heavier their
+# particles are. Less than this share of an inverse mass is never left, or these would fly on as if they were free.
+LEAST_SHARE = wp.constant(1.0e-3)
 # These forces and tensions are looked at in the first substep of a frame, in every so many while a collider or handle
 # moves, and behind each that was not smooth, as under a stroke.
 WEIGHED = wp.constant(4)

@@ -24,6 +24,7 @@ from cloth_sim_ros.sim.intrinsics import (
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.integrate import (
+    LEAST_SHARE,
     MOST_ASIDE,
     MOST_TAUT,
     MOST_WEIGHTS,
@@ -187,6 +188,7 @@ def make_predict(features: Features):
             aside = h * h * eased * w * load4(here.low, i)[3]
             if aside > MOST_ASIDE * here.body.spacing:
                 eased *= share_of_inverse_mass(aside, base + h * v, h * h * a, here.body.spacing)
+            eased = wp.max(eased, LEAST_SHARE * here.step.eased)
             if here.step.weighs:
                 store4(here.low, i, pack(low, 0.0))
                 here.state.tautness[g] = 0.0
