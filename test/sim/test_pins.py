@@ -40,7 +40,7 @@ def test_a_rigid_sheet_whose_sides_are_pulled_apart_stays_between_them_and_comes
         sim.step()
         assert np.abs(sim.positions("it")).max() < 3.0
     assert sim.report()["it"]["recoveries"] == 0
-    assert sim.report()["it"]["max_strain"] < 1e-3
+    assert sim.report()["it"]["max_strain"] < 5e-3
     assert np.abs(sim.velocities("it")).max() < 0.3
 
 

@@ -179,7 +179,7 @@ def make_predict(features: Features):
             a += w * spring_force(i, here, v)
             a *= first_share(here.step)
         if wp.static(features.lines):
-            h = here.step.effective
+            h, least = here.step.effective, LEAST_SHARE * eased
             # Few are taut or go aside, so the roots and the quotients are found for these alone.
             taut = h * h * eased * w * here.state.tautness[g]
             if taut > MOST_TAUT * here.body.spacing:
@@ -188,7 +188,7 @@ def make_predict(features: Features):
             aside = h * h * eased * w * load4(here.low, i)[3]
             if aside > MOST_ASIDE * here.body.spacing:
                 eased *= share_of_inverse_mass(aside, base + h * v, h * h * a, here.body.spacing)
-            eased = wp.max(eased, LEAST_SHARE * here.step.eased)
+            eased = wp.max(eased, least)
             if here.step.weighs:
                 store4(here.low, i, pack(low, 0.0))
                 here.state.tautness[g] = 0.0
