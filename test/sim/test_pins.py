@@ -32,7 +32,7 @@ def test_a_rigid_sheet_whose_sides_are_pulled_apart_stays_between_them_and_comes
     sheet = Cloth(resolution=(10, 10), size=(0.9, 0.9), stretch_compliance=0.0, pins=pins, damping=2e-3)
     sim = Simulation(Scene({"it": sheet}), Settings(global_damping=2.0, **settings), device)
     rest = sim.rest_positions("it")
-    for frame in range(300):
+    for frame in range(200):
         x, v = sim.positions("it"), sim.velocities("it")
         x[list(pins)] = rest[list(pins)] * [1.0 + np.clip(min(frame, 90 - frame) / 30.0, 0.0, 1.0), 1.0, 1.0]
         sim.set_positions("it", x)
@@ -41,7 +41,7 @@ def test_a_rigid_sheet_whose_sides_are_pulled_apart_stays_between_them_and_comes
         assert np.abs(sim.positions("it")).max() < 3.0
     assert sim.report()["it"]["recoveries"] == 0
     assert sim.report()["it"]["max_strain"] < 5e-3
-    assert np.abs(sim.velocities("it")).max() < 0.3
+    assert np.abs(sim.positions("it") - rest).max() < 5e-3, "between its sides it is flat again"
 
 
 def test_what_is_let_go_falls_freely(device):
