@@ -11,14 +11,14 @@ compiler's choice.
 
 import warp as wp
 
-from cloth_sim_ros.sim.native import on_cpu, source
+from cloth_sim_ros.sim.native import LANES, on_cpu, source
 
 # Where the planes of a number begin: position [m] and inverse mass [1/kg], low part [m], velocity [m/s], displacement
 # [m] and effective inverse mass.
 X, LOW, V, D = 0, 4, 7, 10
 PLANES = 14
 MOST = 32  # particles at a time, see vector_rows_planes.h
-_KNOWN = {"X": X, "LOW": LOW, "V": V, "D": D}
+_KNOWN = {"LEAST": LANES, "MOST": MOST, "X": X, "LOW": LOW, "V": V, "D": D}
 
 
 @wp.func_native(on_cpu(source(__file__, "vector_rows_planes", "vector_rows_predict", **_KNOWN)))

@@ -85,13 +85,12 @@ def choose(
     was `strained` beyond all rest.
     """
     limit = partial(_explicit_substeps, topology, settings, around)
-    limit_of_springs = max(limit(compliance, 0.0) for compliance, _ in materials)
-    xpbd = _xpbd(settings, topology, materials, limit_of_springs, around)
+    kinks = _kinks(settings, topology, materials, max(limit(compliance, 0.0) for compliance, _ in materials), around)
+    xpbd = _xpbd(settings, topology, materials, kinks, around)
     if settings.method == "xpbd":
         return xpbd
     needed = max(limit(compliance, damping) for compliance, damping in materials)
-    again = _kinks(settings, topology, materials, limit_of_springs, around).substeps(settings.error, 1)
-    safe = max(xpbd.substeps, _SAFE, math.ceil(again))
+    safe = max(xpbd.substeps, _SAFE, math.ceil(kinks.substeps(settings.error, 1)))
     verlet = replace(_verlet(settings, needed, around.surface), safe_substeps=safe)
     if settings.method == "verlet":
         return verlet
@@ -158,17 +157,13 @@ def _xpbd(
     settings: Settings,
     topology: Topology,
     materials: Collection[tuple[Sequence[float], float]],
-    limit: float,
+    kinks: limits.Kinks,
     around: Surroundings,
 ) -> Choice:
-    """XPBD in as many substeps as the wanted error asks for and the budget allows.
-
-    limit: substeps that leapfrog needs without dashpots.
-    """
-    iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
+    """XPBD in as many substeps as the wanted error asks for and the budget allows."""
+    iterations, rate, limit = settings.iterations or 1, _bending_rate(topology, materials), kinks.limit
     fewest, leaning = _fewest(topology, around.meets), _leaning(topology, settings, around)
     affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
-    kinks = _kinks(settings, topology, materials, limit, around)
 
     def substeps_of(order: int, least: float) -> tuple[int, float, float]:
         """How many are taken, how many are wanted, and the error of those that are taken."""
@@ -244,9 +239,8 @@ def _kinks(
     limit: float,
     around: Surroundings,
 ) -> limits.Kinks:
-    """What the kinks of a mesh's lines leave."""
-    is_mesh = len(topology.triangles) > 0 and topology.grid is None and math.isfinite(limit)
-    weight = around.gravity * topology.masses.sum() if is_mesh else 0.0
+    """What the kinks of a mesh's lines leave; limit: substeps that leapfrog needs without dashpots."""
+    weight = around.gravity * topology.masses.sum() if _is_mesh(topology) and math.isfinite(limit) else 0.0
     strain = 0.5 * weight * max(compliance[0] for compliance, _ in materials)
     return limits.Kinks(limit, strain, settings.iterations or 1)
 
@@ -258,7 +252,12 @@ def _swing(topology: Topology, length: float) -> float:
 
 def _calm(topology: Topology, limit: float) -> float:
     """The least sweeps of second order that do not leave so much of the stiff springs of a mesh that these shake it."""
-    return limit / _MOST_STIFF if len(topology.triangles) and topology.grid is None else 0.0
+    return limit / _MOST_STIFF if _is_mesh(topology) else 0.0
+
+
+def _is_mesh(topology: Topology) -> bool:
+    """Whether an object is a sheet without rows and columns."""
+    return len(topology.triangles) > 0 and topology.grid is None
 
 
 def _bending_rate(topology: Topology, materials: Collection[tuple[Sequence[float], float]]) -> float:

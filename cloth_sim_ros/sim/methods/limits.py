@@ -54,13 +54,16 @@ def outer_steps(substeps: int, h: float, rate: np.ndarray, damping: np.ndarray, 
     return math.ceil(substeps / max(1, math.floor(longest.min() / h * (1.0 + 1e-9))))
 
 
+_LOST = 0.1
+
+
 @dataclass(frozen=True)
 class Kinks:
     """By how much XPBD strains a mesh too much that hangs, and what that counts as.
 
     The lines of a mesh have kinks. The solve of each line straightens them, until others bend them back. So a share of
-    the tension is lost: 0.1 (h_e limit / (h substeps))^2 of it, as measured in meshes of 256 to 4096 particles. A sweep
-    more multiplies it by the same again.
+    the tension is lost: _LOST (h_e limit / (h substeps))^2 of it. That was measured in meshes of 256 to 4096 particles.
+    A sweep more multiplies it by the same again.
 
     limit: substeps that leapfrog needs. strain: about that of the sheet under its weight; 0 where nothing is lost. By
     5 % too much counts as an error of 1e-3, and less where the strain itself is below 1e-4 and is not seen.
@@ -72,7 +75,7 @@ class Kinks:
 
     def excess(self, substeps: int, order: int) -> float:
         """The share by which the strain is too large."""
-        once = 0.1 * (EFFECTIVE[order] * self.limit / substeps) ** 2 if self.strain > 0.0 else 0.0
+        once = _LOST * (EFFECTIVE[order] * self.limit / substeps) ** 2 if self.strain > 0.0 else 0.0
         return min(once, once**self.iterations)
 
     def error(self, substeps: int, order: int) -> float:
@@ -84,7 +87,7 @@ class Kinks:
         if self.strain == 0.0:
             return 0.0
         excess = error / self._weight
-        return EFFECTIVE[order] * self.limit * math.sqrt(0.1 / max(excess, excess ** (1.0 / self.iterations)))
+        return EFFECTIVE[order] * self.limit * math.sqrt(_LOST / max(excess, excess ** (1.0 / self.iterations)))
 
     @property
     def _weight(self) -> float:
