@@ -184,11 +184,11 @@ def make_predict(features: Features):
             taut = h * h * eased * w * here.state.tautness[g]
             if taut > MOST_TAUT * here.body.spacing:
                 most = MOST_TAUT * here.body.spacing + MOST_WEIGHTS * wp.length(h * h * a)
-                eased *= wp.min(1.0, quotient(most, taut))
+                eased *= wp.clamp(quotient(most, taut), LEAST_SHARE, 1.0)
             aside = h * h * eased * w * load4(here.low, i)[3]
             if aside > MOST_ASIDE * here.body.spacing:
                 eased *= share_of_inverse_mass(aside, base + h * v, h * h * a, here.body.spacing)
-            eased = wp.max(eased, least)
+                eased = wp.max(eased, least)
             if here.step.weighs:
                 store4(here.low, i, pack(low, 0.0))
                 here.state.tautness[g] = 0.0
