@@ -235,9 +235,8 @@ class World:
         if self.sim is None:
             return False, f"no simulation: {self.trouble}"
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
             self.sim.save(path, self.notes())
-        except (ValueError, OSError) as error:
+        except ValueError as error:
             return False, str(error)
         return True, f"the state at {self.sim.time:.6g} s is saved in {path}"
 

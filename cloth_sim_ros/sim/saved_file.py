@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The file of a saved state: one .npz of plain arrays, with a header in JSON. Nothing in it is a pickle.
 
-It is written beside its place and then moved there, so that a reader finds the old file or the new one, whole.
+It is written beside its place and then moved there, so that a reader finds the old file or the new one, whole. It
+replaces nothing but another one of its kind.
 """
 
 from __future__ import annotations
@@ -9,12 +10,15 @@ from __future__ import annotations
 import json
 import os
 import secrets
+import stat
 import zipfile
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from cloth_sim_ros.sim.regular_file import check_regular, open_regular
 
 FORMAT = 9  # of files that this package writes and reads
 ALLOWED = "allowed is a file that Simulation.save has written"
@@ -46,7 +50,8 @@ def reason(error: Exception) -> str:
 def write_file(path: Path, header: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
     """Write arrays by name, and a header of what JSON can hold.
 
-    Raises ValueError where the file cannot be written; one that was there before is then untouched.
+    Raises ValueError where the file cannot be written, or where something else than a saved state is at `path`. What
+    was there before is then untouched. A saved state that is replaced keeps its mode.
     """
     header = {"kind": _KIND, "format": FORMAT, "package": package_version(), **header}
     try:
@@ -55,8 +60,11 @@ def write_file(path: Path, header: dict[str, Any], arrays: dict[str, np.ndarray]
         raise ValueError(f"the notes for {path} cannot be kept: {error}; allowed is what JSON can hold") from None
     beside = path.parent / f"{path.name}.{secrets.token_hex(8)}.tmp"
     try:
+        mode = _mode_of_ours(path)
         try:
             with open(beside, "xb") as file:
+                if mode is not None:
+                    os.fchmod(file.fileno(), mode)
                 np.savez(file, **{_HEADER: text, **arrays})
                 file.flush()
                 os.fsync(file.fileno())
@@ -66,8 +74,30 @@ def write_file(path: Path, header: dict[str, Any], arrays: dict[str, np.ndarray]
         _sync_folder(path.parent)
     except (OSError, ValueError) as error:
         raise ValueError(
-            f"{path} cannot be written: {reason(error)}; allowed is a file in a folder that takes it"
+            f"{path} cannot be written: {reason(error)}; allowed is a new file in a folder that takes it, or a saved "
+            "state"
         ) from None
+
+
+def _mode_of_ours(path: Path) -> int | None:
+    """The permissions of the saved state at `path`; None where nothing is there.
+
+    Raises OSError where it is anything else, which must not be replaced.
+    """
+    try:
+        status = path.lstat()
+    except FileNotFoundError:
+        return None
+    check_regular(status)
+    with open_regular(path) as file:
+        try:
+            with zipfile.ZipFile(file) as box:
+                is_ours = _header_of(box) is not None
+        except Exception:  # zipfile, NumPy and JSON raise whatever a foreign file leads them to
+            is_ours = False
+    if not is_ours:
+        raise OSError("a file that is no saved state is there")
+    return stat.S_IMODE(status.st_mode)
 
 
 def _sync_folder(folder: Path) -> None:
@@ -82,7 +112,7 @@ def _sync_folder(folder: Path) -> None:
 def read_file(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file. Raises ValueError for what is missing, damaged, foreign or of another version."""
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             begins_well = file.read(2) == b"PK"
     except (OSError, ValueError) as error:  # the latter for a name that no file can have
         raise ValueError(f"{path} cannot be read: {reason(error)}; {ALLOWED}") from None
