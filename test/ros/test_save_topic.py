@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A state is saved, the node is killed, and another goes on from it to the bits of one that was never stopped."""
 
+import os
 import signal
 
 import all_inputs
@@ -150,6 +151,9 @@ def refuse_what_is_no_state(paused, file):
     assert f"{bad} is damaged or cut short: " in refused(paused)
     bad.write_text("objects: [cloth]\n")
     assert f"{bad} is no saved state of cloth_sim_ros; allowed is" in refused(paused)
+    bad.unlink()
+    os.mkfifo(bad)
+    assert f"{bad} cannot be read: a FIFO is there, and no regular file; allowed is" in refused(paused)
     assert paused.clouds() == before
     assert client.set("state_file", str(file)).successful
     set_radius(paused, 0.3)
@@ -165,6 +169,7 @@ def set_radius(paused, radius):
     built = paused.node.log.count("simulating ")
     assert paused.client.set("ball.dimensions", [radius]).successful
     paused.client.until(lambda: paused.node.log.count("simulating ") > built)
+    paused.clouds()  # it is no longer busy
 
 
 def refused(paused):
