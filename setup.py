@@ -22,7 +22,7 @@ setup(
     install_requires=["setuptools", "numpy", "warp-lang==1.19.*"],
     extras_require={
         "ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp"],
-        "mesh": ["trimesh"],
+        "mesh": ["trimesh", "shapely>=2.1"],
         "urdf": ["yourdfpy"],
         "record": ["rosbags"],
         "export": ["rosbags", "pygltflib", "trimesh", "matplotlib", "imageio-ffmpeg", "tqdm"],
@@ -40,6 +40,7 @@ setup(
             "ruff",
             "scipy",
             "trimesh",
+            "shapely>=2.1",
             "yourdfpy",
             "matplotlib",
             "pypbd",

@@ -259,6 +259,8 @@ FOLLOW_FRAME = Parameter(
     live=True,
 )
 
+UNIT = _double("scale", 1, "Length of a unit in the file of a mesh or signed_distance.", "m", 1e-6, 1e6, live=False)
+
 COLLIDER = (
     _choice(
         "shape",
@@ -284,7 +286,7 @@ COLLIDER = (
         "robot's link, as far as it collides. For signed_distance that or an .npz of values, origin and spacing.",
     ),
     _double("compliance", 0, "Depth of a point of contact over the force there; 0 is rigid.", "m/N", 0, 1e6),
-    _double("scale", 1, "Length of a unit in the file of a mesh or signed_distance.", "m", 1e-6, 1e6, live=False),
+    UNIT,
     *_SURFACE,
     *_PLACE,
 )
@@ -404,6 +406,7 @@ OBJECT = (
 
 SHEET = (
     Parameter("mesh", "string", "", "File of a triangle mesh in place of the grid, read by trimesh.", anew=True),
+    replace(UNIT, text="Length of a unit in the file of the mesh.", anew=True),
     Parameter("shear", "bool", True, "Whether a square grid has diagonal springs; a mesh has none."),
 )
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable
@@ -34,10 +35,12 @@ from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
 from cloth_sim_ros.ros.outputs import LATEST, Audience, ObjectOutput, Wrenches
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
 from cloth_sim_ros.ros.parameter_services import ParameterServices, settled
+from cloth_sim_ros.ros.reported import Forwarded
 from cloth_sim_ros.ros.scene_plan import group
 from cloth_sim_ros.ros.simulation_loop import SimulationLoop
 from cloth_sim_ros.ros.state_services import StateServices
 from cloth_sim_ros.ros.world import World
+from cloth_sim_ros.shared_files import PACKAGE
 from cloth_sim_ros.sim.mesh_file import stop_reading
 
 WORTH_ANOTHER_THREAD = 100_000  # bytes of a frame's messages: fewer are sent sooner than handed over
@@ -55,6 +58,8 @@ class ClothSimNode(Node):
             "cloth_sim", allow_undeclared_parameters=True, start_parameter_services=False, **node_arguments
         )
         log = self.get_logger()
+        self._forwarded = Forwarded(log)
+        logging.getLogger(PACKAGE).addHandler(self._forwarded)
         self._bridge = ParameterBridge(self, self._parameter_changed)
         self._parameter_services = ParameterServices(self, self._bridge)
         values = self._bridge.values
@@ -106,6 +111,7 @@ class ClothSimNode(Node):
     def stop(self) -> bool:
         """Ends the simulation; False if a thread is still busy after 2 s."""
         stop_reading()
+        logging.getLogger(PACKAGE).removeHandler(self._forwarded)
         ended = self._loop.stop()
         decided = self._parameter_services.stop()
         self._sender.shutdown()

@@ -76,6 +76,8 @@ def idle(name: str, values: Mapping[str, object]) -> str:
         if (shape in ("mesh", "signed_distance")) == (field == "dimensions"):
             return f"{name} has no effect on a {shape}"
         return ""
+    if field == "scale" and not values[f"{owner}.mesh"]:
+        return f"{name} acts only where {owner}.mesh names a file"
     switch, off = switches.get(field, ("enabled", False))
     switch = f"{owner}.{switch}"
     if switch == name or switch not in values or values[switch] != off:

@@ -3,10 +3,24 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any
 
 from cloth_sim_ros.sim import Simulation
+
+
+class Forwarded(logging.Handler):
+    """Warnings of the simulation, which knows no ROS, go to the `log` of the node."""
+
+    def __init__(self, log: Any):
+        super().__init__(logging.WARNING)
+        self._log = log
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """One of them."""
+        self._log.warning(record.getMessage())
+
 
 Report = Mapping[str, dict[str, float]]
 

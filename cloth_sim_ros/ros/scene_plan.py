@@ -130,8 +130,10 @@ def _of_material(values: Values, name: str, given: Container[str]) -> dict[str, 
         fields = rope_fields(own["material"], length, radius)
         return {**fields, "bending": "angle"}
     bending = own["bending"] if f"{name}.bending" in given else "dihedral"
-    path = own["mesh"]
-    area = triangles_area(*load_mesh(path, f"{name}.mesh")) if path else math.prod(own["size"])
+    path, scale = own["mesh"], own["scale"]
+    area = math.prod(own["size"])
+    if path:
+        area = scale**2 * triangles_area(*load_mesh(path, f"{name}.mesh", scale))
     return sheet_fields(own["material"], area, bool(path), bending)
 
 
@@ -155,14 +157,14 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
             del own["start"], own["end"]
             own["points"] = along_path(path, own.pop("segments"), f"{name}.path")
         return Rope(**own, winch=Winch(**winch) if winch.pop("enabled") else None)
-    path, shear = own.pop("mesh"), own.pop("shear")
+    path, shear, scale = own.pop("mesh"), own.pop("shear"), own.pop("scale")
     if not shear:
         own["shear_compliance"] = None
     if not path:
         return Cloth(**own)
     for absent in ("resolution", "size", "shear_compliance"):
         del own[absent]
-    return Cloth.from_mesh(*load_mesh(path, f"{name}.mesh"), **own)
+    return Cloth.from_mesh(*load_mesh(path, f"{name}.mesh", scale), scale=scale, **own)
 
 
 def along_path(path: Sequence[float], segments: int, name: str) -> np.ndarray:

@@ -59,6 +59,8 @@ def live_values(sim: Simulation, values: Mapping[str, Any]) -> dict[str, Any]:
     """
     found = {}
     for name, before in values.items():
+        if name.endswith(".scale"):  # a parameter says the unit of a file, a simulation how large its worlds are
+            continue
         try:
             now = sim.get(name)
         except ValueError:  # it has no part in this simulation

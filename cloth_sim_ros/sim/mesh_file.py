@@ -7,6 +7,7 @@ Readers of text formats hold the interpreter for seconds on a large file. So a p
 from __future__ import annotations
 
 import io
+import logging
 import os
 import resource
 import subprocess
@@ -19,20 +20,22 @@ import numpy as np
 
 from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.shared_files import PACKAGE, shared
-from cloth_sim_ros.sim.mesh_reading import LINK, MOST_BYTES, URDF, Mesh, read
+from cloth_sim_ros.sim.mesh_reading import LINK, MOST_BYTES, URDF, Mesh, Read, read
 from cloth_sim_ros.sim.regular_file import check_regular
 
 APART_BYTES = 4 << 20  # beyond this another process reads it
 APART = (".glb", ".gltf")  # so too what may ask for any amount of memory in a few bytes
 _MOST_MEMORY = 8 << 30  # [bytes] of such a process
 
+_LOG = logging.getLogger(__name__)
 _readers: set[subprocess.Popen] = set()
 
 
-def load_mesh(path: str, parameter: str) -> Mesh:
-    """Vertices (N, 3) [m] and triangles (T, 3) of a mesh file, read again only when the file has changed.
+def load_mesh(path: str, parameter: str, scale: float = 1.0) -> Mesh:
+    """Vertices (N, 3) in units of `scale` [m] and triangles (T, 3) of a mesh file, read again only when it has changed.
 
-    path: as `local_path` takes it. FILE.urdf#LINK is what of a robot's link collides, in the axes of the link. Raises
+    What has no area is left out, which the log tells, and vertices on open edges are welded, see mesh_repair. path: as
+    `local_path` takes it. FILE.urdf#LINK is what of a robot's link collides, in the axes of the link. Raises
     ValueError, in one sentence about `parameter`.
     """
     try:
@@ -41,7 +44,7 @@ def load_mesh(path: str, parameter: str) -> Mesh:
         file = local_path(name, parameter)
         status = file.stat()
         check_regular(status)
-        found = _load(str(file), link, status.st_size, status.st_mtime_ns)
+        found = _load(str(file), link, scale, status.st_size, status.st_mtime_ns)
     except (FileNotFoundError, NotADirectoryError):
         raise ValueError(f"{parameter} is {shown(path)}; no such file is there") from None
     except _Unresolved:
@@ -50,7 +53,16 @@ def load_mesh(path: str, parameter: str) -> Mesh:
         found = f"cannot be read: {getattr(error, 'strerror', '') or error}"
     if isinstance(found, str):
         raise ValueError(f"{parameter} is {shown(path)}, which {found}")
-    return found
+    vertices, triangles, told = found
+    if told:
+        _tell(f"{parameter} is {shown(path)}, which {told}")
+    return vertices, triangles
+
+
+@lru_cache(maxsize=1024)
+def _tell(sentence: str) -> None:
+    """Log a sentence, once: a scene is looked at whenever a parameter is set."""
+    _LOG.warning(sentence)
 
 
 class _Unresolved(ValueError):
@@ -83,13 +95,13 @@ def local_path(path: str, parameter: str) -> Path:
 
 
 @lru_cache(maxsize=32)
-def _load(path: str, link: str, size: int, modified_ns: int) -> Mesh | str:
-    """The mesh, or what is wrong with it in words that follow its name."""
+def _load(path: str, link: str, scale: float, size: int, modified_ns: int) -> Read | str:
+    """As mesh_reading.read gives it."""
     if size > MOST_BYTES:
         return f"has {size / 1e6:.0f} MB; allowed are at most {MOST_BYTES / 1e6:.0f} MB"
     if size <= APART_BYTES and not path.lower().endswith(APART):
-        return read(path, link, load_mesh)
-    command = [sys.executable, "-m", "cloth_sim_ros.sim.mesh_file", path, link]
+        return read(path, link, scale, load_mesh)
+    command = [sys.executable, "-m", "cloth_sim_ros.sim.mesh_file", path, link, str(scale)]
     env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # each thread would take from the memory that it may have
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=env) as reader:
         _readers.add(reader)
@@ -98,7 +110,7 @@ def _load(path: str, link: str, size: int, modified_ns: int) -> Mesh | str:
     if reader.returncode:
         return output.decode().strip() or "cannot be read as a triangle mesh: its reader failed"
     with np.load(io.BytesIO(output)) as arrays:
-        return arrays["vertices"], arrays["triangles"]
+        return arrays["vertices"], arrays["triangles"], str(arrays["told"])
 
 
 def stop_reading() -> None:
@@ -109,8 +121,9 @@ def stop_reading() -> None:
 
 if __name__ == "__main__":
     resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
-    mesh_or_words = read(*sys.argv[1:], load_mesh)
+    path, link, scale = sys.argv[1:]
+    mesh_or_words = read(path, link, float(scale), load_mesh)
     if isinstance(mesh_or_words, str):
         print(mesh_or_words)
         sys.exit(1)
-    np.savez(sys.stdout.buffer, vertices=mesh_or_words[0], triangles=mesh_or_words[1])
+    np.savez(sys.stdout.buffer, **dict(zip(("vertices", "triangles", "told"), mesh_or_words, strict=True)))

@@ -6,6 +6,7 @@ Every number is checked on construction; a bad one raises ValueError (see checks
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,7 +16,10 @@ import numpy as np
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.checks import check_fields, finite_array
 from cloth_sim_ros.sim.materials import rope_fields, sheet_fields, triangles_area
+from cloth_sim_ros.sim.mesh_repair import Unfit, repair
 from cloth_sim_ros.sim.quaternion import Quaternion, Vector
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -84,13 +88,16 @@ class Cloth:
         return cls(**{**sheet_fields(material, area, bending=fields.get("bending", "dihedral")), **fields})
 
     @classmethod
-    def from_mesh(cls, vertices: Any, triangles: Any, material: str = "", **fields: Any) -> Cloth:
-        """A cloth over `vertices` (N, 3) [m] in local axes and `triangles` (T, 3); `fields` are those of Cloth.
+    def from_mesh(cls, vertices: Any, triangles: Any, material: str = "", scale: float = 1.0, **fields: Any) -> Cloth:
+        """A cloth over `vertices` (N, 3) in local axes, in units of `scale` [m], and `triangles` (T, 3); `fields` are
+        those of Cloth.
 
         With a `material` of `materials.FABRICS` they win over its numbers, and the mass follows from the area. Its
         edges carry stretch and shear alike, so it has no shear_compliance; pins are indices, "all named pins" of a grid
-        do not exist. Raises ValueError for a triangle that names a vertex that does not exist. A Simulation raises it
-        for a mesh that is not manifold.
+        do not exist. Triangles without an area, and vertices that no other needs, are left out, which the log tells.
+        Particles are the vertices that stay, in their order; pins and particle_masses go by the numbers as given.
+        Raises ValueError for a triangle that names a vertex that does not exist. A Simulation raises it for a mesh that
+        is not manifold.
         """
         for name in ("resolution", "size"):
             if name in fields:
@@ -107,8 +114,15 @@ class Cloth:
         if len(wrong):
             allowed = f"whole numbers from 0 to {len(points) - 1}"
             raise ValueError(f"Cloth.from_mesh triangles name vertex {wrong[0]:g}; allowed are {allowed}")
-        faces = corners.astype(np.int32)
-        preset = {}
+        try:
+            mesh = repair(points * table.check(table.UNIT, scale, "Cloth.from_mesh scale"), corners.astype(np.int32))
+        except Unfit as error:
+            raise ValueError(f"Cloth.from_mesh {error}") from None
+        if mesh.told:
+            _LOG.warning("Cloth.from_mesh %s", mesh.told)
+        if len(mesh.points) < len(points):
+            fields = _renumbered(fields, mesh.place, len(mesh.points))
+        points, faces, preset = mesh.points, mesh.triangles, {}
         if material:
             bending = fields.get("bending", "dihedral")
             preset = sheet_fields(material, triangles_area(points, faces), mesh=True, bending=bending)
@@ -224,6 +238,22 @@ class Rope:
         pins = {"start": (0,), "both": (0, self.segments)}.get(self.pins, self.pins) if self.pins else ()
         if isinstance(pins, str) or 0 not in pins or set(pins) - {0, self.segments}:
             raise ValueError(f"Rope.pins is {self.pins!r} with a winch at the start; allowed is 'start' or 'both'")
+
+
+def _renumbered(fields: dict[str, Any], place: np.ndarray, count: int) -> dict[str, Any]:
+    """`fields` of Cloth for `count` particles of which `place` (N,) says which each of N vertices is, or -1. Raises
+    ValueError for a pin at a vertex that is none."""
+    pins, masses = fields.get("pins"), fields.get("particle_masses")
+    if pins is not None and not isinstance(pins, str):
+        pins = table.check(table.row(table.CLOTH, "pins"), pins, "Cloth.pins")
+        for pin in pins:
+            if not 0 <= pin < len(place) or place[pin] < 0:
+                raise ValueError(f"Cloth.pins names vertex {pin}; allowed are those of triangles with an area")
+        fields = {**fields, "pins": tuple(dict.fromkeys(int(place[pin]) for pin in pins))}
+    if np.shape(masses) == place.shape:
+        kept = place >= 0
+        fields = {**fields, "particle_masses": np.bincount(place[kept], np.asarray(masses)[kept], count)}
+    return fields
 
 
 def _check_pins(thing: Any, names: tuple[str, ...], count: int) -> None:

@@ -6,18 +6,23 @@ Every number is checked on construction; a bad one raises ValueError (see checks
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.checks import check_fields
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.forces import Force, name_of
 from cloth_sim_ros.sim.handles import Handle
 from cloth_sim_ros.sim.objects import Cloth, Rope
 from cloth_sim_ros.sim.quaternion import Vector
+
+_LARGE = 20.0  # [m] across: garments and tools are smaller
 
 
 @dataclass(frozen=True)
@@ -75,6 +80,15 @@ class Scene:
         for force in self.forces.values():
             name_of(force)
         check_fields(self, (table.GRAVITY, table.SPARE_COLLIDERS, table.OBJECT_CONTACT))
+
+
+def large_meshes(scene: Scene) -> Iterator[str]:
+    """A sentence for each cloth and collider of a mesh that is larger than a room: its file may be in millimetres."""
+    for name, thing in {**scene.objects, **scene.colliders}.items():
+        points = thing.points() if isinstance(thing, Mesh) else getattr(thing, "vertices", None)
+        across = 0.0 if points is None else float(np.ptp(points, axis=0).max())
+        if across > _LARGE:
+            yield f"{name} is {across:.3g} m across; a mesh in millimetres takes a scale of 0.001"
 
 
 def _check_names(things: Any, kinds: tuple[type, ...], where: str) -> None:

@@ -9,6 +9,7 @@ put), Cuts (what is cut), Tensors (all worlds at once) and Saving (its state in 
 from __future__ import annotations
 
 import functools
+import logging
 import os
 from collections.abc import Callable
 from numbers import Integral
@@ -28,9 +29,11 @@ from cloth_sim_ros.sim.queries import Queries
 from cloth_sim_ros.sim.report import Reporter
 from cloth_sim_ros.sim.rope_queries import Ropes
 from cloth_sim_ros.sim.saving import Saving
-from cloth_sim_ros.sim.scene import Scene
+from cloth_sim_ros.sim.scene import Scene, large_meshes
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.tensors import Tensors
+
+_LOG = logging.getLogger(__name__)
 
 
 def _of(part: str, method: Callable) -> Callable:
@@ -64,6 +67,8 @@ class Simulation:
         for given, kind in ((scene, Scene), (settings, Settings)):
             if not isinstance(given, kind):
                 raise ValueError(f"Simulation is given {given!r:.80}; allowed is a {kind.__name__} in its place")
+        for sentence in large_meshes(scene):
+            _LOG.warning(sentence)
         self._bodies = Bodies(scene, settings, device, worlds)
         self._queries = Queries(self._bodies)
         self._ropes = Ropes(self._bodies, self._queries)

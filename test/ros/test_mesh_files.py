@@ -10,6 +10,7 @@ from client import fields, finite
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -31,18 +32,17 @@ end_header
 3 1 3 2
 """
 BROKEN = {
-    "length.obj": (SQUARE + "f 1 1 2\nf 1 2 3\nf 2 4 3\n", "has an edge of no length in triangle 0"),
-    "same.obj": (SQUARE + "v 0 0 0\nf 1 2 3\nf 1 5 2\n", "has an edge of no length in triangle 1"),
-    "negative.ply": (PLY.format(kind="int", index=-2), "has triangle 0 of vertices [0, 1, -2]; allowed are 0 to 3"),
+    "flat.obj": (SQUARE + "v 0.5 0 0\nf 1 1 2\nf 1 5 2\n", "has no triangle with an area"),
+    "crossed.obj": (SQUARE + "v 2 0 0\nf 1 4 2 5 3\n", "has a polygon of 5 corners that crosses itself; allowed are"),
+    "negative.ply": (PLY.format(kind="int", index=-2), "has face 0 of vertices [0, 1, -2]; allowed are 0 to 3"),
     "fraction.ply": (PLY.format(kind="float", index=1.5), "names its vertices by decimals; allowed are whole numbers"),
     "fraction.obj": (SQUARE + "f 1.5 2 3\n", "cannot be read as a triangle mesh"),
-    "beyond.obj": (SQUARE + "f 1 2 9\n", "cannot be read as a triangle mesh"),
+    "beyond.obj": (SQUARE + "f 1 2 9\n", "has face 0 of vertices [0, 1, 8]; allowed are 0 to 3"),
     "far.obj": (SQUARE.replace("1 1 0", "1e9 1 0") + "f 1 2 3\nf 2 4 3\n", "has vertex 3 at [1000000000.0, 1.0, 0.0]"),
     "nan.obj": (SQUARE.replace("1 1 0", "nan 1 0") + "f 1 2 3\nf 2 4 3\n", "has vertex 3 at [nan, 1.0, 0.0]"),
     "picture.png": ("\x89PNG", "cannot be read as a triangle mesh"),
     "words": ("hello", "cannot be read as a triangle mesh"),
     "fins.obj": (SQUARE + "v 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 2 5\n", "has 3 triangles at edge 0-1"),
-    "alone.obj": (SQUARE + "v 0 1 1e-12\nf 1 2 4\nf 1 3 5\n", "has an edge of no length in triangle 1"),
 }
 SPECIAL = {
     "folder": "cannot be read: a folder is there, and no regular file",
@@ -74,6 +74,38 @@ def test_each_gets_its_sentence_and_the_others_fall(start, client, tmp_path):
     clouds = client.listen(PointCloud2, "/cloth_sim/rope/particles", 1)
     client.until(lambda: clouds and fields(clouds[-1])[-1, 2] < 0.5)
     assert finite(clouds[-1])
+
+
+GARMENTS = """
+/**:
+  ros__parameters:
+    objects: [towel, sheet, apron]
+    towel: {{mesh: '{folder}/towel.obj', material: cotton}}
+    sheet: {{mesh: '{folder}/large.obj'}}
+    apron: {{mesh: '{folder}/large.obj', scale: 0.001}}
+"""
+
+
+def test_what_a_garment_lacks_is_told_and_its_unit_can_be_set(start, client, tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "home"))
+    (tmp_path / "towel.obj").write_text(SQUARE + "v 0 0 0\nf 1 2 4 3\nf 1 5 2\n")
+    (tmp_path / "large.obj").write_text(SQUARE.replace("1", "884") + "f 1 2 4 3\n")
+    node = start(GARMENTS.format(folder=tmp_path)).ready()
+    (told,) = (line for line in node.log.splitlines() if "towel.mesh is" in line)
+    assert told.startswith("[WARN]") and "/towel.obj', which has 1 of 3 triangles without an area, which are" in told
+    assert node.log.count("sheet is 884 m across; a mesh in millimetres takes a scale of 0.001") == 1
+    assert "apron is 884" not in node.log
+    assert client.get("towel.mass") == pytest.approx(0.13)
+    clouds = client.listen(PointCloud2, "/cloth_sim/apron/particles", 1)
+    client.until(lambda: clouds)
+    assert np.ptp(fields(clouds[-1])[:, 0]) == pytest.approx(0.884, rel=1e-3)
+    assert "acts only where sheet.mesh names a file" not in client.set("sheet.scale", 0.001).reason
+    client.until(lambda: node.log.count("simulating ") == 2)
+    for service in ("save", "load"):
+        answer = client.call(Trigger, f"/cloth_sim/{service}")
+        assert answer.success, answer.message
+    assert client.get("apron.scale") == 0.001, "a state has no unit"
+    assert "Traceback" not in node.log
 
 
 @pytest.fixture

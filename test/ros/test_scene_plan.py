@@ -25,6 +25,7 @@ from cloth_sim_ros.sim import (
     Sphere,
     Winch,
 )  # fmt: skip
+from cloth_sim_ros.sim.materials import FABRICS
 from cloth_sim_ros.sim.mesh_file import load_mesh
 
 TYPES = {"sheet": "cloth", "line": "rope"}
@@ -136,6 +137,10 @@ def test_a_mesh_file_becomes_a_cloth(tmp_path):
     assert vertices.shape == (8, 3) and triangles.shape == (12, 3)
     sheet = make_plan(values(sheet__mesh=str(file), sheet__pins=(0, 1))).scene.objects["sheet"]
     assert np.allclose(sheet.vertices, vertices) and sheet.pins == (0, 1)
+    given = values(sheet__mesh=str(file), sheet__scale=0.01, sheet__pins="none", sheet__material="cotton")
+    small = make_plan({**given, **material_values(given, {"sheet.mesh", "sheet.scale"})}).scene.objects["sheet"]
+    assert np.ptp(small.vertices) == pytest.approx(0.01)
+    assert small.mass == pytest.approx(FABRICS["cotton"].areal_mass * 6e-4)
 
 
 @pytest.mark.parametrize("content", ["", "solid nothing\nendsolid nothing\n", "\x00\x01garbage"])
@@ -183,7 +188,7 @@ def test_what_is_no_rope_is_named():
 
 def test_the_rows_are_the_fields_of_the_scene():
     """Every row of the table under an object or collider ends up in the scene, or this test names it."""
-    ours = {"type", "material", "mesh", "path", "shear", "bending", "twist", "shape", "dimensions"}
+    ours = {"type", "material", "mesh", "scale", "path", "shear", "bending", "twist", "shape", "dimensions"}
     for kind, description in (("cloth", Cloth), ("rope", Rope)):
         fields = {field.name for field in dataclasses.fields(description)}
         assert {row.name.partition(".")[0] for row in names.object_rows(kind)} - ours <= fields

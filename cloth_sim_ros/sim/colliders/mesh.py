@@ -70,7 +70,7 @@ class Mesh(Collider):
 
         scale: [m] of a unit in the file. Raises ValueError for a file that is none, or whose surface is not closed.
         """
-        vertices, triangles = load_mesh(str(file), "Mesh.from_file")
+        vertices, triangles = load_mesh(str(file), "Mesh.from_file", scale)
         return cls(vertices=vertices, triangles=triangles, scale=scale, file=str(file), **fields)
 
     def points(self) -> np.ndarray:

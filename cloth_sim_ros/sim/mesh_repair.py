@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Triangles of a mesh as files have them, made fit: polygons cut, vertices welded, and what has no area left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+SHORTEST = 1e-6  # of an edge or a height, relative to the mesh: float32 cannot tell its ends apart well below
+
+
+class Unfit(ValueError):
+    """What is wrong with a mesh, in words that follow its name."""
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """A mesh without triangles that have no area, and without vertices that no triangle uses.
+
+    points (N, 3), triangles (T, 3). place: of each vertex that there was, its number now, or -1. told: what was done,
+    in words that follow a name; "" where nothing was.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    place: np.ndarray
+    told: str
+
+
+def repair(points: np.ndarray, triangles: np.ndarray, welds: bool = False) -> Repaired:
+    """A mesh of `points` (N, 3) and `triangles` (T, 3) without what has no area.
+
+    An edge of no length becomes a point. Three corners in a line stay where they hold two sides together, as at a
+    vertex that lies on the edge of a neighbour. welds: whether vertices on open edges are one where they are in one
+    place. What is closed by its own numbers stays as it is, and so does a place where welding would join more than two
+    triangles at an edge. Raises Unfit where no triangle has an area.
+    """
+    if not len(triangles):
+        raise Unfit("holds no triangles")
+    size, told = float(np.ptp(points[triangles.ravel()], axis=0).max()), []
+    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    short = np.linalg.norm(points[end] - points[start], axis=1) <= SHORTEST * size
+    label = _joined(len(points), start[short], end[short])
+    if welds:
+        label, crowded = _welded(points, label, _distinct(label[triangles]), 1e-2 * SHORTEST * size)
+        if crowded:
+            told.append(
+                f"has {crowded} edges at which vertices in one place stay apart, as too many triangles meet there"
+            )
+    kept = _distinct(label[triangles])
+    kept = kept[_carries(points, kept, SHORTEST * size)]
+    if not len(kept):
+        raise Unfit("has no triangle with an area")
+    if len(kept) < len(triangles):
+        told.append(
+            f"has {len(triangles) - len(kept)} of {len(triangles)} triangles without an area, which are left out"
+        )
+    used = np.zeros(len(points), bool)
+    used[kept] = True
+    if not used.all() and not welds:
+        told.append(f"has {np.count_nonzero(~used)} vertices that no triangle needs, which are left out")
+    number = np.where(used, np.cumsum(used) - 1, -1)
+    return Repaired(points[used], number[kept].astype(np.int32), number[label], "; it ".join(told))
+
+
+def _joined(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The lowest number (count,) that each is joined to by the pairs of `first` and `second`, over others too."""
+    label = np.arange(count)
+    while True:
+        before, low = label.copy(), np.minimum(label[first], label[second])
+        np.minimum.at(label, first, low)
+        np.minimum.at(label, second, low)
+        label = label[label]
+        if (label == before).all():
+            return label
+
+
+def _distinct(triangles: np.ndarray) -> np.ndarray:
+    """The triangles of three distinct vertices."""
+    a, b, c = triangles.T
+    return triangles[(a != b) & (b != c) & (c != a)]
+
+
+def _welded(points: np.ndarray, label: np.ndarray, triangles: np.ndarray, near: float) -> tuple[np.ndarray, int]:
+    """`label` (N,), where vertices on open edges of `triangles` that are within `near` have the lowest of theirs, and
+    at how many edges they have not, as more than two triangles would meet there."""
+    edges, count, _ = _edges(triangles, len(points))
+    border = np.unique(edges[count == 1])
+    if not len(border):
+        return label, 0
+    cells = np.round((points[border] - points.min(axis=0)) / near)
+    order = np.lexsort(cells.T)
+    begins = np.ones(len(border), bool)
+    begins[1:] = (np.diff(cells[order], axis=0) != 0.0).any(axis=1)
+    welded = np.arange(len(points))
+    welded[border[order]] = border[order[begins]][np.cumsum(begins) - 1]
+    if (count == 1).all():  # triangles without numbers in common: only places say what belongs together
+        return welded[label], 0
+    joined, number, _ = _edges(_distinct(welded[triangles]), len(points))
+    crowded = joined[number > 2]
+    apart = np.isin(welded, crowded)
+    welded[apart] = np.flatnonzero(apart)
+    return welded[label], max(0, len(crowded) - np.count_nonzero(count > 2))
+
+
+def _carries(points: np.ndarray, triangles: np.ndarray, shortest: float) -> np.ndarray:
+    """Whether each triangle has an area, or else lies between two others at every edge and has no corner of its own."""
+    corners = points[triangles]
+    sides = np.roll(corners, -1, axis=1) - corners
+    twice_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    has_area = twice_area > shortest * np.linalg.norm(sides, axis=2).max(axis=1)
+    if has_area.all():
+        return has_area
+    of_others = np.zeros(len(points), bool)
+    of_others[triangles[has_area]] = True
+    kept = has_area | of_others[triangles].all(axis=1)
+    _, count, of = _edges(triangles[kept], len(points))
+    between = np.zeros(len(triangles), bool)
+    between[kept] = (count[of] == 2).reshape(3, -1).all(axis=0)
+    return has_area | between
+
+
+def _edges(triangles: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Edges (E, 2), how many triangles each has (E,), and which are the first, second and third of all triangles."""
+    ways = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)]).astype(np.int64)
+    keys, of, count = np.unique(ways.min(axis=1) * points + ways.max(axis=1), return_inverse=True, return_counts=True)
+    return np.stack(np.divmod(keys, points), axis=1), count, of.ravel()
+
+
+def cut(points: np.ndarray, polygons: Sequence[Sequence[int]] | np.ndarray) -> np.ndarray:
+    """Triangles (T, 3) of polygons, each of three corners of `points` (N, 3) or more; an array has triangles already.
+
+    A fan from the first corner where that fills the polygon. Raises Unfit for a polygon that crosses itself, and
+    ImportError where shapely is not there to cut one that is not convex.
+    """
+    if isinstance(polygons, np.ndarray):
+        return polygons
+    lengths, found = np.array([len(each) for each in polygons]), []
+    for length in np.unique(lengths[lengths > 2]):
+        rows = np.array([polygons[k] for k in np.flatnonzero(lengths == length)])
+        fans = np.stack([rows[:, [0, k, k + 1]] for k in range(1, length - 1)], axis=1)
+        corners = points[fans]
+        areas = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
+        normals = areas.sum(axis=1)
+        fills = np.linalg.norm(areas, axis=2).sum(axis=1) <= (1.0 + SHORTEST) * np.linalg.norm(normals, axis=1)
+        fills |= (np.einsum("pkc,pc->pk", areas, normals) > 0.0).all(axis=1)  # though it is not flat
+        found.append(fans[fills].reshape(-1, 3))
+        found += [
+            row[_cut_flat(points[row], normal)] for row, normal in zip(rows[~fills], normals[~fills], strict=True)
+        ]
+    return np.concatenate(found) if found else np.zeros((0, 3), int)
+
+
+def _cut_flat(corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Triangles (T, 3) of one polygon of `corners` (n, 3), as seen along its normal, which turn as it does."""
+    import shapely
+
+    if not normal.any():
+        normal = np.array([0.0, 0.0, 1.0])  # it crosses itself, wherever it is seen from
+    x = np.cross(np.eye(3)[np.abs(normal).argmin()], normal)
+    y = np.cross(normal, x)
+    flat = corners @ np.stack([x / np.linalg.norm(x), y / np.linalg.norm(y)], axis=1)
+    polygon = shapely.Polygon(flat)
+    if not polygon.is_valid and len(corners) == 4:
+        return np.array([[0, 1, 2], [0, 2, 3]])  # a fold, which has no side to be seen from
+    if not polygon.is_valid:
+        raise Unfit(f"has a polygon of {len(corners)} corners that crosses itself; allowed are those that do not")
+    number = {tuple(place): k for k, place in enumerate(flat.tolist())}
+    parts = shapely.constrained_delaunay_triangles(polygon).geoms
+    triangles = np.array([[number[place] for place in part.exterior.coords[:3]] for part in parts])
+    a, b, c = (flat[triangles[:, k]] for k in range(3))
+    turns = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] > 0.0
+    return np.where(turns[:, None], triangles, triangles[:, ::-1])
