@@ -243,6 +243,9 @@ def store_velocity(i: int, here: Here):
 # of a collider or a stretched start. The next one is implicit Euler then, which is stable whatever came before. Hems of
 # towels that swing depart by a tenth. A rope that comes from a wild start trembles on its winch beyond a twentieth.
 SMOOTH_SHEET, SMOOTH_ROPE = 0.2, 0.05
+# Angle [rad] by which bending turns a joint of a rope away from its rest shape, in substeps of second order. Stretch and
+# bending are solved one after the other. Beyond this angle each undoes so much of the other that BDF2 gains energy.
+MOST_TURNED = wp.constant(0.02)
 
 
 @wp.func
@@ -257,6 +260,15 @@ def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
 # A substep that puts an overstretched rope together may move its particles by many segments. Of the velocity that this
 # would leave, a particle gains at most this many segments a substep. Otherwise the next substep would tear it again.
 MOST_SPACINGS = wp.constant(0.25)
+
+
+@wp.func
+def turned_by_bending(j: int, here: Here) -> float:
+    """The angle [rad] by which joint j of a rope is bent away from rest, as its moment tells; 0 where there is none."""
+    if j >= here.body.count - 2:
+        return 0.0
+    place = here.body.segments + j
+    return wp.length(here.state.moments[place]) * here.material.compliance[2] * here.model.joints[place][1]
 
 
 def make_finish(features: Features):
@@ -282,6 +294,8 @@ def make_finish(features: Features):
             )
             if wp.static(features.supported):
                 not_smooth = not_smooth or here.state.supports[g][3] > 0.0
+            if wp.static(features.beam):
+                not_smooth = not_smooth or turned_by_bending(i, here) > MOST_TURNED
             if not_smooth:
                 here.state.events[2 * here.body.index + here.substep % 2] = here.substep + 1
             before = xyz(load_row(here.state.velocities, g))
