@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation
 from cloth_sim_ros.study.closed_forms import bending
 
 G = 9.81
@@ -96,3 +96,23 @@ def test_bending_pushes_nothing_as_a_whole(device):
     momentum = np.linalg.norm((masses * sim.velocities("it")).sum(0))
     assert np.linalg.norm(masses * sim.velocities("it"), axis=1).sum() > 1e-3
     assert momentum < 2e-5 * np.linalg.norm(masses * sim.velocities("it"), axis=1).sum()
+
+
+@pytest.mark.parametrize("material", ["steel cable", "rubber hose"])
+def test_a_cable_bent_between_two_still_hands_comes_to_rest(device, material):
+    """The hands come 24 cm closer in a second. What then still moves only loses energy."""
+    segments, slack = 40, 0.24
+    hands = {
+        name: Handle(position=(x, 0, 1), reach=1.5 / segments, attached=True)
+        for name, x in (("left", 0.0), ("right", 1.0))
+    }
+    cable = Rope.of(material, start=(0, 0, 1), end=(1, 0, 1), segments=segments, pins=None)
+    sim = Simulation(Scene({"it": cable}, handles=hands), device=device)
+    for frame in range(60):
+        sim.set_handle_pose("right", (1.0 - slack * (frame + 1) / 60, 0, 1))
+        sim.step()
+    fastest = []
+    for _ in range(6):
+        sim.step(60)
+        fastest.append(np.abs(sim.velocities("it")).max())
+    assert fastest[-1] < 0.05 and fastest[-1] < 0.2 * fastest[0], fastest
