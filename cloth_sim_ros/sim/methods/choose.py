@@ -16,6 +16,7 @@ import numpy as np
 
 from cloth_sim_ros.sim.methods import limits, prices
 from cloth_sim_ros.sim.methods.prices import Surroundings
+from cloth_sim_ros.sim.physics.integrate import MOST_TURNED
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.topology import Topology
 
@@ -185,6 +186,8 @@ def _xpbd(
         reason += f", where an error of {settings.error:g} would take {math.ceil(wanted)}: it may be {error:.2g}"
     if kinks.error(substeps, order) > settings.error:
         reason += f", as under its weight it is strained {kinks.excess(substeps, order):.0%} too much"
+    if order == 2 and topology.bends_by_angles:
+        reason += f"; substeps in which a joint is bent by more than {MOST_TURNED:g} rad are of first order"
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
         reason += f", and {share:.2g} of its bending rigidity acts"

@@ -27,6 +27,7 @@ from cloth_sim_ros.sim.physics.integrate import (
     LEAST_SHARE,
     MOST_ASIDE,
     MOST_TAUT,
+    MOST_TURNED,
     MOST_WEIGHTS,
     Step,
     carried,
@@ -243,9 +244,6 @@ def store_velocity(i: int, here: Here):
 # of a collider or a stretched start. The next one is implicit Euler then, which is stable whatever came before. Hems of
 # towels that swing depart by a tenth. A rope that comes from a wild start trembles on its winch beyond a twentieth.
 SMOOTH_SHEET, SMOOTH_ROPE = 0.2, 0.05
-# Angle [rad] by which bending may turn a joint of a rope away from its rest shape in a substep of second order. Stretch
-# and bending are solved one after the other. Beyond this angle each undoes so much of the other that BDF2 gains energy.
-MOST_TURNED = wp.constant(0.02)
 
 
 @wp.func
