@@ -40,8 +40,7 @@ class Shared:
 class Batch:
     """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
-    rows: whether they are computed in vector rows. The model is there once, but for what is `scaled`, which is alone in
-    its batch. `states` has a row a world, and `worlds[w]` is what kernels know of world w. rest: name ->
+    The model is there once, but for what is `scaled`, which is alone in its batch. `states` has a row a world, and `worlds[w]` is what kernels know of world w. rest: name ->
     as `write_positions` takes it.
     """
 
@@ -49,7 +48,6 @@ class Batch:
         self,
         topologies: dict[str, Topology],
         features: Features,
-        rows: bool,
         frame: LiveArray,
         shared: Shared,
         worlds: int,
@@ -62,8 +60,7 @@ class Batch:
             for part in ("layout", "rest")
         )
         self._winches = {name: _wound(topology) for name, topology in topologies.items() if topology.winch is not None}
-        incident_springs = features.method == "verlet" and not rows  # which lay out their own
-        collected = ModelArrays(incident_springs, device.is_cpu, features.line_slots)
+        collected = ModelArrays(features.method == "verlet", device.is_cpu, features.line_slots)
         for topology in topologies.values():
             collected.add(topology)
         self.lines = collected.lines
@@ -90,7 +87,7 @@ class Batch:
         # What meets advances together, see meeting/together.py.
         self.executor = None
         if not features.meets:
-            self.executor = make_executor(features, self.worlds, list(topologies.values()), rows, device)
+            self.executor = make_executor(features, self.worlds, self.counts, device)
         self._trial = None
         if features.method == "verlet":
             safe = partial(make_safe_executor, features, self.worlds, self.frame.safe_rows.array, self.counts, device)

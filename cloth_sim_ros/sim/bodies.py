@@ -20,7 +20,6 @@ from cloth_sim_ros.sim.checks import names_of, on_host
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.colliders.collider import FASTEST, STRETCHED, Collider
 from cloth_sim_ros.sim.device import find_device
-from cloth_sim_ros.sim.executors.choose import goes_in_rows
 from cloth_sim_ros.sim.forces import name_of
 from cloth_sim_ros.sim.frames import LONGEST, Frames
 from cloth_sim_ros.sim.lines.layout import CROWDED
@@ -222,13 +221,13 @@ class Bodies:
         self._write_substeps()
 
     def _make_batches(self) -> list[Batch]:
-        """A batch of each group of objects with the same features, in vector rows or not."""
+        """A batch of each group of objects with the same features."""
         wind = self.scene.wind is not None
         numbers = np.array([force.numbers() for force in self.scene.forces.values()]).reshape(-1, 4)
         forces = wp.array(numbers, dtype=wp.vec4, device=self.warp_device)
         shared = Shared(self.colliders, self.handles, self.handle_counts, forces)
         crowded = self.warp_device.is_cuda and self.worlds * len(self.topologies) > self.warp_device.sm_count
-        alike: dict[tuple[Features, bool, str], dict[str, Topology]] = {}
+        alike: dict[tuple[Features, str], dict[str, Topology]] = {}
         for name, topo in self.topologies.items():
             choice = self._choices[name]
             features = Features.of(topo, wind, self.shapes, choice.order, choice.method, self.worlds > 1)
@@ -241,11 +240,10 @@ class Bodies:
                 listed=self.colliders.array.shape[1] > FEW,
                 line_slots=max(features.line_slots, CROWDED if crowded else 1),
             )
-            rows = goes_in_rows(features, topo, self.warp_device)
-            alike.setdefault((features, rows, name if name in self.scales else ""), {})[name] = topo
+            alike.setdefault((features, name if name in self.scales else ""), {})[name] = topo
         return [
-            Batch(bodies, features, rows, self.frame, shared, self.worlds, self.warp_device)
-            for (features, rows, _), bodies in alike.items()
+            Batch(bodies, features, self.frame, shared, self.worlds, self.warp_device)
+            for (features, _), bodies in alike.items()
         ]
 
     def leave_to_implicit(self, name: str) -> None:

@@ -11,14 +11,10 @@ import warp as wp
 
 from cloth_sim_ros.sim.executors.block import Block, blocks_for, capacity, threads_for
 from cloth_sim_ros.sim.executors.graph import Graph, Member
-from cloth_sim_ros.sim.executors.subdomain_plan import Unfit
-from cloth_sim_ros.sim.executors.subdomains import Subdomains
-from cloth_sim_ros.sim.executors.vector_rows import VectorRows, fits_rows
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.state import Arrays
-from cloth_sim_ros.sim.topology import Topology
 
-Executor = Block | Graph | Subdomains | VectorRows
+Executor = Block | Graph
 _forced: str | None = None
 _ALONE = 1600  # particles that one block computes faster than several, on an H100
 
@@ -38,29 +34,9 @@ def forced_executor(name: str | None) -> Iterator[None]:
         _forced = before
 
 
-def goes_in_rows(features: Features, topology: Topology, device: wp.Device) -> bool:
-    """Whether a body is computed in vector rows."""
-    return _forced is None and fits_rows(features, topology, device)
-
-
-def make_executor(
-    features: Features, worlds: list[Arrays], topologies: list[Topology], rows: bool, device: wp.Device
-) -> Executor:
-    """What advances bodies of equal `features`; rows: whether in vector rows."""
-    if rows:
-        return VectorRows(features, worlds, topologies, device)
-    counts = [len(topology.masses) for topology in topologies]
+def make_executor(features: Features, worlds: list[Arrays], counts: list[int], device: wp.Device) -> Executor:
+    """What advances bodies of equal `features` and so many particles each."""
     largest, limit = max(counts), capacity(device, features)
-    # A rope is short; in a block it also leaves the forces of the air behind, which its end wrenches need.
-    sheets = all(len(topology.triangles) for topology in topologies)
-    if _forced == "subdomains" or (_forced is None and device.is_cuda and sheets):
-        try:
-            if topologies[0].world_scales is not None:
-                raise Unfit("scales, which may differ between worlds", "one rest shape")
-            return Subdomains(features, worlds, [topology.layout for topology in topologies], device)
-        except Unfit:
-            if _forced == "subdomains":
-                raise
     if _forced == "block" and largest > limit:
         raise ValueError(
             f"the executor 'block' is forced on a body of {largest} particles; allowed are up to {limit} on "
