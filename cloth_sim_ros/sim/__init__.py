@@ -2,13 +2,13 @@
 """Cloth and rope simulation in NVIDIA Warp, usable without ROS. From what is described to what is read back:
 
 - scene, objects, materials, colliders/, settings: what there is and how to compute it, checked against the one table;
-- topology/: an object as particles and elements, in NumPy: grids, meshes, chains, lines, plates, subdomains;
+- topology/: an object as particles and elements, in NumPy: grids, meshes, chains, lines, plates;
 - model, state and rope_state: what kernels read and write, constant and varying; model_arrays, state_arrays and
   live_array make it; compiled: how kernels are compiled;
 - physics/: formulas on plain values, one concept a file; intrinsics and simd: the little that Warp cannot say;
 - stages/: what one particle, panel or contact does in a substep; lines/ and ropes/: each solved as a whole;
 - methods/: the program of a substep, written once; what method, substeps and iterations an object is given, and why;
-- executors/: how a program runs: a body in blocks, a launch a part, vector rows, subdomains; a frame as a trial;
+- executors/: how a program runs: a body in blocks, a launch a part; a frame as a trial;
 - batch: all of that for objects that share kernels; report, tension, twist, winch, wrench, readback: what is read;
 - torn, cuts: what has failed of sheets that tear, and what a polygon cuts; grippers: two fingers, moved from outside;
 - saving, saved_file: the whole state in a file, and back; live_values: live numbers as they are now;

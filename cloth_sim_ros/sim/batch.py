@@ -40,8 +40,8 @@ class Shared:
 class Batch:
     """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
-    The model is there once, but for what is `scaled`, which is alone in its batch. `states` has a row a world, and `worlds[w]` is what kernels know of world w. rest: name ->
-    as `write_positions` takes it.
+    The model is there once, but for what is `scaled`, which is alone in its batch. `states` has a row a world, and
+    `worlds[w]` is what kernels know of world w. rest: name -> as `write_positions` takes it.
     """
 
     def __init__(
@@ -52,6 +52,7 @@ class Batch:
         shared: Shared,
         worlds: int,
         device: wp.Device,
+        executor: str | None = None,
     ):
         self.features, self.device = features, device
         self.index = {name: b for b, name in enumerate(topologies)}
@@ -87,7 +88,7 @@ class Batch:
         # What meets advances together, see meeting/together.py.
         self.executor = None
         if not features.meets:
-            self.executor = make_executor(features, self.worlds, self.counts, device)
+            self.executor = make_executor(features, self.worlds, self.counts, device, executor)
         self._trial = None
         if features.method == "verlet":
             safe = partial(make_safe_executor, features, self.worlds, self.frame.safe_rows.array, self.counts, device)

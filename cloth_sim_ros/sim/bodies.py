@@ -20,6 +20,7 @@ from cloth_sim_ros.sim.checks import names_of, on_host
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.colliders.collider import FASTEST, STRETCHED, Collider
 from cloth_sim_ros.sim.device import find_device
+from cloth_sim_ros.sim.executors.choose import EXECUTORS
 from cloth_sim_ros.sim.forces import name_of
 from cloth_sim_ros.sim.frames import LONGEST, Frames
 from cloth_sim_ros.sim.lines.layout import CROWDED
@@ -53,10 +54,13 @@ class Bodies:
     worlds or a device that cannot be, and for a mesh that is not manifold.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, device: str, worlds: int) -> None:
+    def __init__(self, scene: Scene, settings: Settings, device: str, worlds: int, executor: str | None) -> None:
         if isinstance(worlds, bool) or not isinstance(worlds, int) or not 1 <= worlds <= _MOST_WORLDS:
             raise ValueError(f"worlds is {worlds!r}; allowed is a whole number from 1 to {_MOST_WORLDS}")
+        if executor not in (None, *EXECUTORS):
+            raise ValueError(f"executor is {executor!r}; allowed is {' or '.join(EXECUTORS)}, or None to choose")
         self.scene, self.settings, self.worlds, self.builds = scene, settings, worlds, 0
+        self._executor = executor
         self.warp_device = find_device(device)
         self.frame = LiveArray(Frame, 1, worlds, self.warp_device)
         rows = len(scene.colliders) + scene.spare_colliders
@@ -71,7 +75,6 @@ class Bodies:
         self.moves: dict[str, Motion] = {}
         self.scales: dict[str, np.ndarray] = {}
         self.elastic = {name: self._topology(name, thing, False) for name, thing in scene.objects.items()}
-        self.strained: set[str] = set()
         self._sharpest: dict[str, Collider] = {}
 
     def find_sharpest(self, names: Iterable[str]) -> None:
@@ -91,7 +94,7 @@ class Bodies:
         wind, meets, tears = self.scene.wind is not None, self._meets(name), topology.tear_strain > 0.0
         device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
         around = Surroundings(device, wind, rows, self.worlds, self.scene.spare_colliders > 0, meets, tears, gravity)
-        choose = partial(choosing.choose, self.settings, topology, list(materials), name in self.strained)
+        choose = partial(choosing.choose, self.settings, topology, list(materials))
         choice = choose(around)
         if not choice.surface and self._enter(topology, thickness, self.settings.frame_dt / choice.substeps):
             choice = choose(replace(around, surface=True))
@@ -201,7 +204,7 @@ class Bodies:
         self._write_substeps()
 
     def twin(self, choices: dict[str, Choice], **parts: Any) -> Bodies:
-        """Bodies of the same structure with other choices, and `parts` scene, settings, strained, collider_row, scales.
+        """Bodies of the same structure with other choices, and `parts` scene, settings, collider_row, scales.
 
         They share with these all arrays that can stay. Nothing here changes, until `become`.
         """
@@ -242,14 +245,9 @@ class Bodies:
             )
             alike.setdefault((features, name if name in self.scales else ""), {})[name] = topo
         return [
-            Batch(bodies, features, self.frame, shared, self.worlds, self.warp_device)
+            Batch(bodies, features, self.frame, shared, self.worlds, self.warp_device, self._executor)
             for (features, _), bodies in alike.items()
         ]
-
-    def leave_to_implicit(self, name: str) -> None:
-        """Explicit steps are not for this object until the next reset of all worlds."""
-        self.strained.add(name)
-        self.choose_again()
 
     def arrays(self) -> list[wp.array]:
         """The arrays of all worlds (worlds,) of Arrays, batch by batch."""

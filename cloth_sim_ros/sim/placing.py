@@ -12,9 +12,8 @@ from cloth_sim_ros.sim.bodies import Bodies
 from cloth_sim_ros.sim.checks import finite_array
 from cloth_sim_ros.sim.hands import Hands
 from cloth_sim_ros.sim.live_array import Some, worlds_of
-from cloth_sim_ros.sim.methods.choose import is_strained
 from cloth_sim_ros.sim.queries import Queries
-from cloth_sim_ros.sim.starts import Depth, off_symmetry, way_out
+from cloth_sim_ros.sim.starts import Depth, is_strained, off_symmetry, way_out
 from cloth_sim_ros.sim.state import ColliderMotion
 from cloth_sim_ros.sim.topology import Topology
 
@@ -56,9 +55,8 @@ class Placing:
         Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
         """
         rows, some = self._rows(name, positions, "positions", _FAR), self._bodies.some(world)
-        strained = self._leave_if_strained(name, rows, some)
         topology = self._bodies.elastic[name]
-        if strained and topology.winch is None:  # what is on a drum stays there
+        if topology.winch is None and self._are_strained(name, rows, some):  # what is on a drum stays there
             rows = off_symmetry(topology, rows, topology.scales_in(worlds_of(some)).min())
         self._write_positions(name, rows, some)
 
@@ -66,17 +64,13 @@ class Placing:
         values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
         self._bodies.batch[name].write_positions(name, values, self._bodies.chosen(some))
 
-    def _leave_if_strained(self, name: str, rows: np.ndarray, some: Some) -> bool:
-        """Whether positions strain a spring by more than half in some worlds; `auto` then leaves the object to implicit
-        steps."""
+    def _are_strained(self, name: str, rows: np.ndarray, some: Some) -> bool:
+        """Whether positions strain a spring by more than half in some worlds."""
         torn = self._queries.torn(name) if self._queries.tears(name) else {}
         topology = self._bodies.elastic[name]
         scales = np.unique(topology.scales_in(worlds_of(some)))
         # Of each spring, the smallest or the largest of its rest lengths is strained most.
-        strained = any(is_strained(topology, rows / scale, torn) for scale in {*scales[:1], *scales[-1:]})
-        if strained and self._bodies.settings.method == "auto":
-            self._bodies.leave_to_implicit(name)
-        return strained
+        return any(is_strained(topology, rows / scale, torn) for scale in {*scales[:1], *scales[-1:]})
 
     def set_velocities(self, name: str, velocities: Any, world: Any = None) -> None:
         """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start
@@ -106,11 +100,8 @@ class Placing:
         batch, source = self._bodies.batch[name], other._bodies.batch[name]
         if batch.features.winch:
             batch.write_body("winches", name, source.read_body("winches", name, 0))
-        rows = other._queries.positions(name)
-        self._leave_if_strained(name, rows, None)
-        self._write_positions(name, rows, None)
+        self._write_positions(name, other._queries.positions(name), None)
         self.set_velocities(name, other._queries.velocities(name))
-        batch = self._bodies.batch[name]  # all may have been built anew for what is strained
         if batch.torn is not None and source.torn is not None:
             batch.torn.write(batch.index[name], source.torn.read(source.index[name], 0))
         if batch.features.twist and source.features.twist:

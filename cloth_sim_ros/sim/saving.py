@@ -52,7 +52,6 @@ class Saving:
             "settings": {name: getattr(bodies.settings, name) for name in _LIVE_SETTINGS},
             "choices": {name: dataclasses.asdict(choice) for name, choice in bodies.choices.items()},
             "scales": {name: rows.tolist() for name, rows in bodies.scales.items()},
-            "strained": sorted(bodies.strained),
             "pins": {name: thing.pins for name, thing in bodies.scene.objects.items()},
             "grasps": self._hands.objects,
             "added": {name: (row, *_described(bodies.scene.colliders[name])) for name, row in added.items()},
@@ -119,7 +118,6 @@ class Saving:
             {name: Choice(**header["choices"][name]) for name in objects},
             scene=dataclasses.replace(bodies.scene, objects=objects, colliders=colliders),
             settings=dataclasses.replace(bodies.settings, **header["settings"]),
-            strained=set(header["strained"]),
             collider_row=rows,
             scales={
                 name: check_worlds(table.SCALE, np.array(each), f"{name}.scale", bodies.worlds, None)

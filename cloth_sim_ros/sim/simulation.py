@@ -56,15 +56,25 @@ class Simulation:
     side in the same launches. Each has its own state, materials, collider poses, wind and gravity. What reads takes the
     number of a world. What writes takes one, a mask (worlds,) of bool or, with None, all of them.
 
+    executor: "block" has a body in one block of a GPU, or a thread of a CPU; "graph" has a launch for each part of a
+    substep; None chooses.
+
     moved: name -> depth and way [m] of objects that the scene puts inside of a collider and that start outside of it.
     """
 
-    def __init__(self, scene: Scene, settings: Settings | None = None, device: str = "auto", worlds: int = 1) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        settings: Settings | None = None,
+        device: str = "auto",
+        worlds: int = 1,
+        executor: str | None = None,
+    ) -> None:
         settings = Settings() if settings is None else settings
         for given, kind in ((scene, Scene), (settings, Settings)):
             if not isinstance(given, kind):
                 raise ValueError(f"Simulation is given {given!r:.80}; allowed is a {kind.__name__} in its place")
-        self._bodies = Bodies(scene, settings, device, worlds)
+        self._bodies = Bodies(scene, settings, device, worlds, executor)
         self._queries = Queries(self._bodies)
         self._ropes = Ropes(self._bodies, self._queries)
         self._hands = Hands(self._bodies)
@@ -201,8 +211,6 @@ class Simulation:
         self._hands.reset(some)
         if world is None:
             self._frames = 0
-            self._bodies.strained.clear()
-            self._bodies.choose_again()
 
     def get(self, name: str, world: int = 0) -> Any:
         """What `set` has set last, or the scene before, of a live parameter in one world; the position or orientation

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 import warp as wp
@@ -16,12 +16,22 @@ from cloth_sim_ros.sim.state import Arrays, State
 from cloth_sim_ros.sim.topology import Topology
 
 Motion = tuple[Quaternion, np.ndarray]  # a turn about the origin of the world, then a shift [m]
+STRAINED = 0.5  # strain of a spring beyond which a start is far from rest
 _STEPS = 100  # along a way out, at most
 _LITTLE = 1e-3  # of the size of an object: the shortest of these steps, and how thin it is where it lies in a plane
 _FARTHEST = 3.0  # depths: the longest way out of an object that lies in no plane
 _SHORTER = 0.95  # of the way found so far: the length below which another one is better
 _NUDGE = 1e-5  # of the mean rest length of the springs
 _TURNS = np.array([[1.93, -0.71, 0.37], [0.53, 2.11, -0.83], [-0.61, 0.47, 1.79]])  # even in no direction
+
+
+def is_strained(topology: Topology, positions: np.ndarray, torn: Mapping[str, np.ndarray]) -> bool:
+    """Whether positions (N, 3) [m] strain any spring by more than STRAINED but those of a kind that are `torn` (S,)."""
+    for kind, elements in topology.springs.items():
+        length = np.linalg.norm(positions[elements.particles[:, 1]] - positions[elements.particles[:, 0]], axis=1)
+        if ((np.abs(length - elements.rest) > STRAINED * elements.rest) & ~torn.get(kind, np.False_)).any():
+            return True
+    return False
 
 
 def off_symmetry(topology: Topology, positions: np.ndarray, scale: float) -> np.ndarray:

@@ -6,7 +6,6 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Scene, Simulation, Sphere
-from cloth_sim_ros.sim.executors.choose import forced_executor
 
 SHEET = Cloth(resolution=(9, 9), pins="top", thickness=0.045, stretch_compliance=1e-3, shear_compliance=1e-3)
 METHODS = {
@@ -14,7 +13,6 @@ METHODS = {
     "order 2": {"order": 2, "iterations": 4},
     "verlet": {"method": "verlet"},
     "graph": {"order": 2, "executor": "graph"},
-    "subdomains": {"method": "verlet", "executor": "subdomains"},
 }
 
 
@@ -22,8 +20,9 @@ BALL = {"ball": Sphere(radius=0.22, position=(0, 0.2, -0.24))}
 
 
 def simulation(device, substeps=40, colliders=None, executor=None, **settings):
-    with forced_executor(executor):
-        return Simulation(Scene({"it": SHEET}, colliders or {}), fixed(substeps=substeps, **settings), device=device)
+    return Simulation(
+        Scene({"it": SHEET}, colliders or {}), fixed(substeps=substeps, **settings), device=device, executor=executor
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -11,7 +11,6 @@ from fixed_settings import fixed
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider, length
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.forces import FORCES
 
 
@@ -75,8 +74,7 @@ def test_a_shape_from_outside_holds_a_rope(extended, device):
 def test_a_force_from_outside_swings_a_sheet_as_the_closed_form(extended, device, settings, executor):
     """Mean height of a free sheet: z + g/k (cos(omega t) - 1) with damping, from rest; every executor alike."""
     scene = Scene({"sheet": Cloth(resolution=(9, 9), pins="none")}, forces={"up": Tether(0.0, 40.0, 1.0)})
-    with forced_executor(executor):
-        sim = Simulation(scene, fixed(**{"substeps": 60, **settings}), device=device)
+    sim = Simulation(scene, fixed(**{"substeps": 60, **settings}), device=device, executor=executor)
     frames = 30
     sim.step(frames)
     t, omega2, decay = frames / 60, 40.0, 0.5

@@ -7,7 +7,6 @@ from fixed_settings import fixed
 from scipy.optimize import brentq
 
 from cloth_sim_ros.sim import Cloth, Handle, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.quaternion import rotate
 
 WEIGHT = 0.2 * 9.81
@@ -44,8 +43,7 @@ def momentum(sim, name="towel"):
 
 @pytest.mark.parametrize(("executor", "settings"), WAYS)
 def test_two_hands_lift_a_towel_and_feel_its_weight(device, executor, settings):
-    with forced_executor(executor):
-        sim = Simulation(towel(**corners()), Settings(global_damping=2.0, **settings), device)
+    sim = Simulation(towel(**corners()), Settings(global_damping=2.0, **settings), device, executor=executor)
     assert (sim.held("left"), sim.held("right")) == (1, 1)
     held = [np.linalg.norm(sim.positions("towel") - hand.position, axis=1).argmin() for hand in corners().values()]
     off = 0.0
@@ -69,8 +67,7 @@ def test_two_hands_lift_a_towel_and_feel_its_weight(device, executor, settings):
 
 @pytest.mark.parametrize(("executor", "settings"), WAYS)
 def test_what_is_let_go_keeps_its_momentum(device, executor, settings):
-    with forced_executor(executor):
-        sim = Simulation(towel(**corners()), Settings(**settings), device)
+    sim = Simulation(towel(**corners()), Settings(**settings), device, executor=executor)
     for frame in range(1, 31):
         for name, side in (("left", -0.5), ("right", 0.5)):
             sim.set_handle_pose(name, (side + 0.03 * frame, -0.5, 0))

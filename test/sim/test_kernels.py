@@ -31,7 +31,6 @@ from cloth_sim_ros.sim import (
     wrench,
 )
 from cloth_sim_ros.sim.executors import block, graph
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.model import Features
 
 PLATE = {"bending": "dihedral", "bend_compliance": 1e2}
@@ -58,8 +57,7 @@ def busy_scene(order=1, plate=False):
 
 
 def states(device, frames=8, executor=None, order=2, plate=False, **settings):
-    with forced_executor(executor):
-        sim = Simulation(busy_scene(order, plate), fixed(order=order, **settings), device=device)
+    sim = Simulation(busy_scene(order, plate), fixed(order=order, **settings), device=device, executor=executor)
     for frame in range(frames):
         sim.set_collider_pose("ball", (0, 0.02 * frame, -0.2), (0, 0, 0.05 * frame, 1))
         sim.step()
@@ -114,8 +112,7 @@ def test_drawn_scenes_move_the_same_by_every_executor(device, method, seed):
     chosen = {"method": "verlet"} if method == "verlet" else {"method": "xpbd", "order": order, "substeps": 8}
     found = []
     for executor in (None, "block", "graph"):
-        with forced_executor(executor):
-            sim = Simulation(scene, Settings(**chosen), device=device)
+        sim = Simulation(scene, Settings(**chosen), device=device, executor=executor)
         sim.step(10)
         found.append({name: sim.positions(name) for name in scene.objects})
     for other in found[1:]:

@@ -12,7 +12,6 @@ from surfaces import outside_box, points_of
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Mesh, Scene, SignedDistance, Simulation, Sphere, report
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.executors import block
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.model import Features
 
 trimesh = pytest.importorskip("trimesh")
@@ -23,7 +22,7 @@ WEIGHT = 0.2 * 9.81
 WAYS = [
     (None, {}),
     (None, {"order": 2}),
-    ("subdomains", {"method": "verlet", "substeps": 80}),
+    (None, {"method": "verlet", "substeps": 80}),
     pytest.param("graph", {"iterations": 2}, marks=pytest.mark.long),
 ]
 
@@ -59,8 +58,9 @@ def pairs():
 def pushed(collider, device, executor, settings, drive, frames=30):
     """Positions of a sheet that is held at its edges, and that a collider is pushed into from below."""
     sheet = Cloth(resolution=(12, 12), pins="edges", position=(0.03, 0.02, 0.0), damping=1e-3)
-    with forced_executor(executor):
-        sim = Simulation(Scene({"it": sheet}, {"under": collider}), fixed(global_damping=4.0, **settings), device)
+    sim = Simulation(
+        Scene({"it": sheet}, {"under": collider}), fixed(global_damping=4.0, **settings), device, executor=executor
+    )
     for frame in range(frames):
         sim.set_collider_pose("under", *drive(frame, collider))
         sim.step()
@@ -127,9 +127,7 @@ def test_a_volume_pushes_a_sheet_as_its_shape(alone, device):
 
 
 @pytest.mark.parametrize("kind", ["mesh", "volume"])
-@pytest.mark.parametrize(
-    ("executor", "settings"), [(None, {"order": 2}), ("subdomains", {"method": "verlet", "substeps": 80})]
-)
+@pytest.mark.parametrize(("executor", "settings"), [(None, {"order": 2}), (None, {"method": "verlet", "substeps": 80})])
 @pytest.mark.long
 def test_the_weight_of_a_sheet_is_read_from_what_it_lies_on(alone, device, kind, executor, settings):
     table = of(trimesh.creation.box((1.4, 1.4, 0.2)), position=(0, 0, -0.1))
@@ -139,8 +137,9 @@ def test_the_weight_of_a_sheet_is_read_from_what_it_lies_on(alone, device, kind,
             np.broadcast_to(z, (2, 2, 9)), (-0.7, -0.7, -0.2), (1.4, 1.4, 0.05), position=(0, 0, -0.1)
         )
     sheet = Cloth(resolution=(10, 10), pins="none", position=(0, 0, 0.006))
-    with forced_executor(executor):
-        sim = Simulation(Scene({"it": sheet}, {"table": table}), fixed(global_damping=2.0, **settings), device)
+    sim = Simulation(
+        Scene({"it": sheet}, {"table": table}), fixed(global_damping=2.0, **settings), device, executor=executor
+    )
     sim.step(60)
     force, torque = sim.wrench("table")
     assert force[2] == pytest.approx(-WEIGHT, rel=0.005) and np.abs(force[:2]).max() < 0.005 * WEIGHT

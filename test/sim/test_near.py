@@ -6,13 +6,10 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Capsule, Cloth, Plane, Rope, Scene, Simulation, Sphere, bodies
-from cloth_sim_ros.sim.colliders.collider import Collider
-from cloth_sim_ros.sim.executors.choose import forced_executor
 
 WAYS = [
     (None, {"iterations": 3}),
     (None, {"method": "verlet", "substeps": 160}),
-    ("subdomains", {"method": "verlet", "substeps": 80}),
     pytest.param("graph", {"order": 2, "iterations": 2}, marks=pytest.mark.long),
 ]
 COUNT = 100
@@ -23,10 +20,7 @@ def simulated(executor, settings, device, colliders, objects=None, worlds=1):
         "sheet": Cloth(resolution=(10, 10), pins="none", position=(0, 0, 0.35), damping=1e-3),
         "rope": Rope(start=(-0.4, 0.9, 0.3), end=(0.4, 0.9, 0.3), segments=16, pins="none"),
     }
-    if executor == "subdomains":
-        objects = {name: thing for name, thing in objects.items() if isinstance(thing, Cloth)}
-    with forced_executor(executor):
-        return Simulation(Scene(objects, colliders), fixed(**settings), device, worlds=worlds)
+    return Simulation(Scene(objects, colliders), fixed(**settings), device, worlds=worlds, executor=executor)
 
 
 def near_ones():
@@ -41,10 +35,8 @@ def always(monkeypatch):
 
 @pytest.mark.long
 @pytest.mark.parametrize(("executor", "settings"), WAYS)
-def test_colliders_out_of_reach_change_no_bit(device, executor, settings, always, monkeypatch):
+def test_colliders_out_of_reach_change_no_bit(device, executor, settings, always):
     """Also where they come last or first, one moves, one passes by and touches, and the sheet is thrown at them."""
-    if executor == "subdomains":
-        monkeypatch.setattr(Collider, "enters", lambda *_: False)
     rng = np.random.default_rng(2)
     far = {f"far{k}": Capsule(0.05, 0.3, position=rng.uniform(4, 20, 3)) for k in range(COUNT)}
     few = simulated(executor, settings, device, near_ones())

@@ -7,7 +7,6 @@ import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Wind
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.study.closed_forms import sheets
 
@@ -186,10 +185,12 @@ def test_forces_on_crumpled_triangles_are_those_of_the_formula(device, executor)
     rng = np.random.default_rng(7)
     wind, lift = np.array((3.0, -1.0, 2.0)), 0.7
     scene = Scene({"it": Cloth(resolution=(7, 6))}, wind=Wind(tuple(wind), RHO, CD, lift))
-    with forced_executor(executor):
-        sim = Simulation(
-            scene, Settings(method="xpbd", order=1, substeps=1, iterations=1, frame_dt=1e-4), device=device
-        )
+    sim = Simulation(
+        scene,
+        Settings(method="xpbd", order=1, substeps=1, iterations=1, frame_dt=1e-4),
+        device=device,
+        executor=executor,
+    )
     triangles = sim.triangles("it")
     x, v = rng.normal(size=(42, 3)).astype(np.float32), rng.normal(size=(42, 3)).astype(np.float32)
     x[triangles[11][1]] = x[triangles[11][0]]

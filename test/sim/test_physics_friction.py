@@ -6,7 +6,6 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Box, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.study.closed_forms import contact
 
 G = 9.81
@@ -118,8 +117,7 @@ def test_what_falls_on_the_floor_stays_there(device, order, executor):
     """From 0.1 m at 1.4 m/s: BDF2 that remembered the fall would throw it 25 mm up again."""
     sheet = Cloth(resolution=(4, 4), size=(0.2, 0.2), pins=None, position=(0, 0, 0.105), thickness=0.005)
     scene = Scene({"it": sheet}, {"floor": Plane()})
-    with forced_executor(executor):
-        sim = Simulation(scene, Settings(method="xpbd", order=order, substeps=100), device=device)
+    sim = Simulation(scene, Settings(method="xpbd", order=order, substeps=100), device=device, executor=executor)
     sim.step(9)  # it arrives after 0.143 s
     highest = 0.0
     for _ in range(20):

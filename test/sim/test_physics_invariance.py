@@ -7,7 +7,6 @@ import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.executors.choose import forced_executor
 
 SHEET = {"resolution": (12, 12), "position": (0.0, 0.0, 1.0), "pins": None, "damping": 1e-3}
 
@@ -25,8 +24,7 @@ def scene(names):
 
 
 def run(names, device, executor=None, **settings):
-    with forced_executor(executor):
-        sim = Simulation(scene(names), fixed(**settings), device=device)
+    sim = Simulation(scene(names), fixed(**settings), device=device, executor=executor)
     for frame in range(40):
         sim.set_collider_pose("ball", (0.02 * frame, 0.0, 0.5))
         sim.step()
@@ -147,8 +145,7 @@ def test_both_devices_agree_on_the_curtain(executor):
     scene = Scene(objects={"it": curtain}, colliders={"ball": ball}, wind=Wind(velocity=(0.5, 1.0, 0.0)))
     found = []
     for device in ("cpu", "cuda:0"):
-        with forced_executor(executor):
-            sim = Simulation(scene, device=device)
+        sim = Simulation(scene, device=device, executor=executor)
         for frame in range(12):
             sim.set_collider_pose("ball", (0.0, -0.5 + 0.03 * frame, 0.9))
             sim.step()

@@ -6,32 +6,28 @@ import random
 import pytest
 from driven_scenes import BALL, CASES, FRAMES, contents, make, run, saved
 
-from cloth_sim_ros.sim.executors.choose import forced_executor
-
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.long
 def test_it_goes_on_to_the_same_bits(case, device, tmp_path):
     seed = random.randrange(1 << 30)
     print(f"seed {seed}")
-    moments, executor = sorted(random.Random(seed).sample(range(FRAMES), 5)), CASES[case][3]
+    moments = sorted(random.Random(seed).sample(range(FRAMES), 5))
     never, touches = make(case, device), []
-    run(never, 0, executor, lambda k: touches.append(never.wrench("ball")[0].any()))
+    run(never, 0, lambda k: touches.append(never.wrench("ball")[0].any()))
     assert sum(touches) > 3, "objects touch the ball"
     end = saved(never, tmp_path / "end.npz")
     goes_on = make(case, device)
-    run(goes_on, 0, executor, lambda k: k in moments and goes_on.save(tmp_path / f"{k}.npz", {"k": k}))
+    run(goes_on, 0, lambda k: k in moments and goes_on.save(tmp_path / f"{k}.npz", {"k": k}))
     assert saved(goes_on, tmp_path / "again.npz") == end, "saving changes nothing"
     for k in moments:
         fresh = make(case, device)
         for sim in (fresh, goes_on):
-            with forced_executor(executor):
-                assert sim.load(tmp_path / f"{k}.npz") == {"k": k}
+            assert sim.load(tmp_path / f"{k}.npz") == {"k": k}
             assert sim.time == pytest.approx(k / 60)
             assert saved(sim, tmp_path / "at.npz").keys() == contents(tmp_path / f"{k}.npz").keys()
-            with forced_executor(executor):
-                sim.step()
-            run(sim, k + 1, executor)
+            sim.step()
+            run(sim, k + 1)
             assert saved(sim, tmp_path / "other.npz") == end, (k, sim is fresh)
 
 

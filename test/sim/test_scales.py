@@ -23,11 +23,7 @@ from cloth_sim_ros.sim import (
     Wind,
 )
 from cloth_sim_ros.sim import scaled as scaled_rows
-from cloth_sim_ros.sim.executors.choose import forced_executor
-from cloth_sim_ros.sim.methods import prices
-from cloth_sim_ros.sim.methods.prices import Surroundings
 from cloth_sim_ros.sim.model import Model
-from cloth_sim_ros.sim.topology import build
 
 SCALES = np.array([2.0, 0.5, 1.7])
 THIN = {"thickness": 1e-3, "damping": 1e-3}  # so that all sizes are so coarse that contact looks between particles
@@ -72,8 +68,7 @@ def equal(a, b):
 
 def built(scale, settings, device, explicit=False):
     """A simulation of as many worlds, whose scene has this size; by the executor that scaled worlds have."""
-    with forced_executor("block"):
-        return Simulation(scene(scale, explicit), settings, device, worlds=len(SCALES))
+    return Simulation(scene(scale, explicit), settings, device, worlds=len(SCALES), executor="block")
 
 
 def scaled(settings, device, explicit=False):
@@ -94,7 +89,6 @@ def test_each_world_moves_as_a_scene_of_its_size(device, settings):
     explicit = settings.get("method") == "verlet"
     frames = 8 if explicit else 12
     many = scaled(fixed(**settings), device, explicit)
-    assert "vector rows" not in many.method and "subdomains" not in many.method
     for w, scale in enumerate(SCALES):
         alone = built(scale, fixed(**settings), device, explicit)
         alone.step(frames)
@@ -269,17 +263,6 @@ def test_explicit_steps_give_bending_as_many_impulses_as_the_smallest_world_need
     sims[1].set("it.scale", 0.1)
     sims[1].step()
     assert sims[1].device_arrays("it")[0].frames.numpy()["outer"][0] == outer[0]
-
-
-def test_what_takes_one_shape_of_all_worlds_is_left_to_others(device):
-    """Vector rows of a CPU, which are cheaper than meshes, and subdomains of a GPU."""
-    around, grid = Surroundings("cpu", False, 0), build(Cloth((8, 8)), "it", False)
-    assert prices.verlet(grid.at(np.ones(1)), around) > prices.verlet(grid, around)
-    around = dataclasses.replace(around, device="cuda")
-    assert prices.verlet(grid.at(np.ones(1)), around) != prices.verlet(grid, around)
-    sim = Simulation(Scene({"it": Cloth((8, 8))}), fixed(method="verlet", substeps=200), device)
-    with forced_executor("subdomains"), pytest.raises(ValueError, match="is forced with scales, which .* is one rest"):
-        sim.set("it.scale", 2.0)
 
 
 @pytest.mark.long

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth, Handle, Plane, Rope, Scene, Settings, Simulation
-from cloth_sim_ros.sim.executors.choose import forced_executor
 
 GRAVITY, THICKNESS = 9.81, 0.004
 WAYS = [
@@ -264,11 +263,12 @@ def test_the_same_bits_again_and_in_many_worlds(device):
 
 def test_what_meets_nothing_moves_as_without(device):
     hung = Cloth(resolution=(10, 10), pins="corners")
-    with forced_executor("graph"):
-        sims = [
-            Simulation(Scene({"it": dataclasses.replace(hung, self_contact=on)}), Settings(method="xpbd"), device)
-            for on in (False, True)
-        ]
+    sims = [
+        Simulation(
+            Scene({"it": dataclasses.replace(hung, self_contact=on)}), Settings(method="xpbd"), device, executor="graph"
+        )
+        for on in (False, True)
+    ]
     for sim in sims:
         sim.step(30)
     assert np.abs(sims[0].positions("it") - sims[1].positions("it")).max() < 1e-6

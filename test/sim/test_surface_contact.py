@@ -9,7 +9,6 @@ from fixed_settings import fixed
 from surfaces import outside_box, points_of
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Handle, Plane, Rope, Scene, Settings, Simulation, Sphere
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.study.throws import drawn, is_above, throw
 
 SMOOTH = {"static_friction": 0.0, "kinetic_friction": 0.0}
@@ -36,8 +35,9 @@ def dragged_over_the_edge(device, rope=False, executor=None, **settings):
             thickness=THICKNESS,
             **friction,
         )
-    with forced_executor(executor):
-        sim = Simulation(Scene({"it": it}, {"box": Box(half_extents=HALF, **friction)}), fixed(**settings), device)
+    sim = Simulation(
+        Scene({"it": it}, {"box": Box(half_extents=HALF, **friction)}), fixed(**settings), device, executor=executor
+    )
     worst = 0.0
     for frame in range(45):
         middle = np.array([-0.15 * (1.0 - np.cos(np.pi * frame / 30)), 0.0, 0.0])

@@ -8,7 +8,6 @@ from warp._src.context import ModuleBuilder  # the only way to see a source with
 
 from cloth_sim_ros.sim import Cloth, Handle, Readback, Rope, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.sim.executors.block import make_frame
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.quaternion import rotate
 
@@ -23,13 +22,13 @@ def sheet(**fields):
 
 
 def simulated(cloth, device, order=2, executor=None, worlds=1, **scene):
-    with forced_executor(executor):
-        return Simulation(
-            Scene(objects={"sheet": cloth}, **{"gravity": NOTHING, **scene}),
-            fixed(order=order),
-            device=device,
-            worlds=worlds,
-        )
+    return Simulation(
+        Scene(objects={"sheet": cloth}, **{"gravity": NOTHING, **scene}),
+        fixed(order=order),
+        device=device,
+        worlds=worlds,
+        executor=executor,
+    )
 
 
 def energy(sim):

@@ -6,7 +6,6 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, EndReadback, Readback, Rope, Scene, Settings, Simulation, Wind
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.study.closed_forms.ropes import catenary_chain, catenary_points
 
 G = 9.81
@@ -31,8 +30,8 @@ def hanging(segments, compliance, load=LOAD, **rope):
     return thing, G * (MASS / LENGTH * (LENGTH - s) + load)
 
 
-def settled(thing, device, frames=200, drag=8.0, worlds=1, **settings):
-    sim = Simulation(Scene(objects={"it": thing}), fixed(global_damping=drag, **settings), device=device, worlds=worlds)
+def settled(thing, device, frames=200, worlds=1, executor=None, **settings):
+    sim = Simulation(Scene({"it": thing}), fixed(global_damping=8.0, **settings), device, worlds, executor)
     sim.step(frames)
     return sim
 
@@ -75,8 +74,7 @@ def test_between_two_held_ends_the_catenary_has_its_tension(device, compliance, 
     # Between neighbours the vertical part changes by a weight, the horizontal one not at all.
     slope = np.diff(chain[:, 1]) / np.diff(chain[:, 0])
     horizontal = MASS / segments * G / np.diff(slope).mean()
-    with forced_executor(executor):
-        sim = settled(rope, device, substeps=8)
+    sim = settled(rope, device, substeps=8, executor=executor)
     found, places = [], []
     for _ in range(60):  # lengths are told to a rounding, whose jerks a rigid rope answers with its tension
         sim.step()

@@ -6,7 +6,6 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Handle, Rope, Scene, Simulation, Winch
-from cloth_sim_ros.sim.executors.choose import forced_executor
 from cloth_sim_ros.study.closed_forms.bending import greenhill_moment, michell_twist
 
 
@@ -24,8 +23,8 @@ def clamped(segments, length, bending, torsion, **rope):
     )
 
 
-def simulation(rope, device, worlds=1, **settings):
-    return Simulation(Scene({"it": rope}, gravity=(0, 0, 0)), fixed(**settings), device=device, worlds=worlds)
+def simulation(rope, device, worlds=1, executor=None, **settings):
+    return Simulation(Scene({"it": rope}, gravity=(0, 0, 0)), fixed(**settings), device, worlds, executor)
 
 
 def free_length(segments, length):
@@ -148,8 +147,7 @@ def test_a_rope_that_folds_gains_no_energy(device, order):
 def test_both_executors_and_many_worlds_give_the_same_state(device, order):
     found = {}
     for executor, worlds in (("block", 1), ("graph", 1), ("block", 2)):
-        with forced_executor(executor):
-            sim, _ = ring(device, 0.8, order=order, worlds=worlds)
+        sim, _ = ring(device, 0.8, order=order, worlds=worlds, executor=executor)
         if worlds > 1:
             sim.set("it.end_turn", 0.0, 1)
         sim.step(20)
@@ -203,13 +201,14 @@ def test_live_numbers_of_twist(device):
     assert sim.report()["it"]["torsion"] == pytest.approx(1e-3 * 2.0 / free_length(12, 0.5), rel=1e-5)
 
 
-def held(device, turn, order=1, compliance=0.0):
+def held(device, turn, order=1, compliance=0.0, executor=None):
     """A rope clamped at its start, whose end a handle holds, and turns by `turn` about its axis in 20 frames."""
     segments, length, torsion = 20, 1.0, 0.05
     rope = Rope(start=(0, 0, 0), end=(length, 0, 0), segments=segments, pins=(0, 1), mass=0.05, bend_compliance=0.1,
                 twist_compliance=1.0 / torsion)  # fmt: skip
     hand = Handle(position=(length, 0, 0), reach=1.2 * length / segments, compliance=compliance)
-    sim = Simulation(Scene({"it": rope}, handles={"hand": hand}, gravity=(0, 0, 0)), fixed(order=order), device=device)
+    scene = Scene({"it": rope}, handles={"hand": hand}, gravity=(0, 0, 0))
+    sim = Simulation(scene, fixed(order=order), device=device, executor=executor)
     sim.step(5)
     assert sim.report()["it"]["torsion"] == 0.0
     assert sim.attach("hand") == 2
@@ -250,8 +249,7 @@ def test_what_a_hand_lets_go_has_no_twist_and_begins_anew_when_it_is_held_again(
 def test_both_executors_twist_by_hand_alike(device):
     found = []
     for executor in ("block", "graph"):
-        with forced_executor(executor):
-            found.append(held(device, 3.0)[0])
+        found.append(held(device, 3.0, executor=executor)[0])
     assert found[0].report()["it"]["twist"] == pytest.approx(found[1].report()["it"]["twist"], rel=1e-5)
 
 

@@ -8,7 +8,6 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Wind
-from cloth_sim_ros.sim.executors.choose import forced_executor
 
 SHORT = Rope(segments=8, stretch_compliance=1e-2)
 
@@ -32,8 +31,7 @@ def poison(sim, name, value):
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
 @pytest.mark.long
 def test_a_bad_object_is_put_back_alone(device, executor, settings, value):
-    with forced_executor(executor):
-        sims = [Simulation(scene(), fixed(**settings), device=device) for _ in range(2)]
+    sims = [Simulation(scene(), fixed(**settings), device=device, executor=executor) for _ in range(2)]
     for sim in sims:
         sim.step(5)
     last_good = {name: sims[0].positions(name) for name in ("rope2", "cloth1")}
@@ -61,8 +59,7 @@ def test_a_bad_object_is_put_back_alone(device, executor, settings, value):
 @pytest.mark.long
 def test_a_state_that_is_never_good_gives_way_to_the_rest_shape(device, executor, settings):
     both = Scene({"wild": SHORT, "calm": replace(SHORT, position=(0, 3, 0))}, gravity=(0, 0, 0))
-    with forced_executor(executor):
-        sims = [Simulation(both, fixed(**settings), device=device) for _ in "ab"]
+    sims = [Simulation(both, fixed(**settings), device=device, executor=executor) for _ in "ab"]
     start = sims[0].rest_positions("wild") * 1.3
     sims[0].set_positions("wild", start)
     found = []
@@ -77,15 +74,14 @@ def test_a_state_that_is_never_good_gives_way_to_the_rest_shape(device, executor
     assert np.array_equal(sims[0].positions("calm"), sims[1].positions("calm"))
 
 
-@pytest.mark.parametrize("executor", ["block", "graph", "subdomains"])
+@pytest.mark.parametrize("executor", ["block", "graph"])
 def test_a_runaway_of_explicit_steps_is_done_again_before_the_watch_sees_it(device, executor, monkeypatch):
     """Explicit steps too long by far: from a strained state the runaway comes within every frame."""
     monkeypatch.setattr("cloth_sim_ros.sim.methods.limits.explicit_substeps", lambda *_, **__: 1)
     wild = Rope(segments=8, stretch_compliance=1e-7)
     calm = Rope(segments=8, stretch_compliance=1e-2, position=(0, 3, 0))
     settings, both = Settings(method="verlet", substeps=60), Scene({"wild": wild, "calm": calm}, gravity=(0, 0, 0))
-    with forced_executor(executor):
-        sims = [Simulation(both, settings, device=device) for _ in "ab"]
+    sims = [Simulation(both, settings, device=device, executor=executor) for _ in "ab"]
     sims[0].set_positions("wild", sims[0].rest_positions("wild") * 1.3)
     stored = spring_energy(sims[0], "wild")
     assert stored == pytest.approx(0.5 * 1e7 * 0.3**2, rel=1e-3)

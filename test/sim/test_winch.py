@@ -12,7 +12,6 @@ from scipy.special import ellipe, ellipk
 
 from cloth_sim_ros.sim import Readback, Rope, Scene, Simulation, Winch
 from cloth_sim_ros.sim.executors import block
-from cloth_sim_ros.sim.executors.choose import forced_executor
 
 G = 9.81
 SEGMENTS, LENGTH, MASS = 64, 4.0, 0.4
@@ -34,8 +33,8 @@ def on_a_winch(load, segments=SEGMENTS, axis=(0.0, 0.0, -1.0), winch=None, lengt
     )
 
 
-def simulation(rope, device, worlds=1, **settings):
-    return Simulation(Scene({"it": rope}), fixed(**settings), device=device, worlds=worlds)
+def simulation(rope, device, worlds=1, executor=None, **settings):
+    return Simulation(Scene({"it": rope}), fixed(**settings), device, worlds, executor)
 
 
 def settle(sim):
@@ -74,8 +73,7 @@ def test_two_metres_out_and_in_with_the_tension_of_the_closed_form(
     """
     winch = Winch(length=1.0, acceleration=ramp)
     rope = on_a_winch(load, winch=winch, stretch_compliance=compliance, damping=damping)
-    with forced_executor(executor):
-        sim = simulation(rope, device, substeps=8, order=order)
+    sim = simulation(rope, device, substeps=8, order=order, executor=executor)
     settle(sim)
     rate, pull, born = 0.0, None, None
     lengths = []
@@ -221,8 +219,7 @@ def test_both_executors_and_many_worlds_give_the_same_state(device, order):
     found = {}
     for executor, worlds in (("block", 1), ("graph", 1), ("block", 2)):
         rope = on_a_winch(0.5, axis=axis, winch=Winch(length=1.0))
-        with forced_executor(executor):
-            sim = simulation(rope, device, order=order, worlds=worlds)
+        sim = simulation(rope, device, order=order, worlds=worlds, executor=executor)
         sim.set("it.winch.pay_out", -0.7, 0 if worlds > 1 else None)
         sim.step(40)
         found[executor, worlds] = sim.positions("it"), sim.velocities("it")
@@ -316,8 +313,9 @@ def test_what_bends_is_fed_between_two_hinges_as_the_elastica(device, order, exe
     2 E(k) / K(k) - 1 = s / l, rises by k l / K(k) and thrusts with EI (2 K(k) / l)^2."""
     rope = Rope(start=(0, 0, 0), end=(2, 0, 0), segments=64, mass=0.1, pins="both", bend_compliance=10.0,
                 stretch_compliance=0.0, winch=Winch(length=1.0))  # fmt: skip
-    with forced_executor(executor):
-        sim = Simulation(Scene({"it": rope}, gravity=(0, 0, -0.1)), fixed(order=order, substeps=20), device=device)
+    sim = Simulation(
+        Scene({"it": rope}, gravity=(0, 0, -0.1)), fixed(order=order, substeps=20), device=device, executor=executor
+    )
     sim.set("solver.global_damping", 5.0)
     sim.step(5)
     for pay_out, frames in ((0.2, 60), (0.5, 60), (-0.3, 100)):

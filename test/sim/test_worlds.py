@@ -7,7 +7,6 @@ import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Plane, Readback, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.executors.choose import forced_executor
 
 SETTINGS = [
     (None, {"order": 2, "iterations": 2}),
@@ -51,9 +50,8 @@ def states(sim, world=0):
 @pytest.mark.long
 @pytest.mark.parametrize(("executor", "settings"), SETTINGS)
 def test_each_world_is_what_it_would_be_alone(device, executor, settings):
-    with forced_executor(executor):
-        many = Simulation(scene(), fixed(**settings), device, worlds=4)
-        alone = [Simulation(scene(), fixed(**settings), device) for _ in range(4)]
+    many = Simulation(scene(), fixed(**settings), device, worlds=4, executor=executor)
+    alone = [Simulation(scene(), fixed(**settings), device, executor=executor) for _ in range(4)]
     for poses in zip(
         *(drive(many, w, w) for w in range(4)), *(drive(alone[w], w, None) for w in range(4)), strict=True
     ):
@@ -88,8 +86,10 @@ def test_writing_without_a_world_writes_to_all(device):
 @pytest.mark.parametrize("executor", ["block", "graph"])
 def test_a_bad_world_leaves_63_others_as_they_were(device, executor):
     """NaN forced into the state of one of 64 worlds: it alone is put back and counted."""
-    with forced_executor(executor):
-        sims = [Simulation(scene(), Settings(method="xpbd", order=2, substeps=4), device, worlds=64) for _ in range(2)]
+    sims = [
+        Simulation(scene(), Settings(method="xpbd", order=2, substeps=4), device, worlds=64, executor=executor)
+        for _ in range(2)
+    ]
     for sim in sims:
         for w in range(64):
             sim.set_wind((0.1 * w, 1, 0), w)

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere
-from cloth_sim_ros.sim.executors.choose import forced_executor
 
 WEIGHT = 0.2 * 9.81
 WAYS = [
@@ -13,7 +12,6 @@ WAYS = [
     (None, {"method": "xpbd", "substeps": 20, "order": 2}),
     (None, {"substeps": 5, "order": 1, "iterations": 3}),
     ("block", {"method": "verlet", "substeps": 80}),
-    ("subdomains", {"method": "verlet", "substeps": 80}),
     ("graph", {"method": "xpbd", "substeps": 20, "order": 2}),
 ]
 
@@ -26,8 +24,7 @@ def sheet(**more):
 @pytest.mark.parametrize(("executor", "settings"), WAYS)
 def test_the_weight_of_a_cloth_is_read_from_what_it_lies_on(device, executor, settings):
     scene = Scene({"cloth": sheet()}, {"floor": Plane(), "ball": Sphere(radius=0.6, position=(0, 0, 5))})
-    with forced_executor(executor):
-        sim = Simulation(scene, Settings(global_damping=2.0, **settings), device)
+    sim = Simulation(scene, Settings(global_damping=2.0, **settings), device, executor=executor)
     sim.step(60)
     force, torque = sim.wrench("floor")
     assert force[2] == pytest.approx(-WEIGHT, rel=0.005) and np.abs(force[:2]).max() < 0.005 * WEIGHT
@@ -42,8 +39,7 @@ def test_the_torque_is_about_the_origin_of_the_collider(device):
     np.testing.assert_allclose(sim.wrench("floor")[1], (0, 0.3 * WEIGHT, 0), atol=0.005 * WEIGHT)
 
 
-# A small ball comes between particles, which subdomains do not take.
-BALLS = [(*way, radius) for radius in (0.6, 0.05) for way in WAYS if not (way[0] == "subdomains" and radius < 0.1)]
+BALLS = [(*way, radius) for radius in (0.6, 0.05) for way in WAYS]  # the small one comes between particles
 
 
 @pytest.mark.long
@@ -52,8 +48,7 @@ def test_what_a_moving_collider_gives_is_the_momentum_that_the_cloth_gains(devic
     scene = Scene(
         {"cloth": sheet()}, {"ball": Sphere(radius=radius, position=(0.1, 0, -0.1 - radius))}, gravity=(0, 0, 0)
     )
-    with forced_executor(executor):
-        sim = Simulation(scene, Settings(**settings), device)
+    sim = Simulation(scene, Settings(**settings), device, executor=executor)
     given = np.zeros(3)
     for frame in range(60):
         sim.set_collider_pose("ball", (0.1 + 0.002 * frame, 0, -0.1 - radius + 0.008 * frame))

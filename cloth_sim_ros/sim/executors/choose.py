@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 
 import warp as wp
@@ -15,36 +13,25 @@ from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.state import Arrays
 
 Executor = Block | Graph
-_forced: str | None = None
+EXECUTORS = ("block", "graph")
 _ALONE = 1600  # particles that one block computes faster than several, on an H100
 
 
-@contextmanager
-def forced_executor(name: str | None) -> Iterator[None]:
-    """For tests and studies: batches that are built within have the executor "block", "graph" or "subdomains".
+def make_executor(
+    features: Features, worlds: list[Arrays], counts: list[int], device: wp.Device, name: str | None
+) -> Executor:
+    """The executor of bodies of equal `features` and so many particles each: that of a `name`, else the faster.
 
-    With None it is chosen, as without. Building a batch raises ValueError where a body does not fit a block of the
-    device, or subdomains cannot serve it.
+    Raises ValueError where a body does not fit the one block that it is to have.
     """
-    global _forced
-    before, _forced = _forced, name
-    try:
-        yield
-    finally:
-        _forced = before
-
-
-def make_executor(features: Features, worlds: list[Arrays], counts: list[int], device: wp.Device) -> Executor:
-    """What advances bodies of equal `features` and so many particles each."""
     largest, limit = max(counts), capacity(device, features)
-    if _forced == "block" and largest > limit:
+    if name == "block" and largest > limit:
         raise ValueError(
-            f"the executor 'block' is forced on a body of {largest} particles; allowed are up to {limit} on "
-            f"{device.alias}"
+            f"executor is 'block' for a body of {largest} particles; allowed are up to {limit} on {device.alias}"
         )
-    if _forced == "graph":
+    if name == "graph":
         return Graph([Member(features, worlds, device)])
-    return _in_blocks(features, worlds, counts, _forced == "block", device)
+    return _in_blocks(features, worlds, counts, name == "block", device)
 
 
 def make_safe_executor(

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What computes each object where the settings leave it open, and why: the cheapest way to the wanted error.
+"""The order, substeps and iterations of each object where the settings leave them open, and why.
 
-Error and prices of both methods were measured (docs/explanation/study.md, `study error`). What is chosen depends on
-these constants and the scene alone, never on a clock. So the same scene is computed alike every time.
+Errors and prices were measured (docs/explanation/study.md, `study error`). The choice depends on them and on the scene
+alone, never on a clock. So the same scene is computed alike every time.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -20,7 +20,6 @@ from cloth_sim_ros.sim.physics.integrate import MOST_TURNED
 from cloth_sim_ros.sim.settings import Settings
 from cloth_sim_ros.sim.topology import Topology
 
-STRAINED = 0.5  # Strain of a spring beyond which explicit steps may heat an object, however small they are at rest
 _MOST_STIFF = 6.0  # times as many substeps as sweeps of BDF2 on a mesh are what leapfrog would need, at most
 _SAFE = 40  # substeps of a frame that is done again, at least
 FEWEST = 6  # substeps a frame that are chosen at least: contact and gusts need them
@@ -77,38 +76,20 @@ def choose(
     settings: Settings,
     topology: Topology,
     materials: Collection[tuple[Sequence[float], float]],
-    strained: bool,
     around: Surroundings,
 ) -> Choice:
     """How to compute an object of `topology` whose worlds have these pairs of compliances and damping.
 
-    Numbers that are set in `settings` are kept; set iterations or an order belong to xpbd, which also takes what is or
-    was `strained` beyond all rest.
+    Numbers that are set in `settings` are kept.
     """
     limit = partial(_explicit_substeps, topology, settings, around)
     kinks = _kinks(settings, topology, materials, max(limit(compliance, 0.0) for compliance, _ in materials), around)
     xpbd = _xpbd(settings, topology, materials, kinks, around)
-    if settings.method == "xpbd":
+    if settings.method != "verlet":
         return xpbd
     needed = max(limit(compliance, damping) for compliance, damping in materials)
     safe = max(xpbd.substeps, _SAFE, math.ceil(kinks.substeps(settings.error, 1)))
-    verlet = replace(_verlet(settings, needed, around.surface), safe_substeps=safe)
-    if settings.method == "verlet":
-        return verlet
-    because = _not_explicit(settings, topology, needed, strained)
-    if around.meets:
-        because = "it is kept apart from itself or others, which explicit steps lack"
-    elif around.tears:
-        because = "it tears, which explicit steps lack"
-    if because:
-        return replace(xpbd, reason=f"{xpbd.reason}; {because}")
-    cost = verlet.substeps * prices.verlet(topology, around)
-    if cost > _budget(settings):
-        why = f"explicit steps would need {needed:g} substeps, more than the budget"
-        return replace(xpbd, reason=f"{xpbd.reason}; {why}")
-    other = xpbd.substeps * xpbd.iterations * prices.xpbd(topology, materials, around)
-    misses = xpbd.error > settings.error and verlet.error <= xpbd.error
-    return verlet if cost <= other or misses else xpbd
+    return replace(_verlet(settings, needed, around.surface), safe_substeps=safe)
 
 
 def _explicit_substeps(
@@ -125,23 +106,6 @@ def xpbd_is_direct(topology: Topology) -> bool:
 def _budget(settings: Settings) -> float:
     """What a frame may take [ms]."""
     return 1e3 * settings.budget * settings.frame_dt
-
-
-def _not_explicit(settings: Settings, topology: Topology, needed: float, strained: bool) -> str:
-    """Why explicit steps cannot be taken, in words; "" where they can."""
-    if settings.iterations or settings.order:
-        return "iterations or an order are set, which belong to xpbd"
-    if topology.winch is not None:
-        return "a winch feeds it, which explicit steps lack"
-    if topology.bends_by_angles:
-        return "it bends as a rope does, which explicit steps lack"
-    if strained:
-        return f"it is or was strained by more than {STRAINED:g}, and explicit steps heat it"
-    if math.isinf(needed):
-        return "a spring is too stiff for explicit steps"
-    if settings.substeps and settings.substeps < needed:
-        return f"explicit steps would need {needed:g} substeps and {settings.substeps} are set"
-    return ""
 
 
 def _verlet(settings: Settings, needed: float, surface: bool) -> Choice:
@@ -267,15 +231,6 @@ def _bending_rate(topology: Topology, materials: Collection[tuple[Sequence[float
     """omega^2 of the stiffest bending mode of a sheet [1/s^2]."""
     softest = min(compliance[2] for compliance, _ in materials)
     return topology.plate_rate / max(softest, 1e-30) if topology.plate is not None else 0.0
-
-
-def is_strained(topology: Topology, positions: np.ndarray, torn: Mapping[str, np.ndarray]) -> bool:
-    """Whether positions (N, 3) [m] strain any spring by more than STRAINED but those of a kind that are `torn` (S,)."""
-    for kind, elements in topology.springs.items():
-        length = np.linalg.norm(positions[elements.particles[:, 1]] - positions[elements.particles[:, 0]], axis=1)
-        if ((np.abs(length - elements.rest) > STRAINED * elements.rest) & ~torn.get(kind, np.False_)).any():
-            return True
-    return False
 
 
 def distinct(materials: np.ndarray) -> set[tuple]:

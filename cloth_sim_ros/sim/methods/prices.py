@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a substep costs [ms], by method, device and what a scene holds: measured once, on a CPU core and an H200.
+"""The cost of a substep of XPBD [ms], by device and by what a scene holds: measured once, on a CPU core and an H200.
 
-The constants only have to be right in proportion: they decide which of two methods is cheaper, and how many substeps a
-budget buys.
+It decides how many substeps a budget buys.
 """
 
 from __future__ import annotations
@@ -14,15 +13,15 @@ from cloth_sim_ros.sim.stages.near import FEW
 from cloth_sim_ros.sim.topology import Topology
 
 _NS = 1e-6  # [ms]
-# Of a CPU, for each particle: explicit springs of a grid in vector lanes, of a mesh one by one, motion, air, collider,
-# the plate operator. For each spring of a line: without and with dashpots.
-_GRID, _MESH, _MOTION, _AIR, _PLATE, _COLLIDER, _FACETS = (n * _NS for n in (6.0, 60.0, 5.0, 18.0, 10.0, 9.0, 20.0))
+# Of a CPU, for each particle: motion, air, the plate operator, a collider, facets. For each spring of a line: without
+# and with dashpots.
+_MOTION, _AIR, _PLATE, _COLLIDER, _FACETS = (n * _NS for n in (5.0, 18.0, 10.0, 9.0, 20.0))
 _SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
 _SEGMENT = 45.0 * _NS  # of a rope
 _LAYERS = 900.0 * _NS  # of what is kept apart from itself or others, where it lies in layers
-# Of an H200: a substep of subdomains, and for each particle of all worlds. A stage of several blocks, likewise. A rope
-# in a block. Six stages of a block, for each of its particles, and for each of all worlds.
-_TILES, _TILES_PARTICLE, _STAGE, _STAGE_PARTICLE, _ROPE = 6.0e-4, 5.5e-8, 3.0e-3, 8.0e-8, 5.0e-3
+# Of an H200: a stage of several blocks, and for each particle of all worlds. A rope in a block. Six stages of a block,
+# for each of its particles, and for each of all worlds.
+_STAGE, _STAGE_PARTICLE, _ROPE = 3.0e-3, 8.0e-8, 5.0e-3
 _BLOCK, _BLOCK_OWN, _BLOCK_PARTICLE = 4.0e-3, 8.0e-6, 2.4e-7
 _LAYERS_LAUNCHED, _LAYERS_PARTICLE = 0.14, 1.2e-5
 
@@ -48,22 +47,6 @@ class Surroundings:
     def near(self) -> int:
         """Colliders that cost: of many, those that are out of reach cost nothing."""
         return min(self.colliders, FEW)
-
-
-def verlet(topology: Topology, around: Surroundings) -> float:
-    """Of explicit steps."""
-    count = len(topology.masses)
-    if around.device == "cuda" and (around.surface or topology.world_scales is not None):
-        return _in_blocks(topology, 4 + around.wind + (topology.plate is not None), around)
-    if around.device == "cuda":
-        slow = 1.0 + 0.5 * around.wind + 0.1 * around.near + 4.0 * (topology.plate is not None)
-        return slow * (_TILES + _TILES_PARTICLE * count * around.worlds)
-    springs = _GRID if topology.grid is not None and topology.world_scales is None else _MESH
-    return (
-        around.worlds
-        * count
-        * (springs + _AIR * around.wind + _touching(around) + _PLATE * (topology.plate is not None))
-    )
 
 
 def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
