@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes for tests of saved states, all that can be told to them while they run, and what a file holds."""
 
-
 import numpy as np
 
 from cloth_sim_ros.sim import Box, Cloth, Handle, Rope, Scene, Settings, Simulation, Sphere, Winch, Wind

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A frame of explicit steps is a trial: what comes out strained beyond all rest is done again by XPBD, and it alone."""
 
-
 import numpy as np
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Sphere
