@@ -71,13 +71,11 @@ class Batch:
         self.materials = LiveArray(Material, len(topologies), worlds, device)
         self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
         self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
-        plate_rates = [row["plate_rate"] for row in self._bodies]
         name, topology = next(iter(topologies.items()))
         self.scaled = Scaled(topology, collected, device) if topology.world_scales is not None else None
         if self.scaled is not None:
             self._local[name], self.rest[name] = self.scaled.layout, self.scaled.rest
-            plate_rates = self.scaled.plate_rates
-        self.frame = BatchFrame(frame, self.materials, plate_rates if features.has_outer else [], worlds, device)
+        self.frame = BatchFrame(frame, worlds, device)
         self.live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         self.states = make_states(collected, features, shared.colliders.array.shape[1], worlds, device)
         self.masses = Masses(list(topologies.values()), self._spans, self.materials, worlds, device)
@@ -221,9 +219,9 @@ class Batch:
         """Simulate one frame, as `frame.write` was told last."""
         frame = self.frame
         if self._trial is None:
-            self.executor.advance(finer * frame.substeps, frame.iterations, frame.outer)
+            self.executor.advance(finer * frame.substeps, frame.iterations)
         else:
-            self._trial.advance(finer * frame.substeps, frame.outer, finer * frame.safe_substeps)
+            self._trial.advance(finer * frame.substeps, finer * frame.safe_substeps)
 
     def upload(self) -> None:
         """Bring changed live numbers to the device."""

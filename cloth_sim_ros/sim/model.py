@@ -60,11 +60,6 @@ class Features:
         """
         return self.chain and self.shapes != () and not self.meets
 
-    @property
-    def has_outer(self) -> bool:
-        """Whether explicit substeps lie between impulses of slow forces."""
-        return self.method == "verlet" and (self.panels != "" or self.plate or self.forces != ())
-
     @staticmethod
     def of(
         topology: Topology,

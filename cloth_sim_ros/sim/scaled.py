@@ -54,12 +54,10 @@ class Scaled:
     """What of Model is a world's own, for the one body of `arrays`, and its rest shape in each world.
 
     own: name in Model -> its arrays, a row a world. rest, layout: (worlds, N, 3) float64 [m], as in Topology.
-    plate_rates: of the body, (worlds,), see BatchFrame.
     """
 
     def __init__(self, topology: Topology, arrays: ModelArrays, device: wp.Device) -> None:
         self._scales, self._body, self._device, self._parts = topology.world_scales, arrays.bodies[0], device, []
-        self.plate_rates = [np.zeros(len(self._scales))]
         self._bodies = LiveArray(Body, 1, len(self._scales), device)
         self._bodies.write(0, None, **self._body)
         is_rope, here = self._body["is_rope"], np.zeros(3)
@@ -85,9 +83,8 @@ class Scaled:
 
     def write(self, chosen: wp.array) -> None:
         """Bring Topology.world_scales to the device, in worlds of these numbers."""
-        self.plate_rates[0][:] = self._body["plate_rate"] / self._scales**2
         lengths = {name: self._body[name] * self._scales for name in ("spacing", "gap")}
-        self._bodies.write(0, None, plate_rate=self.plate_rates[0], **lengths)
+        self._bodies.write(0, None, plate_rate=self._body["plate_rate"] / self._scales**2, **lengths)
         self._bodies.upload()
         scales = wp.array(self._scales, dtype=wp.float64, device=self._device)
         for *given, flat, _ in self._parts:

@@ -36,13 +36,12 @@ def compliance_of(material: Material, kind: int) -> float:
 
 @wp.struct
 class Frame:
-    """One batch. gravity [m/s^2], dt of a substep [s], outer: steps of slow forces, global_damping [1/s], wind [m/s],
+    """One batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], wind [m/s],
     air_density [kg/m^3]. moves: 1 while a collider or handle moves."""
 
     gravity: wp.vec3
     dt: float
     substeps: int
-    outer: int
     iterations: int
     global_damping: float
     wind: wp.vec3

@@ -6,7 +6,6 @@ import pytest
 
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.sim.executors.trial import Trial
-from cloth_sim_ros.sim.methods import limits
 from cloth_sim_ros.sim.methods.limits import explicit_substeps
 from cloth_sim_ros.sim.topology import build
 from cloth_sim_ros.study.implicit import equilibrium
@@ -21,9 +20,7 @@ def unlimited(monkeypatch):
 
     def lift():
         monkeypatch.setattr("cloth_sim_ros.sim.methods.limits.explicit_substeps", lambda *_, **__: 1)
-        monkeypatch.setattr(
-            Trial, "advance", lambda trial, substeps, outer, _: trial.explicit.advance(substeps, 1, outer)
-        )
+        monkeypatch.setattr(Trial, "advance", lambda trial, substeps, _: trial.explicit.advance(substeps, 1))
 
     return lift
 
@@ -201,28 +198,15 @@ HAMMOCK = Cloth(resolution=(12, 12), pins="corners", **STIFF)
 
 
 @pytest.mark.parametrize("scene", [Scene({"it": CURTAIN}, wind=Wind((0.5, 3, 0))), Scene({"it": HAMMOCK})])
-def test_slow_forces_at_outer_steps_miss_little(monkeypatch, scene):
-    """By less than 1e-4 of half a second of motion, against as many substeps with the slow forces in each."""
+def test_air_and_bending_are_right_too(scene):
+    """Over a sixth of a second, beside twenty times the substeps. Air is of first order."""
 
-    def moved(longest):
-        monkeypatch.setattr(limits, "_LONGEST_OUTER", longest)
-        sim = Simulation(scene, Settings(method="verlet", substeps=120), "cpu")
+    def moved(substeps):
+        sim = Simulation(scene, Settings(method="verlet", substeps=substeps), "cpu")
         start = sim.positions("it").astype(np.float64)
-        sim.step(30)
-        return sim.positions("it").astype(np.float64) - start
+        sim.step(10)
+        return sim.positions("it") - start
 
-    exact, found = moved(1e-9), moved(1 / 600)
+    exact, found = moved(1600), moved(80)
     assert np.abs(exact).max() > 0.1
-    assert 0.0 < np.abs(found - exact).max() < 1e-4 * np.abs(exact).max()
-
-
-def test_outer_steps_are_as_long_as_air_bending_and_resonance_allow():
-    h = 1 / 9000
-    assert limits.outer_steps(150, h, 0.0, 0.0, 0.0) == 10  # of the air alone: 1/600 s
-    assert limits.outer_steps(150, h, 1.0, 0.0, 0.0) == 10  # hardly any bending
-    assert limits.outer_steps(150, h, 5e4, 0.0, 0.0) == 75  # two substeps reach no resonance
-    assert limits.outer_steps(150, h, 5e4, 1e-4, 0.0) == 10  # dashpots take out what it feeds
-    assert limits.outer_steps(150, h, 5e4, 0.0, 10.0) == 10  # as drag does
-    assert limits.outer_steps(150, h, (0.5 / (4.5 * h)) ** 2, 1e-4, 0.0) == 38  # omega step <= 0.5
-    assert limits.outer_steps(150, h, (0.6 / h) ** 2, 0.0, 0.0) == 150
-    assert limits.outer_steps(7, 1 / 420, 0.0, 0.0, 0.0) == 7  # substeps longer than that
+    assert np.linalg.norm(found - exact) < 5e-4 * np.linalg.norm(exact)

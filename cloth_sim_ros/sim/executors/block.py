@@ -17,7 +17,6 @@ from cloth_sim_ros.sim.intrinsics import BYTES_A_PARTICLE, beside, load_row, mak
 from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.methods.stage import in_turn, wait_in_block, wait_in_crew
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.integrate import outer_weight
 from cloth_sim_ros.sim.ropes.scan import THREADS, scan_size
 from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
@@ -59,7 +58,7 @@ class Block:
             inputs, threads = [*inputs, bodies, crew], crew.teams * crew.width
         self._launch = wp.launch(kernel, dim=threads, inputs=inputs, device=device, block_dim=block, record_cmd=True)
 
-    def advance(self, substeps: int, iterations: int, outer: int) -> None:
+    def advance(self, substeps: int, iterations: int) -> None:
         """Launch one frame; the numbers are read from the device's Frame, where they are already."""
         self._launch.launch()
 
@@ -179,8 +178,7 @@ def make_give_spans(slots: int):
 
 def _make_substeps(features: Features, program: Program, called: bool, wait=wait_in_block):
     """A Warp function: the threads of a body run all substeps of a frame; wait(here) is a barrier of them."""
-    enter, outer = make_enter(features), in_turn(program.outer, "outer", called, wait)
-    before = in_turn(program.before, "before", called, wait)
+    enter, before = make_enter(features), in_turn(program.before, "before", called, wait)
     iterated = in_turn([*program.solved, *program.touched], "iterated", called, wait)
     after = in_turn([*program.kept, *program.after], "after", called, wait)
 
@@ -190,9 +188,6 @@ def _make_substeps(features: Features, program: Program, called: bool, wait=wait
         here = loaded
         for substep in range(frame.substeps):
             here = enter(here, substep)
-            if wp.static(outer is not None):
-                if outer_weight(substep, frame.substeps, frame.outer) > 0.0:
-                    outer(t, width, here)
             before(t, width, here)
             here.step.repeats = frame.iterations > 1
             here.step.store = frame.iterations > 1 or substep == frame.substeps - 1
@@ -203,9 +198,6 @@ def _make_substeps(features: Features, program: Program, called: bool, wait=wait
                     iterated(t, width, here)
             if wp.static(after is not None):
                 after(t, width, here)
-        if wp.static(outer is not None):
-            here.substep = frame.substeps
-            outer(t, width, here)
 
     return simulate
 

@@ -25,7 +25,7 @@ from cloth_sim_ros.sim.model import Features
 from cloth_sim_ros.sim.ropes.scan import scan_size
 from cloth_sim_ros.sim.state import Arrays, gathered, given_type
 
-_KEPT = 4  # frames kept at a time, for as many triples of substeps, iterations and outer steps
+_KEPT = 4  # frames kept at a time, for as many pairs of substeps and iterations
 
 
 class Launch(Protocol):
@@ -74,16 +74,16 @@ class Graph:
         self._members, self._meeting = members, meeting
         self._frames: dict[tuple[int, int, int], list[Launch]] = {}
 
-    def advance(self, substeps: int, iterations: int, outer: int) -> None:
+    def advance(self, substeps: int, iterations: int) -> None:
         """Launch one frame; what new numbers launch is recorded, and a few are kept."""
-        settings = (substeps, iterations, outer)
+        settings = (substeps, iterations)
         if settings not in self._frames:
             if len(self._frames) == _KEPT:
                 self._frames.pop(next(iter(self._frames)))
             self._frames[settings] = self._launches(*settings)
         _run(self._frames[settings])
 
-    def _launches(self, substeps: int, iterations: int, outer: int) -> list[Launch]:
+    def _launches(self, substeps: int, iterations: int) -> list[Launch]:
         frame: list[Launch] = []
 
         def run(part: str, *numbers: int) -> None:
@@ -93,10 +93,7 @@ class Graph:
         if self._meeting is not None:
             flat, search, apart, bound = self._meeting
             frame += [Call(bound.begin), Call(flat.begin), Call(partial(search.look, ends=False))]
-        outer_ends = {j * substeps // outer for j in range(outer + 1)}
         for substep in range(substeps):
-            if substep in outer_ends:
-                run("outer", substep)
             run("before", substep)
             store = int(iterations > 1 or substep == substeps - 1)
             for iteration in range(iterations):
@@ -109,7 +106,6 @@ class Graph:
             if self._meeting is not None:
                 frame += [Call(partial(search.look, ends=True)), bound]
             run("after", substep, min(iterations - 1, 1))
-        run("outer", substeps)
         run("ending", substeps)
         return frame
 

@@ -143,10 +143,10 @@ class Trial:
         with self._lock:
             self._safe = self._safe or self._make_safe()
 
-    def advance(self, substeps: int, outer: int, safe_substeps: int) -> None:
-        """Simulate one frame, with `outer` steps of slow forces; of XPBD it would take `safe_substeps`."""
+    def advance(self, substeps: int, safe_substeps: int) -> None:
+        """Simulate one frame; of XPBD it would take `safe_substeps`."""
         _run(self._before)
-        self.explicit.advance(substeps, 1, outer)
+        self.explicit.advance(substeps, 1)
         _run([*self._measure, self._judge])
         wp.capture_if(self._any, on_true=self._redo, substeps=safe_substeps)
 
@@ -154,7 +154,7 @@ class Trial:
         self._any.zero_()
         self.make_ready()
         _run(self._restore)
-        self._safe.advance(substeps, 1, 1)
+        self._safe.advance(substeps, 1)
         _run([*self._measure, self._remember])
 
 

@@ -43,7 +43,7 @@ class Together:
     def advance(self, finer: int = 1) -> None:
         """Simulate one frame of all, as their frames were written last."""
         frame = self.batches[0].frame
-        self._graph.advance(finer * frame.substeps, frame.iterations, 1)
+        self._graph.advance(finer * frame.substeps, frame.iterations)
 
     def report(self, world: int) -> dict[str, dict[str, int]]:
         """Name -> pairs and pairs_lost, of all objects of a world together, and crossings of this one."""

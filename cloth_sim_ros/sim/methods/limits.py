@@ -7,8 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from cloth_sim_ros.sim.topology import KINDS, Topology
 
 
@@ -26,33 +24,6 @@ _ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS, of a length in float32
 _HEAT = 1e-2  # [m^2/s^3] by which rounding may heat a body; beyond it a spring is as good as rigid
 
 EFFECTIVE = {1: 1.0, 2: 2.0 / 3.0}  # of a substep of XPBD, by its order, over the substep
-
-_LONGEST_OUTER = 1.0 / 600.0  # [s] between impulses of the air
-_OUTER_PHASE = 0.5  # omega times that between impulses of bending, omega of its fastest mode
-_GROWTH = 0.1  # [1/s] at which resonance may feed the energy of a mode
-
-
-def outer_steps(substeps: int, h: float, rate: np.ndarray, damping: np.ndarray, drag: float) -> int:
-    """How many steps of slow forces a frame of `substeps` of h [s] has, in the world that needs most, see
-    `integrate.outer_weight`.
-
-    rate (worlds,): omega^2 [1/s^2] of the fastest bending mode, 0 for none; damping (worlds,): tau [s] of dashpots,
-    drag [1/s]. Steps last at most 1/600 s, 0.5 / omega and 0.5 / (tau omega^2), or one substep where that is longer.
-    Impulses in resonance with a spring mode of frequency Omega = n pi / step feed its energy at omega_b^2 / Omega.
-    There omega_b is the bending frequency of the same mode (Ma, Izaguirre and Skeel 2003). Two substeps reach no such
-    mode, which is all that is taken unless dashpots, tau Omega^2, and drag take out more than that.
-    """
-    longest = np.full(np.shape(rate), _LONGEST_OUTER)
-    bends = rate > 0.0
-    fed = rate * h - drag - _GROWTH
-    unfed = np.maximum(2.0 * h, math.pi * np.sqrt(damping / np.where(fed > 0.0, fed, 1.0)))
-    longest = np.where(bends & (fed > 0.0), np.minimum(longest, unfed), longest)
-    phase = np.minimum(
-        _OUTER_PHASE / np.sqrt(np.where(bends, rate, 1.0)), _OUTER_PHASE / np.maximum(damping * rate, 1e-300)
-    )
-    longest = np.where(bends, np.minimum(longest, phase), longest)
-    return math.ceil(substeps / max(1, math.floor(longest.min() / h * (1.0 + 1e-9))))
-
 
 _LOST = 0.1
 

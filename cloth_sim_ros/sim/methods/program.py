@@ -4,8 +4,8 @@
 The contract of an executor (block.py: a launch a frame; graph.py: launches between which objects meet):
 
 1. It gives every stage a `Here` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
-2. It runs `outer` before each substep that begins a step of slow forces, and once more behind the last. Each substep
-   runs `before`, then `solved` and `touched` in each iteration, then `kept` and `after`. `ending` ends the frame.
+2. Each substep runs `before`, then `solved` and `touched` in each iteration, then `kept` and `after`. `ending` ends the
+   frame.
    Where objects meet, they are kept apart before `touched`, so that what lies on a floor sticks to it, whatever lies on
    top. They are bounded behind `kept`, so that nothing comes through a sheet, whatever pushes.
 3. A stage is run(t, width, here), called by `width` threads of numbers t, of which `threads` solve chains. What they
@@ -28,7 +28,7 @@ from cloth_sim_ros.sim.lines.layout import WARP
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.methods.stage import Stage, both, once, over_meeting, over_particles
 from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step, outer_weight
+from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step
 from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
 from cloth_sim_ros.sim.ropes.drum import make_turn
 from cloth_sim_ros.sim.ropes.twist import ask_for
@@ -41,9 +41,7 @@ from cloth_sim_ros.sim.stages.here import Here
 from cloth_sim_ros.sim.stages.motion import (
     SWEPT,
     make_finish,
-    make_kick,
     make_predict,
-    store_velocity,
     sweep_collider,
 )
 from cloth_sim_ros.sim.stages.near import list_colliders, make_forget_contacts, measure_extent
@@ -59,7 +57,6 @@ _A_FRAME = 1 << 30  # more substeps than a frame has
 class Program:
     """The stages of a frame, in order."""
 
-    outer: list[Stage] = field(default_factory=list)
     before: list[Stage] = field(default_factory=list)
     solved: list[Stage] = field(default_factory=list)
     touched: list[Stage] = field(default_factory=list)
@@ -76,23 +73,18 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
         before += _look_around(features)
     if features.winch:
         before.append(Stage("winch", _make_winch(features)))
-    slow = program.outer if explicit else before
     if features.panels:
-        slow.append(Stage("panels", make_panels(features)))
+        before.append(Stage("panels", make_panels(features)))
     predict, finish = make_predict(features), make_finish(features)
     if features.handles:
         predict, finish = both(predict, hold), both(feel, finish)
-    if not explicit:
-        before.append(over_particles("predict", predict))
-    if features.curved:
-        slow.append(_make_curve(explicit))
+    if features.curved and explicit:
+        before.append(_make_curve(explicit))
+    before.append(over_particles("predict", predict))
+    if features.curved and not explicit:
+        before.append(_make_curve(explicit))
     if features.plate and not explicit:
         before.append(over_particles("bend", make_bend(features)))
-    if explicit:
-        if features.has_outer:
-            slow.append(over_particles("kick", _make_slow_kick(features)))
-            slow.append(over_particles("take_kick", store_velocity))
-        before.append(over_particles("predict", predict))
     if features.chain:
         program.solved.append(Stage("chain", _make_chain(features, threads, stored)))
     if features.lines:
@@ -230,17 +222,6 @@ def _make_curve(explicit: bool) -> Stage:
             curve_triangle(c, here, here.x, moved)
 
     return Stage("curve", curve)
-
-
-def _make_slow_kick(features: Features):
-    kick = make_kick(features)
-
-    @wp.func
-    def slow_kick(i: int, here: Here):
-        span = outer_weight(here.substep, here.frame.substeps, here.frame.outer) * here.frame.dt
-        kick(i, span, here)
-
-    return slow_kick
 
 
 def _make_chain(features: Features, threads: int, stored: bool):

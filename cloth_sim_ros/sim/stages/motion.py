@@ -32,7 +32,6 @@ from cloth_sim_ros.sim.physics.integrate import (
     Step,
     carried,
     eased_by,
-    kicked,
     predict_displacement,
     share_of_inverse_mass,
     split_sum,
@@ -132,6 +131,20 @@ def spring_force(i: int, here: Here, v: wp.vec3) -> wp.vec3:
     return force
 
 
+def make_elastic_force(features: Features):
+    """A Warp function: the force of springs, bending and their dashpots on particle i [N], for explicit methods."""
+    bending_force = make_bending_force(features) if features.plate else None
+
+    @wp.func
+    def elastic_force(i: int, here: Here, v: wp.vec3) -> wp.vec3:
+        force = spring_force(i, here, v)
+        if wp.static(bending_force is not None):
+            force += bending_force(i, here)
+        return force
+
+    return elastic_force
+
+
 @wp.func
 def first_share(step: Step) -> float:
     """Leapfrog: velocities live half a step before the positions, so the first kick is half a kick."""
@@ -148,8 +161,9 @@ def prediction(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, lo
 
 def make_predict(features: Features):
     """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
-    push = make_push(features) if features.panels and features.method == "xpbd" else None
-    pull = make_pull(features.forces) if features.forces and features.method == "xpbd" else None
+    push = make_push(features) if features.panels else None
+    pull = make_pull(features.forces) if features.forces else None
+    elastic_force = make_elastic_force(features) if features.method == "verlet" else None
 
     @wp.func
     def predict(i: int, here: Here):
@@ -176,9 +190,8 @@ def make_predict(features: Features):
             pulled = pull(xyz(load4(here.x, i)), ahead, 1.0 / wp.max(w, 1.0e-30), here.forces)
             a += w * (xyz(pulled) + pulled[3] * (ahead - v))
             eased = eased / (1.0 + eased * here.step.effective * w * pulled[3])
-        if wp.static(features.method == "verlet"):
-            a += w * spring_force(i, here, v)
-            a *= first_share(here.step)
+        if wp.static(elastic_force is not None):
+            a = first_share(here.step) * (a + w * elastic_force(i, here, v))
         if wp.static(features.lines):
             h, least = here.step.effective, LEAST_SHARE * eased
             # Few are taut or go aside, so the roots and the quotients are found for these alone.
@@ -202,42 +215,6 @@ def make_predict(features: Features):
         store4(here.p, i, wp.where(w == 0.0, pack(low, 0.0), moved))
 
     return predict
-
-
-def make_kick(features: Features):
-    """The stage of explicit methods that stores at `d` the velocity of particle i after an impulse of the slow forces.
-
-    span: how long they act [s]. `store_velocity` follows where all particles have looked around.
-    """
-    push = make_push(features) if features.panels else None
-    pull = make_pull(features.forces) if features.forces else None
-    bending_force = make_bending_force(features) if features.plate else None
-
-    @wp.func
-    def kick(
-        i: int,
-        span: float,
-        here: Here,
-    ):
-        g = here.body.particles + i
-        total = wp.vec4(0.0)
-        if wp.static(push is not None):
-            total = push(g, here.model, here.state)
-        w, v = load4(here.x, i)[3], xyz(load_row(here.state.velocities, g))
-        if wp.static(pull is not None):
-            total += pull(xyz(load4(here.x, i)), v, 1.0 / wp.max(w, 1.0e-30), here.forces)
-        force = xyz(total)
-        if wp.static(bending_force is not None):
-            force += bending_force(i, here)
-        store4(here.d, i, pack(kicked(v, force, total[3], w, span), 0.0))
-
-    return kick
-
-
-@wp.func
-def store_velocity(i: int, here: Here):
-    """Particle i takes the velocity at `d`."""
-    store_row(here.state.velocities, here.body.particles + i, load4(here.d, i))
 
 
 # BDF2 extrapolates the last displacement. A substep may depart from it by this share of the spacing, as after a stroke
