@@ -8,8 +8,8 @@ from collections.abc import Iterable
 import warp
 
 from cloth_sim_ros.ros.scene_plan import Plan
-from cloth_sim_ros.sim.live import compliances_of
-from cloth_sim_ros.sim.methods.limits import check_explicit
+from cloth_sim_ros.sim.access.live import compliances_of
+from cloth_sim_ros.sim.substeps.limits import check_explicit
 from cloth_sim_ros.sim.topology import build as build_topology
 
 MOST_SWEEPS = 100_000  # a frame: beyond it a frame of a small cloth takes seconds

@@ -38,7 +38,7 @@ from cloth_sim_ros.ros.scene_plan import group
 from cloth_sim_ros.ros.simulation_loop import SimulationLoop
 from cloth_sim_ros.ros.state_services import StateServices
 from cloth_sim_ros.ros.world import World
-from cloth_sim_ros.sim.mesh_file import stop_reading
+from cloth_sim_ros.sim.scene.mesh_file import stop_reading
 
 WORTH_ANOTHER_THREAD = 100_000  # bytes of a frame's messages: fewer are sent sooner than handed over
 LONG = {"": math.inf, "frame": 5.0, "building": 60.0}  # [s] after which the log tells what the loop is still at

@@ -24,7 +24,7 @@ from cloth_sim_ros.ros.state_notes import live_values, notes_of, read_notes
 from cloth_sim_ros.ros.winches import Winches
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.sim.colliders.collider import Collider
-from cloth_sim_ros.sim.methods.limits import Unstable
+from cloth_sim_ros.sim.substeps.limits import Unstable
 
 
 class World:

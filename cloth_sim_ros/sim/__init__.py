@@ -16,6 +16,9 @@
 - simulation, composed of bodies, queries, rope_queries, hands, live, tensors and saving: the public face.
 """
 
+from cloth_sim_ros.sim.access.grippers import Gripper, GripperDriver
+from cloth_sim_ros.sim.access.readback import EndReadback, Readback, Surface
+from cloth_sim_ros.sim.access.variation import Variation
 from cloth_sim_ros.sim.colliders.box import Box
 from cloth_sim_ros.sim.colliders.capsule import Capsule
 from cloth_sim_ros.sim.colliders.cylinder import Cylinder
@@ -24,14 +27,11 @@ from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.colliders.plane import Plane
 from cloth_sim_ros.sim.colliders.sphere import Sphere
 from cloth_sim_ros.sim.colliders.volume import SignedDistance
-from cloth_sim_ros.sim.grippers import Gripper, GripperDriver
-from cloth_sim_ros.sim.handles import Handle
-from cloth_sim_ros.sim.objects import Cloth, Rope, Winch
-from cloth_sim_ros.sim.readback import EndReadback, Readback, Surface
-from cloth_sim_ros.sim.scene import Scene, Wind
-from cloth_sim_ros.sim.settings import Settings
+from cloth_sim_ros.sim.scene.handles import Handle
+from cloth_sim_ros.sim.scene.objects import Cloth, Rope, Winch
+from cloth_sim_ros.sim.scene.scene import Scene, Wind
+from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.simulation import Simulation
-from cloth_sim_ros.sim.variation import Variation
 
 __all__ = [
     "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Gripper", "GripperDriver", "Handle", "Mesh",

@@ -16,21 +16,21 @@ from typing import Any
 
 import numpy as np
 
-from cloth_sim_ros.sim.bodies import Bodies
-from cloth_sim_ros.sim.cuts import Cuts
-from cloth_sim_ros.sim.explicit import check_explicit
-from cloth_sim_ros.sim.hands import Hands
-from cloth_sim_ros.sim.live import Live, compliances_of
-from cloth_sim_ros.sim.live_values import live_value
-from cloth_sim_ros.sim.objects import Rope
-from cloth_sim_ros.sim.placing import Placing
-from cloth_sim_ros.sim.queries import Queries
-from cloth_sim_ros.sim.report import Reporter
-from cloth_sim_ros.sim.rope_queries import Ropes
-from cloth_sim_ros.sim.saving import Saving
-from cloth_sim_ros.sim.scene import Scene
-from cloth_sim_ros.sim.settings import Settings
-from cloth_sim_ros.sim.tensors import Tensors
+from cloth_sim_ros.sim.access.cuts import Cuts
+from cloth_sim_ros.sim.access.explicit import check_explicit
+from cloth_sim_ros.sim.access.hands import Hands
+from cloth_sim_ros.sim.access.live import Live, compliances_of
+from cloth_sim_ros.sim.access.live_values import live_value
+from cloth_sim_ros.sim.access.placing import Placing
+from cloth_sim_ros.sim.access.queries import Queries
+from cloth_sim_ros.sim.access.report import Reporter
+from cloth_sim_ros.sim.access.rope_queries import Ropes
+from cloth_sim_ros.sim.access.saving import Saving
+from cloth_sim_ros.sim.access.tensors import Tensors
+from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.scene.objects import Rope
+from cloth_sim_ros.sim.scene.scene import Scene
+from cloth_sim_ros.sim.scene.settings import Settings
 
 
 def _of(part: str, method: Callable) -> Callable:

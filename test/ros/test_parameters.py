@@ -9,7 +9,7 @@ from node_process import SMALL
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
-from cloth_sim_ros.sim.materials import CORDS, FABRICS
+from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS
 
 
 @pytest.fixture

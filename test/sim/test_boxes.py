@@ -5,8 +5,16 @@ import numpy as np
 import pytest
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import lowest_bit
-from cloth_sim_ros.sim.meeting.boxes import CLUSTER, Boxes, boxes_of, clusters_near, clusters_of, overlap, surround
+from cloth_sim_ros.sim.features.self_contact.boxes import (
+    CLUSTER,
+    Boxes,
+    boxes_of,
+    clusters_near,
+    clusters_of,
+    overlap,
+    surround,
+)
+from cloth_sim_ros.sim.kernels.intrinsics import lowest_bit
 
 
 @wp.kernel

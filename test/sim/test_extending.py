@@ -11,7 +11,7 @@ from fixed_settings import fixed
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider, length
-from cloth_sim_ros.sim.forces import FORCES
+from cloth_sim_ros.sim.scene.forces import FORCES
 
 
 @dataclass(frozen=True)

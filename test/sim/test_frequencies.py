@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Cloth
-from cloth_sim_ros.sim.bodies import distinct
-from cloth_sim_ros.sim.methods.limits import explicit_substeps
+from cloth_sim_ros.sim.engine.bodies import distinct
+from cloth_sim_ros.sim.substeps.limits import explicit_substeps
 from cloth_sim_ros.sim.topology import KINDS, build
 
 SHEETS = {

@@ -7,7 +7,7 @@ from fixed_settings import fixed
 from scipy.optimize import brentq
 
 from cloth_sim_ros.sim import Cloth, Handle, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.physics.quaternion import rotate
 
 WEIGHT = 0.2 * 9.81
 WAYS = [

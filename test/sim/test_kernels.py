@@ -14,24 +14,10 @@ from fixed_settings import fixed
 from warp._src.context import ModuleBuilder  # the only way to see a source without compiling it
 
 import cloth_sim_ros
-from cloth_sim_ros.sim import (
-    Box,
-    Capsule,
-    Cloth,
-    Plane,
-    Rope,
-    Scene,
-    Settings,
-    Simulation,
-    Sphere,
-    Wind,
-    report,
-    tension,
-    topology,
-    wrench,
-)
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind, topology
+from cloth_sim_ros.sim.access import report, tension, wrench
+from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.executors import block, graph
-from cloth_sim_ros.sim.model import Features
 
 PLATE = {"bending": "dihedral", "bend_compliance": 1e2}
 ROPE = {"order 1": Rope(segments=20, start=(0, 0, 1.0), bend_compliance=1e2), "order 2": Rope(start=(0, 1, 1))}

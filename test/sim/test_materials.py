@@ -6,7 +6,7 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Simulation, Winch, Wind
-from cloth_sim_ros.sim.materials import CORDS, FABRICS, spring_constants
+from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS, spring_constants
 
 G = 9.81
 

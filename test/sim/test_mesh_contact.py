@@ -9,10 +9,11 @@ import warp as wp
 from fixed_settings import fixed
 from surfaces import outside_box, points_of
 
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Mesh, Scene, SignedDistance, Simulation, Sphere, report
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Mesh, Scene, SignedDistance, Simulation, Sphere
+from cloth_sim_ros.sim.access import report
+from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.executors import block
-from cloth_sim_ros.sim.model import Features
 
 trimesh = pytest.importorskip("trimesh")
 

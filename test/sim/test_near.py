@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Capsule, Cloth, Plane, Rope, Scene, Simulation, Sphere, bodies
+from cloth_sim_ros.sim import Capsule, Cloth, Plane, Rope, Scene, Simulation, Sphere
+from cloth_sim_ros.sim.engine import bodies
 
 WAYS = [
     (None, {"iterations": 3}),

@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay
 
 from cloth_sim_ros.sim import Cloth
 from cloth_sim_ros.sim.physics.plate import plate_force, rest_curvature
-from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.physics.quaternion import rotate
 from cloth_sim_ros.sim.topology import build, plate
 from cloth_sim_ros.study.closed_forms import bending
 

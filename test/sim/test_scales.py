@@ -22,8 +22,8 @@ from cloth_sim_ros.sim import (
     Winch,
     Wind,
 )
-from cloth_sim_ros.sim import scaled as scaled_rows
-from cloth_sim_ros.sim.model import Model
+from cloth_sim_ros.sim.arrays.model import Model
+from cloth_sim_ros.sim.engine import scaled as scaled_rows
 
 SCALES = np.array([2.0, 0.5, 1.7])
 THIN = {"thickness": 1e-3, "damping": 1e-3}  # so that all sizes are so coarse that contact looks between particles

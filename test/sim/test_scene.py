@@ -21,7 +21,7 @@ from cloth_sim_ros.sim import (
     Winch,
     Wind,
 )
-from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.physics.quaternion import rotate
 
 BAD = {
     "resolution 1x1": (lambda: Cloth(resolution=(1, 1)), "Cloth.resolution"),

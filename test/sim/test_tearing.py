@@ -7,9 +7,9 @@ from fixed_settings import fixed
 from warp._src.context import ModuleBuilder  # the only way to see a source without compiling it
 
 from cloth_sim_ros.sim import Cloth, Handle, Readback, Rope, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.executors.block import make_frame
-from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.physics.quaternion import rotate
 
 SIZE = (1.1, 0.9)  # [m]
 KNIFE = [(0.01, -2, -2), (0.01, 2, -2), (0.01, 2, 2), (0.01, -2, 2)]  # between two columns of particles

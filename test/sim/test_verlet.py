@@ -6,7 +6,7 @@ import pytest
 
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.sim.executors.trial import Trial
-from cloth_sim_ros.sim.methods.limits import explicit_substeps
+from cloth_sim_ros.sim.substeps.limits import explicit_substeps
 from cloth_sim_ros.sim.topology import build
 from cloth_sim_ros.study.implicit import equilibrium
 from cloth_sim_ros.study.springs import SpringSystem
@@ -19,7 +19,7 @@ def unlimited(monkeypatch):
     """Call it to let explicit steps take any number of substeps, and to leave what they do as it is."""
 
     def lift():
-        monkeypatch.setattr("cloth_sim_ros.sim.methods.limits.explicit_substeps", lambda *_, **__: 1)
+        monkeypatch.setattr("cloth_sim_ros.sim.substeps.limits.explicit_substeps", lambda *_, **__: 1)
         monkeypatch.setattr(Trial, "advance", lambda trial, substeps, _: trial.explicit.advance(substeps, 1))
 
     return lift

@@ -77,7 +77,7 @@ def test_a_state_that_is_never_good_gives_way_to_the_rest_shape(device, executor
 @pytest.mark.parametrize("executor", ["block", "graph"])
 def test_a_runaway_of_explicit_steps_is_done_again_before_the_watch_sees_it(device, executor, monkeypatch):
     """Explicit steps too long by far: from a strained state the runaway comes within every frame."""
-    monkeypatch.setattr("cloth_sim_ros.sim.methods.limits.explicit_substeps", lambda *_, **__: 1)
+    monkeypatch.setattr("cloth_sim_ros.sim.substeps.limits.explicit_substeps", lambda *_, **__: 1)
     wild = Rope(segments=8, stretch_compliance=1e-7)
     calm = Rope(segments=8, stretch_compliance=1e-2, position=(0, 3, 0))
     settings, both = Settings(method="verlet", substeps=60), Scene({"wild": wild, "calm": calm}, gravity=(0, 0, 0))

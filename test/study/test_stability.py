@@ -84,7 +84,7 @@ def test_a_run_that_breaks_a_promise_fails(monkeypatch):
     assert "energy" in run_with(soft, dataclasses.replace(calm, slack=-0.5)).why
     assert "m/s" in run_with(soft, dataclasses.replace(calm, fastest=1.0)).why
     assert "strain" in run_with(soft, dataclasses.replace(calm, rest=-1.0)).why
-    monkeypatch.setattr("cloth_sim_ros.sim.methods.limits.explicit_substeps", lambda *_, **__: 1)
+    monkeypatch.setattr("cloth_sim_ros.sim.substeps.limits.explicit_substeps", lambda *_, **__: 1)
     monkeypatch.setattr(Trial, "advance", lambda trial, substeps, _: trial.explicit.advance(substeps, 1))
     assert "put back" in run_with(stiff, calm).why
 
@@ -93,7 +93,7 @@ def test_refusals_are_held_against_an_eigenvalue_of_their_own(monkeypatch):
     options = {"substeps": 1, "iterations": 1, "compliance": 1e-3}
     combination = judge.Combination("compliance", "sheet", "verlet", options, seed=1)
     assert (found := judge.judge(combination, "cpu")).outcome == "held" and found.substeps > 1
-    monkeypatch.setattr("cloth_sim_ros.sim.methods.limits.explicit_substeps", lambda *_: 400)
+    monkeypatch.setattr("cloth_sim_ros.sim.substeps.limits.explicit_substeps", lambda *_: 400)
     assert "needs" in judge.judge(combination, "cpu").why
 
 

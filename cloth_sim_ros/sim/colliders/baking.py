@@ -16,7 +16,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.colliders import mesh_distance
 from cloth_sim_ros.sim.colliders.mesh import Mesh
-from cloth_sim_ros.sim.compiled import compiled
+from cloth_sim_ros.sim.kernels.compiled import compiled
 
 CELLS = 64  # along the longest side of a mesh
 _MOST_CELLS = 400

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import warp as wp
 
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.executors.block import Block, blocks_for, capacity, threads_for
 from cloth_sim_ros.sim.executors.graph import Graph, Member
-from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.state import Arrays
 
 Executor = Block | Graph
 EXECUTORS = ("block", "graph")

@@ -12,18 +12,18 @@ from typing import Protocol
 
 import warp as wp
 
-from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.cooperative import Crew, crews_of, number_of
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import Arrays, gathered, given_type
 from cloth_sim_ros.sim.executors.block import blocks_for, make_give_spans, make_home, threads_for
-from cloth_sim_ros.sim.meeting.apart import Apart
-from cloth_sim_ros.sim.meeting.bound import Bound
-from cloth_sim_ros.sim.meeting.flat import Flat
-from cloth_sim_ros.sim.meeting.search import Search
-from cloth_sim_ros.sim.methods.program import make_enter, make_program
-from cloth_sim_ros.sim.methods.stage import in_turn, wait_in_crew
-from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.features.self_contact.ccd_clamp import Bound
+from cloth_sim_ros.sim.features.self_contact.early_out import Flat
+from cloth_sim_ros.sim.features.self_contact.search import Search
+from cloth_sim_ros.sim.features.self_contact.solve import Apart
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.cooperative import Crew, crews_of, number_of
+from cloth_sim_ros.sim.program import make_enter, make_program
 from cloth_sim_ros.sim.ropes.scan import scan_size
-from cloth_sim_ros.sim.state import Arrays, gathered, given_type
+from cloth_sim_ros.sim.stage import in_turn, wait_in_crew
 
 _KEPT = 4  # frames kept at a time, for as many pairs of substeps and iterations
 

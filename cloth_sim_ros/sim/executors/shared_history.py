@@ -3,9 +3,9 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load_row, store_row
-from cloth_sim_ros.sim.model import Body
-from cloth_sim_ros.sim.state import State
+from cloth_sim_ros.sim.arrays.model import Body
+from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row
 
 
 @wp.func

@@ -15,10 +15,10 @@ from collections.abc import Callable
 
 import warp as wp
 
+from cloth_sim_ros.sim.arrays.state import Arrays, ColliderMotion
 from cloth_sim_ros.sim.colliders.collider import STRETCHED
-from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
-from cloth_sim_ros.sim.state import Arrays, ColliderMotion
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
 
 STRAINED = wp.constant(0.5)
 GROWTH = wp.constant(1.5)  # of the largest strain, over a frame, or its inverse

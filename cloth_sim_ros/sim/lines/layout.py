@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cloth_sim_ros.sim.native import LANES
+from cloth_sim_ros.sim.kernels.native import LANES
 from cloth_sim_ros.sim.topology.lines import Family
 from cloth_sim_ros.sim.topology.springs import Elements
 

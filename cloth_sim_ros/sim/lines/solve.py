@@ -23,10 +23,10 @@ from functools import lru_cache
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.native import LANES, ROWS, on_cpu, source
-from cloth_sim_ros.sim.stages.here import Here
-from cloth_sim_ros.sim.state import compliance_of
+from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import compliance_of
+from cloth_sim_ros.sim.kernels.native import LANES, ROWS, on_cpu, source
 
 
 def scratch_of(slots: int) -> int:

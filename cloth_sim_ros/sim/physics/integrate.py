@@ -12,7 +12,7 @@ and predict d~ = b + h_e v* + h_e^2 a, with compliances divided by h_e^2 (BDF2 s
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import divide, quotient
+from cloth_sim_ros.sim.kernels.intrinsics import divide, quotient
 
 _THIRD = wp.constant(1.0 / 3.0)
 # Angle [rad] by which bending may turn a joint of a rope away from its rest shape in a substep of second order. Stretch

@@ -18,14 +18,14 @@ from typing import NamedTuple
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import larger, load4, quotient, store4, xyz
-from cloth_sim_ros.sim.model import Body
+from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.model import Body
+from cloth_sim_ros.sim.arrays.rope_state import BeamRow
+from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.features.winch.drum import joint_out
+from cloth_sim_ros.sim.kernels.intrinsics import larger, load4, quotient, store4, xyz
 from cloth_sim_ros.sim.physics.bending import rest_turn
-from cloth_sim_ros.sim.rope_state import BeamRow
 from cloth_sim_ros.sim.ropes.beam_rotation import Sums, rotation_of, with_joint, with_particle
-from cloth_sim_ros.sim.ropes.drum import joint_out
-from cloth_sim_ros.sim.stages.here import Here
-from cloth_sim_ros.sim.state import State
 
 # Beyond this many times the particles' inertia float32 could not tell the one from the other: stiffer is as stiff.
 STIFFEST = wp.constant(1.0e5)

@@ -7,12 +7,12 @@ is little, and lies in shared memory.
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load4, quick_quotient, store4, sync, xyz
-from cloth_sim_ros.sim.rope_state import BeamRow
+from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.rope_state import BeamRow
+from cloth_sim_ros.sim.kernels.intrinsics import load4, quick_quotient, store4, sync, xyz
 from cloth_sim_ros.sim.ropes.beam import ALL, add_joint, make_keep_moment
 from cloth_sim_ros.sim.ropes.beam_rotation import SUMS, Sums, rotation_of, sums_of_block, with_particle
 from cloth_sim_ros.sim.ropes.scan import scan_size
-from cloth_sim_ros.sim.stages.here import Here
 
 
 def rows_of(bent: bool) -> int:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import warp as wp
 
-from cloth_sim_ros.sim.native import on_cpu, source
+from cloth_sim_ros.sim.kernels.native import on_cpu, source
 from cloth_sim_ros.sim.ropes.elimination import NUMBERS
 
 

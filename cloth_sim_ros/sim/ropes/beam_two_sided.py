@@ -8,11 +8,11 @@ register.
 
 import warp as wp
 
+from cloth_sim_ros.sim.arrays.context import Here
 from cloth_sim_ros.sim.ropes.beam import STIFFEST
 from cloth_sim_ros.sim.ropes.beam_rotation import Sums, rotation_of
 from cloth_sim_ros.sim.ropes.beam_simd import make_lanes
 from cloth_sim_ros.sim.ropes.elimination import FEWEST
-from cloth_sim_ros.sim.stages.here import Here
 
 
 def make_solve_beam_two_sided(bent: bool):

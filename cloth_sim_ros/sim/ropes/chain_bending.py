@@ -3,13 +3,13 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import sync
-from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.features.twist.twist import make_find_twist, push_by_couples
+from cloth_sim_ros.sim.kernels.intrinsics import sync
 from cloth_sim_ros.sim.ropes.beam import make_bend_by_moments, make_solve_beam
 from cloth_sim_ros.sim.ropes.beam_parallel import make_solve_beam_together, most_together
 from cloth_sim_ros.sim.ropes.beam_two_sided import make_solve_beam_two_sided
-from cloth_sim_ros.sim.ropes.twist import make_find_twist, push_by_couples
-from cloth_sim_ros.sim.stages.here import Here
 
 
 def make_bend_before(features: Features, threads: int):

@@ -11,17 +11,17 @@ from both ends of the chain, so that each knows what lies before its own and how
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load4, quick_quotient, store4, sync, sync_any, xyz
-from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.rope_state import Segment
+from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.rope_state import Segment
+from cloth_sim_ros.sim.features.winch.drum import first_out
+from cloth_sim_ros.sim.kernels.intrinsics import load4, quick_quotient, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.ropes.chain_bending import make_bend_after, make_bend_before
-from cloth_sim_ros.sim.ropes.drum import first_out
 from cloth_sim_ros.sim.ropes.newton_step import make_attempt
 from cloth_sim_ros.sim.ropes.partition import Share, make_share
 from cloth_sim_ros.sim.ropes.segment_simd import lack
 from cloth_sim_ros.sim.ropes.segments import NEWTON_STEPS, make_prepare
 from cloth_sim_ros.sim.ropes.two_sided import prepare_two_sided, solve_two_sided
-from cloth_sim_ros.sim.stages.here import Here
 
 
 @wp.func

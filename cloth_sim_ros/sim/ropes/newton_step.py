@@ -3,13 +3,13 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load4, sync_any
+from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.rope_state import Segment
+from cloth_sim_ros.sim.kernels.intrinsics import load4, sync_any
 from cloth_sim_ros.sim.physics.chain import Span, turn_frame
-from cloth_sim_ros.sim.rope_state import Segment
 from cloth_sim_ros.sim.ropes.partition import Share, make_gather, make_reach_back
 from cloth_sim_ros.sim.ropes.scan import make_scans
 from cloth_sim_ros.sim.ropes.segments import ATTEMPTS, backward, forward, settle
-from cloth_sim_ros.sim.stages.here import Here
 
 
 def make_attempt(threads: int, stored: bool):

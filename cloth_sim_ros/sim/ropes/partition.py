@@ -3,12 +3,12 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import quick_quotient
-from cloth_sim_ros.sim.model import Body
+from cloth_sim_ros.sim.arrays.model import Body
+from cloth_sim_ros.sim.arrays.rope_state import Segment
+from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.kernels.intrinsics import quick_quotient
 from cloth_sim_ros.sim.physics.chain import Span, inverse_beside, join, span_of, symmetric_product, turned_end
-from cloth_sim_ros.sim.rope_state import Segment
 from cloth_sim_ros.sim.ropes.segments import pull_of, stiffness_across
-from cloth_sim_ros.sim.state import State
 
 
 @wp.struct

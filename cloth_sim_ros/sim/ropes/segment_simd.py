@@ -6,7 +6,7 @@ That is what no segment waits for; the rest is elimination.py.
 
 import warp as wp
 
-from cloth_sim_ros.sim.native import on_cpu, source
+from cloth_sim_ros.sim.kernels.native import on_cpu, source
 from cloth_sim_ros.sim.ropes.elimination import PLANES
 
 # What a linear solve cannot tell of a motion: that a segment turns too far, changes its length too much, or had better

@@ -3,6 +3,7 @@
 
 import warp as wp
 
+from cloth_sim_ros.sim.arrays.context import Here
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.ropes.elimination import FEWEST, eliminate
 from cloth_sim_ros.sim.ropes.segment_simd import (
@@ -23,7 +24,6 @@ from cloth_sim_ros.sim.ropes.segments import (
     SETTLED_SPEED,
     stiffest_of,
 )
-from cloth_sim_ros.sim.stages.here import Here
 
 
 @wp.func

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""By how much an object is larger than its scene says, which may differ between worlds: refused, or written."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros.sim.access.explicit import check_rows
+from cloth_sim_ros.sim.arrays import writing
+from cloth_sim_ros.sim.arrays.live_array import Some, worlds_of
+from cloth_sim_ros.sim.engine.bodies import Bodies
+
+
+def set_scale(bodies: Bodies, owner: str, value: Any, world: Some) -> None:
+    """Give an object a checked scale, or one for each of some worlds, in which it starts anew.
+
+    Raises ValueError for what has one size alone, and where explicit steps could not hold it.
+    """
+    topology = bodies.elastic[owner]
+    for what, is_so in (
+        ("hangs on a winch", topology.winch is not None),
+        ("tears", topology.tear_strain > 0.0),
+        ("started inside of a collider and was moved out", owner in bodies.moves),
+    ):
+        if is_so:
+            raise ValueError(f"{owner}.scale is set but {owner} {what}; allowed is a scene with another size of it")
+    scales = np.broadcast_to(topology.scales_in(), bodies.worlds).copy()
+    scales[worlds_of(world)] = value
+    if bodies.settings.method == "verlet":
+        bodies.elastic[owner] = topology.at(scales)
+        try:
+            rows = bodies.lightened(owner, bodies.materials_of(owner, None), None)
+            check_rows(bodies, owner, rows, bodies.settings.substeps)
+        finally:
+            bodies.elastic[owner] = topology
+    if owner in bodies.scales:
+        bodies.scales[owner][:] = scales
+        bodies.batch[owner].scaled.write(bodies.chosen(world))
+        bodies.choose_again()
+    elif (scales != 1.0).any():
+        bodies.scales[owner] = scales
+        bodies.describe_again(owner, bodies.scene.objects[owner])
+    batch, chosen = bodies.batch[owner], bodies.chosen(world)
+    batch.write_positions(owner, batch.rest[owner], chosen)
+    writing.clear(batch.states["velocities"], batch.span(owner), chosen)

@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contact of a surface between its particles: triangles of cloth and segments of ropes against colliders.
+
+Each facet finds by itself how its deepest point is to be pushed out, with friction. Then each particle gathers what its
+facets ask for. No order of facets matters, so that all of them go at once.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import ColliderMotion, Look, Press, Sweep
+from cloth_sim_ros.sim.colliders import make_is_beyond
+from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of, note
+from cloth_sim_ros.sim.features.collider_contact.ccd import make_meet
+from cloth_sim_ros.sim.features.collider_contact.facet import (
+    FAST,
+    Deepest,
+    Facet,
+    farthest_of,
+    longest_way,
+    make_least,
+    make_touched,
+    middle_of,
+    point_of,
+    slip_at,
+)
+from cloth_sim_ros.sim.features.collider_contact.facet_clamp import MOVED, PRESSED, mark
+from cloth_sim_ros.sim.features.collider_contact.facet_place import (
+    corners_of,
+    facet_of,
+    is_close,
+    is_far,
+    is_stray,
+    moved_since,
+)
+from cloth_sim_ros.sim.features.collider_contact.particle import (
+    CARRIED,
+    NOISE,
+    Met,
+    Push,
+    add_force,
+    forget,
+    least_mass,
+    make_touch,
+    pace,
+    with_push,
+)
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store4, store_row, xyz
+from cloth_sim_ros.sim.motion import pack
+from cloth_sim_ros.sim.physics.friction import friction_correction, outward
+
+# Of the largest inverse mass: what a push beside a pinned or heavy corner divides by, so that no other is ever thrown
+# farther than four times the gap.
+LEAST_SHARE = wp.constant(0.25)
+# Of the facets around a particle, how many count as touching at once. If all did, they would lie deep; of half as many,
+# a cloth over a rail shakes by 1e-6 J/kg.
+_TOUCH_AT_ONCE = wp.constant(0.67)
+# Of the thickness: of a facet that has moved by less, what is not convex is deepest near where it was.
+_STILL = wp.constant(0.02)
+LONG_AGO = wp.constant(-2)  # no substep that the next one could go on from
+# A point this near to a corner is what the corner's own contact has seen to.
+CORNER = wp.constant(0.999)
+
+
+@wp.func
+def facets_around(i: int, here: Here) -> float:
+    """How many facets particle i is a corner of."""
+    slot = here.body.particles + i
+    return float(here.model.panel_start[slot + 1] - here.model.panel_start[slot])
+
+
+@wp.func
+def yielding(corners: wp.vec3i, weights: wp.vec3, here: Here) -> float:
+    """The inverse mass of a point of a facet [1/kg], 0 where nothing of it can move.
+
+    The facets around a particle share its mass (mass splitting, Tonge et al. 2012). What each needs may then be added
+    up, and moves it no farther than one alone would. Pushed farther, a cloth that lies over a rail would shake.
+    """
+    sum = float(0.0)
+    most = float(0.0)
+    for k in range(3):
+        facets = wp.max(_TOUCH_AT_ONCE * facets_around(corners[k], here), 1.0)
+        w = facets * load4(here.d, corners[k])[3]
+        sum += weights[k] * weights[k] * w
+        most = wp.max(most, w)
+    return wp.max(sum, LEAST_SHARE * most)
+
+
+@wp.func
+def points_of(corners: wp.vec3i, here: Here) -> float:
+    """As how many points a facet counts in a soft collider: its share of each corner, which is one point."""
+    points = float(0.0)
+    for k in range(3):
+        if k < 2 or corners[2] != corners[1]:
+            points += 1.0 / facets_around(corners[k], here)
+    return points
+
+
+@wp.func
+def looked(facet: Facet, found: Deepest) -> Look:
+    """What is found now."""
+    look = Look()
+    look.a = facet.a
+    look.b = facet.b
+    look.c = facet.c
+    look.weights = found.weights
+    look.value = found.value
+    look.known = 1
+    return look
+
+
+def make_touched_in(features: Features):
+    """A Warp function: the weights of the point of a facet that touches one collider; 0 where none can."""
+    touched, is_beyond = make_touched(features.shapes), make_is_beyond(features.shapes)
+    least = make_least(features.shapes)
+
+    @wp.func
+    def touched_in(facet: Facet, entry: int, collider: ColliderMotion, here: Here) -> wp.vec3:
+        thickness, way = here.material.thickness, longest_way(facet)
+        look = here.state.looks[entry]
+        moved = moved_since(look, facet)
+        # No point has come nearer than by its way, nor was it nearer in between.
+        if look.known == 1 and look.value - moved - way >= thickness:
+            return wp.vec3(0.0)
+        if wp.static(is_beyond is not None):
+            if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
+                return wp.vec3(0.0)
+        slow = way <= FAST * thickness
+        if slow:
+            found = Deepest()
+            found.value = least(collider.shape, collider.size, collider.data, facet)
+            if found.value >= thickness - NOISE:  # as of most that lies on a flat face
+                here.state.looks[entry] = looked(facet, found)
+                return wp.vec3(0.0)
+        known = wp.vec3(0.0)
+        if look.known == 1 and moved <= _STILL * thickness and slow:
+            known = look.weights
+        found = touched(collider.shape, collider.size, collider.data, facet, thickness, known)
+        if slow:  # else that is where it met the collider first
+            if wp.max(known) == 0.0:
+                here.state.looks[entry] = looked(facet, found)
+            else:
+                here.state.looks[entry].weights = found.weights
+            if found.value >= thickness - NOISE:
+                return wp.vec3(0.0)
+        return found.weights
+
+    return touched_in
+
+
+def make_press_on(features: Features):
+    """A Warp function: how a facet is to be pushed out of one collider, with friction, after what it was told `last`.
+
+    A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
+    """
+    meet, touched_in = make_meet(features.shapes), make_touched_in(features)
+
+    @wp.func
+    def press_on(
+        corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, last: Press, here: Here
+    ) -> Press:
+        press = Press()
+        facet = facet_of(corners, here, sweep)
+        thickness = here.material.thickness
+        weights = touched_in(facet, entry, collider, here)
+        w = yielding(corners, weights, here)
+        if wp.max(weights) == 0.0 or wp.max(weights) > CORNER or w == 0.0:
+            return press
+        slip = slip_at(facet, weights)
+        apart = pace(collider, here.step)
+        touching = meet(collider.shape, collider.size, collider.data, point_of(facet, weights), slip, thickness, apart)
+        if touching[3] >= -NOISE:  # its corners are outside; what is left may be rounding
+            return press
+        before = wp.vec4(0.0)
+        if last.when == here.substep:
+            before = last.so_far
+        n = xyz(touching)
+        softness = collider.compliance * here.step.inverse_square / (w * points_of(corners, here))
+        more = outward(touching[3], w * before[3], softness) / w
+        pressed = before[3] + more
+        mu_s = wp.sqrt(here.material.static_friction * collider.static_friction)
+        mu_k = wp.sqrt(here.material.kinetic_friction * collider.kinetic_friction)
+        press.stuck = last.stuck
+        press.anchor = last.anchor
+        if last.when < here.substep - 1 or wp.max(last.stuck) == 0.0:
+            press.stuck = weights
+            press.anchor = point_of(facet, weights) - slip
+        # Friction acts where it is measured.
+        press.rubbed = press.stuck
+        w_rubbed = yielding(corners, press.rubbed, here)
+        slid = point_of(facet, press.stuck) - press.anchor
+        slid -= wp.dot(slid, n) * n
+        rubbed_before = w_rubbed * (xyz(before) - wp.dot(xyz(before), n) * n)
+        rubbed = friction_correction(slid, rubbed_before, w_rubbed * pressed, mu_s, mu_k)
+        if wp.length_sq(rubbed - (rubbed_before - slid)) > 0.0:
+            press.stuck = wp.vec3(0.0)
+        press.weights = weights
+        press.normal = wp.transpose(sweep.to_local) * n
+        press.push = more * press.normal
+        press.rub = wp.transpose(sweep.to_local) * ((rubbed - rubbed_before) / w_rubbed)
+        press.so_far = pack(rubbed / w_rubbed, pressed)
+        return press
+
+    return press_on
+
+
+def make_press(features: Features):
+    """The stage that finds how the facets of a body are to be pushed out of all colliders: thread t of `width` its
+    share."""
+    press_on, near_of = make_press_on(features), make_near_of(features.listed)
+
+    @wp.func
+    def press(t: int, width: int, here: Here):
+        colliders, near = here.colliders.shape[0], near_of(here)
+        for k in range(here.body.panels + t, here.body.panels_end, width):
+            corners = corners_of(k, here)
+            whole = bool(True)
+            if wp.static(features.tears):
+                whole = corners[0] != corners[1]  # a triangle that failed
+            if whole and is_close(corners, here):
+                stray = is_stray(corners, near, here)
+                c = next_of(-1, near, stray)
+                while c < colliders:
+                    entry = k * colliders + c
+                    last = here.state.presses[entry]
+                    found = Press()
+                    sweep = here.state.sweeps[here.sweep + c]
+                    if not is_far(corners, here, here.colliders[c], sweep):
+                        found = press_on(corners, entry, here.colliders[c], sweep, last, here)
+                        if longest_way(facet_of(corners, here, sweep)) > FAST * here.material.thickness:
+                            mark(corners, PRESSED, here)  # another point of it may come through, see stop.py
+                    if wp.max(found.weights) > 0.0:
+                        found.when = here.substep
+                        here.state.presses[entry] = found
+                        note(c, near)
+                        mark(corners, PRESSED, here)
+                    elif last.when == here.substep:
+                        here.state.presses[entry].push = wp.vec3(0.0)  # by an earlier iteration, which was enough
+                        here.state.presses[entry].rub = wp.vec3(0.0)
+                    c = next_of(c, near, stray)
+
+    return press
+
+
+@wp.func
+def share_in(q: int, i: int, c: int, here: Here) -> wp.vec3:
+    """What particle i takes of the push on facet q by collider c [kg m]."""
+    press = here.state.presses[q * here.colliders.shape[0] + c]
+    if press.when != here.substep:
+        return wp.vec3(0.0)
+    corners = corners_of(q, here)
+    place = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
+    return press.weights[place] * press.push + press.rubbed[place] * press.rub
+
+
+@wp.func
+def wanted_of(i: int, c: int, here: Here) -> wp.vec3:
+    """The correction over the inverse mass [kg m] that all facets around particle i want of it for collider c."""
+    slot = here.body.particles + i
+    sum = wp.vec3(0.0)
+    for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
+        sum += share_in(here.model.particle_panels[place], i, c, here)
+    return sum
+
+
+@wp.func
+def normal_at(i: int, c: int, here: Here) -> wp.vec3:
+    """The mean normal of a collider at the facets around particle i, each weighed by its push."""
+    slot = here.body.particles + i
+    normal = wp.vec3(0.0)
+    for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
+        q = here.model.particle_panels[place]
+        share = share_in(q, i, c, here)
+        normal += wp.length(share) * here.state.presses[q * here.colliders.shape[0] + c].normal
+    return wp.normalize(normal)
+
+
+def make_yield(features: Features):
+    """The stage that moves particle i as its facets are pressed."""
+    least, touch = least_mass(features), make_touch(features)
+
+    @wp.func
+    def give_way(i: int, met: Met, here: Here):
+        packed = load4(here.d, i)
+        w = packed[3]
+        if w <= wp.static(least) * load4(here.x, i)[3]:
+            return
+        marks = here.state.pressed[met.slot]
+        if marks & PRESSED == 0:
+            return
+        here.state.pressed[met.slot] = MOVED
+        here.state.stirred[here.body.index] = here.substep + 1
+        displacement = xyz(packed)
+        touched, last = bool(False), int(0)
+        push = Push()
+        c = next_of(-1, met.near, False)
+        while c < here.colliders.shape[0]:
+            correction = w * wanted_of(i, c, here)
+            if wp.length_sq(correction) > 0.0:
+                displacement += correction
+                last = c
+                entry = met.slot * here.colliders.shape[0] + c
+                add_force(met.forces, entry, (met.share / w) * correction)
+                touched = True
+                if wp.static(features.order == 2):
+                    n = normal_at(i, c, here)
+                    motion = here.state.sweeps[here.sweep + c].motion
+                    push = with_push(push, n, wp.dot(correction, n), motion, entry)
+            c = next_of(c, met.near, False)
+        if touched:
+            store4(here.d, i, pack(displacement, w))
+            if wp.static(features.order == 2):
+                moved = displacement - xyz(load4(here.low, i))
+                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, here.step))
+            # Its facets may have moved it into a collider: it has the last word.
+            met.carries = False
+            touch(i, met, here, 0.0)
+            if wp.static(features.supported):
+                by = (CARRIED * here.step.inverse_square) * (xyz(load4(here.d, i)) - xyz(packed))
+                support = load_row(here.state.supports, met.slot)
+                store_row(here.state.supports, met.slot, pack(xyz(support) + by, float(last + 1)))
+
+    return give_way
+
+
+def make_carry_presses(features: Features):
+    """The stage that begins a frame: what facets were asked for in its last substep is what the first goes on from."""
+    near_of = make_near_of(features.listed)
+
+    @wp.func
+    def carry_presses(t: int, width: int, here: Here):
+        colliders, near = here.colliders.shape[0], near_of(here)
+        c = next_of(-1, near, False)
+        while c < colliders:
+            for k in range(here.body.panels + t, here.body.panels_end, width):
+                entry = k * colliders + c
+                was = here.state.presses[entry].when
+                here.state.presses[entry].when = wp.where(was == here.frame.substeps - 1, -1, LONG_AGO)
+                here.state.presses[entry].stopped = LONG_AGO
+                here.state.looks[entry].known = 0
+            c = next_of(c, near, False)
+
+    return carry_presses
