@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cloth_sim_ros.drawing.tube import tube_faces, tube_vertices
 from cloth_sim_ros.record.bag import Bag, Stamp
 from cloth_sim_ros.record.run import clouds_of, first_run, poses_at, seconds
 from cloth_sim_ros.record.solids import mesh_of
 from cloth_sim_ros.ros.scene_plan import make_plan
 from cloth_sim_ros.sim import Plane, Rope
 from cloth_sim_ros.sim.topology import build
-from cloth_sim_ros.viewer.tube import tube_faces, tube_vertices
 
 
 @dataclass(frozen=True)

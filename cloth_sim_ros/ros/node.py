@@ -29,7 +29,7 @@ from cloth_sim_ros.ros.diagnostics import DiagnosticsOutput, busy, diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.frames import Frames, Refused
 from cloth_sim_ros.ros.grippers import GripperStates
-from cloth_sim_ros.ros.journal import JournalOutput
+from cloth_sim_ros.ros.journal_output import JournalOutput
 from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
 from cloth_sim_ros.ros.outputs import LATEST, Audience, ObjectOutput, Wrenches
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
@@ -38,7 +38,7 @@ from cloth_sim_ros.ros.scene_plan import group
 from cloth_sim_ros.ros.simulation_loop import SimulationLoop
 from cloth_sim_ros.ros.state_services import StateServices
 from cloth_sim_ros.ros.world import World
-from cloth_sim_ros.sim.scene.mesh_file import stop_reading
+from cloth_sim_ros.sim.input.mesh_file import stop_reading
 
 WORTH_ANOTHER_THREAD = 100_000  # bytes of a frame's messages: fewer are sent sooner than handed over
 LONG = {"": math.inf, "frame": 5.0, "building": 60.0}  # [s] after which the log tells what the loop is still at

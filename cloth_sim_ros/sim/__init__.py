@@ -16,9 +16,9 @@
 - simulation, composed of bodies, queries, rope_queries, hands, live, tensors and saving: the public face.
 """
 
-from cloth_sim_ros.sim.access.grippers import Gripper, GripperDriver
-from cloth_sim_ros.sim.access.readback import EndReadback, Readback, Surface
-from cloth_sim_ros.sim.access.variation import Variation
+from cloth_sim_ros.sim.clients.grippers import Gripper, GripperDriver
+from cloth_sim_ros.sim.clients.readback import EndReadback, Readback, Surface
+from cloth_sim_ros.sim.clients.variation import Variation
 from cloth_sim_ros.sim.colliders.box import Box
 from cloth_sim_ros.sim.colliders.capsule import Capsule
 from cloth_sim_ros.sim.colliders.cylinder import Cylinder

@@ -31,24 +31,20 @@ from cloth_sim_ros.sim.features.collider_contact.broad_phase import list_collide
 from cloth_sim_ros.sim.features.collider_contact.facet_clamp import make_stay, make_stop
 from cloth_sim_ros.sim.features.collider_contact.particle import make_contact, make_met_in
 from cloth_sim_ros.sim.features.collider_contact.surface import make_carry_presses, make_press, make_yield
+from cloth_sim_ros.sim.features.collider_contact.sweep import SWEPT, sweep_collider
 from cloth_sim_ros.sim.features.fault_recovery import find_fault, make_count, make_settle
 from cloth_sim_ros.sim.features.grasp import feel, hold
+from cloth_sim_ros.sim.features.motion import make_finish, make_predict
 from cloth_sim_ros.sim.features.plate.bending import curve_triangle, make_bend
 from cloth_sim_ros.sim.features.tearing.tear import followers, make_tear
 from cloth_sim_ros.sim.features.twist.twist import ask_for
 from cloth_sim_ros.sim.features.winch.drum import make_turn
 from cloth_sim_ros.sim.kernels.intrinsics import array_address, sync_warp
-from cloth_sim_ros.sim.lines.layout import WARP
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
-from cloth_sim_ros.sim.motion import (
-    SWEPT,
-    make_finish,
-    make_predict,
-    sweep_collider,
-)
 from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step
 from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
 from cloth_sim_ros.sim.stage import Stage, both, once, over_meeting, over_particles
+from cloth_sim_ros.sim.topology.line_layout import WARP
 
 _A_FRAME = 1 << 30  # more substeps than a frame has
 

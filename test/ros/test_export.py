@@ -12,8 +12,8 @@ import pytest
 from node_process import ROOT
 from std_srvs.srv import Trigger
 
+from cloth_sim_ros.drawing.tube import SIDES
 from cloth_sim_ros.record.bag import Bag
-from cloth_sim_ros.viewer.tube import SIDES
 
 for needed in ("rosbags", "pygltflib", "imageio_ffmpeg"):
     pytest.importorskip(needed)

@@ -20,9 +20,9 @@ from cloth_sim_ros.sim import (
     Sphere,
     Variation,
 )  # fmt: skip
-from cloth_sim_ros.sim.access.sizes import sharpest, write_size
 from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.engine.sizes import sharpest, write_size
 
 WORLDS = 3
 SIZES = {  # of which float32 has every digit

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
+from cloth_sim_ros.drawing.tube import SIDES, tube_faces, tube_vertices
 from cloth_sim_ros.viewer.curves import Curves
-from cloth_sim_ros.viewer.tube import SIDES, tube_faces, tube_vertices
 from cloth_sim_ros.viewer.window import Page, Window
 
 HELIX = np.linspace(0.0, 12.0, 200)

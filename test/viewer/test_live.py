@@ -6,9 +6,9 @@ import pytest
 from client import fields
 from sensor_msgs.msg import PointCloud2
 
+from cloth_sim_ros.drawing.tube import SIDES
 from cloth_sim_ros.viewer.drawing import Click, Drag
 from cloth_sim_ros.viewer.live.grasp import NONE_FREE
-from cloth_sim_ros.viewer.tube import SIDES
 
 SCENE = """
 /**:

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cloth_sim_ros.sim.arrays.live_array import worlds_of
 from cloth_sim_ros.sim.engine.bodies import Bodies
-from cloth_sim_ros.sim.scene.checks import finite_array
+from cloth_sim_ros.sim.input.checks import finite_array, worlds_of
 
 _OFF_PLANE = 1e-3  # of its size, by which a corner of a polygon may lie off its plane
 

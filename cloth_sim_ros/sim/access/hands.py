@@ -11,14 +11,13 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.access.loads import Loads
-from cloth_sim_ros.sim.arrays.live_array import Some, worlds_of
 from cloth_sim_ros.sim.arrays.state import Arrays, HandleMotion
 from cloth_sim_ros.sim.arrays.writing import clear
 from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, names_of, worlds_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
-from cloth_sim_ros.sim.scene.checks import check_worlds, names_of
 from cloth_sim_ros.sim.scene.handles import checked_reach, extents
 
 
@@ -94,7 +93,7 @@ class Hands:
             self._write(name, None, reach=extents(handle.reach), compliance=handle.compliance)
             self._write(name, None, break_force=handle.break_force)
 
-    def _write(self, name: str, world: Some, **numbers: Any) -> None:
+    def _write(self, name: str, world: WorldSelection, **numbers: Any) -> None:
         self._bodies.handles.write(self._row(name), world, **numbers)
         self.find_breakable()
 
@@ -102,7 +101,7 @@ class Hands:
         """Note whether any handle lets go where its load is too large."""
         self._breakable = bool((self._bodies.handles.mirrors()["rows"]["break_force"] > 0.0).any())
 
-    def place(self, name: str, world: Some) -> None:
+    def place(self, name: str, world: WorldSelection) -> None:
         """Where the scene puts it."""
         handle = self._bodies.scene.handles[name]
         self._bodies.handles.place(self._bodies.handle_row[name], world, handle.position, handle.orientation)
@@ -123,7 +122,7 @@ class Hands:
         some = self._bodies.some(world)
         self._bodies.handles.reach(self._row(name), some, name, (position, orientation), sweep)
 
-    def set(self, name: str, field: str, value: Any, world: Some) -> None:
+    def set(self, name: str, field: str, value: Any, world: WorldSelection) -> None:
         """Set a live parameter of a handle; `attached` grasps or lets go."""
         try:
             row = table.row(table.HANDLE, field)
@@ -153,7 +152,7 @@ class Hands:
         self._grasp(name, self._bodies.some(world))
         return self.held(name, world)
 
-    def _grasp(self, name: str, some: Some) -> None:
+    def _grasp(self, name: str, some: WorldSelection) -> None:
         h, chosen = self._row(name), self._bodies.chosen(some)
         self._bodies.handles.upload()
         for body, (batch, given, b, count) in self._each().items():
@@ -165,7 +164,7 @@ class Hands:
         """Let go of all that it holds, which goes on with the velocity it has."""
         self._let_go(name, self._bodies.some(world))
 
-    def _let_go(self, name: str, some: Some) -> None:
+    def _let_go(self, name: str, some: WorldSelection) -> None:
         leaves = np.zeros(self._leaves.shape, dtype=np.int32)
         leaves[worlds_of(some), self._row(name)] = 1
         self._leaves.assign(leaves)
@@ -207,7 +206,7 @@ class Hands:
         wp.launch(find_broken, dim=self._leaves.shape, inputs=inputs, device=self._bodies.warp_device)
         self._drop()
 
-    def reset(self, some: Some) -> None:
+    def reset(self, some: WorldSelection) -> None:
         """Back to where the scene put them, holding what it says of objects that started anew, which nothing holds."""
         if not self._bodies.scene.handles:
             return

@@ -14,13 +14,12 @@ from cloth_sim_ros.sim.access.hands import Hands
 from cloth_sim_ros.sim.access.live_values import COMPLIANCES, OF_FRAME
 from cloth_sim_ros.sim.access.rope_queries import Ropes
 from cloth_sim_ros.sim.access.scales import set_scale
-from cloth_sim_ros.sim.access.sizes import write_size
-from cloth_sim_ros.sim.arrays.live_array import Some
 from cloth_sim_ros.sim.arrays.masses import MASSES
 from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.engine.bodies import Bodies
-from cloth_sim_ros.sim.scene.checks import check_worlds, names_of
+from cloth_sim_ros.sim.engine.sizes import write_size
+from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, names_of
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 
 _FAR_AWAY = 1e30  # [m]
@@ -119,14 +118,14 @@ class Live:
             known = [*scene.objects, *scene.colliders, *scene.handles, "solver", "wind"]
             raise ValueError(f"there is no parameter {name!r}; allowed are 'gravity' and those of {names_of(known)}")
 
-    def _checked(self, row: table.Parameter, value: Any, name: str, world: Some) -> Any:
+    def _checked(self, row: table.Parameter, value: Any, name: str, world: WorldSelection) -> Any:
         return check_worlds(row, value, name, self._bodies.worlds, world)
 
-    def _set_frame(self, row: table.Parameter, name: str, value: Any, world: Some) -> None:
+    def _set_frame(self, row: table.Parameter, name: str, value: Any, world: WorldSelection) -> None:
         value = self._checked(row, value, name, world)
         self._bodies.frame.write(0, world, **{OF_FRAME.get(row.name, row.name): value})
 
-    def _set_collider(self, owner: str, field: str, name: str, value: Any, world: Some) -> None:
+    def _set_collider(self, owner: str, field: str, name: str, value: Any, world: WorldSelection) -> None:
         collider, number = self._bodies.scene.colliders[owner], self._bodies.collider_row[owner]
         row = _live((*table.COLLIDER, *collider.dimensions), field, name)
         value, rows = self._checked(row, value, name, world), self._bodies.colliders
@@ -147,7 +146,7 @@ class Live:
         self.write_settings()
         self._bodies.choose_again()
 
-    def _set_material(self, owner: str, field: str, name: str, value: Any, world: Some) -> None:
+    def _set_material(self, owner: str, field: str, name: str, value: Any, world: WorldSelection) -> None:
         thing = self._bodies.scene.objects[owner]
         if field == "pins":
             self._set_pins(owner, value, world)
@@ -182,7 +181,7 @@ class Live:
         if field in ("compliance", "damping", "thickness"):
             self._bodies.choose_again()
 
-    def _set_mass(self, owner: str, field: str, value: Any, world: Some) -> None:
+    def _set_mass(self, owner: str, field: str, value: Any, world: WorldSelection) -> None:
         """All particles that are not pinned go on with the velocities that they have."""
         batch = self._bodies.batch[owner]
         kg = batch.masses.read(batch.index[owner], world)
@@ -193,7 +192,7 @@ class Live:
         batch.write_masses(owner, kg, world)
         self._bodies.choose_again()
 
-    def _set_pins(self, owner: str, value: Any, world: Some) -> None:
+    def _set_pins(self, owner: str, value: Any, world: WorldSelection) -> None:
         """Other particles are fixed where they are, those that were go on from there."""
         if world is not None:
             raise ValueError(f"{owner}.pins is set in world {world} alone; allowed is to set it in all of them")

@@ -11,10 +11,9 @@ import warp as wp
 from cloth_sim_ros.sim.access.hands import Hands
 from cloth_sim_ros.sim.access.queries import Queries
 from cloth_sim_ros.sim.access.starts import Depth, is_strained, off_symmetry, way_out
-from cloth_sim_ros.sim.arrays.live_array import Some, worlds_of
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.engine.bodies import Bodies
-from cloth_sim_ros.sim.scene.checks import finite_array
+from cloth_sim_ros.sim.input.checks import WorldSelection, finite_array, worlds_of
 from cloth_sim_ros.sim.topology import Topology
 
 _FAR = 1e6  # [m] the largest coordinate that positions may be given in
@@ -60,11 +59,11 @@ class Placing:
             rows = off_symmetry(topology, rows, topology.scales_in(worlds_of(some)).min())
         self._write_positions(name, rows, some)
 
-    def _write_positions(self, name: str, rows: np.ndarray, some: Some) -> None:
+    def _write_positions(self, name: str, rows: np.ndarray, some: WorldSelection) -> None:
         values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
         self._bodies.batch[name].write_positions(name, values, self._bodies.chosen(some))
 
-    def _are_strained(self, name: str, rows: np.ndarray, some: Some) -> bool:
+    def _are_strained(self, name: str, rows: np.ndarray, some: WorldSelection) -> bool:
         """Whether positions strain a spring by more than half in some worlds."""
         torn = self._queries.torn(name) if self._queries.tears(name) else {}
         topology = self._bodies.elastic[name]

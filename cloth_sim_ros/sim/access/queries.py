@@ -9,10 +9,9 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.access.loads import Loads
-from cloth_sim_ros.sim.arrays.live_array import worlds_of
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.bodies import Bodies
-from cloth_sim_ros.sim.scene.checks import names_of
+from cloth_sim_ros.sim.input.checks import names_of, worlds_of
 from cloth_sim_ros.sim.topology import KINDS
 
 

@@ -11,13 +11,12 @@ import warp as wp
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.access.queries import Queries
 from cloth_sim_ros.sim.access.tension import Tensions, read_tensions
+from cloth_sim_ros.sim.access.twist import directors, measure_twist, read_twist
+from cloth_sim_ros.sim.access.winch import measure_winch, set_winch, write_winch
 from cloth_sim_ros.sim.access.wrench import EndWrenches, read_wrenches
-from cloth_sim_ros.sim.arrays.live_array import Some
 from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.engine.bodies import Bodies
-from cloth_sim_ros.sim.features.twist.directors import directors, measure_twist, read_twist
-from cloth_sim_ros.sim.features.winch.live import measure_winch, set_winch, write_winch
-from cloth_sim_ros.sim.scene.checks import check_worlds
+from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 
 
@@ -119,7 +118,7 @@ class Ropes:
         if thing.twist_compliance is not None:
             batch.ends.write(batch.index[name], None, turn=thing.end_turn)
 
-    def set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: Some) -> None:
+    def set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: WorldSelection) -> None:
         if getattr(self._bodies.scene.objects[owner], "winch", None) is None:
             raise ValueError(f"{name} is set but {owner} was built without; allowed is a rope built with a winch")
         value = check_worlds(row, value, name, self._bodies.worlds, world)

@@ -24,7 +24,7 @@ from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.arrays.masses import Masses
 from cloth_sim_ros.sim.colliders import SHAPES, shape_of
 from cloth_sim_ros.sim.engine.bodies import Bodies
-from cloth_sim_ros.sim.scene.checks import check_worlds
+from cloth_sim_ros.sim.input.checks import check_worlds
 from cloth_sim_ros.sim.scene.forces import name_of
 from cloth_sim_ros.sim.substeps.choose import Choice
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from cloth_sim_ros.sim.access.explicit import check_rows
 from cloth_sim_ros.sim.arrays import writing
-from cloth_sim_ros.sim.arrays.live_array import Some, worlds_of
 from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
 
 
-def set_scale(bodies: Bodies, owner: str, value: Any, world: Some) -> None:
+def set_scale(bodies: Bodies, owner: str, value: Any, world: WorldSelection) -> None:
     """Give an object a checked scale, or one for each of some worlds, in which it starts anew.
 
     Raises ValueError for what has one size alone, and where explicit steps could not hold it.

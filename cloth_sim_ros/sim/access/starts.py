@@ -12,10 +12,9 @@ import warp as wp
 from cloth_sim_ros.sim.access.report import PARTICLES, make_measure_contacts
 from cloth_sim_ros.sim.arrays.state import Arrays, State
 from cloth_sim_ros.sim.engine.batch import Batch
-from cloth_sim_ros.sim.physics.quaternion import Quaternion, rotate
+from cloth_sim_ros.sim.physics.quaternion import Motion, moved, rotate
 from cloth_sim_ros.sim.topology import Topology
 
-Motion = tuple[Quaternion, np.ndarray]  # a turn about the origin of the world, then a shift [m]
 STRAINED = 0.5  # strain of a spring beyond which a start is far from rest
 _STEPS = 100  # along a way out, at most
 _LITTLE = 1e-3  # of the size of an object: the shortest of these steps, and how thin it is where it lies in a plane
@@ -74,11 +73,6 @@ class Depth:
         inputs, dim = [self._arrays, self._body, self._result], self._panels.stop - self._panels.start
         wp.launch(self._kernel, dim=dim, inputs=inputs, device=self._result.device)
         return float(self._result.numpy()[PARTICLES:].max())
-
-
-def moved(points: np.ndarray, motion: Motion) -> np.ndarray:
-    """Points (N, 3) [m] after a motion."""
-    return rotate(motion[0], points) + motion[1]
 
 
 def way_out(positions: np.ndarray, depth: Depth, up: np.ndarray) -> tuple[Motion, float] | None:

@@ -14,8 +14,8 @@ from cloth_sim_ros.sim.access.rope_queries import Ropes
 from cloth_sim_ros.sim.arrays.poses import Motions, checked_poses
 from cloth_sim_ros.sim.arrays.writing import are_bad
 from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.input.checks import names_of, on_host
 from cloth_sim_ros.sim.kernels.compiled import compiled
-from cloth_sim_ros.sim.scene.checks import names_of, on_host
 from cloth_sim_ros.sim.scene.objects import Rope
 
 _MOST = {"positions": 1e6, "velocities": 1e6}  # [m], [m/s] the largest coordinate that can be written

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-Some = int | None | np.ndarray  # worlds: one, all for None, or the numbers (k,) of those that a mask tells
+from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
 
 
 class LiveArray:
@@ -26,11 +26,11 @@ class LiveArray:
         """Whether something waits to be uploaded."""
         return self._changed
 
-    def read(self, row: int, world: Some) -> np.ndarray:
+    def read(self, row: int, world: WorldSelection) -> np.ndarray:
         """A copy of a row in some worlds (k,): one, (worlds,) of all for None, or those of some numbers."""
         return self._mirror[worlds_of(world), row].copy()
 
-    def write(self, row: int, world: Some, **values) -> None:
+    def write(self, row: int, world: WorldSelection, **values) -> None:
         """Change fields of a row in some worlds, to one value or a value for each of these; they reach the device with
         the next upload."""
         for name, value in values.items():
@@ -55,10 +55,3 @@ class LiveArray:
         if self._changed:
             wp.copy(self.array, self._host)
             self._changed = False
-
-
-def worlds_of(world: Some) -> slice | np.ndarray:
-    """The rows of some worlds in an array that has one for each."""
-    if isinstance(world, np.ndarray):
-        return world
-    return slice(None) if world is None else slice(world, world + 1)

@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.live_array import LiveArray, Some, worlds_of
+from cloth_sim_ros.sim.arrays.live_array import LiveArray
+from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.topology import Topology
 
@@ -69,7 +70,7 @@ class Masses:
         for b, topology in enumerate(topologies):
             self.write(b, None, np.array([_mass(topology), topology.load]))
 
-    def read(self, b: int, world: Some) -> np.ndarray:
+    def read(self, b: int, world: WorldSelection) -> np.ndarray:
         """Mass and end mass (k, 2) [kg] of a body in some worlds."""
         return self._kg[worlds_of(world), b].copy()
 
@@ -103,7 +104,7 @@ class Masses:
         rows["compliance"] *= np.where(self._same(b, kg), 1.0, least)[:, None]
         return rows
 
-    def write(self, b: int, world: Some, kg: np.ndarray) -> None:
+    def write(self, b: int, world: WorldSelection, kg: np.ndarray) -> None:
         """Give a body masses (2,) or (k, 2) in some worlds; particles that are free now have those from `put` on."""
         topology, numbers = self._topologies[b], np.arange(len(self._kg), dtype=np.int32)[worlds_of(world)]
         self._kg[numbers, b] = kg
@@ -116,7 +117,7 @@ class Masses:
         total = topology.masses.sum()
         self._materials.write(b, world, largest_inverse_mass=np.where(same, 1.0, total / rows.sum(axis=1)))
 
-    def put(self, b: int, world: Some, positions: list[wp.array]) -> None:
+    def put(self, b: int, world: WorldSelection, positions: list[wp.array]) -> None:
         """Bring the masses of a body to its particles that are free, in rows (worlds, N) of inverse masses."""
         numbers = np.arange(len(self._kg), dtype=np.int32)[worlds_of(world)]
         chosen = wp.array(numbers, dtype=int, device=self._device)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from cloth_sim_ros.sim.lines.layout import slots_a_thread
 from cloth_sim_ros.sim.topology import Topology
+from cloth_sim_ros.sim.topology.line_layout import slots_a_thread
 
 
 @dataclass(frozen=True)

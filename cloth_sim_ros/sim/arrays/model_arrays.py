@@ -12,9 +12,9 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Body, Model, Seams
-from cloth_sim_ros.sim.lines.layout import Rows, in_lanes, in_warps, packed
 from cloth_sim_ros.sim.topology import KINDS, Topology
 from cloth_sim_ros.sim.topology.elements import Plate
+from cloth_sim_ros.sim.topology.line_layout import Rows, in_lanes, in_warps, packed
 from cloth_sim_ros.sim.topology.tears import at_triangles, under_bends
 
 _NOT_ROWS = ("bodies", "groups", "plate_strides", "curve_width", "seams")

@@ -10,9 +10,9 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.arrays.live_array import LiveArray, Some, worlds_of
+from cloth_sim_ros.sim.arrays.live_array import LiveArray
+from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, worlds_of
 from cloth_sim_ros.sim.physics.quaternion import unit_quaternion, unit_quaternions
-from cloth_sim_ros.sim.scene.checks import check_worlds
 
 
 class Motions(LiveArray):
@@ -29,7 +29,7 @@ class Motions(LiveArray):
         self.pose_offset = np.dtype(struct.numpy_dtype()).fields["end_position"][1]
         self.are_still = True  # all of them: asked every frame, for less than NumPy takes to look
 
-    def reach(self, row: int, world: Some, name: str, pose: tuple[Any, Any], sweep: bool) -> None:
+    def reach(self, row: int, world: WorldSelection, name: str, pose: tuple[Any, Any], sweep: bool) -> None:
         """What is called `name` goes to a pose, or to the one of each world: by `move` with `sweep`, else by `place`.
         Raises ValueError."""
         worlds, orientation = len(self._wanted), pose[1]
@@ -40,14 +40,14 @@ class Motions(LiveArray):
             orientation = unit_quaternion(orientation, f"{name}.orientation")
         (self.move if sweep else self.place)(row, world, place, orientation)
 
-    def move(self, row: int, world: Some, position: Sequence[float], orientation: Sequence[float]) -> None:
+    def move(self, row: int, world: WorldSelection, position: Sequence[float], orientation: Sequence[float]) -> None:
         """A thing reaches a pose [m], x y z w, at the end of the next frame, in some worlds."""
         worlds = worlds_of(world)
         self._position[worlds, row], self._orientation[worlds, row] = position, orientation
         self._wanted[worlds, row] = True
         self.are_still = False
 
-    def place(self, row: int, world: Some, position: Sequence[float], orientation: Sequence[float]) -> None:
+    def place(self, row: int, world: WorldSelection, position: Sequence[float], orientation: Sequence[float]) -> None:
         """A thing is at a pose at once and was never anywhere else."""
         worlds = worlds_of(world)
         self._wanted[worlds, row] = self._moving[worlds, row] = False

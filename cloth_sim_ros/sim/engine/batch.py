@@ -10,19 +10,20 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.arrays import writing
-from cloth_sim_ros.sim.arrays.live_array import LiveArray, Some, worlds_of
+from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.arrays.masses import Masses
 from cloth_sim_ros.sim.arrays.model import Features, Model
 from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
 from cloth_sim_ros.sim.arrays.rope_state import Drive, EndTurn, WinchState
 from cloth_sim_ros.sim.arrays.state import Arrays, Material
-from cloth_sim_ros.sim.arrays.state_arrays import make_states, row_of, state_of
 from cloth_sim_ros.sim.engine.batch_frame import BatchFrame
 from cloth_sim_ros.sim.engine.scaled import Scaled
+from cloth_sim_ros.sim.engine.state_arrays import make_states, row_of, state_of
+from cloth_sim_ros.sim.engine.torn import Torn
 from cloth_sim_ros.sim.executors.choose import make_executor, make_safe_executor
 from cloth_sim_ros.sim.executors.trial import Trial
 from cloth_sim_ros.sim.features.tearing.tear import LEFT
-from cloth_sim_ros.sim.features.tearing.torn import Torn
+from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
 from cloth_sim_ros.sim.topology import Topology
 
 
@@ -123,7 +124,7 @@ class Batch:
         row = self._bodies[self.index[name]]
         return slice(row["segments"], row["segments_end"])
 
-    def write_masses(self, name: str, kg: np.ndarray, world: Some) -> None:
+    def write_masses(self, name: str, kg: np.ndarray, world: WorldSelection) -> None:
         """Give a body mass and end mass (k, 2) [kg] in some worlds; what is pinned, or on a drum, stays held."""
         b, span = self.index[name], self.span(name)
         self.masses.write(b, world, kg)

@@ -14,9 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.access.sizes import sharpest
-from cloth_sim_ros.sim.access.starts import Motion, moved
-from cloth_sim_ros.sim.arrays.live_array import LiveArray, Some, worlds_of
+from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.poses import Motions
 from cloth_sim_ros.sim.arrays.state import Arrays, ColliderMotion, Frame, HandleMotion
@@ -24,14 +22,15 @@ from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.colliders.collider import FASTEST, STRETCHED, Collider
 from cloth_sim_ros.sim.engine.batch import Batch, Shared
 from cloth_sim_ros.sim.engine.body_state import give, take
+from cloth_sim_ros.sim.engine.coupled_bodies import Together
 from cloth_sim_ros.sim.engine.frames import LONGEST, Frames
 from cloth_sim_ros.sim.engine.scaled import softened
+from cloth_sim_ros.sim.engine.sizes import sharpest
 from cloth_sim_ros.sim.executors.choose import EXECUTORS
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import FEW
-from cloth_sim_ros.sim.features.self_contact.coupled_bodies import Together
+from cloth_sim_ros.sim.input.checks import WorldSelection, names_of, on_host, worlds_of
 from cloth_sim_ros.sim.kernels.device import find_device
-from cloth_sim_ros.sim.lines.layout import CROWDED
-from cloth_sim_ros.sim.scene.checks import names_of, on_host
+from cloth_sim_ros.sim.physics.quaternion import Motion, moved
 from cloth_sim_ros.sim.scene.forces import name_of
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 from cloth_sim_ros.sim.scene.scene import Scene
@@ -41,6 +40,7 @@ from cloth_sim_ros.sim.substeps.choose import Choice, distinct
 from cloth_sim_ros.sim.substeps.prices import Surroundings
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.topology import build as build_topology
+from cloth_sim_ros.sim.topology.line_layout import CROWDED
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
@@ -117,7 +117,7 @@ class Bodies:
         rows = self.lightened(name, self.materials_of(name, None), None)
         return self.choose(name, distinct(rows), float(rows["thickness"].min()))
 
-    def lightened(self, name: str, rows: np.ndarray, world: Some, kg: np.ndarray | None = None) -> np.ndarray:
+    def lightened(self, name: str, rows: np.ndarray, world: WorldSelection, kg: np.ndarray | None = None) -> np.ndarray:
         """Rows of Material of an object in some worlds, as what chooses and checks methods takes them, where it weighs
         `kg` (k, 2), see Masses, or what it does."""
         masses, b = self.batch[name].masses, self.batch[name].index[name]
@@ -255,7 +255,7 @@ class Bodies:
             self._arrays = [wp.array(batch.worlds, dtype=Arrays, device=batch.device) for batch in self.batches]
         return self._arrays
 
-    def materials_of(self, name: str, world: Some) -> np.ndarray:
+    def materials_of(self, name: str, world: WorldSelection) -> np.ndarray:
         """The rows of Material of an object as they are now, of some worlds."""
         batch = self.batch[name]
         return batch.materials.read(batch.index[name], world)
@@ -287,7 +287,7 @@ class Bodies:
             raise ValueError(f"world is {world!r}; allowed is a whole number from 0 to {self.worlds - 1}")
         return world
 
-    def some(self, world: Any) -> Some:
+    def some(self, world: Any) -> WorldSelection:
         """`world` if it is None, for all, or there is one of that number; the numbers of those that a mask (worlds,) of
         bool tells. Else ValueError."""
         if world is None or not (len(world.shape) if hasattr(world, "shape") else np.ndim(world)):
@@ -299,7 +299,7 @@ class Bodies:
             )
         return np.flatnonzero(mask)
 
-    def chosen(self, some: Some) -> wp.array:
+    def chosen(self, some: WorldSelection) -> wp.array:
         """The numbers of some worlds on the device, (k,) int32."""
         numbers = np.arange(self.worlds)[worlds_of(some)]
         return wp.array(numbers, dtype=int, device=self.warp_device)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable, Sequence
 import warp as wp
 
 from cloth_sim_ros.sim.engine.batch import Batch
-from cloth_sim_ros.sim.features.self_contact.coupled_bodies import Together
+from cloth_sim_ros.sim.engine.coupled_bodies import Together
 
 LONGEST = 10  # frames in a graph
 _KEPT = 8  # graphs at a time

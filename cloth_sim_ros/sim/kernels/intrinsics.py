@@ -344,6 +344,11 @@ def store_row(values: wp.array(dtype=wp.vec4), i: int, v: wp.vec4):
 
 
 @wp.func
+def pack(v: wp.vec3, w: float) -> wp.vec4:
+    return wp.vec4(v[0], v[1], v[2], w)
+
+
+@wp.func
 def xyz(v: wp.vec4) -> wp.vec3:
     """The first three of the four numbers that are loaded at a time."""
     return wp.vec3(v[0], v[1], v[2])

@@ -9,6 +9,7 @@ import numpy as np
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+Motion = tuple[Quaternion, np.ndarray]  # a turn about the origin of the world, then a shift [m]
 
 
 def unit_quaternion(value: Any, name: str) -> Quaternion:
@@ -65,3 +66,8 @@ def _unit(value: Any, size: int, shortest: float) -> np.ndarray | None:
     except (TypeError, ValueError):
         return None
     return None if vector.shape != (size,) or not np.isfinite(length) or length < shortest else vector / length
+
+
+def moved(points: np.ndarray, motion: Motion) -> np.ndarray:
+    """Points (N, 3) [m] after a motion."""
+    return rotate(motion[0], points) + motion[1]

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.input.checks import check_fields, finite_array
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
-from cloth_sim_ros.sim.scene.checks import check_fields, finite_array
 from cloth_sim_ros.sim.scene.materials import rope_fields, sheet_fields, triangles_area
 
 

@@ -13,8 +13,8 @@ from typing import Any
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.input.checks import check_fields
 from cloth_sim_ros.sim.physics.quaternion import Vector
-from cloth_sim_ros.sim.scene.checks import check_fields
 from cloth_sim_ros.sim.scene.forces import Force, name_of
 from cloth_sim_ros.sim.scene.handles import Handle
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.scene.checks import check_fields
+from cloth_sim_ros.sim.input.checks import check_fields
 
 
 @dataclass(frozen=True)

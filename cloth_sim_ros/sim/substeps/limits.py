@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from cloth_sim_ros.sim.physics.plate import MOST_BENDING
 from cloth_sim_ros.sim.topology import KINDS, Topology
 
 
@@ -64,10 +65,6 @@ class Kinks:
     def _weight(self) -> float:
         # What is strained a lot moves by its strain, too.
         return max(0.02 * min(1.0, self.strain / 1e-4), 2.5 * self.strain)
-
-
-# (omega h_e)^2 of the stiffest bending mode that XPBD takes; beyond it, the sheet is computed as softer.
-MOST_BENDING = 0.6
 
 
 def bending_share(rate: float, step: float) -> float:

@@ -13,8 +13,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Here
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
-from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, lowest_bit, store_row, xyz
-from cloth_sim_ros.sim.motion import pack
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, lowest_bit, pack, store_row, xyz
 
 WORD = 64  # colliders a word
 FEW = 8  # colliders that every particle may ask: a list of them would cost as much

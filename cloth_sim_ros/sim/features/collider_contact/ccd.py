@@ -4,8 +4,7 @@
 import warp as wp
 
 from cloth_sim_ros.sim.colliders import make_is_beyond, make_signed_distance, number_of
-from cloth_sim_ros.sim.kernels.intrinsics import xyz
-from cloth_sim_ros.sim.motion import pack
+from cloth_sim_ros.sim.kernels.intrinsics import pack, xyz
 
 _TRACED = 1.0e-3  # of the thickness: how near to the surface the tracing of a path ends
 

@@ -24,8 +24,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     slip_of_particle,
 )
 from cloth_sim_ros.sim.features.collider_contact.particle import Met, add_force, length_of
-from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, store_row, xyz
-from cloth_sim_ros.sim.motion import pack
+from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, store_row, xyz
 
 # Bits of State.pressed: a particle of a facet that is pressed or fast, the same behind that stage, and one that stops.
 PRESSED, MOVED, STOPS = wp.constant(1), wp.constant(2), wp.constant(4)

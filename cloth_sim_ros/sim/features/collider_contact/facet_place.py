@@ -7,8 +7,8 @@ from cloth_sim_ros.sim.arrays.context import Here
 from cloth_sim_ros.sim.arrays.state import ColliderMotion, Look, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, strays
 from cloth_sim_ros.sim.features.collider_contact.facet import Facet
+from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of
 from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
-from cloth_sim_ros.sim.motion import slip_of
 
 
 @wp.func

@@ -8,10 +8,10 @@ from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_meet
+from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of
 from cloth_sim_ros.sim.features.collider_contact.thickness import NEARBY, make_thickness_for, note_strain, widest_around
 from cloth_sim_ros.sim.features.grasp import HELD
-from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store4, store_row, xyz
-from cloth_sim_ros.sim.motion import pack, slip_of
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 

@@ -46,8 +46,7 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
     pace,
     with_push,
 )
-from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store4, store_row, xyz
-from cloth_sim_ros.sim.motion import pack
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
 # Of the largest inverse mass: what a push beside a pinned or heavy corner divides by, so that no other is ever thrown

@@ -14,8 +14,7 @@ from cloth_sim_ros.sim.arrays.state import Material
 from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, store4, xyz
 from cloth_sim_ros.sim.kernels.native import source
 from cloth_sim_ros.sim.physics.integrate import carried
-from cloth_sim_ros.sim.physics.plate import rest_curvature
-from cloth_sim_ros.sim.substeps.limits import MOST_BENDING
+from cloth_sim_ros.sim.physics.plate import MOST_BENDING, rest_curvature
 
 MOST = wp.constant(MOST_BENDING)  # (omega h_e)^2 (1 + gamma) of the stiffest mode, gamma = dashpot time / h_e
 

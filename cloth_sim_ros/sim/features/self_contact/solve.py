@@ -24,11 +24,11 @@ from cloth_sim_ros.sim.kernels.intrinsics import (
     exact_sum,
     load_row,
     next_place,
+    pack,
     store_row,
     sum_of_four,
     xyz,
 )
-from cloth_sim_ros.sim.motion import pack
 from cloth_sim_ros.sim.physics.friction import friction_correction
 
 _PASSES = 4  # of all pairs in an iteration: each finds what the one before left of layers upon layers

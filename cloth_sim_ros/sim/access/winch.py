@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.arrays.live_array import Some
 from cloth_sim_ros.sim.engine.batch import Batch
+from cloth_sim_ros.sim.input.checks import WorldSelection
 from cloth_sim_ros.sim.scene.objects import Winch, check_lengths
 
 LIVE = tuple(row.name for row in table.WINCH if row.live)
@@ -20,7 +20,7 @@ def write_winch(batch: Batch, name: str, winch: Winch) -> None:
     batch.drives.write(batch.index[name], None, **{field: getattr(winch, field) for field in LIVE})
 
 
-def set_winch(batch: Batch, name: str, row: table.Parameter, value: Any, world: Some) -> None:
+def set_winch(batch: Batch, name: str, row: table.Parameter, value: Any, world: WorldSelection) -> None:
     """Change one live number in some worlds to a checked value, or one for each. Raises ValueError."""
     b = batch.index[name]
     lengths = batch.drives.read(b, world)

@@ -15,10 +15,10 @@ from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
 from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import EXTENT, words_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import SWEPT
 from cloth_sim_ros.sim.features.self_contact.solve import ASKED
 from cloth_sim_ros.sim.features.tearing.tear import LEFT
 from cloth_sim_ros.sim.lines.solve import scratch_of
-from cloth_sim_ros.sim.motion import SWEPT
 from cloth_sim_ros.sim.ropes.elimination import NUMBERS
 
 

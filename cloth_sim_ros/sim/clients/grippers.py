@@ -14,8 +14,8 @@ import numpy as np
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.colliders.box import Box
+from cloth_sim_ros.sim.input.checks import check_fields
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector, rotate, unit_quaternion
-from cloth_sim_ros.sim.scene.checks import check_fields
 from cloth_sim_ros.sim.simulation import Simulation
 
 SIDES = {"left": 1.0, "right": -1.0}  # finger -> on which side along the gripper's y axis

@@ -9,11 +9,11 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.arrays import writing
-from cloth_sim_ros.sim.arrays.live_array import Some, worlds_of
 from cloth_sim_ros.sim.arrays.model import Features, Model
 from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.features.tearing.tear import GONE, LEFT, followers
+from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.program import make_begin
 
@@ -56,7 +56,7 @@ class Torn:
             if len(values):
                 writing.put(self._states[name], 0, values, chosen)
 
-    def read(self, b: int, world: Some = None) -> dict[str, np.ndarray]:
+    def read(self, b: int, world: WorldSelection = None) -> dict[str, np.ndarray]:
         """Kind -> (worlds, S) bool, whether each spring of a body has failed, in one world or all."""
         rests = self._states["line_rests"][worlds_of(world)].numpy()
         return {kind: rests[:, slots] < 0.0 for kind, slots in self._slots[b].items()}

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from cloth_sim_ros.sim.arrays.live_array import LiveArray, Some
+from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.input.checks import WorldSelection
 
 
-def write_size(rows: LiveArray, row: int, collider: Collider, field: str, value: Any, world: Some) -> None:
+def write_size(rows: LiveArray, row: int, collider: Collider, field: str, value: Any, world: WorldSelection) -> None:
     """Give a dimension of a collider a checked value [m], or one for each of some worlds, and what goes with it."""
     sizes = rows.read(row, world)["size"].astype(np.float64)
     sizes[:, collider.place_in_size(field)] = value

@@ -14,8 +14,17 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.arrays.live_array import Some, worlds_of
 from cloth_sim_ros.sim.physics.quaternion import unit_quaternion
+
+# Worlds: one, all for None, or the numbers (k,) of those that a mask selects.
+WorldSelection = int | None | np.ndarray
+
+
+def worlds_of(world: WorldSelection) -> slice | np.ndarray:
+    """The rows of some worlds in an array that has one for each."""
+    if isinstance(world, np.ndarray):
+        return world
+    return slice(None) if world is None else slice(world, world + 1)
 
 
 def check_fields(thing: Any, rows: tuple[table.Parameter, ...], skip: tuple[str, ...] = ()) -> None:
@@ -40,7 +49,7 @@ def on_host(array: Any) -> np.ndarray:
     return np.asarray(array)
 
 
-def check_worlds(row: table.Parameter, value: Any, name: str, worlds: int, some: Some) -> Any:
+def check_worlds(row: table.Parameter, value: Any, name: str, worlds: int, some: WorldSelection) -> Any:
     """The checked value of a live number for some of `worlds` worlds.
 
     It is as `table.check` gives it or, of an array whose first axis is all worlds, the rows (k,) or (k, length) float64

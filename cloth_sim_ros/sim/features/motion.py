@@ -10,7 +10,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Here
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.arrays.state import ColliderMotion, Material, Sweep
+from cloth_sim_ros.sim.arrays.state import Material
 from cloth_sim_ros.sim.features.air.panels import make_push
 from cloth_sim_ros.sim.features.plate.bending import make_bending_force
 from cloth_sim_ros.sim.kernels.intrinsics import (
@@ -20,6 +20,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import (
     load4,
     load_pair,
     load_row,
+    pack,
     quotient,
     store4,
     store_row,
@@ -40,43 +41,6 @@ from cloth_sim_ros.sim.physics.integrate import (
     split_sum,
 )
 from cloth_sim_ros.sim.scene.forces import make_pull
-
-
-@wp.func
-def pack(v: wp.vec3, w: float) -> wp.vec4:
-    return wp.vec4(v[0], v[1], v[2], w)
-
-
-SWEPT = 64  # substeps whose colliders' motion a launch computes ahead
-
-
-@wp.func
-def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
-    """The motion of a collider between two fractions of the frame; a resting one does not turn by rounding."""
-    sweep = Sweep()
-    q0 = c.start_orientation
-    q1 = c.start_orientation
-    moves = wp.length_sq(c.start_orientation - c.end_orientation) > 0.0
-    if moves:
-        q0 = wp.quat_slerp(c.start_orientation, c.end_orientation, before)
-        q1 = wp.quat_slerp(c.start_orientation, c.end_orientation, after)
-    sweep.to_local = wp.transpose(wp.quat_to_matrix(q1))
-    if moves:
-        sweep.turn = sweep.to_local - wp.transpose(wp.quat_to_matrix(q0))
-        sweep.spin = wp.sqrt(wp.ddot(sweep.turn, sweep.turn))
-    sweep.motion = (c.end_position - c.start_position) * (after - before)
-    sweep.position = c.start_position + (c.end_position - c.start_position) * after
-    return sweep
-
-
-@wp.func
-def slip_of(start: wp.vec3, moved: wp.vec3, sweep: Sweep) -> wp.vec3:
-    """How far a point that moved [m] came in the axes of a collider, without the difference of two large positions.
-
-    start: where it was when the substep began, from where the collider ends [m]. Of a collider that turns by T and
-    moves by u it is R^T_end (moved - u) + T (start + u), as the collider itself began at -u.
-    """
-    return sweep.to_local * (moved - sweep.motion) + sweep.turn * (start + sweep.motion)
 
 
 @wp.func
