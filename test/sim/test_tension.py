@@ -30,8 +30,9 @@ def hanging(segments, compliance, load=LOAD, **rope):
     return thing, G * (MASS / LENGTH * (LENGTH - s) + load)
 
 
-def settled(thing, device, frames=200, worlds=1, executor=None, **settings):
-    sim = Simulation(Scene({"it": thing}), fixed(global_damping=8.0, **settings), device, worlds, executor)
+def settled(thing, device, frames=200, drag=8.0, worlds=1, **settings):
+    executor = settings.pop("executor", None)
+    sim = Simulation(Scene({"it": thing}), fixed(global_damping=drag, **settings), device, worlds, executor)
     sim.step(frames)
     return sim
 
