@@ -3,16 +3,16 @@
 
 The contract of an executor (block.py: a launch a frame; graph.py: launches between which objects meet):
 
-1. It gives every stage a `Here` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
+1. It gives every stage a `Context` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
 2. Each substep runs `before`, then `solved` and `touched` in each iteration, then `kept` and `after`. `ending` ends the
    frame.
    Where objects meet, they are kept apart before `touched`, so that what lies on a floor sticks to it, whatever lies on
    top. They are bounded behind `kept`, so that nothing comes through a sheet, whatever pushes.
-3. A stage is run(t, width, here), called by `width` threads of numbers t, of which `threads` solve chains. What they
+3. A stage is run(t, width, ctx), called by `width` threads of numbers t, of which `threads` solve chains. What they
    store is seen by all threads of the body before the next stage begins.
-4. A stage with `rounds` is run once for each round of lines, in order, with `here.group` set and a barrier between.
+4. A stage with `rounds` is run once for each round of lines, in order, with `ctx.group` set and a barrier between.
    Its `width` is a multiple of a warp on a GPU.
-5. It sets `here.step.first`, `store` and `repeats`, and `here.last`, which holds in the last iteration. Stages of
+5. It sets `ctx.step.first`, `store` and `repeats`, and `ctx.last`, which holds in the last iteration. Stages of
    `every` n substeps run in substeps that n divides.
 6. It knows no physics, and a stage knows no executor.
 """
@@ -23,12 +23,12 @@ from dataclasses import dataclass, field
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.features.air.panels import make_panels
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import list_colliders, make_forget_contacts, measure_extent
-from cloth_sim_ros.sim.features.collider_contact.facet_clamp import make_stay, make_stop
+from cloth_sim_ros.sim.features.collider_contact.facet_clamp import make_facet_clamp, make_give_up_way
 from cloth_sim_ros.sim.features.collider_contact.particle import make_contact, make_met_in
 from cloth_sim_ros.sim.features.collider_contact.surface import make_carry_presses, make_press, make_yield
 from cloth_sim_ros.sim.features.collider_contact.sweep import SWEPT, sweep_collider
@@ -86,8 +86,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     if features.lines:
         program.solved.append(_make_lines(features, on_cpu))
     if features.shapes:
-        _keep_out(program, features, None if features.meets else finish)
-    if features.meets or not features.shapes:
+        _keep_out(program, features, None if features.coupled else finish)
+    if features.coupled or not features.shapes:
         program.after.append(over_particles("finish", finish))
     if features.tears:
         program.after.append(Stage("tear", make_tear(features)))
@@ -110,8 +110,8 @@ def _keep_out(program: Program, features: Features, ends) -> None:
     program.touched.append(over_meeting("contact", met_in, contact))
     program.touched.append(Stage("press", make_press(features)))
     program.touched.append(over_meeting("give_way", met_in, make_yield(features)))
-    program.kept.append(Stage("stop", make_stop(features)))
-    program.kept.append(over_meeting("stay", met_in, make_stay(features), ends))
+    program.kept.append(Stage("stop", make_facet_clamp(features)))
+    program.kept.append(over_meeting("stay", met_in, make_give_up_way(features), ends))
 
 
 def _look_around(features: Features) -> list[Stage]:
@@ -132,30 +132,30 @@ def make_begin(features: Features):
     separate = features.plate and features.method == "xpbd"
 
     @wp.func
-    def begin(arrays: Arrays, b: int) -> Here:
-        here = Here()
-        here.model = arrays.model
-        here.state = arrays.state
-        here.body = arrays.model.bodies[b]
-        here.material = arrays.materials[b]
-        here.frame = arrays.frames[0]
-        here.colliders = arrays.colliders
-        here.forces = arrays.forces
+    def begin(arrays: Arrays, b: int) -> Context:
+        ctx = Context()
+        ctx.model = arrays.model
+        ctx.state = arrays.state
+        ctx.body = arrays.model.bodies[b]
+        ctx.material = arrays.materials[b]
+        ctx.frame = arrays.frames[0]
+        ctx.colliders = arrays.colliders
+        ctx.forces = arrays.forces
         if wp.static(features.handles):
-            here.handles = arrays.handles
-            here.handle_counts = arrays.handle_counts
+            ctx.handles = arrays.handles
+            ctx.handle_counts = arrays.handle_counts
         if wp.static(features.winch):
-            here.drive = arrays.drives[b]
+            ctx.drive = arrays.drives[b]
         if wp.static(features.twist):
-            here.turn = arrays.ends[b].turn
-        here.x = array_address(arrays.state.positions, here.body.particles)
-        here.low = array_address(arrays.state.low, here.body.particles)
-        here.d = array_address(arrays.state.displacements, here.body.particles)
-        here.p = here.d
+            ctx.turn = arrays.ends[b].turn
+        ctx.x = array_address(arrays.state.positions, ctx.body.particles)
+        ctx.position_lo = array_address(arrays.state.position_lo, ctx.body.particles)
+        ctx.d = array_address(arrays.state.displacements, ctx.body.particles)
+        ctx.p = ctx.d
         if wp.static(separate):
-            here.p = array_address(arrays.state.predicted, here.body.particles)
-        here.spans = here.x
-        return here
+            ctx.p = array_address(arrays.state.predicted, ctx.body.particles)
+        ctx.spans = ctx.x
+        return ctx
 
     return begin
 
@@ -164,58 +164,58 @@ def make_enter(features: Features):
     """A Warp function: the same in a substep, from what `begin` made."""
 
     @wp.func
-    def enter(given: Here, substep: int) -> Here:
-        here = given
-        here.substep = substep
+    def enter(given: Context, substep: int) -> Context:
+        ctx = given
+        ctx.substep = substep
         smooth = bool(False)
         if wp.static(features.looks_back):
             # What the substep before found; two places take turns, so that none is read while it is written.
-            smooth = here.state.events[2 * here.body.index + (substep + 1) % 2] != substep
+            smooth = ctx.state.events[2 * ctx.body.index + (substep + 1) % 2] != substep
             if substep == 0:
-                smooth = here.state.history[here.body.index] > 0
-        here.step = make_step(here.frame.dt, smooth, wp.static(features.order), here.frame.global_damping)
-        here.step.weighs = substep == 0 or (here.frame.moves > 0 and substep % WEIGHED == 0)
+                smooth = ctx.state.history[ctx.body.index] > 0
+        ctx.step = make_step(ctx.frame.dt, smooth, wp.static(features.order), ctx.frame.global_damping)
+        ctx.step.weighs = substep == 0 or (ctx.frame.moves > 0 and substep % WEIGHED == 0)
         if wp.static(features.order == 2):
-            here.step.weighs = here.step.weighs or not smooth
-        bodies, colliders = here.model.bodies.shape[0], here.colliders.shape[0]
-        here.sweep = (substep % wp.static(SWEPT) * bodies + here.body.index) * colliders
-        return here
+            ctx.step.weighs = ctx.step.weighs or not smooth
+        bodies, colliders = ctx.model.bodies.shape[0], ctx.colliders.shape[0]
+        ctx.sweep = (substep % wp.static(SWEPT) * bodies + ctx.body.index) * colliders
+        return ctx
 
     return enter
 
 
 @wp.func
-def _sweep(t: int, width: int, here: Here):
-    colliders = here.colliders.shape[0]
+def _sweep(t: int, width: int, ctx: Context):
+    colliders = ctx.colliders.shape[0]
     for q in range(t, wp.static(SWEPT) * colliders, width):
         ahead = q / colliders
-        substep, c = here.substep + ahead, q - ahead * colliders
-        if substep < here.frame.substeps:
-            count = float(here.frame.substeps)
-            place = here.sweep + ahead * here.model.bodies.shape[0] * colliders + c
+        substep, c = ctx.substep + ahead, q - ahead * colliders
+        if substep < ctx.frame.substeps:
+            count = float(ctx.frame.substeps)
+            place = ctx.sweep + ahead * ctx.model.bodies.shape[0] * colliders + c
             before, after = float(substep) / count, float(substep + 1) / count
-            here.state.sweeps[place] = sweep_collider(here.colliders[c], before, after)
+            ctx.state.sweeps[place] = sweep_collider(ctx.colliders[c], before, after)
 
 
 def _make_winch(features: Features):
     turn = make_turn(features.order)
 
     @wp.func
-    def winch(t: int, width: int, here: Here):
+    def winch(t: int, width: int, ctx: Context):
         if t == 0:
-            turn(here, here.drive, here.frame.dt)
+            turn(ctx, ctx.drive, ctx.frame.dt)
 
     return winch
 
 
 def _make_curve(explicit: bool) -> Stage:
     @wp.func
-    def curve(t: int, width: int, here: Here):
-        moved = here.p
+    def curve(t: int, width: int, ctx: Context):
+        moved = ctx.p
         if wp.static(explicit):
-            moved = here.low
-        for c in range(here.body.curves + t, here.body.curves_end, width):
-            curve_triangle(c, here, here.x, moved)
+            moved = ctx.position_lo
+        for c in range(ctx.body.curves + t, ctx.body.curves_end, width):
+            curve_triangle(c, ctx, ctx.x, moved)
 
     return Stage("curve", curve)
 
@@ -224,36 +224,36 @@ def _make_chain(features: Features, threads: int, stored: bool):
     solve_chain = make_solve_chain(features, threads, stored)
 
     @wp.func
-    def chain(t: int, width: int, here: Here):
+    def chain(t: int, width: int, ctx: Context):
         if wp.static(features.twist):
-            if t == 0 and here.step.first:
-                ask_for(here.turn, here.body.index, here.state)
+            if t == 0 and ctx.step.first:
+                ask_for(ctx.turn, ctx.body.index, ctx.state)
         overstretched = bool(False)
         if t < wp.static(threads):
-            overstretched = solve_chain(t, here, here.spans)
+            overstretched = solve_chain(t, ctx, ctx.spans)
         if t == 0:
-            here.state.overstretched[here.body.index] = wp.where(
-                overstretched or (not here.step.first and _was_overstretched(here)), 1, 0
+            ctx.state.overstretched[ctx.body.index] = wp.where(
+                overstretched or (not ctx.step.first and _was_overstretched(ctx)), 1, 0
             )
 
     return chain
 
 
 @wp.func
-def _was_overstretched(here: Here) -> bool:
-    return here.state.overstretched[here.body.index] > 0
+def _was_overstretched(ctx: Context) -> bool:
+    return ctx.state.overstretched[ctx.body.index] > 0
 
 
 def _make_lines(features: Features, on_cpu: bool) -> Stage:
     solve_line_row, team = make_solve_line_row(features), 1 if on_cpu else WARP
 
     @wp.func
-    def lines(t: int, width: int, here: Here):
-        group = here.model.groups[here.group]
+    def lines(t: int, width: int, ctx: Context):
+        group = ctx.model.groups[ctx.group]
         first, end, many = group[0], group[1], group[2]
         for r in range(first + many * (t / wp.static(team)), end, many * (width / wp.static(team))):
             for k in range(many):
-                solve_line_row(r + k, here)
+                solve_line_row(r + k, ctx)
                 if wp.static(not on_cpu):
                     sync_warp()
 

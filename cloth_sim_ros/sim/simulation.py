@@ -194,8 +194,8 @@ class Simulation:
         found = {}
         for name in self._bodies.batch:
             arrays, span, _ = self._queries.device_arrays(name)
-            high, low = (rows[span].numpy()[:, :3] for rows in (arrays.state.positions, arrays.state.low))
-            found[name] = high.astype(np.float64) + low
+            high, lo = (rows[span].numpy()[:, :3] for rows in (arrays.state.positions, arrays.state.position_lo))
+            found[name] = high.astype(np.float64) + lo
         for batch in self._bodies.batches:
             batch.restore()
         return found
@@ -283,8 +283,8 @@ class Simulation:
         self._bodies.one(world)
         self._upload()
         found = {name: self._reporter.measure(batch, name, world) for name, batch in self._bodies.batch.items()}
-        if self._bodies.together is not None:
-            for name, meeting in self._bodies.together.report(world).items():
+        if self._bodies.coupled is not None:
+            for name, meeting in self._bodies.coupled.report(world).items():
                 found[name] |= meeting
         for name, choice in self._bodies.choices.items():
             found[name] |= {"expected_error": choice.error, "bending_share": choice.bending_share}

@@ -30,7 +30,7 @@ def mesh(outline=lambda x, y: True, bulge=0.0):
 
 
 def is_folded(sim):
-    return bool(sim._bodies.together._search.pairs.folded.numpy()[0])
+    return bool(sim._bodies.coupled._search.pairs.folded.numpy()[0])
 
 
 def least_distance(x, y, triangles):

@@ -123,7 +123,7 @@ def test_every_device_agrees_with_the_cpu(device):
 
 def functions_in_kernel(features):
     """Names of all functions in the CUDA source generated for `features`, without compiling it."""
-    if features.meets:  # it never runs in a block
+    if features.coupled:  # it never runs in a block
         module = graph.make_kernels.__wrapped__(features, 64)["solved"].module
     else:
         module = block.make_frame.__wrapped__(features, 256, 128).module
@@ -169,7 +169,7 @@ HOSE = Features(False, True, "", (), 2, "xpbd", beam=True, twist=True)
         (Features(False, False, "triangles", ("capsule",), 1, "verlet", plate=True),
          {"springs", "plate", "wind on cloth", "colliders", "capsule"}),
         (Features(False, True, "", (), 2, "xpbd", winch=True), {"chain", "winch"}),
-        (Features(True, False, "", ("plane",), 2, "xpbd", meets=True),
+        (Features(True, False, "", ("plane",), 2, "xpbd", coupled=True),
          {"lines", "colliders", "plane"}),
         (Features(True, False, "", ("sphere",), 2, "xpbd", listed=True),
          {"lines", "colliders", "sphere", "many colliders"}),
@@ -203,7 +203,7 @@ def test_a_frame_of_several_blocks_compiles_for_cuda(tmp_path):
 
 @pytest.mark.long
 def test_the_parts_of_a_winch_that_meets_compile_for_cuda(tmp_path):
-    features = Features(False, True, "segments", (), 2, "xpbd", True, winch=True, meets=True)
+    features = Features(False, True, "segments", (), 2, "xpbd", True, winch=True, coupled=True)
     module = graph.make_kernels.__wrapped__(features, 64)["solved"].module
     wp.compile_aot_module(module, arch=90, module_dir=tmp_path, use_ptx=True)
     source = next(tmp_path.glob("*.cu")).read_text()

@@ -54,7 +54,7 @@ def meet_halfway(
         share = Share()
         share.way = 1 - 2 * side
         share.lanes = 1
-        share.meets = True
+        share.coupled = True
         moved[0] = meet(share, segment, pull, array_address(shared, 0))
 
 

@@ -28,8 +28,8 @@ def rope_of(segments, pins, load, **material):
 def state_of(sim):
     """Positions (N, 3) with what float32 lost of them, velocities and tensions, in float64."""
     arrays, span, _ = sim.device_arrays("it")
-    high, low = (rows[span].numpy()[:, :3].astype(float) for rows in (arrays.state.positions, arrays.state.low))
-    return high + low, sim.velocities("it").astype(float), arrays.state.tensions.numpy().astype(float)
+    high, lo = (rows[span].numpy()[:, :3].astype(float) for rows in (arrays.state.positions, arrays.state.position_lo))
+    return high + lo, sim.velocities("it").astype(float), arrays.state.tensions.numpy().astype(float)
 
 
 def dense_step(rope, rest, x, v, tensions):

@@ -30,7 +30,7 @@ def grasp(given: wp.array(dtype=Arrays), b: int, h: int, chosen: wp.array(dtype=
     if position[3] == 0.0 or load_row(s.grips, g)[3] > 0.0:
         return
     handle = arrays.handles[h]
-    offset = (xyz(position) - handle.end_position) + xyz(load_row(s.low, g))
+    offset = (xyz(position) - handle.end_position) + xyz(load_row(s.position_lo, g))
     place = wp.quat_rotate_inv(handle.end_orientation, offset)
     size, far = wp.abs(place), wp.length(place)
     if size[0] <= handle.reach[0] and size[1] <= handle.reach[1] and size[2] <= handle.reach[2]:

@@ -140,7 +140,7 @@ class Live:
         value = table.check(row, value, name)
         if row.name == "substeps" and self._bodies.settings.method == "verlet":
             for owner in self._bodies.scene.objects:
-                rows = self._bodies.lightened(owner, self._bodies.materials_of(owner, None), None)
+                rows = self._bodies.effective_materials(owner, self._bodies.materials_of(owner, None), None)
                 check_rows(self._bodies, owner, rows, value)
         self._bodies.settings = dataclasses.replace(self._bodies.settings, **{row.name: value})
         self.write_settings()
@@ -174,7 +174,7 @@ class Live:
             field = "thickness" if field == "radius" else field
             materials[field] = value
         if field in ("compliance", "damping") and self._bodies.settings.method == "verlet":
-            rows = self._bodies.lightened(owner, materials, world)
+            rows = self._bodies.effective_materials(owner, materials, world)
             check_rows(self._bodies, owner, rows, self._bodies.settings.substeps)
         batch = self._bodies.batch[owner]
         batch.materials.write(batch.index[owner], world, **{field: materials[field]})
@@ -187,7 +187,7 @@ class Live:
         kg = batch.masses.read(batch.index[owner], world)
         kg[:, MASSES[field]] = value
         if self._bodies.settings.method == "verlet":
-            rows = self._bodies.lightened(owner, self._bodies.materials_of(owner, world), world, kg=kg)
+            rows = self._bodies.effective_materials(owner, self._bodies.materials_of(owner, world), world, kg=kg)
             check_rows(self._bodies, owner, rows, self._bodies.settings.substeps)
         batch.write_masses(owner, kg, world)
         self._bodies.choose_again()

@@ -77,7 +77,7 @@ def _measure(
     """
     i, j = ends[0], ends[1]
     high = arrays.state.positions[j] - arrays.state.positions[i]
-    e = xyz(high) + xyz(arrays.state.low[j] - arrays.state.low[i])
+    e = xyz(high) + xyz(arrays.state.position_lo[j] - arrays.state.position_lo[i])
     length = wp.length(e)
     n = e / wp.max(length, 1.0e-12)
     rate = wp.dot(n, xyz(arrays.state.velocities[j] - arrays.state.velocities[i]))

@@ -64,16 +64,16 @@ class Saving:
         header, arrays = read_file(path)
         try:
             self._check_structure(path, header["structure"])
-            twin = self._twin(header)
-            targets = self._arrays(twin)
-            if header["batches"] != _names(twin) or _shapes(arrays) != _shapes(_on_host(targets)):
+            derived = self._derived(header)
+            targets = self._arrays(derived)
+            if header["batches"] != _names(derived) or _shapes(arrays) != _shapes(_on_host(targets)):
                 raise ValueError("its arrays are not those of its header")
             frames, notes, grasps = int(header["frames"]), header["notes"], dict(header["grasps"])
         except _AnotherScene:
             raise
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             raise ValueError(f"{path} cannot be used: {reason(error)}; {ALLOWED}") from None
-        self._bodies.become(twin)
+        self._bodies.adopt(derived)
         for name, rows in targets.items():
             if isinstance(rows, wp.array):
                 rows.assign(arrays[name])
@@ -103,7 +103,7 @@ class Saving:
                 f"{', '.join(ours)}"
             )
 
-    def _twin(self, header: dict[str, Any]) -> Bodies:
+    def _derived(self, header: dict[str, Any]) -> Bodies:
         """The bodies as the header describes them, on the device, without their state."""
         bodies, objects = self._bodies, {}
         for name, thing in bodies.scene.objects.items():
@@ -114,7 +114,7 @@ class Saving:
         rows = {name: bodies.collider_row[name] for name in colliders}
         for name, (row, shape, fields) in header["added"].items():
             rows[name], colliders[name] = row, SHAPES[shape][0](**fields)
-        return bodies.twin(
+        return bodies.derived(
             {name: Choice(**header["choices"][name]) for name in objects},
             scene=dataclasses.replace(bodies.scene, objects=objects, colliders=colliders),
             settings=dataclasses.replace(bodies.settings, **header["settings"]),

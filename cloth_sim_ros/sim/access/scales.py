@@ -31,7 +31,7 @@ def set_scale(bodies: Bodies, owner: str, value: Any, world: WorldSelection) -> 
     if bodies.settings.method == "verlet":
         bodies.elastic[owner] = topology.at(scales)
         try:
-            rows = bodies.lightened(owner, bodies.materials_of(owner, None), None)
+            rows = bodies.effective_materials(owner, bodies.materials_of(owner, None), None)
             check_rows(bodies, owner, rows, bodies.settings.substeps)
         finally:
             bodies.elastic[owner] = topology

@@ -28,7 +28,7 @@ ALONG = wp.constant(wp.float64(1.0e-3))
 def edge_at(arrays: Arrays, i: int) -> wp.vec3:
     """From particle i of the batch to the next [m]."""
     e = xyz(arrays.state.positions[i + 1] - arrays.state.positions[i])
-    return e + xyz(arrays.state.low[i + 1] - arrays.state.low[i])
+    return e + xyz(arrays.state.position_lo[i + 1] - arrays.state.position_lo[i])
 
 
 @wp.func

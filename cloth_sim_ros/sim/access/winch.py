@@ -35,7 +35,7 @@ def measure_winch(batch: Batch, name: str, world: int) -> dict[str, float]:
     """paid_out [m], unstretched, pay_out [m/s], the rate now, and whether a limit of length has stopped it (0 or 1)."""
     winch = batch.read_body("winches", name, world)[0, 0]
     return {
-        "paid_out": float(winch["behind"] + winch["length"] + winch["owed"]),
+        "paid_out": float(winch["behind"] + winch["length"] + winch["backlog"]),
         "pay_out": float(winch["rate"]),
         "winch_stopped": int(winch["stopped"]),
     }

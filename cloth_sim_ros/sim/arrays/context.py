@@ -6,12 +6,12 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.arrays.rope_state import Drive
 from cloth_sim_ros.sim.arrays.state import ColliderMotion, Frame, HandleMotion, Material, State
-from cloth_sim_ros.sim.kernels.cooperative import Crew
+from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup
 from cloth_sim_ros.sim.physics.integrate import Step
 
 
 @wp.struct
-class Here:
+class Context:
     """A body in a substep. x, low, d, p: addresses of rows of four numbers for each of its particles.
 
     x: positions [m] and inverse masses [1/kg]. low: what float32 lost of the positions [m]. d: displacements plus low
@@ -25,11 +25,11 @@ class Here:
     frame: Frame
     step: Step
     x: wp.uint64
-    low: wp.uint64
+    position_lo: wp.uint64
     d: wp.uint64
     p: wp.uint64
     spans: wp.uint64  # where the threads of a block show one another spans of a chain
-    crew: Crew  # of the blocks that have the body together
+    cooperative_group: CooperativeGroup  # of the blocks that have the body together
     colliders: wp.array(dtype=ColliderMotion)
     handles: wp.array(dtype=HandleMotion)
     handle_counts: wp.array(dtype=int)

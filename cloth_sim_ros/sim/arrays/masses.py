@@ -92,7 +92,7 @@ class Masses:
         """Which particles (N,) of a body are pinned."""
         return self._topologies[b].pinned
 
-    def lightened(self, b: int, rows: np.ndarray, kg: np.ndarray) -> np.ndarray:
+    def effective_materials(self, b: int, rows: np.ndarray, kg: np.ndarray) -> np.ndarray:
         """Rows (k,) of Material of a body whose masses in these worlds are `kg` (k, 2), with compliances at which the
         masses of the topology would shake as fast: what chooses and checks methods knows these alone.
 

@@ -37,7 +37,7 @@ class Features:
     listed: bool = False  # whether there are so many that those near a body are looked for (see stages/near.py)
     handles: bool = False  # whether there are any
     redoes: bool = False  # whether only bodies are computed whose frame is done again
-    meets: bool = False  # whether it is kept apart from itself or from other objects
+    coupled: bool = False  # whether it is kept apart from itself or from other objects
     tears: bool = False  # whether its springs fail
     forces: tuple[str, ...] = ()  # of forces.FORCES, in the order of Arrays.forces
     line_slots: int = 1  # particles of a line that a thread of a warp holds
@@ -58,7 +58,7 @@ class Features:
         Then it is one of first order. What meets other objects stays in step with them: in a substep of another order
         the same move is another force.
         """
-        return self.chain and self.shapes != () and not self.meets
+        return self.chain and self.shapes != () and not self.coupled
 
     @staticmethod
     def of(

@@ -48,7 +48,7 @@ class WinchState:
     length: float  # of that segment [m], at rest
     behind: float  # of all segments behind it [m], at rest
     total: float  # of the rope [m], at rest
-    owed: float  # [m] to be fed little by little
+    backlog: float  # [m] to be fed little by little
     rate: float  # [m/s]
     fed: float  # in this substep [m]
     last_fed: float  # in the one before [m]

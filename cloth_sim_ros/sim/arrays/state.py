@@ -148,7 +148,9 @@ class State:
     """Arrays of one batch; N particles, S slots of lines, C segments, P panels, K colliders, B bodies."""
 
     positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m] and inverse mass [1/kg], 0 is pinned
-    low: wp.array(dtype=wp.vec4)  # (N,) what float32 lost of the positions [m]; the sum of the sizes of line forces [N]
+    position_lo: wp.array(
+        dtype=wp.vec4
+    )  # (N,) what float32 lost of the positions [m]; the sum of the sizes of line forces [N]
     displacements: wp.array(dtype=wp.vec4)  # (N,) of the substep, and the effective inverse mass [1/kg]
     velocities: wp.array(dtype=wp.vec4)  # (N,) [m/s]
     last_velocities: wp.array(dtype=wp.vec3)  # (N,) one substep ago, order 2 alone
@@ -181,13 +183,13 @@ class State:
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next three
     looks: wp.array(dtype=Look)  # (P K,)
     close: wp.array(dtype=int)  # (N,) whether facets around a particle may touch a collider in this substep
-    stirred: wp.array(dtype=int)  # (B,) one more than the last substep in which facets moved a particle
+    facets_moved_in: wp.array(dtype=int)  # (B,) one more than the last substep in which facets moved a particle
     pressed: wp.array(dtype=int)  # (N,) and bits of what they did to it, see stages/stop.py
-    seen: wp.array(dtype=wp.vec3)  # (N,) where their ways start [m], see meeting/search.py,
-    going: wp.array(dtype=wp.vec3)  # (N,) how fast they go along these [m/s],
-    strayed: wp.array(dtype=float)  # (N,) and how far they are off them, or will be when the substep ends [m]
-    asked: wp.array(dtype=wp.int64)  # (7 N,) what pairs ask of a particle, see meeting/apart.py
-    shortened: wp.array(dtype=float)  # (N,) and what share of its way it gives up, or it came through something
+    path_starts: wp.array(dtype=wp.vec3)  # (N,) where their ways start [m], see meeting/search.py,
+    path_velocities: wp.array(dtype=wp.vec3)  # (N,) how fast they go along these [m/s],
+    off_path: wp.array(dtype=float)  # (N,) and how far they are off them, or will be when the substep ends [m]
+    pair_corrections: wp.array(dtype=wp.int64)  # (7 N,) what pairs ask of a particle, see meeting/apart.py
+    ways_given_up: wp.array(dtype=float)  # (N,) and what share of its way it gives up, or it came through something
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
     near: wp.array(dtype=wp.uint64)  # (B K/64,) bits of the colliders that a body may meet in this frame, see near.py
     extents: wp.array(dtype=float)  # (8 B,)
@@ -209,7 +211,7 @@ class State:
     good_winches: wp.array(dtype=WinchState)  # (B,)
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see watch.py
     start_positions: wp.array(dtype=wp.vec4)  # (N,) where this frame began, explicit methods, see trial.py
-    start_low: wp.array(dtype=wp.vec4)  # (N,)
+    start_position_lo: wp.array(dtype=wp.vec4)  # (N,)
     start_velocities: wp.array(dtype=wp.vec4)  # (N,)
     start_recoveries: wp.array(dtype=int)  # (B,)
     strain_found: wp.array(dtype=float)  # (B,) largest strain above 0.5 at the end of this frame, else 0

@@ -21,7 +21,7 @@ def put_positions(
     b: int,
     positions: wp.array2d(dtype=wp.vec4),
     good_positions: wp.array2d(dtype=wp.vec4),
-    low: wp.array2d(dtype=wp.vec4),
+    lo: wp.array2d(dtype=wp.vec4),
 ):
     """Particle i of body b in world chosen[k]; what is on a drum is held where the first particle is."""
     k, i = wp.tid()
@@ -41,7 +41,7 @@ def put_positions(
         lost[c] = float(value - wp.float64(high[c]))
     positions[w, i] = high
     good_positions[w, i] = high
-    low[w, i] = lost
+    lo[w, i] = lost
 
 
 @compiled

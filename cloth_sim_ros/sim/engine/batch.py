@@ -86,7 +86,7 @@ class Batch:
         self._saved: dict[str, wp.array] | None = None
         # What meets advances together, see meeting/together.py.
         self.executor = None
-        if not features.meets:
+        if not features.coupled:
             self.executor = make_executor(features, self.worlds, self.counts, device, executor)
         self._trial = None
         if features.method == "verlet":
@@ -152,7 +152,7 @@ class Batch:
         self._forget(name, chosen)
 
     def _put_positions(self, name: str, positions: wp.array, chosen: wp.array) -> None:
-        parts = [self.part(array, self.span(name), None) for array in ("positions", "good_positions", "low")]
+        parts = [self.part(array, self.span(name), None) for array in ("positions", "good_positions", "position_lo")]
         inverse = self.masses.inverse[:, self.span(name)]
         inputs = [positions, inverse, chosen, self.states["winches"], self.index[name], *parts]
         dim = (len(chosen), positions.shape[1])

@@ -22,9 +22,9 @@ from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.colliders.collider import FASTEST, STRETCHED, Collider
 from cloth_sim_ros.sim.engine.batch import Batch, Shared
 from cloth_sim_ros.sim.engine.body_state import give, take
-from cloth_sim_ros.sim.engine.coupled_bodies import Together
+from cloth_sim_ros.sim.engine.coupled_bodies import CoupledBodies
 from cloth_sim_ros.sim.engine.frames import LONGEST, Frames
-from cloth_sim_ros.sim.engine.scaled import softened
+from cloth_sim_ros.sim.engine.scaled import at_scales
 from cloth_sim_ros.sim.engine.sizes import sharpest
 from cloth_sim_ros.sim.executors.choose import EXECUTORS
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import FEW
@@ -91,9 +91,9 @@ class Bodies:
     def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]], thickness: float) -> Choice:
         """How an object with these pairs of compliances and damping, and this least thickness, is to be computed."""
         topology, rows = self.elastic[name], self.colliders.array.shape[1]
-        wind, meets, tears = self.scene.wind is not None, self._meets(name), topology.tear_strain > 0.0
+        wind, coupled, tears = self.scene.wind is not None, self._is_coupled(name), topology.tear_strain > 0.0
         device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
-        around = Surroundings(device, wind, rows, self.worlds, self.scene.spare_colliders > 0, meets, tears, gravity)
+        around = Surroundings(device, wind, rows, self.worlds, self.scene.spare_colliders > 0, coupled, tears, gravity)
         choose = partial(choosing.choose, self.settings, topology, list(materials))
         choice = choose(around)
         if not choice.surface and self._enter(topology, thickness, self.settings.frame_dt / choice.substeps):
@@ -114,15 +114,17 @@ class Bodies:
 
     def _choose_now(self, name: str) -> Choice:
         """The same for an object as its materials and masses are now."""
-        rows = self.lightened(name, self.materials_of(name, None), None)
+        rows = self.effective_materials(name, self.materials_of(name, None), None)
         return self.choose(name, distinct(rows), float(rows["thickness"].min()))
 
-    def lightened(self, name: str, rows: np.ndarray, world: WorldSelection, kg: np.ndarray | None = None) -> np.ndarray:
+    def effective_materials(
+        self, name: str, rows: np.ndarray, world: WorldSelection, kg: np.ndarray | None = None
+    ) -> np.ndarray:
         """Rows of Material of an object in some worlds, as what chooses and checks methods takes them, where it weighs
         `kg` (k, 2), see Masses, or what it does."""
         masses, b = self.batch[name].masses, self.batch[name].index[name]
-        rows = masses.lightened(b, rows, masses.read(b, world) if kg is None else kg)
-        return softened(self.elastic[name], rows, self.elastic[name].scales_in(worlds_of(world)))
+        rows = masses.effective_materials(b, rows, masses.read(b, world) if kg is None else kg)
+        return at_scales(self.elastic[name], rows, self.elastic[name].scales_in(worlds_of(world)))
 
     def build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""
@@ -135,15 +137,15 @@ class Bodies:
         }
         self.batches = self._make_batches()
         self.batch = {name: batch for batch in self.batches for name in batch.index}
-        together = [batch for batch in self.batches if batch.features.meets]
+        coupled = [batch for batch in self.batches if batch.features.coupled]
         itself = [name for name, thing in self.scene.objects.items() if thing.self_contact]
-        self.together = Together(together, self.topologies, itself, self.scene.object_contact) if together else None
+        self.coupled = CoupledBodies(coupled, self.topologies, itself, self.scene.object_contact) if coupled else None
         self._arrays: list[wp.array] = []
-        self.frames = Frames(self.batches, self.together, self.warp_device)
+        self.frames = Frames(self.batches, self.coupled, self.warp_device)
         self._write_substeps()
         self.builds += 1
 
-    def _meets(self, name: str) -> bool:
+    def _is_coupled(self, name: str) -> bool:
         """Whether an object is kept apart from itself or from others."""
         return self.scene.objects[name].self_contact or (self.scene.object_contact and len(self.scene.objects) > 1)
 
@@ -160,14 +162,14 @@ class Bodies:
     def alike(self, most: int) -> int:
         """How many of the next `most` frames can be run as one, because the host has nothing to do between them."""
         still = self.colliders.are_still and self.handles.are_still
-        return min(most, LONGEST) if still and self.together is None else 1
+        return min(most, LONGEST) if still and self.coupled is None else 1
 
     def _write_substeps(self) -> None:
         """Every batch takes the most substeps and iterations that are chosen for an object in it; of those that advance
         together, for an object of any."""
-        together = [name for name in self.batch if self._meets(name)]
+        coupled = [name for name in self.batch if self._is_coupled(name)]
         for batch in self.batches:
-            chosen = [self._choices[name] for name in (together if batch.features.meets else batch.index)]
+            chosen = [self._choices[name] for name in (coupled if batch.features.coupled else batch.index)]
             needed = zip(*((c.substeps, c.iterations, c.safe_substeps) for c in chosen), strict=True)
             batch.set_substeps(*map(max, needed))
             batch.frame.refresh(self.settings.frame_dt)
@@ -203,10 +205,10 @@ class Bodies:
             give(self.batch[name], name, state)
         self._write_substeps()
 
-    def twin(self, choices: dict[str, Choice], **parts: Any) -> Bodies:
+    def derived(self, choices: dict[str, Choice], **parts: Any) -> Bodies:
         """Bodies of the same structure with other choices, and `parts` scene, settings, collider_row, scales.
 
-        They share with these all arrays that can stay. Nothing here changes, until `become`.
+        They share with these all arrays that can stay. Nothing here changes, until `adopt`.
         """
         other = copy.copy(self)
         vars(other).update(parts)
@@ -218,7 +220,7 @@ class Bodies:
         other._choices = choices
         return other
 
-    def become(self, other: Bodies) -> None:
+    def adopt(self, other: Bodies) -> None:
         """Go on as a twin of these; the state is left to whoever asks."""
         vars(self).update(vars(other))
         self._write_substeps()
@@ -239,7 +241,7 @@ class Bodies:
                 forces=tuple(map(name_of, self.scene.forces.values())),
                 handles=bool(self.scene.handles),
                 surface=choice.surface,
-                meets=self._meets(name),
+                coupled=self._is_coupled(name),
                 listed=self.colliders.array.shape[1] > FEW,
                 line_slots=max(features.line_slots, CROWDED if crowded else 1),
             )

@@ -9,7 +9,7 @@ import numpy as np
 
 from cloth_sim_ros.sim.engine.batch import Batch
 
-_KEPT = ("positions", "low", "good_positions", "velocities", "grips", "grip_pulls", "grip_forces")
+_KEPT = ("positions", "position_lo", "good_positions", "velocities", "grips", "grip_pulls", "grip_forces")
 _PAST = ("last_displacements", "last_velocities")
 
 

@@ -7,16 +7,16 @@ from collections.abc import Mapping, Sequence
 
 from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.executors.graph import Graph, Member
-from cloth_sim_ros.sim.features.self_contact.ccd_clamp import Bound
-from cloth_sim_ros.sim.features.self_contact.early_out import Flat
+from cloth_sim_ros.sim.features.self_contact.ccd_clamp import CcdClamp
+from cloth_sim_ros.sim.features.self_contact.early_out import EarlyOut
 from cloth_sim_ros.sim.features.self_contact.search import Search
-from cloth_sim_ros.sim.features.self_contact.solve import Apart
+from cloth_sim_ros.sim.features.self_contact.solve import ContactSolve
 from cloth_sim_ros.sim.features.self_contact.surfaces import members_of
-from cloth_sim_ros.sim.kernels.cooperative import crew_of
+from cloth_sim_ros.sim.kernels.cooperative import cooperative_group_of
 from cloth_sim_ros.sim.topology import Topology
 
 
-class Together:
+class CoupledBodies:
     """Batches of such objects.
 
     topologies: by name. itself: names of those that are kept apart from themselves. among: whether all are kept apart
@@ -31,12 +31,13 @@ class Together:
         by_itself = [name in itself for name in self._names]
         each = [topologies[name] for name in self._names]
         members = members_of([batch.worlds for batch in batches], each, by_itself, among, device)
-        crew = crew_of(members.worlds, device)
-        self._search = Search(members, crew, device)
-        flat = Flat(members, self._search.pairs, device)
-        apart, bound = (kind(members, self._search.pairs, crew, device) for kind in (Apart, Bound))
+        group = cooperative_group_of(members.worlds, device)
+        self._search = Search(members, group, device)
+        pairs = self._search.pairs
+        early_out = EarlyOut(members, pairs, device)
+        solve, clamp = (kind(members, pairs, group, device) for kind in (ContactSolve, CcdClamp))
         stages = [Member(batch.features, batch.worlds, device) for batch in batches]
-        self._graph = Graph(stages, (flat, self._search, apart, bound))
+        self._graph = Graph(stages, (early_out, self._search, solve, clamp))
         for batch in batches:
             batch.executor = self._graph
 

@@ -8,17 +8,17 @@ from collections.abc import Callable, Hashable, Sequence
 import warp as wp
 
 from cloth_sim_ros.sim.engine.batch import Batch
-from cloth_sim_ros.sim.engine.coupled_bodies import Together
+from cloth_sim_ros.sim.engine.coupled_bodies import CoupledBodies
 
 LONGEST = 10  # frames in a graph
 _KEPT = 8  # graphs at a time
 
 
 class Frames:
-    """The frames of batches, some of which may advance `together`. captures: whether they are graphs, as on a GPU."""
+    """The frames of batches, some of which may advance `coupled`. captures: whether they are graphs, as on a GPU."""
 
-    def __init__(self, batches: Sequence[Batch], together: Together | None, device: wp.Device) -> None:
-        self._batches, self._together, self._device = batches, together, device
+    def __init__(self, batches: Sequence[Batch], coupled: CoupledBodies | None, device: wp.Device) -> None:
+        self._batches, self._together, self._device = batches, coupled, device
         self._graphs: dict[tuple[Hashable, ...], wp.Graph] = {}
         self.captures = device.is_cuda
 
@@ -45,7 +45,7 @@ class Frames:
     def _launch(self, finer: int, frames: int, ending: Callable[[], None] | None) -> None:
         for _ in range(frames):
             for batch in self._batches:
-                if not batch.features.meets:
+                if not batch.features.coupled:
                     batch.advance(finer)
             if self._together is not None:
                 self._together.advance(finer)

@@ -60,9 +60,9 @@ class Scaled:
         self._scales, self._body, self._device, self._parts = topology.world_scales, arrays.bodies[0], device, []
         self._bodies = LiveArray(Body, 1, len(self._scales), device)
         self._bodies.write(0, None, **self._body)
-        is_rope, here = self._body["is_rope"], np.zeros(3)
+        is_rope, ctx = self._body["is_rope"], np.zeros(3)
         self.rest = self._add(topology.rest, (1, 1, 1), topology.origin, wp.float64)
-        self.layout = self._add(topology.layout, (1, 1, 1), topology.layout[0] if is_rope else here, wp.float64)
+        self.layout = self._add(topology.layout, (1, 1, 1), topology.layout[0] if is_rope else ctx, wp.float64)
         self.own = {"bodies": self._bodies.array}
         for name, powers in (_OF_ROPES if is_rope else _POWERS).items():
             rows = arrays.joined(name)
@@ -92,7 +92,7 @@ class Scaled:
             wp.launch(scale_rows, dim=dim, inputs=[*given, scales, chosen, flat], device=self._device)
 
 
-def softened(topology: Topology, rows: np.ndarray, scales: np.ndarray) -> np.ndarray:
+def at_scales(topology: Topology, rows: np.ndarray, scales: np.ndarray) -> np.ndarray:
     """Rows (k,) of Material with compliances at which `topology` would shake as fast as it does at these `scales`."""
     rows = rows.copy()
     if topology.plate is not None:

@@ -32,7 +32,7 @@ def keep_start(given: wp.array(dtype=Arrays), particles: int):
     s = given[i / particles].state
     g = i % particles
     store_row(s.start_positions, g, load_row(s.positions, g))
-    store_row(s.start_low, g, load_row(s.low, g))
+    store_row(s.start_position_lo, g, load_row(s.position_lo, g))
     store_row(s.start_velocities, g, load_row(s.velocities, g))
     if g < s.recoveries.shape[0]:
         s.start_recoveries[g] = s.recoveries[g]
@@ -87,7 +87,7 @@ def restore_start(given: wp.array(dtype=Arrays), b: int, particles: int):
         return
     g = given[i / particles].model.bodies[b].particles + i % particles
     store_row(s.positions, g, load_row(s.start_positions, g))
-    store_row(s.low, g, load_row(s.start_low, g))
+    store_row(s.position_lo, g, load_row(s.start_position_lo, g))
     store_row(s.velocities, g, load_row(s.start_velocities, g))
     if i % particles == 0:
         s.history[b] = 0

@@ -9,7 +9,7 @@ bodies never notice.
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features, Model
 from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store_row
@@ -20,29 +20,29 @@ RELAPSES = wp.constant(3)  # frames in a row after which a state that was good i
 
 
 @wp.func
-def find_fault(i: int, here: Here):
+def find_fault(i: int, ctx: Context):
     """Note whether particle i is bad."""
-    if not is_good(load4(here.x, i), load_row(here.state.velocities, here.body.particles + i)):
-        here.state.faulty[here.body.index] = 1
+    if not is_good(load4(ctx.x, i), load_row(ctx.state.velocities, ctx.body.particles + i)):
+        ctx.state.faulty[ctx.body.index] = 1
 
 
 def make_settle(features: Features):
     """The stage that keeps particle i and what a rope carries at it, or puts them back."""
 
     @wp.func
-    def settle(i: int, here: Here):
-        s = here.state
-        g = here.body.particles + i
-        if s.faulty[here.body.index] == 0:
-            keep(g, load4(here.x, i), load4(here.low, i), s)
+    def settle(i: int, ctx: Context):
+        s = ctx.state
+        g = ctx.body.particles + i
+        if s.faulty[ctx.body.index] == 0:
+            keep(g, load4(ctx.x, i), load4(ctx.position_lo, i), s)
             return
-        put_back(g, s.relapses[here.body.index], here.model, s)
+        put_back(g, s.relapses[ctx.body.index], ctx.model, s)
         if wp.static(features.chain):
             s.chain_forces[g] = wp.vec3(0.0)
             if wp.static(features.supported):
                 s.supports[g] = wp.vec4(0.0)
-            k = here.body.segments + i
-            if k < here.body.segments_end:
+            k = ctx.body.segments + i
+            if k < ctx.body.segments_end:
                 s.tensions[k] = 0.0
                 if wp.static(features.beam):
                     s.moments[k] = wp.vec3(0.0)
@@ -56,8 +56,8 @@ def make_count(features: Features):
     """The stage that ends a frame: counts a fault, keeps or puts back twist and winch, tells the history."""
 
     @wp.func
-    def count(i: int, here: Here):
-        s, b = here.state, here.body.index
+    def count(i: int, ctx: Context):
+        s, b = ctx.state, ctx.body.index
         faulty = s.faulty[b] == 1
         if wp.static(features.twist):
             if faulty:
@@ -71,7 +71,7 @@ def make_count(features: Features):
                 s.good_winches[b] = s.winches[b]
         count_fault(b, s)
         if wp.static(features.looks_back):
-            n = here.frame.substeps
+            n = ctx.frame.substeps
             smooth = s.events[2 * b + (n - 1) % 2] != n
             s.history[b] = wp.where(smooth and not faulty, 1, 0)
             s.events[2 * b] = 0
@@ -89,11 +89,11 @@ def is_good(position: wp.vec4, velocity: wp.vec4) -> bool:
 
 
 @wp.func
-def keep(g: int, position: wp.vec4, low: wp.vec4, s: State):
-    """Particle g of the batch is at `position` plus `low`, and its body is good."""
+def keep(g: int, position: wp.vec4, lo: wp.vec4, s: State):
+    """Particle g of the batch is at `position` plus `position_lo`, and its body is good."""
     store_row(s.positions, g, position)
     store_row(s.good_positions, g, position)
-    store_row(s.low, g, low)
+    store_row(s.position_lo, g, lo)
 
 
 @wp.func
@@ -114,5 +114,5 @@ def put_back(g: int, relapses: int, m: Model, s: State):
         rest = m.rest[g]
         s.good_positions[g] = wp.vec4(rest[0], rest[1], rest[2], s.good_positions[g][3])
     store_row(s.positions, g, load_row(s.good_positions, g))
-    store_row(s.low, g, wp.vec4(0.0))
+    store_row(s.position_lo, g, wp.vec4(0.0))
     store_row(s.velocities, g, wp.vec4(0.0))

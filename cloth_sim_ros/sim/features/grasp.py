@@ -13,7 +13,7 @@ What stands in the way of a held particle keeps it back. A rigid hold then bring
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.state import HandleMotion
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store4, store_row, xyz
 
@@ -26,20 +26,20 @@ HELD = 2.0e-3  # of the inverse mass: what has less of it left is held, and no c
 
 
 @wp.func
-def grip_of(i: int, here: Here) -> wp.vec4:
+def grip_of(i: int, ctx: Context) -> wp.vec4:
     """The grip on particle i, as in State.grips; its last number is 0 where nothing holds it, or a pin does."""
     grip = wp.vec4(0.0)
-    if here.state.held[here.body.index] > 0:
-        if load4(here.x, i)[3] > 0.0:
-            grip = load_row(here.state.grips, here.body.particles + i)
+    if ctx.state.held[ctx.body.index] > 0:
+        if load4(ctx.x, i)[3] > 0.0:
+            grip = load_row(ctx.state.grips, ctx.body.particles + i)
     return grip
 
 
 @wp.func
-def give_of(number: int, w: float, here: Here) -> float:
+def give_of(number: int, w: float, ctx: Context) -> float:
     """The compliance [m/N] of a handle's spring to one particle of the inverse mass w."""
-    firm = wp.min(RIGID * w * here.step.effective * here.step.effective, FIRMEST)
-    return wp.max(here.handles[number].compliance * float(here.handle_counts[number]), firm)
+    firm = wp.min(RIGID * w * ctx.step.effective * ctx.step.effective, FIRMEST)
+    return wp.max(ctx.handles[number].compliance * float(ctx.handle_counts[number]), firm)
 
 
 @wp.func
@@ -51,21 +51,21 @@ def orientation_of(handle: HandleMotion, after: float) -> wp.quat:
 
 
 @wp.func
-def _wanted(x: wp.vec4, grip: wp.vec4, substep: int, here: Here) -> wp.vec3:
+def _wanted(x: wp.vec4, grip: wp.vec4, substep: int, ctx: Context) -> wp.vec3:
     """How far a held particle at x is from where its handle wants it when that substep begins [m]."""
-    after = float(substep) / float(here.frame.substeps)
-    handle = here.handles[int(grip[3]) - 1]
+    after = float(substep) / float(ctx.frame.substeps)
+    handle = ctx.handles[int(grip[3]) - 1]
     travel = after * (handle.end_position - handle.start_position)
     return (handle.start_position - xyz(x)) + travel + wp.quat_rotate(orientation_of(handle, after), xyz(grip))
 
 
 @wp.func
-def way_of(x: wp.vec4, grip: wp.vec4, here: Here) -> wp.vec3:
+def way_of(x: wp.vec4, grip: wp.vec4, ctx: Context) -> wp.vec3:
     """How far a held particle at x is from where its handle wants it at the end of the substep [m]."""
-    way = _wanted(x, grip, here.substep + 1, here)
-    if here.handles[int(grip[3]) - 1].compliance == 0.0:
-        behind = _wanted(x, grip, here.substep, here)
-        way += _limited(behind, CATCH_UP * here.frame.dt) - behind
+    way = _wanted(x, grip, ctx.substep + 1, ctx)
+    if ctx.handles[int(grip[3]) - 1].compliance == 0.0:
+        behind = _wanted(x, grip, ctx.substep, ctx)
+        way += _limited(behind, CATCH_UP * ctx.frame.dt) - behind
     return way
 
 
@@ -76,48 +76,48 @@ def _limited(v: wp.vec3, most: float) -> wp.vec3:
 
 
 @wp.func
-def pull_before(g: int, number: int, give: float, here: Here) -> wp.vec3:
+def pull_before(g: int, number: int, give: float, ctx: Context) -> wp.vec3:
     """The force [N] with which a rigid hold of particle g of the batch begins a substep; a soft one has its spring.
 
     It is no more than what a spring of that compliance has when it gives way by what is caught up in a substep.
     """
-    if here.handles[number].compliance > 0.0:
+    if ctx.handles[number].compliance > 0.0:
         return wp.vec3(0.0)
-    return _limited(KEPT * xyz(load_row(here.state.grip_pulls, g)), CATCH_UP * here.frame.dt / give)
+    return _limited(KEPT * xyz(load_row(ctx.state.grip_pulls, g)), CATCH_UP * ctx.frame.dt / give)
 
 
 @wp.func
-def hold(i: int, here: Here):
+def hold(i: int, ctx: Context):
     """The stage that follows prediction: particle i moves as its handle has it."""
-    grip = grip_of(i, here)
+    grip = grip_of(i, ctx)
     if grip[3] == 0.0:
         return
-    g = here.body.particles + i
-    x = load4(here.x, i)
+    g = ctx.body.particles + i
+    x = load4(ctx.x, i)
     number = int(grip[3]) - 1
-    predicted = load4(here.p, i)
-    give = give_of(number, x[3], here)
-    moved = predicted[3] * here.step.effective * here.step.effective
+    predicted = load4(ctx.p, i)
+    give = give_of(number, x[3], ctx)
+    moved = predicted[3] * ctx.step.effective * ctx.step.effective
     share = give / (give + moved)
-    free = xyz(predicted) + moved * pull_before(g, number, give, here)
-    d = share * free + (1.0 - share) * way_of(x, grip, here)
-    store4(here.p, i, wp.vec4(d[0], d[1], d[2], share * predicted[3]))
+    free = xyz(predicted) + moved * pull_before(g, number, give, ctx)
+    d = share * free + (1.0 - share) * way_of(x, grip, ctx)
+    store4(ctx.p, i, wp.vec4(d[0], d[1], d[2], share * predicted[3]))
 
 
 @wp.func
-def feel(i: int, here: Here):
+def feel(i: int, ctx: Context):
     """The stage before particle i arrives: what its handle pulls at it with in this substep."""
-    grip = grip_of(i, here)
+    grip = grip_of(i, ctx)
     if grip[3] == 0.0:
         return
-    g = here.body.particles + i
-    x = load4(here.x, i)
+    g = ctx.body.particles + i
+    x = load4(ctx.x, i)
     number = int(grip[3]) - 1
-    missing, give = way_of(x, grip, here) - xyz(load4(here.d, i)), give_of(number, x[3], here)
-    pull = pull_before(g, number, give, here) + missing / give
+    missing, give = way_of(x, grip, ctx) - xyz(load4(ctx.d, i)), give_of(number, x[3], ctx)
+    pull = pull_before(g, number, give, ctx) + missing / give
     pulled = wp.vec4(pull[0], pull[1], pull[2], 0.0)
-    store_row(here.state.grip_pulls, g, pulled)
-    total = pulled / float(here.frame.substeps)
-    if here.substep > 0:
-        total += load_row(here.state.grip_forces, g)
-    store_row(here.state.grip_forces, g, total)
+    store_row(ctx.state.grip_pulls, g, pulled)
+    total = pulled / float(ctx.frame.substeps)
+    if ctx.substep > 0:
+        total += load_row(ctx.state.grip_forces, g)
+    store_row(ctx.state.grip_forces, g, total)

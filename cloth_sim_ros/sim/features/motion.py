@@ -8,7 +8,7 @@ of its displacements (intrinsics.py).
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import Material
 from cloth_sim_ros.sim.features.air.panels import make_push
@@ -71,27 +71,27 @@ def force_of_spring(e: wp.vec3, rest: float, constant: float, lost: float, dampi
 
 
 @wp.func
-def spring_force(i: int, here: Here, v: wp.vec3) -> wp.vec3:
+def spring_force(i: int, ctx: Context, v: wp.vec3) -> wp.vec3:
     """The force of all springs and dashpots around particle i [N], gathered, for explicit methods."""
-    xi = load4(here.x, i)
-    li = load4(here.low, i)
-    constants = spring_constants(here.material)
+    xi = load4(ctx.x, i)
+    li = load4(ctx.position_lo, i)
+    constants = spring_constants(ctx.material)
     force = wp.vec3(0.0)
     # One spring ahead: the fetch from a GPU's memory takes longer than the arithmetic of a spring.
-    ahead = load_pair(here.model.incident_springs, here.body.incident_springs + i)
-    for q in range(1, here.body.incident_width + 1):
+    ahead = load_pair(ctx.model.incident_springs, ctx.body.incident_springs + i)
+    for q in range(1, ctx.body.incident_width + 1):
         spring = ahead
         ahead = load_pair(
-            here.model.incident_springs,
-            here.body.incident_springs + wp.min(q, here.body.incident_width - 1) * here.body.count + i,
+            ctx.model.incident_springs,
+            ctx.body.incident_springs + wp.min(q, ctx.body.incident_width - 1) * ctx.body.count + i,
         )
         j = spring[0]
-        kind = load4(array_address(here.model.spring_types, 0), spring[1])
-        e = xyz((load4(here.x, j) - xi) + (load4(here.low, j) - li))
+        kind = load4(array_address(ctx.model.spring_types, 0), spring[1])
+        e = xyz((load4(ctx.x, j) - xi) + (load4(ctx.position_lo, j) - li))
         apart = wp.vec3(0.0)
-        if here.material.damping > 0.0:
-            apart = xyz(load_row(here.state.velocities, here.body.particles + j)) - v
-        force += force_of_spring(e, kind[0], constant_of_spring(kind, constants), kind[3], here.material.damping, apart)
+        if ctx.material.damping > 0.0:
+            apart = xyz(load_row(ctx.state.velocities, ctx.body.particles + j)) - v
+        force += force_of_spring(e, kind[0], constant_of_spring(kind, constants), kind[3], ctx.material.damping, apart)
     return force
 
 
@@ -100,10 +100,10 @@ def make_elastic_force(features: Features):
     bending_force = make_bending_force(features) if features.plate else None
 
     @wp.func
-    def elastic_force(i: int, here: Here, v: wp.vec3) -> wp.vec3:
-        force = spring_force(i, here, v)
+    def elastic_force(i: int, ctx: Context, v: wp.vec3) -> wp.vec3:
+        force = spring_force(i, ctx, v)
         if wp.static(bending_force is not None):
-            force += bending_force(i, here)
+            force += bending_force(i, ctx)
         return force
 
     return elastic_force
@@ -116,11 +116,11 @@ def first_share(step: Step) -> float:
 
 
 @wp.func
-def prediction(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, low: wp.vec3, step: Step) -> wp.vec4:
+def prediction(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, lo: wp.vec3, step: Step) -> wp.vec4:
     """The predicted displacement plus the low part [m], and the effective inverse mass [1/kg], under drag."""
     displacement = predict_displacement(base, v, a, step.effective, eased)
     # The implicit drag weighs like added mass; with it the static balance of drag, weight and springs is exact.
-    return pack(displacement + low, w * eased)
+    return pack(displacement + lo, w * eased)
 
 
 def make_predict(features: Features):
@@ -130,53 +130,53 @@ def make_predict(features: Features):
     elastic_force = make_elastic_force(features) if features.method == "verlet" else None
 
     @wp.func
-    def predict(i: int, here: Here):
-        g = here.body.particles + i
-        w = load4(here.x, i)[3]
-        v = xyz(load_row(here.state.velocities, g))
-        low = xyz(load4(here.low, i))
+    def predict(i: int, ctx: Context):
+        g = ctx.body.particles + i
+        w = load4(ctx.x, i)[3]
+        v = xyz(load_row(ctx.state.velocities, g))
+        lo = xyz(load4(ctx.position_lo, i))
         base = wp.vec3(0.0)
         ahead = v
         if wp.static(features.order == 2):
-            if here.step.second:
-                base = carried(here.state.last_displacements[g])
-                change = v - here.state.last_velocities[g]
+            if ctx.step.second:
+                base = carried(ctx.state.last_displacements[g])
+                change = v - ctx.state.last_velocities[g]
                 v += carried(change)
                 ahead += change
         # Forces were taken at the velocity ahead; drag is implicit from there (Rosenbrock).
-        a = here.frame.gravity - here.frame.global_damping * v
-        eased = here.step.eased
+        a = ctx.frame.gravity - ctx.frame.global_damping * v
+        eased = ctx.step.eased
         if wp.static(push is not None):
-            pushed = push(g, here.model, here.state)
+            pushed = push(g, ctx.model, ctx.state)
             a += w * (xyz(pushed) + pushed[3] * (ahead - v))
-            eased = eased_by(here.frame.global_damping + w * pushed[3], here.step.effective)
+            eased = eased_by(ctx.frame.global_damping + w * pushed[3], ctx.step.effective)
         if wp.static(pull is not None):
-            pulled = pull(xyz(load4(here.x, i)), ahead, 1.0 / wp.max(w, 1.0e-30), here.forces)
+            pulled = pull(xyz(load4(ctx.x, i)), ahead, 1.0 / wp.max(w, 1.0e-30), ctx.forces)
             a += w * (xyz(pulled) + pulled[3] * (ahead - v))
-            eased = eased / (1.0 + eased * here.step.effective * w * pulled[3])
+            eased = eased / (1.0 + eased * ctx.step.effective * w * pulled[3])
         if wp.static(elastic_force is not None):
-            a = first_share(here.step) * (a + w * elastic_force(i, here, v))
+            a = first_share(ctx.step) * (a + w * elastic_force(i, ctx, v))
         if wp.static(features.lines):
-            h, least = here.step.effective, LEAST_SHARE * eased
+            h, least = ctx.step.effective, LEAST_SHARE * eased
             # Few are taut or go aside, so the roots and the quotients are found for these alone.
-            taut = h * h * eased * w * here.state.tautness[g]
-            if taut > MOST_TAUT * here.body.spacing:
-                most = MOST_TAUT * here.body.spacing + MOST_WEIGHTS * wp.length(h * h * a)
+            taut = h * h * eased * w * ctx.state.tautness[g]
+            if taut > MOST_TAUT * ctx.body.spacing:
+                most = MOST_TAUT * ctx.body.spacing + MOST_WEIGHTS * wp.length(h * h * a)
                 eased *= wp.clamp(quotient(most, taut), LEAST_SHARE, 1.0)
-            aside = h * h * eased * w * load4(here.low, i)[3]
-            if aside > MOST_ASIDE * here.body.spacing:
-                eased *= share_of_inverse_mass(aside, base + h * v, h * h * a, here.body.spacing)
+            aside = h * h * eased * w * load4(ctx.position_lo, i)[3]
+            if aside > MOST_ASIDE * ctx.body.spacing:
+                eased *= share_of_inverse_mass(aside, base + h * v, h * h * a, ctx.body.spacing)
                 eased = wp.max(eased, least)
-            if here.step.weighs:
-                store4(here.low, i, pack(low, 0.0))
-                here.state.tautness[g] = 0.0
+            if ctx.step.weighs:
+                store4(ctx.position_lo, i, pack(lo, 0.0))
+                ctx.state.tautness[g] = 0.0
         # Chosen, not branched to, or a warp with a pinned particle would go both ways.
-        moved = prediction(base, v, a, eased, w, low, here.step)
+        moved = prediction(base, v, a, eased, w, lo, ctx.step)
         if wp.static(features.supported):
             # A chain and its bending are solved where the collider will hold it, or they would cut its corner.
-            square = here.step.effective * here.step.effective
-            moved += pack(square * xyz(load_row(here.state.supports, g)), 0.0)
-        store4(here.p, i, wp.where(w == 0.0, pack(low, 0.0), moved))
+            square = ctx.step.effective * ctx.step.effective
+            moved += pack(square * xyz(load_row(ctx.state.supports, g)), 0.0)
+        store4(ctx.p, i, wp.where(w == 0.0, pack(lo, 0.0), moved))
 
     return predict
 
@@ -202,12 +202,12 @@ MOST_SPACINGS = wp.constant(0.25)
 
 
 @wp.func
-def turned_by_bending(j: int, here: Here) -> float:
+def turned_by_bending(j: int, ctx: Context) -> float:
     """The angle [rad] by which joint j of a rope is bent away from rest, as its moment tells; 0 where there is none."""
-    if j >= here.body.count - 2:
+    if j >= ctx.body.count - 2:
         return 0.0
-    place = here.body.segments + j
-    return wp.length(here.state.moments[place]) * here.material.compliance[2] * here.model.joints[place][1]
+    place = ctx.body.segments + j
+    return wp.length(ctx.state.moments[place]) * ctx.material.compliance[2] * ctx.model.joints[place][1]
 
 
 def make_finish(features: Features):
@@ -215,46 +215,46 @@ def make_finish(features: Features):
     smooth = SMOOTH_ROPE if features.chain else SMOOTH_SHEET
 
     @wp.func
-    def finish(i: int, here: Here):
-        g = here.body.particles + i
-        low = xyz(load4(here.low, i))
-        old = load4(here.x, i)
-        total = xyz(load4(here.d, i))
-        displacement = total - low  # 0 of what is pinned
+    def finish(i: int, ctx: Context):
+        g = ctx.body.particles + i
+        lo = xyz(load4(ctx.position_lo, i))
+        old = load4(ctx.x, i)
+        total = xyz(load4(ctx.d, i))
+        displacement = total - lo  # 0 of what is pinned
         # Divided, not multiplied by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
-        velocity = rate_of(displacement, here.step)
+        velocity = rate_of(displacement, ctx.step)
         if wp.static(features.order == 2):
             base = wp.vec3(0.0)
-            if here.step.second:
-                base = carried(here.state.last_displacements[g])
-            velocity = rate_of(displacement - base, here.step)
+            if ctx.step.second:
+                base = carried(ctx.state.last_displacements[g])
+            velocity = rate_of(displacement - base, ctx.step)
             not_smooth = (
-                wp.length(displacement - here.state.last_displacements[g]) > wp.static(smooth) * here.body.spacing
+                wp.length(displacement - ctx.state.last_displacements[g]) > wp.static(smooth) * ctx.body.spacing
             )
             if wp.static(features.supported):
-                not_smooth = not_smooth or here.state.supports[g][3] > 0.0
+                not_smooth = not_smooth or ctx.state.supports[g][3] > 0.0
             if wp.static(features.beam):
-                not_smooth = not_smooth or turned_by_bending(i, here) > MOST_TURNED
+                not_smooth = not_smooth or turned_by_bending(i, ctx) > MOST_TURNED
             if not_smooth:
-                here.state.events[2 * here.body.index + here.substep % 2] = here.substep + 1
-            before = xyz(load_row(here.state.velocities, g))
+                ctx.state.events[2 * ctx.body.index + ctx.substep % 2] = ctx.substep + 1
+            before = xyz(load_row(ctx.state.velocities, g))
             if wp.static(features.panels != ""):
-                store_row(here.state.ahead_velocities, g, pack(velocity + (velocity - before), 0.0))
-                store_row(here.state.ahead_positions, g, pack(xyz(old) + displacement + displacement, 0.0))
-            here.state.last_velocities[g] = before
-            here.state.last_displacements[g] = displacement
+                store_row(ctx.state.ahead_velocities, g, pack(velocity + (velocity - before), 0.0))
+                store_row(ctx.state.ahead_positions, g, pack(xyz(old) + displacement + displacement, 0.0))
+            ctx.state.last_velocities[g] = before
+            ctx.state.last_displacements[g] = displacement
         if wp.static(features.chain):
             # A chain that was put together from afar: its particles did not move so, they were placed.
-            if here.state.overstretched[here.body.index] > 0:
-                kick = velocity - xyz(load_row(here.state.velocities, g))
-                most = MOST_SPACINGS * here.body.spacing * here.step.inverse
+            if ctx.state.overstretched[ctx.body.index] > 0:
+                kick = velocity - xyz(load_row(ctx.state.velocities, g))
+                most = MOST_SPACINGS * ctx.body.spacing * ctx.step.inverse
                 velocity -= kick * (1.0 - wp.min(1.0, most / wp.max(wp.length(kick), 1.0e-20)))
-        store_row(here.state.velocities, g, pack(velocity, 0.0))
+        store_row(ctx.state.velocities, g, pack(velocity, 0.0))
         position = xyz(old)
         pull = float(0.0)
         if wp.static(features.lines):
-            pull = load4(here.low, i)[3]
-        store4(here.low, i, pack(split_sum(position, total), pull))
-        store4(here.x, i, pack(position + total, old[3]))
+            pull = load4(ctx.position_lo, i)[3]
+        store4(ctx.position_lo, i, pack(split_sum(position, total), pull))
+        store4(ctx.x, i, pack(position + total, old[3]))
 
     return finish

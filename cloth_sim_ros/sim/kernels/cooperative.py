@@ -15,11 +15,11 @@ _BLOCK = 1024  # threads of a block; the compiler sees to it that their register
 
 
 @wp.struct
-class Crew:
-    """Threads that wait for one another: those of `blocks` blocks of `block` threads. A launch may have several crews.
+class CooperativeGroup:
+    """Threads that wait for one another: those of `blocks` blocks of `block` threads. A launch may have several groups.
 
     They share their work in `teams` of `width`, whole warps. sharing: how many share what has four parts, 1 on a CPU.
-    arrived: (C,) blocks of each of C crews at its barrier.
+    arrived: (C,) blocks of each of C groups at its barrier.
     """
 
     blocks: int
@@ -31,22 +31,22 @@ class Crew:
 
 
 @wp.func
-def number_of(tid: int, crew: Crew) -> int:
-    """The number of a thread in its crew. Warps that follow one another are in different blocks, so that all have
+def number_of(tid: int, group: CooperativeGroup) -> int:
+    """The number of a thread in its group. Warps that follow one another are in different blocks, so that all have
     work.
     """
-    block = tid / crew.block
-    warp = (tid - block * crew.block) / 32
-    return (warp * crew.blocks + block % crew.blocks) * 32 + tid % 32
+    block = tid / group.block
+    warp = (tid - block * group.block) / 32
+    return (warp * group.blocks + block % group.blocks) * 32 + tid % 32
 
 
-# The first block of a crew adds what turns the highest bit over once all others have come. So nobody resets the count.
+# The first block of a group adds what turns the highest bit over once all others have come. So nobody resets the count.
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
 __syncthreads();
 if (threadIdx.x == 0) {
-    unsigned* arrived = (unsigned*)crew.arrived.data + blockIdx.x / crew.blocks;
-    const unsigned last = 0x80000000u, more = blockIdx.x % crew.blocks == 0 ? last - (crew.blocks - 1) : 1u;
+    unsigned* arrived = (unsigned*)group.arrived.data + blockIdx.x / group.blocks;
+    const unsigned last = 0x80000000u, more = blockIdx.x % group.blocks == 0 ? last - (group.blocks - 1) : 1u;
     unsigned before, now;
     asm volatile("atom.add.acq_rel.gpu.global.u32 %0, [%1], %2;" : "=r"(before) : "l"(arrived), "r"(more) : "memory");
     do {
@@ -56,15 +56,15 @@ if (threadIdx.x == 0) {
 __syncthreads();
 #endif
 """)
-def sync_all(crew: Crew):
-    """A barrier of all threads of a crew, which see afterwards what any of them has stored before."""
+def sync_all(group: CooperativeGroup):
+    """A barrier of all threads of a group, which see afterwards what any of them has stored before."""
     ...
 
 
 cooperative: Callable[[Callable], wp.Kernel] = compiled(launch_bounds=_BLOCK)
 
 
-def crew_of(worlds: int, device: wp.Device) -> Crew:
+def cooperative_group_of(worlds: int, device: wp.Device) -> CooperativeGroup:
     """As many threads as are on a device at once, for this many worlds."""
     if device.is_cpu:
         return _crew(1, 1, 1, 1, device)
@@ -72,24 +72,24 @@ def crew_of(worlds: int, device: wp.Device) -> Crew:
     return _crew(device.sm_count, _BLOCK, width, 1, device)
 
 
-def crews_of(bodies: int, blocks: int, block: int, device: wp.Device) -> Crew:
-    """As many crews of `blocks` blocks as fit the device, or as there are bodies: `teams`, of which each has a body at
+def cooperative_groups_of(bodies: int, blocks: int, block: int, device: wp.Device) -> CooperativeGroup:
+    """As many groups of `blocks` blocks as fit the device, or as there are bodies: `teams`, of which each has a body at
     a time.
     """
-    crews = 1 if device.is_cpu else min(bodies, device.sm_count // blocks)
-    return _crew(blocks, block, blocks * block, crews, device)
+    groups = 1 if device.is_cpu else min(bodies, device.sm_count // blocks)
+    return _crew(blocks, block, blocks * block, groups, device)
 
 
-def _crew(blocks: int, block: int, width: int, crews: int, device: wp.Device) -> Crew:
-    crew = Crew()
-    crew.blocks, crew.block, crew.width = blocks, block, width
-    crew.teams = crews * blocks * block // width
-    crew.sharing = 1 if device.is_cpu else 4
-    crew.arrived = wp.zeros(crews, dtype=int, device=device)
-    return crew
+def _crew(blocks: int, block: int, width: int, groups: int, device: wp.Device) -> CooperativeGroup:
+    group = CooperativeGroup()
+    group.blocks, group.block, group.width = blocks, block, width
+    group.teams = groups * blocks * block // width
+    group.sharing = 1 if device.is_cpu else 4
+    group.arrived = wp.zeros(groups, dtype=int, device=device)
+    return group
 
 
-def recorded(kernel: wp.Kernel, *inputs: object, crew: Crew, device: wp.Device) -> wp.Launch:
-    """A launch of a cooperative kernel, whose last argument is the one crew."""
-    dim = crew.blocks * crew.block
-    return wp.launch(kernel, dim=dim, inputs=[*inputs, crew], device=device, block_dim=_BLOCK, record_cmd=True)
+def recorded(kernel: wp.Kernel, *inputs: object, group: CooperativeGroup, device: wp.Device) -> wp.Launch:
+    """A launch of a cooperative kernel, whose last argument is the one group."""
+    dim = group.blocks * group.block
+    return wp.launch(kernel, dim=dim, inputs=[*inputs, group], device=device, block_dim=_BLOCK, record_cmd=True)

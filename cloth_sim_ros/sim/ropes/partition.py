@@ -23,7 +23,7 @@ class Share:
     count: int  # of its segments
     start: int  # the particle at which its side begins, of the body
     ahead: int  # from a segment to its far particle
-    meets: bool  # whether there is another side
+    coupled: bool  # whether there is another side
     yields: bool  # whether its last particle is one of the other side
 
 
@@ -74,7 +74,7 @@ def make_share(threads: int, stored: bool):
             share.lanes = (side + each - 1) / each
             share.first += share.way * share.lane * each
             share.count = wp.clamp(side - share.lane * each, 0, each)
-            share.meets = out > 1
+            share.coupled = out > 1
             share.yields = t >= half and share.lane + 1 == share.lanes
         return share
 

@@ -27,7 +27,7 @@ def prepare_segments(
     segments: int,
     n: int,
     x: wp.uint64,
-    low: wp.uint64,
+    position_lo: wp.uint64,
     d: wp.uint64,
     rests: wp.array(dtype=float),
     tensions: wp.array(dtype=float),

@@ -122,12 +122,12 @@ def _xpbd(
     settings: Settings,
     topology: Topology,
     materials: Collection[tuple[Sequence[float], float]],
-    kinks: limits.Kinks,
+    kinks: limits.LineKinkError,
     around: Surroundings,
 ) -> Choice:
     """XPBD in as many substeps as the wanted error asks for and the budget allows."""
     iterations, rate, limit = settings.iterations or 1, _bending_rate(topology, materials), kinks.limit
-    fewest, leaning = _fewest(topology, around.meets), _leaning(topology, settings, around)
+    fewest, leaning = _fewest(topology, around.coupled), _leaning(topology, settings, around)
     affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
 
     def substeps_of(order: int, least: float) -> tuple[int, float, float]:
@@ -140,7 +140,7 @@ def _xpbd(
         error = min(constant / taken**power for constant, power in laws)
         return taken, wanted, max(error, kinks.error(taken, order))
 
-    order, calm = settings.order or 2, 0.0 if settings.order else _calm(topology, limit) / iterations
+    order, calm = settings.order or 2, 0.0 if settings.order else _calm_substeps(topology, limit) / iterations
     substeps, wanted, error = substeps_of(order, calm)
     if substeps < calm or (not settings.order and substeps_of(1, 0.0)[0] < substeps):
         order = 1
@@ -158,12 +158,12 @@ def _xpbd(
     return Choice("xpbd", order, substeps, iterations, error, reason, bending_share=share, surface=around.surface)
 
 
-def _fewest(topology: Topology, meets: bool) -> int:
-    """The least substeps that are chosen; `meets`: of what is kept apart from itself or others."""
+def _fewest(topology: Topology, coupled: bool) -> int:
+    """The least substeps that are chosen; `coupled`: of what is kept apart from itself or others."""
     if xpbd_is_direct(topology):
-        return _FEWEST_COILS if meets else FEWEST
-    side = math.sqrt(len(topology.masses)) / (_SIDE_LAYERS if meets else _SIDE)
-    return max(_FEWEST_LAYERS if meets else FEWEST, math.ceil(side))
+        return _FEWEST_COILS if coupled else FEWEST
+    side = math.sqrt(len(topology.masses)) / (_SIDE_LAYERS if coupled else _SIDE)
+    return max(_FEWEST_LAYERS if coupled else FEWEST, math.ceil(side))
 
 
 def _leaning(topology: Topology, settings: Settings, around: Surroundings) -> float:
@@ -205,11 +205,11 @@ def _kinks(
     materials: Collection[tuple[Sequence[float], float]],
     limit: float,
     around: Surroundings,
-) -> limits.Kinks:
+) -> limits.LineKinkError:
     """What the kinks of a mesh's lines leave; limit: substeps that leapfrog needs without dashpots."""
     weight = around.gravity * topology.masses.sum() if _is_mesh(topology) and math.isfinite(limit) else 0.0
     strain = 0.5 * weight * max(compliance[0] for compliance, _ in materials)
-    return limits.Kinks(limit, strain, settings.iterations or 1)
+    return limits.LineKinkError(limit, strain, settings.iterations or 1)
 
 
 def _swing(topology: Topology, length: float) -> float:
@@ -217,7 +217,7 @@ def _swing(topology: Topology, length: float) -> float:
     return math.sqrt(_LENGTH / (length * topology.scales_in().min()))
 
 
-def _calm(topology: Topology, limit: float) -> float:
+def _calm_substeps(topology: Topology, limit: float) -> float:
     """The least sweeps of second order that do not leave so much of the stiff springs of a mesh that these shake it."""
     return limit / _MOST_STIFF if _is_mesh(topology) else 0.0
 

@@ -30,7 +30,7 @@ _LOST = 0.1
 
 
 @dataclass(frozen=True)
-class Kinks:
+class LineKinkError:
     """By how much XPBD strains a mesh too much that hangs, and what that counts as.
 
     The lines of a mesh have kinks. The solve of each line straightens them, until others bend them back. So a share of

@@ -39,7 +39,7 @@ class Surroundings:
     colliders: int
     worlds: int = 1
     surface: bool = False
-    meets: bool = False
+    coupled: bool = False
     tears: bool = False
     gravity: float = 9.81
 
@@ -51,7 +51,7 @@ class Surroundings:
 
 def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
     """Of XPBD, by one iteration."""
-    return _alone(topology, materials, around) + _meeting(topology, around) * around.meets
+    return _alone(topology, materials, around) + _meeting(topology, around) * around.coupled
 
 
 def _meeting(topology: Topology, around: Surroundings) -> float:

@@ -3,7 +3,7 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features, Model
 from cloth_sim_ros.sim.arrays.state import Frame, Material, State
 from cloth_sim_ros.sim.features.air.panel_simd import triangle_forces
@@ -62,24 +62,24 @@ def make_panels(features: Features):
     def panel_forces(
         t: int,
         width: int,
-        here: Here,
+        ctx: Context,
     ):
-        x = here.x
-        v = array_address(here.state.velocities, here.body.particles)
+        x = ctx.x
+        v = array_address(ctx.state.velocities, ctx.body.particles)
         if wp.static(features.order == 2):
-            if here.step.second:
-                x = array_address(here.state.ahead_positions, here.body.particles)
-                v = array_address(here.state.ahead_velocities, here.body.particles)
+            if ctx.step.second:
+                x = array_address(ctx.state.ahead_positions, ctx.body.particles)
+                v = array_address(ctx.state.ahead_velocities, ctx.body.particles)
         if wp.static(features.panels == "triangles"):
-            if triangle_forces(here.model, here.state, here.body, here.frame, x, v):
+            if triangle_forces(ctx.model, ctx.state, ctx.body, ctx.frame, x, v):
                 return
-        for k in range(here.body.panels + t, here.body.panels_end, 2 * width):
+        for k in range(ctx.body.panels + t, ctx.body.panels_end, 2 * width):
             # Two at once: the way to memory and back is most of it. The last one may be told twice, alike.
-            beside = wp.min(k + width, here.body.panels_end - 1)
-            one, two = corners_of(k, here.model, x, v), corners_of(beside, here.model, x, v)
-            force, other = air(one, here.frame, here.material), air(two, here.frame, here.material)
-            store_row(here.state.panel_forces, k, force)
-            store_row(here.state.panel_forces, beside, other)
+            beside = wp.min(k + width, ctx.body.panels_end - 1)
+            one, two = corners_of(k, ctx.model, x, v), corners_of(beside, ctx.model, x, v)
+            force, other = air(one, ctx.frame, ctx.material), air(two, ctx.frame, ctx.material)
+            store_row(ctx.state.panel_forces, k, force)
+            store_row(ctx.state.panel_forces, beside, other)
 
     return panel_forces
 

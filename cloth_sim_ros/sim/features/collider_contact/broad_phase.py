@@ -11,7 +11,7 @@ Kernels of scenes with few colliders have none of this: there every particle ask
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, lowest_bit, pack, store_row, xyz
 
@@ -67,19 +67,19 @@ def make_near_of(listed: bool):
     """A Warp function: what is listed for a body, for which a thread asks once a stage; or that nothing is listed."""
 
     @wp.func
-    def near_of(here: Here) -> Near:
+    def near_of(ctx: Context) -> Near:
         near = Near()
         if wp.static(listed):
-            near.words = here.state.near
-            near.count = words_for(here.colliders.shape[0])
-            near.first = here.body.index * near.count
+            near.words = ctx.state.near
+            near.count = words_for(ctx.colliders.shape[0])
+            near.first = ctx.body.index * near.count
             near.bits = near.words[near.first]
-            near.some = here.state.extents[wp.static(EXTENT) * here.body.index + 7] > 0.0
+            near.some = ctx.state.extents[wp.static(EXTENT) * ctx.body.index + 7] > 0.0
             if near.some:
-                box = load_row(here.state.boxes, 2 * here.body.index)
+                box = load_row(ctx.state.boxes, 2 * ctx.body.index)
                 near.middle = xyz(box)
                 near.margin = box[3]
-                near.half = xyz(load_row(here.state.boxes, 2 * here.body.index + 1))
+                near.half = xyz(load_row(ctx.state.boxes, 2 * ctx.body.index + 1))
         return near
 
     return near_of
@@ -142,20 +142,20 @@ def make_forget_contacts(listed: bool):
     near_of = make_near_of(listed)
 
     @wp.func
-    def forget_contacts(t: int, width: int, here: Here):
-        colliders, near = here.colliders.shape[0], near_of(here)
+    def forget_contacts(t: int, width: int, ctx: Context):
+        colliders, near = ctx.colliders.shape[0], near_of(ctx)
         near.some = wp.static(listed)  # the words say what was listed; the rest is of the frame before
         c = next_of(-1, near, False)
         while c < colliders:
-            for i in range(t, here.body.count, width):
-                entry = (here.body.particles + i) * colliders + c
-                store_row(here.state.contact_forces, entry, wp.vec4(0.0))
-                store_row(here.state.contacts, entry, wp.vec4(0.0))
+            for i in range(t, ctx.body.count, width):
+                entry = (ctx.body.particles + i) * colliders + c
+                store_row(ctx.state.contact_forces, entry, wp.vec4(0.0))
+                store_row(ctx.state.contacts, entry, wp.vec4(0.0))
             c = next_of(c, near, False)
         if wp.static(listed):
             if t == 0:
                 for k in range(wp.static(EXTENT)):
-                    here.state.extents[wp.static(EXTENT) * here.body.index + k] = wp.where(
+                    ctx.state.extents[wp.static(EXTENT) * ctx.body.index + k] = wp.where(
                         k < 3, _FAR, wp.where(k < 6, -_FAR, 0.0)
                     )
 
@@ -163,53 +163,53 @@ def make_forget_contacts(listed: bool):
 
 
 @wp.func
-def measure_extent(t: int, width: int, here: Here):
+def measure_extent(t: int, width: int, ctx: Context):
     """The stage after it: how large the body is and how fast its particles are; no collider is listed."""
-    first = wp.static(EXTENT) * here.body.index
-    low, high, square = wp.vec3(_FAR), wp.vec3(-_FAR), float(0.0)
-    for i in range(t, here.body.count, width):
-        x = xyz(load4(here.x, i))
-        low, high = wp.min(low, x), wp.max(high, x)
-        square = wp.max(square, wp.length_sq(xyz(load_row(here.state.velocities, here.body.particles + i))))
+    first = wp.static(EXTENT) * ctx.body.index
+    lo, high, square = wp.vec3(_FAR), wp.vec3(-_FAR), float(0.0)
+    for i in range(t, ctx.body.count, width):
+        x = xyz(load4(ctx.x, i))
+        lo, high = wp.min(lo, x), wp.max(high, x)
+        square = wp.max(square, wp.length_sq(xyz(load_row(ctx.state.velocities, ctx.body.particles + i))))
     for k in range(3):
-        if low[k] < here.state.extents[first + k]:
-            wp.atomic_min(here.state.extents, first + k, low[k])
-        if high[k] > here.state.extents[first + 3 + k]:
-            wp.atomic_max(here.state.extents, first + 3 + k, high[k])
-    if square > here.state.extents[first + 6]:
-        wp.atomic_max(here.state.extents, first + 6, square)
-    words = words_for(here.colliders.shape[0])
+        if lo[k] < ctx.state.extents[first + k]:
+            wp.atomic_min(ctx.state.extents, first + k, lo[k])
+        if high[k] > ctx.state.extents[first + 3 + k]:
+            wp.atomic_max(ctx.state.extents, first + 3 + k, high[k])
+    if square > ctx.state.extents[first + 6]:
+        wp.atomic_max(ctx.state.extents, first + 6, square)
+    words = words_for(ctx.colliders.shape[0])
     for q in range(t, words, width):
-        here.state.near[here.body.index * words + q] = wp.uint64(0)
+        ctx.state.near[ctx.body.index * words + q] = wp.uint64(0)
 
 
 @wp.func
-def list_colliders(t: int, width: int, here: Here):
+def list_colliders(t: int, width: int, ctx: Context):
     """The stage after that: which colliders a particle may meet in this frame that stays within the box."""
-    first = wp.static(EXTENT) * here.body.index
-    low, high = wp.vec3(0.0), wp.vec3(0.0)
+    first = wp.static(EXTENT) * ctx.body.index
+    lo, high = wp.vec3(0.0), wp.vec3(0.0)
     for k in range(3):
-        low[k] = here.state.extents[first + k]
-        high[k] = here.state.extents[first + 3 + k]
-    substeps = float(here.frame.substeps)
+        lo[k] = ctx.state.extents[first + k]
+        high[k] = ctx.state.extents[first + 3 + k]
+    substeps = float(ctx.frame.substeps)
     # Half as far again as the fastest goes, and a little for what is at rest.
-    margin = 1.5 * here.frame.dt * substeps * wp.sqrt(here.state.extents[first + 6]) + 0.05 * wp.length(high - low)
+    margin = 1.5 * ctx.frame.dt * substeps * wp.sqrt(ctx.state.extents[first + 6]) + 0.05 * wp.length(high - lo)
     near = Near()
-    near.words = here.state.near
-    near.count = words_for(here.colliders.shape[0])
-    near.first = here.body.index * near.count
-    near.middle = 0.5 * (low + high)
+    near.words = ctx.state.near
+    near.count = words_for(ctx.colliders.shape[0])
+    near.first = ctx.body.index * near.count
+    near.middle = 0.5 * (lo + high)
     near.margin = margin
-    near.half = 0.5 * (high - low) + wp.vec3(margin)
+    near.half = 0.5 * (high - lo) + wp.vec3(margin)
     near.some = True
     if t == 0:
-        store_row(here.state.boxes, 2 * here.body.index, pack(near.middle, margin))
-        store_row(here.state.boxes, 2 * here.body.index + 1, pack(near.half, 0.0))
-    for c in range(t, here.colliders.shape[0], width):
-        if may_meet(here.colliders[c], near, here.material.thickness, substeps):
+        store_row(ctx.state.boxes, 2 * ctx.body.index, pack(near.middle, margin))
+        store_row(ctx.state.boxes, 2 * ctx.body.index + 1, pack(near.half, 0.0))
+    for c in range(t, ctx.colliders.shape[0], width):
+        if may_meet(ctx.colliders[c], near, ctx.material.thickness, substeps):
             note(c, near)
         else:
-            here.state.extents[first + 7] = 1.0
+            ctx.state.extents[first + 7] = 1.0
 
 
 @wp.func

@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import pack, xyz
 _TRACED = 1.0e-3  # of the thickness: how near to the surface the tracing of a path ends
 
 
-def make_meet(shapes: tuple[str, ...]):
+def make_ccd(shapes: tuple[str, ...]):
     """A Warp function: where a point that moved meets a collider of one of `shapes`."""
     signed_distance, is_beyond = make_signed_distance(shapes), make_is_beyond(shapes)
 

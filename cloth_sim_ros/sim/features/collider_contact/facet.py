@@ -182,17 +182,17 @@ def make_along(shapes: tuple[str, ...]):
         k = int(0)
         while k < wp.static(_CUTS) and found.value - lowest(low, high) > wp.static(_NEAR):
             at = cut(k, low, high)
-            here = signed_distance(shape, start + at * e, size, data)
-            slope = wp.dot(xyz(here), e)
-            if here[3] < found.value:
+            ctx = signed_distance(shape, start + at * e, size, data)
+            slope = wp.dot(xyz(ctx), e)
+            if ctx[3] < found.value:
                 found.at = at
-                found.value = here[3]
+                found.value = ctx[3]
             if slope < 0.0:
-                low = wp.vec3(at, here[3], slope)
-                below = tangent(start + at * e, here)
+                low = wp.vec3(at, ctx[3], slope)
+                below = tangent(start + at * e, ctx)
             else:
-                high = wp.vec3(at, here[3], slope)
-                above = tangent(start + at * e, here)
+                high = wp.vec3(at, ctx[3], slope)
+                above = tangent(start + at * e, ctx)
             k += 1
         found.plane = between(low, high, below, above)
         return found
@@ -245,11 +245,11 @@ def _or_spread(search, shapes: tuple[str, ...], is_hollow):
                 if wp.static(is_beyond is not None):
                     if is_beyond(shape, p, best.value, data):
                         continue
-                here = signed_distance(shape, p, size, data)
-                if here[3] < best.value:
+                ctx = signed_distance(shape, p, size, data)
+                if ctx[3] < best.value:
                     best.weights = weights
-                    best.value = here[3]
-                    best.plane = tangent(p, here)
+                    best.value = ctx[3]
+                    best.plane = tangent(p, ctx)
         return best
 
     return deepest
@@ -277,15 +277,15 @@ def _make_search(shapes: tuple[str, ...]):
         best = Deepest()
         k = int(0)
         while k <= wp.static(_CUTS):
-            here = row(shape, size, data, facet, u)
-            slope = slope_of(here, u, facet)
-            if k == 0 or here.value < best.value:
-                best.weights = wp.vec3(1.0 - u - here.at, u, here.at)
-                best.value = here.value
+            ctx = row(shape, size, data, facet, u)
+            slope = slope_of(ctx, u, facet)
+            if k == 0 or ctx.value < best.value:
+                best.weights = wp.vec3(1.0 - u - ctx.at, u, ctx.at)
+                best.value = ctx.value
             if k == 0:
-                best.plane = here.plane
+                best.plane = ctx.plane
                 if facet.is_segment:
-                    best.weights = wp.vec3(1.0 - here.at, here.at, 0.0)
+                    best.weights = wp.vec3(1.0 - ctx.at, ctx.at, 0.0)
                     return best
                 if slope >= 0.0:
                     return best
@@ -301,11 +301,11 @@ def _make_search(shapes: tuple[str, ...]):
                     return best
                 high = wp.vec3(1.0, tip[3], rise)
             if slope < 0.0:
-                low = wp.vec3(u, here.value, slope)
-                below = here.plane
+                low = wp.vec3(u, ctx.value, slope)
+                below = ctx.plane
             else:
-                high = wp.vec3(u, here.value, slope)
-                above = here.plane
+                high = wp.vec3(u, ctx.value, slope)
+                above = ctx.plane
             best.plane = between(low, high, below, above)
             if best.value - lowest(low, high) <= wp.static(_NEAR):
                 return best

@@ -9,7 +9,7 @@ where the facet first touches it.
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion, Sweep
 from cloth_sim_ros.sim.colliders import make_is_hollow
@@ -33,11 +33,11 @@ _LEFT, _LEAST = wp.constant(0.1), wp.constant(0.1)
 
 
 @wp.func
-def mark(corners: wp.vec3i, bit: int, here: Here):
+def mark(corners: wp.vec3i, bit: int, ctx: Context):
     """Set a bit of all corners of a facet, as others may too at the same time."""
     for k in range(3):
-        slot = here.body.particles + corners[k]
-        here.state.pressed[slot] = here.state.pressed[slot] | bit
+        slot = ctx.body.particles + corners[k]
+        ctx.state.pressed[slot] = ctx.state.pressed[slot] | bit
 
 
 @wp.func
@@ -58,7 +58,7 @@ def _make_given_up(shapes: tuple[str, ...]):
     deepest, is_hollow = make_deepest(shapes), make_is_hollow(shapes)
 
     @wp.func
-    def given_up(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, here: Here) -> wp.vec3:
+    def given_up(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context) -> wp.vec3:
         """They are 0 where it does not come through, or was inside before, as in a soft collider.
 
         What is pressed stays in front of the plane in any case, so that it also does where others hold a corner back.
@@ -67,13 +67,13 @@ def _make_given_up(shapes: tuple[str, ...]):
         hollow = bool(False)
         if wp.static(is_hollow is not None):
             hollow = is_hollow(collider.shape, collider.data)
-        facet, thickness = facet_of(corners, here, sweep), here.material.thickness
-        way, look = longest_way(facet), here.state.looks[entry]
+        facet, thickness = facet_of(corners, ctx, sweep), ctx.material.thickness
+        way, look = longest_way(facet), ctx.state.looks[entry]
         # How far off it was when the substep began, or less.
         off = wp.where(look.known == 1, look.value - moved_since(look, facet) - way, 0.0)
         if collider.compliance > 0.0 or way <= off - _least(off, thickness):
             return none
-        pressed = here.state.presses[entry].when == here.substep
+        pressed = ctx.state.presses[entry].when == ctx.substep
         left, count = float(1.0), int(0)
         plane = wp.vec4(0.0)
         apart = float(0.0)
@@ -100,66 +100,66 @@ def _make_given_up(shapes: tuple[str, ...]):
     return given_up
 
 
-def make_stop(features: Features):
+def make_facet_clamp(features: Features):
     """The stage that finds which facets come through a collider, and what their corners give up of their ways: thread
     t of `width` its share."""
     given_up, near_of = _make_given_up(features.shapes), make_near_of(features.listed)
 
     @wp.func
-    def stop(t: int, width: int, here: Here):
-        if here.state.stirred[here.body.index] != here.substep + 1:
+    def stop(t: int, width: int, ctx: Context):
+        if ctx.state.facets_moved_in[ctx.body.index] != ctx.substep + 1:
             return
-        colliders, near, first = here.colliders.shape[0], near_of(here), here.body.particles
-        for k in range(here.body.panels + t, here.body.panels_end, width):
-            corners, moved = corners_of(k, here), int(0)
+        colliders, near, first = ctx.colliders.shape[0], near_of(ctx), ctx.body.particles
+        for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
+            corners, moved = corners_of(k, ctx), int(0)
             for q in range(3):
-                moved |= here.state.pressed[first + corners[q]]
+                moved |= ctx.state.pressed[first + corners[q]]
             if moved & MOVED != 0 and corners[0] != corners[1]:
-                stray = is_stray(corners, near, here)
+                stray = is_stray(corners, near, ctx)
                 c = next_of(-1, near, stray)
                 while c < colliders:
-                    sweep = here.state.sweeps[here.sweep + c]
-                    if not is_far(corners, here, here.colliders[c], sweep):
+                    sweep = ctx.state.sweeps[ctx.sweep + c]
+                    if not is_far(corners, ctx, ctx.colliders[c], sweep):
                         entry = k * colliders + c
-                        shares = given_up(corners, entry, here.colliders[c], sweep, here)
+                        shares = given_up(corners, entry, ctx.colliders[c], sweep, ctx)
                         if wp.max(shares) > 0.0:
-                            here.state.presses[entry].stops = shares
-                            here.state.presses[entry].stopped = here.substep
-                            mark(corners, STOPS, here)
+                            ctx.state.presses[entry].stops = shares
+                            ctx.state.presses[entry].stopped = ctx.substep
+                            mark(corners, STOPS, ctx)
                     c = next_of(c, near, stray)
 
     return stop
 
 
-def make_stay(features: Features):
+def make_give_up_way(features: Features):
     """The stage behind it: particle i gives up as much of its way as any of its facets has found."""
 
     @wp.func
-    def stay(i: int, met: Met, here: Here):
-        marks = here.state.pressed[met.slot]
+    def stay(i: int, met: Met, ctx: Context):
+        marks = ctx.state.pressed[met.slot]
         if marks == 0:
             return
-        here.state.pressed[met.slot] = 0
-        if marks & STOPS == 0 or load4(here.d, i)[3] == 0.0:
+        ctx.state.pressed[met.slot] = 0
+        if marks & STOPS == 0 or load4(ctx.d, i)[3] == 0.0:
             return
-        colliders, most, of = here.colliders.shape[0], float(0.0), int(0)
-        for place in range(here.model.panel_start[met.slot], here.model.panel_start[met.slot + 1]):
-            q = here.model.particle_panels[place]
-            corners = corners_of(q, here)
+        colliders, most, of = ctx.colliders.shape[0], float(0.0), int(0)
+        for place in range(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1]):
+            q = ctx.model.particle_panels[place]
+            corners = corners_of(q, ctx)
             corner = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
             for c in range(colliders):
-                press = here.state.presses[q * colliders + c]
-                if press.stopped == here.substep and press.stops[corner] > most:
+                press = ctx.state.presses[q * colliders + c]
+                if press.stopped == ctx.substep and press.stops[corner] > most:
                     most, of = press.stops[corner], c
-        sweep, packed = here.state.sweeps[here.sweep + of], load4(here.d, i)
-        less = -most * (wp.transpose(sweep.to_local) * slip_of_particle(i, here, sweep))
+        sweep, packed = ctx.state.sweeps[ctx.sweep + of], load4(ctx.d, i)
+        less = -most * (wp.transpose(sweep.to_local) * slip_of_particle(i, ctx, sweep))
         moved = xyz(packed) + less
-        store4(here.d, i, pack(moved, packed[3]))
+        store4(ctx.d, i, pack(moved, packed[3]))
         add_force(met.forces, met.slot * colliders + of, (met.share / packed[3]) * less)
         if wp.static(features.order == 2):
             # BDF2 carries its past on. As if it had moved like this before, it does not bounce.
-            moved -= xyz(load4(here.low, i))
+            moved -= xyz(load4(ctx.position_lo, i))
             met.last_displacements[met.slot] = moved
-            store_row(met.velocities, met.slot, pack(moved / length_of(here.step), 0.0))
+            store_row(met.velocities, met.slot, pack(moved / length_of(ctx.step), 0.0))
 
     return stay

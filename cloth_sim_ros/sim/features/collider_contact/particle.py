@@ -3,11 +3,11 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
-from cloth_sim_ros.sim.features.collider_contact.ccd import make_meet
+from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of
 from cloth_sim_ros.sim.features.collider_contact.thickness import NEARBY, make_thickness_for, note_strain, widest_around
 from cloth_sim_ros.sim.features.grasp import HELD
@@ -183,7 +183,14 @@ def _make_leave(features: Features):
 
     @wp.func
     def leave(
-        i: int, low: wp.uint64, d: wp.uint64, displacement: wp.vec3, push: Push, support: wp.vec4, met: Met, step: Step
+        i: int,
+        lo: wp.uint64,
+        d: wp.uint64,
+        displacement: wp.vec3,
+        push: Push,
+        support: wp.vec4,
+        met: Met,
+        step: Step,
     ):
         w = load4(d, i)[3]
         if wp.static(features.supported):
@@ -193,7 +200,7 @@ def _make_leave(features: Features):
         store4(d, i, pack(displacement, w))
         if wp.static(features.order == 2):
             if push.pressed > 0.0:
-                moved = displacement - xyz(load4(low, i))
+                moved = displacement - xyz(load4(lo, i))
                 add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, step))
 
     return leave
@@ -204,15 +211,15 @@ def make_touch(features: Features):
 
     Returns bits of whether one of them may come within a `width` [m] of it in the substep, and whether one touched it.
     """
-    meet, leave = make_meet(features.shapes), _make_leave(features)
+    meet, leave = make_ccd(features.shapes), _make_leave(features)
     carried_by, is_supported, let_go = _make_support(features)
     least, thickness_for = least_mass(features), make_thickness_for(features)
 
     @wp.func
-    def contact(i: int, met: Met, here: Here, width: float) -> int:
-        material, step = here.material, here.step
-        packed = load4(here.d, i)
-        row = load4(here.x, i)
+    def contact(i: int, met: Met, ctx: Context, width: float) -> int:
+        material, step = ctx.material, ctx.step
+        packed = load4(ctx.d, i)
+        row = load4(ctx.x, i)
         w = packed[3]
         if w <= wp.static(least) * row[3]:
             let_go(met)
@@ -240,14 +247,14 @@ def make_touch(features: Features):
             path += met.sweeps[k].spin * (wp.length(offset) + path)
             away = wp.length(offset) - path - met.colliders[c].reach - material.thickness
             close = close or away < width
-            known = thickness_for(i, met.colliders[c].roundness, away, known[1], here)
+            known = thickness_for(i, met.colliders[c].roundness, away, known[1], ctx)
             thickness = known[0]
             away -= thickness - material.thickness
             if away < 0.0 or is_supported(before):
                 collider = met.colliders[c]
                 sweep = met.sweeps[k]
-                low = xyz(load4(here.low, i))
-                slip = slip_of(position - sweep.position, displacement - low, sweep)
+                lo = xyz(load4(ctx.position_lo, i))
+                slip = slip_of(position - sweep.position, displacement - lo, sweep)
                 p = sweep.to_local * offset
                 # What it is thicker by than a moment ago was no overlap before.
                 apart = pace(collider, step) + (thickness - material.thickness)
@@ -277,7 +284,7 @@ def make_touch(features: Features):
                 store_row(met.contacts, entry, pack(after, 0.0))
             c = next_of(c, met.near, stray)
         if touched or wp.static(features.supported):
-            leave(i, here.low, here.d, displacement, push, support, met, step)
+            leave(i, ctx.position_lo, ctx.d, displacement, push, support, met, step)
         return wp.where(close, CLOSE, 0) + wp.where(touched, TOUCHED, 0)
 
     return contact
@@ -288,18 +295,18 @@ def make_met_in(features: Features):
     near_of = make_near_of(features.listed)
 
     @wp.func
-    def met_in(here: Here) -> Met:
+    def met_in(ctx: Context) -> Met:
         met = Met()
-        met.first_sweep = here.sweep
-        met.share = share_of(here.step, here.frame.substeps)
-        met.near = near_of(here)
-        met.colliders = here.colliders
-        met.sweeps = here.state.sweeps
-        met.contacts = here.state.contacts
-        met.forces = here.state.contact_forces
-        met.velocities = here.state.velocities
-        met.last_displacements = here.state.last_displacements
-        met.supports = here.state.supports
+        met.first_sweep = ctx.sweep
+        met.share = share_of(ctx.step, ctx.frame.substeps)
+        met.near = near_of(ctx)
+        met.colliders = ctx.colliders
+        met.sweeps = ctx.state.sweeps
+        met.contacts = ctx.state.contacts
+        met.forces = ctx.state.contact_forces
+        met.velocities = ctx.state.velocities
+        met.last_displacements = ctx.state.last_displacements
+        met.supports = ctx.state.supports
         met.carries = wp.static(features.supported)
         return met
 
@@ -311,15 +318,15 @@ def make_contact(features: Features):
     touch = make_touch(features)
 
     @wp.func
-    def contact(i: int, met: Met, here: Here):
-        width = NEARBY * here.body.gap
-        found = touch(i, met, here, width)
+    def contact(i: int, met: Met, ctx: Context):
+        width = NEARBY * ctx.body.gap
+        found = touch(i, met, ctx, width)
         if wp.static(features.surface):
-            if here.step.first:
-                here.state.close[met.slot] = found & CLOSE
+            if ctx.step.first:
+                ctx.state.close[met.slot] = found & CLOSE
         elif wp.static(features.method == "verlet"):
             if found & TOUCHED != 0:
-                strain = widest_around(i, here) / here.body.gap - 1.0
-                note_strain(strain, here.body.index, here.state.strain_found)
+                strain = widest_around(i, ctx) / ctx.body.gap - 1.0
+                note_strain(strain, ctx.body.index, ctx.state.strain_found)
 
     return contact

@@ -7,12 +7,12 @@ facets ask for. No order of facets matters, so that all of them go at once.
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion, Look, Press, Sweep
 from cloth_sim_ros.sim.colliders import make_is_beyond
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of, note
-from cloth_sim_ros.sim.features.collider_contact.ccd import make_meet
+from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import (
     FAST,
     Deepest,
@@ -63,14 +63,14 @@ CORNER = wp.constant(0.999)
 
 
 @wp.func
-def facets_around(i: int, here: Here) -> float:
+def facets_around(i: int, ctx: Context) -> float:
     """How many facets particle i is a corner of."""
-    slot = here.body.particles + i
-    return float(here.model.panel_start[slot + 1] - here.model.panel_start[slot])
+    slot = ctx.body.particles + i
+    return float(ctx.model.panel_start[slot + 1] - ctx.model.panel_start[slot])
 
 
 @wp.func
-def yielding(corners: wp.vec3i, weights: wp.vec3, here: Here) -> float:
+def yielding(corners: wp.vec3i, weights: wp.vec3, ctx: Context) -> float:
     """The inverse mass of a point of a facet [1/kg], 0 where nothing of it can move.
 
     The facets around a particle share its mass (mass splitting, Tonge et al. 2012). What each needs may then be added
@@ -79,20 +79,20 @@ def yielding(corners: wp.vec3i, weights: wp.vec3, here: Here) -> float:
     sum = float(0.0)
     most = float(0.0)
     for k in range(3):
-        facets = wp.max(_TOUCH_AT_ONCE * facets_around(corners[k], here), 1.0)
-        w = facets * load4(here.d, corners[k])[3]
+        facets = wp.max(_TOUCH_AT_ONCE * facets_around(corners[k], ctx), 1.0)
+        w = facets * load4(ctx.d, corners[k])[3]
         sum += weights[k] * weights[k] * w
         most = wp.max(most, w)
     return wp.max(sum, LEAST_SHARE * most)
 
 
 @wp.func
-def points_of(corners: wp.vec3i, here: Here) -> float:
+def points_of(corners: wp.vec3i, ctx: Context) -> float:
     """As how many points a facet counts in a soft collider: its share of each corner, which is one point."""
     points = float(0.0)
     for k in range(3):
         if k < 2 or corners[2] != corners[1]:
-            points += 1.0 / facets_around(corners[k], here)
+            points += 1.0 / facets_around(corners[k], ctx)
     return points
 
 
@@ -115,9 +115,9 @@ def make_touched_in(features: Features):
     least = make_least(features.shapes)
 
     @wp.func
-    def touched_in(facet: Facet, entry: int, collider: ColliderMotion, here: Here) -> wp.vec3:
-        thickness, way = here.material.thickness, longest_way(facet)
-        look = here.state.looks[entry]
+    def touched_in(facet: Facet, entry: int, collider: ColliderMotion, ctx: Context) -> wp.vec3:
+        thickness, way = ctx.material.thickness, longest_way(facet)
+        look = ctx.state.looks[entry]
         moved = moved_since(look, facet)
         # No point has come nearer than by its way, nor was it nearer in between.
         if look.known == 1 and look.value - moved - way >= thickness:
@@ -130,7 +130,7 @@ def make_touched_in(features: Features):
             found = Deepest()
             found.value = least(collider.shape, collider.size, collider.data, facet)
             if found.value >= thickness - NOISE:  # as of most that lies on a flat face
-                here.state.looks[entry] = looked(facet, found)
+                ctx.state.looks[entry] = looked(facet, found)
                 return wp.vec3(0.0)
         known = wp.vec3(0.0)
         if look.known == 1 and moved <= _STILL * thickness and slow:
@@ -138,9 +138,9 @@ def make_touched_in(features: Features):
         found = touched(collider.shape, collider.size, collider.data, facet, thickness, known)
         if slow:  # else that is where it met the collider first
             if wp.max(known) == 0.0:
-                here.state.looks[entry] = looked(facet, found)
+                ctx.state.looks[entry] = looked(facet, found)
             else:
-                here.state.looks[entry].weights = found.weights
+                ctx.state.looks[entry].weights = found.weights
             if found.value >= thickness - NOISE:
                 return wp.vec3(0.0)
         return found.weights
@@ -153,41 +153,41 @@ def make_press_on(features: Features):
 
     A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
     """
-    meet, touched_in = make_meet(features.shapes), make_touched_in(features)
+    meet, touched_in = make_ccd(features.shapes), make_touched_in(features)
 
     @wp.func
     def press_on(
-        corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, last: Press, here: Here
+        corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, last: Press, ctx: Context
     ) -> Press:
         press = Press()
-        facet = facet_of(corners, here, sweep)
-        thickness = here.material.thickness
-        weights = touched_in(facet, entry, collider, here)
-        w = yielding(corners, weights, here)
+        facet = facet_of(corners, ctx, sweep)
+        thickness = ctx.material.thickness
+        weights = touched_in(facet, entry, collider, ctx)
+        w = yielding(corners, weights, ctx)
         if wp.max(weights) == 0.0 or wp.max(weights) > CORNER or w == 0.0:
             return press
         slip = slip_at(facet, weights)
-        apart = pace(collider, here.step)
+        apart = pace(collider, ctx.step)
         touching = meet(collider.shape, collider.size, collider.data, point_of(facet, weights), slip, thickness, apart)
         if touching[3] >= -NOISE:  # its corners are outside; what is left may be rounding
             return press
         before = wp.vec4(0.0)
-        if last.when == here.substep:
+        if last.when == ctx.substep:
             before = last.so_far
         n = xyz(touching)
-        softness = collider.compliance * here.step.inverse_square / (w * points_of(corners, here))
+        softness = collider.compliance * ctx.step.inverse_square / (w * points_of(corners, ctx))
         more = outward(touching[3], w * before[3], softness) / w
         pressed = before[3] + more
-        mu_s = wp.sqrt(here.material.static_friction * collider.static_friction)
-        mu_k = wp.sqrt(here.material.kinetic_friction * collider.kinetic_friction)
+        mu_s = wp.sqrt(ctx.material.static_friction * collider.static_friction)
+        mu_k = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction)
         press.stuck = last.stuck
         press.anchor = last.anchor
-        if last.when < here.substep - 1 or wp.max(last.stuck) == 0.0:
+        if last.when < ctx.substep - 1 or wp.max(last.stuck) == 0.0:
             press.stuck = weights
             press.anchor = point_of(facet, weights) - slip
         # Friction acts where it is measured.
         press.rubbed = press.stuck
-        w_rubbed = yielding(corners, press.rubbed, here)
+        w_rubbed = yielding(corners, press.rubbed, ctx)
         slid = point_of(facet, press.stuck) - press.anchor
         slid -= wp.dot(slid, n) * n
         rubbed_before = w_rubbed * (xyz(before) - wp.dot(xyz(before), n) * n)
@@ -210,68 +210,68 @@ def make_press(features: Features):
     press_on, near_of = make_press_on(features), make_near_of(features.listed)
 
     @wp.func
-    def press(t: int, width: int, here: Here):
-        colliders, near = here.colliders.shape[0], near_of(here)
-        for k in range(here.body.panels + t, here.body.panels_end, width):
-            corners = corners_of(k, here)
+    def press(t: int, width: int, ctx: Context):
+        colliders, near = ctx.colliders.shape[0], near_of(ctx)
+        for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
+            corners = corners_of(k, ctx)
             whole = bool(True)
             if wp.static(features.tears):
                 whole = corners[0] != corners[1]  # a triangle that failed
-            if whole and is_close(corners, here):
-                stray = is_stray(corners, near, here)
+            if whole and is_close(corners, ctx):
+                stray = is_stray(corners, near, ctx)
                 c = next_of(-1, near, stray)
                 while c < colliders:
                     entry = k * colliders + c
-                    last = here.state.presses[entry]
+                    last = ctx.state.presses[entry]
                     found = Press()
-                    sweep = here.state.sweeps[here.sweep + c]
-                    if not is_far(corners, here, here.colliders[c], sweep):
-                        found = press_on(corners, entry, here.colliders[c], sweep, last, here)
-                        if longest_way(facet_of(corners, here, sweep)) > FAST * here.material.thickness:
-                            mark(corners, PRESSED, here)  # another point of it may come through, see stop.py
+                    sweep = ctx.state.sweeps[ctx.sweep + c]
+                    if not is_far(corners, ctx, ctx.colliders[c], sweep):
+                        found = press_on(corners, entry, ctx.colliders[c], sweep, last, ctx)
+                        if longest_way(facet_of(corners, ctx, sweep)) > FAST * ctx.material.thickness:
+                            mark(corners, PRESSED, ctx)  # another point of it may come through, see stop.py
                     if wp.max(found.weights) > 0.0:
-                        found.when = here.substep
-                        here.state.presses[entry] = found
+                        found.when = ctx.substep
+                        ctx.state.presses[entry] = found
                         note(c, near)
-                        mark(corners, PRESSED, here)
-                    elif last.when == here.substep:
-                        here.state.presses[entry].push = wp.vec3(0.0)  # by an earlier iteration, which was enough
-                        here.state.presses[entry].rub = wp.vec3(0.0)
+                        mark(corners, PRESSED, ctx)
+                    elif last.when == ctx.substep:
+                        ctx.state.presses[entry].push = wp.vec3(0.0)  # by an earlier iteration, which was enough
+                        ctx.state.presses[entry].rub = wp.vec3(0.0)
                     c = next_of(c, near, stray)
 
     return press
 
 
 @wp.func
-def share_in(q: int, i: int, c: int, here: Here) -> wp.vec3:
+def share_in(q: int, i: int, c: int, ctx: Context) -> wp.vec3:
     """What particle i takes of the push on facet q by collider c [kg m]."""
-    press = here.state.presses[q * here.colliders.shape[0] + c]
-    if press.when != here.substep:
+    press = ctx.state.presses[q * ctx.colliders.shape[0] + c]
+    if press.when != ctx.substep:
         return wp.vec3(0.0)
-    corners = corners_of(q, here)
+    corners = corners_of(q, ctx)
     place = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
     return press.weights[place] * press.push + press.rubbed[place] * press.rub
 
 
 @wp.func
-def wanted_of(i: int, c: int, here: Here) -> wp.vec3:
+def wanted_of(i: int, c: int, ctx: Context) -> wp.vec3:
     """The correction over the inverse mass [kg m] that all facets around particle i want of it for collider c."""
-    slot = here.body.particles + i
+    slot = ctx.body.particles + i
     sum = wp.vec3(0.0)
-    for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
-        sum += share_in(here.model.particle_panels[place], i, c, here)
+    for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
+        sum += share_in(ctx.model.particle_panels[place], i, c, ctx)
     return sum
 
 
 @wp.func
-def normal_at(i: int, c: int, here: Here) -> wp.vec3:
+def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
     """The mean normal of a collider at the facets around particle i, each weighed by its push."""
-    slot = here.body.particles + i
+    slot = ctx.body.particles + i
     normal = wp.vec3(0.0)
-    for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
-        q = here.model.particle_panels[place]
-        share = share_in(q, i, c, here)
-        normal += wp.length(share) * here.state.presses[q * here.colliders.shape[0] + c].normal
+    for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
+        q = ctx.model.particle_panels[place]
+        share = share_in(q, i, c, ctx)
+        normal += wp.length(share) * ctx.state.presses[q * ctx.colliders.shape[0] + c].normal
     return wp.normalize(normal)
 
 
@@ -280,45 +280,45 @@ def make_yield(features: Features):
     least, touch = least_mass(features), make_touch(features)
 
     @wp.func
-    def give_way(i: int, met: Met, here: Here):
-        packed = load4(here.d, i)
+    def give_way(i: int, met: Met, ctx: Context):
+        packed = load4(ctx.d, i)
         w = packed[3]
-        if w <= wp.static(least) * load4(here.x, i)[3]:
+        if w <= wp.static(least) * load4(ctx.x, i)[3]:
             return
-        marks = here.state.pressed[met.slot]
+        marks = ctx.state.pressed[met.slot]
         if marks & PRESSED == 0:
             return
-        here.state.pressed[met.slot] = MOVED
-        here.state.stirred[here.body.index] = here.substep + 1
+        ctx.state.pressed[met.slot] = MOVED
+        ctx.state.facets_moved_in[ctx.body.index] = ctx.substep + 1
         displacement = xyz(packed)
         touched, last = bool(False), int(0)
         push = Push()
         c = next_of(-1, met.near, False)
-        while c < here.colliders.shape[0]:
-            correction = w * wanted_of(i, c, here)
+        while c < ctx.colliders.shape[0]:
+            correction = w * wanted_of(i, c, ctx)
             if wp.length_sq(correction) > 0.0:
                 displacement += correction
                 last = c
-                entry = met.slot * here.colliders.shape[0] + c
+                entry = met.slot * ctx.colliders.shape[0] + c
                 add_force(met.forces, entry, (met.share / w) * correction)
                 touched = True
                 if wp.static(features.order == 2):
-                    n = normal_at(i, c, here)
-                    motion = here.state.sweeps[here.sweep + c].motion
+                    n = normal_at(i, c, ctx)
+                    motion = ctx.state.sweeps[ctx.sweep + c].motion
                     push = with_push(push, n, wp.dot(correction, n), motion, entry)
             c = next_of(c, met.near, False)
         if touched:
-            store4(here.d, i, pack(displacement, w))
+            store4(ctx.d, i, pack(displacement, w))
             if wp.static(features.order == 2):
-                moved = displacement - xyz(load4(here.low, i))
-                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, here.step))
+                moved = displacement - xyz(load4(ctx.position_lo, i))
+                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
             # Its facets may have moved it into a collider: it has the last word.
             met.carries = False
-            touch(i, met, here, 0.0)
+            touch(i, met, ctx, 0.0)
             if wp.static(features.supported):
-                by = (CARRIED * here.step.inverse_square) * (xyz(load4(here.d, i)) - xyz(packed))
-                support = load_row(here.state.supports, met.slot)
-                store_row(here.state.supports, met.slot, pack(xyz(support) + by, float(last + 1)))
+                by = (CARRIED * ctx.step.inverse_square) * (xyz(load4(ctx.d, i)) - xyz(packed))
+                support = load_row(ctx.state.supports, met.slot)
+                store_row(ctx.state.supports, met.slot, pack(xyz(support) + by, float(last + 1)))
 
     return give_way
 
@@ -328,16 +328,16 @@ def make_carry_presses(features: Features):
     near_of = make_near_of(features.listed)
 
     @wp.func
-    def carry_presses(t: int, width: int, here: Here):
-        colliders, near = here.colliders.shape[0], near_of(here)
+    def carry_presses(t: int, width: int, ctx: Context):
+        colliders, near = ctx.colliders.shape[0], near_of(ctx)
         c = next_of(-1, near, False)
         while c < colliders:
-            for k in range(here.body.panels + t, here.body.panels_end, width):
+            for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
                 entry = k * colliders + c
-                was = here.state.presses[entry].when
-                here.state.presses[entry].when = wp.where(was == here.frame.substeps - 1, -1, LONG_AGO)
-                here.state.presses[entry].stopped = LONG_AGO
-                here.state.looks[entry].known = 0
+                was = ctx.state.presses[entry].when
+                ctx.state.presses[entry].when = wp.where(was == ctx.frame.substeps - 1, -1, LONG_AGO)
+                ctx.state.presses[entry].stopped = LONG_AGO
+                ctx.state.looks[entry].known = 0
             c = next_of(c, near, False)
 
     return carry_presses

@@ -3,7 +3,7 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body, Features
 from cloth_sim_ros.sim.colliders.collider import STRETCHED
 from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
@@ -14,20 +14,20 @@ _WIDEST = wp.constant(6.0)
 
 
 @wp.func
-def widest_around(i: int, here: Here) -> float:
+def widest_around(i: int, ctx: Context) -> float:
     """How far a point of the panels around particle i lies from the nearest of their corners, at most [m].
 
     It is the longest side over the root of 3 in a triangle (Jung 1901), and its half in a segment. Sides are taken
     where the substep began, as other particles are moving now.
     """
     square = float(0.0)
-    slot = here.body.particles + i
-    for place in range(here.model.panel_start[slot], here.model.panel_start[slot + 1]):
-        panel = here.model.panels[here.model.particle_panels[place]]
-        a, b = xyz(load4(here.x, panel[0])), xyz(load4(here.x, panel[1]))
+    slot = ctx.body.particles + i
+    for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
+        panel = ctx.model.panels[ctx.model.particle_panels[place]]
+        a, b = xyz(load4(ctx.x, panel[0])), xyz(load4(ctx.x, panel[1]))
         longest = wp.length_sq(b - a)
         if panel[2] >= 0:
-            c = xyz(load4(here.x, panel[2]))
+            c = xyz(load4(ctx.x, panel[2]))
             longest = wp.max(longest, wp.max(wp.length_sq(c - a), wp.length_sq(c - b))) * wp.static(4.0 / 3.0)
         square = wp.max(square, 0.25 * longest)
     return wp.sqrt(square)
@@ -65,13 +65,13 @@ def make_thickness_for(features: Features):
     """
 
     @wp.func
-    def thickness_for(i: int, roundness: float, away: float, gap: float, here: Here) -> wp.vec2:
-        found = wp.vec2(here.material.thickness, gap)
+    def thickness_for(i: int, roundness: float, away: float, gap: float, ctx: Context) -> wp.vec2:
+        found = wp.vec2(ctx.material.thickness, gap)
         if wp.static(features.method == "xpbd" and not features.surface):
-            if away < NEARBY * here.body.gap:
+            if away < NEARBY * ctx.body.gap:
                 if gap == 0.0:
-                    found[1] = widest_around(i, here)
-                found[0] = thick_enough(found[0], found[1], roundness, here.body)
+                    found[1] = widest_around(i, ctx)
+                found[0] = thick_enough(found[0], found[1], roundness, ctx.body)
         return found
 
     return thickness_for

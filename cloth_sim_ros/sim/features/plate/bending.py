@@ -8,7 +8,7 @@ the shortest waves. Above MOST, where it would not be, the sheet is computed as 
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body, Features, Model
 from cloth_sim_ros.sim.arrays.state import Material
 from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, store4, xyz
@@ -57,16 +57,16 @@ def make_plate_force(features: Features):
     """A Warp function: the force of a plate of rigidity 1 N m on particle i at positions a + b [1/m^2 x m]."""
 
     @wp.func
-    def plate_force(i: int, here: Here, a: wp.uint64, b: wp.uint64) -> wp.vec3:
-        force = -around(i, here.model, here.body, a, b)
+    def plate_force(i: int, ctx: Context, a: wp.uint64, b: wp.uint64) -> wp.vec3:
+        force = -around(i, ctx.model, ctx.body, a, b)
         if wp.static(features.curved):
-            g = here.body.particles + i
-            for k in range(here.model.curve_start[g], here.model.curve_start[g + 1]):
-                triangle = here.model.curve_entries[k]
-                n = here.state.curve_normals[triangle[0]]
-                along = here.model.curve_gradients[k]
+            g = ctx.body.particles + i
+            for k in range(ctx.model.curve_start[g], ctx.model.curve_start[g + 1]):
+                triangle = ctx.model.curve_entries[k]
+                n = ctx.state.curve_normals[triangle[0]]
+                along = ctx.model.curve_gradients[k]
                 if triangle[1] < 3:
-                    along += here.state.curve_pulls[triangle[0]][triangle[1]]
+                    along += ctx.state.curve_pulls[triangle[0]][triangle[1]]
                 force += along * n
         return force
 
@@ -74,22 +74,22 @@ def make_plate_force(features: Features):
 
 
 @wp.func
-def curve_triangle(c: int, here: Here, a: wp.uint64, b: wp.uint64):
+def curve_triangle(c: int, ctx: Context, a: wp.uint64, b: wp.uint64):
     """Normal and pulls of curved triangle c of the batch at positions a + b, for the particles that gather them."""
-    t = here.model.curve_corners[c]
+    t = ctx.model.curve_corners[c]
     origin = load4(a, t[0])
     moment = wp.vec3()
-    for k in range(here.model.curve_width):
-        j = here.model.curve_stencil[c * here.model.curve_width + k]
-        moment += here.model.curve_stencil_gradients[c * here.model.curve_width + k] * xyz(
+    for k in range(ctx.model.curve_width):
+        j = ctx.model.curve_stencil[c * ctx.model.curve_width + k]
+        moment += ctx.model.curve_stencil_gradients[c * ctx.model.curve_width + k] * xyz(
             (load4(a, j) - origin) + load4(b, j)
         )
     p = xyz(load4(b, t[0]))
     q = xyz((load4(a, t[1]) - origin) + load4(b, t[1]))
     r = xyz((load4(a, t[2]) - origin) + load4(b, t[2]))
     found = rest_curvature(p, q, r, moment)
-    here.state.curve_normals[c] = found.normal
-    here.state.curve_pulls[c] = found.pull
+    ctx.state.curve_normals[c] = found.normal
+    ctx.state.curve_pulls[c] = found.pull
 
 
 def make_bending_force(features: Features):
@@ -97,12 +97,12 @@ def make_bending_force(features: Features):
     plate_force = make_plate_force(features)
 
     @wp.func
-    def bending_force(i: int, here: Here) -> wp.vec3:
-        force = plate_force(i, here, here.x, here.low)
-        if here.material.damping > 0.0:
-            v = array_address(here.state.velocities, here.body.particles)
-            force -= (0.5 * here.material.damping) * around(i, here.model, here.body, v, v)
-        return force / here.material.compliance[2]
+    def bending_force(i: int, ctx: Context) -> wp.vec3:
+        force = plate_force(i, ctx, ctx.x, ctx.position_lo)
+        if ctx.material.damping > 0.0:
+            v = array_address(ctx.state.velocities, ctx.body.particles)
+            force -= (0.5 * ctx.material.damping) * around(i, ctx.model, ctx.body, v, v)
+        return force / ctx.material.compliance[2]
 
     return bending_force
 
@@ -114,35 +114,35 @@ def make_bend(features: Features):
     @wp.func
     def bend(
         i: int,
-        here: Here,
+        ctx: Context,
     ):
-        predicted = load4(here.p, i)
-        rigidity = rigidity_of(here.material, here.body, here.step.inverse_square)
+        predicted = load4(ctx.p, i)
+        rigidity = rigidity_of(ctx.material, ctx.body, ctx.step.inverse_square)
         # Dashpots of bending give way before its rigidity does.
-        rate = here.material.largest_inverse_mass * here.body.plate_rate * rigidity
-        room = MOST * here.step.inverse_square / wp.max(rate, 1.0e-30) - 1.0
-        gamma = wp.clamp(here.material.damping * here.step.inverse, 0.0, wp.max(room, 0.0))
-        force = plate_force(i, here, here.x, here.p)
+        rate = ctx.material.largest_inverse_mass * ctx.body.plate_rate * rigidity
+        room = MOST * ctx.step.inverse_square / wp.max(rate, 1.0e-30) - 1.0
+        gamma = wp.clamp(ctx.material.damping * ctx.step.inverse, 0.0, wp.max(room, 0.0))
+        force = plate_force(i, ctx, ctx.x, ctx.p)
         if gamma > 0.0:
-            slip = around(i, here.model, here.body, here.p, here.p) - around(
-                i, here.model, here.body, here.low, here.low
+            slip = around(i, ctx.model, ctx.body, ctx.p, ctx.p) - around(
+                i, ctx.model, ctx.body, ctx.position_lo, ctx.position_lo
             )
             if wp.static(features.order == 2):
-                if here.step.second:
-                    base = here.body.plate
-                    own = here.state.last_displacements[here.body.particles + i]
-                    for q in range(here.body.plate_width):
+                if ctx.step.second:
+                    base = ctx.body.plate
+                    own = ctx.state.last_displacements[ctx.body.particles + i]
+                    for q in range(ctx.body.plate_width):
                         k = base + q * wp.where(
-                            here.model.plate_strides[0] == 0, here.body.count, here.model.plate_strides[0]
+                            ctx.model.plate_strides[0] == 0, ctx.body.count, ctx.model.plate_strides[0]
                         )
                         k += i * wp.where(
-                            here.model.plate_strides[1] == 0, here.body.plate_width, here.model.plate_strides[1]
+                            ctx.model.plate_strides[1] == 0, ctx.body.plate_width, ctx.model.plate_strides[1]
                         )
-                        last = here.state.last_displacements[here.body.particles + here.model.plate_neighbours[k]] - own
-                        slip -= 2.0 * here.model.plate_weights[k] * carried(last)
+                        last = ctx.state.last_displacements[ctx.body.particles + ctx.model.plate_neighbours[k]] - own
+                        slip -= 2.0 * ctx.model.plate_weights[k] * carried(last)
             force -= 0.5 * gamma * slip
         w = predicted[3]
-        move = (w * rigidity / here.step.inverse_square) * force
-        store4(here.d, i, wp.vec4(predicted[0] + move[0], predicted[1] + move[1], predicted[2] + move[2], w))
+        move = (w * rigidity / ctx.step.inverse_square) * force
+        store4(ctx.d, i, wp.vec4(predicted[0] + move[0], predicted[1] + move[1], predicted[2] + move[2], w))
 
     return bend

@@ -19,7 +19,7 @@ from cloth_sim_ros.sim.features.self_contact.pairs import (
     slack,
 )
 from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, Surface, panel_of, place, velocity
-from cloth_sim_ros.sim.kernels.cooperative import Crew, cooperative, number_of, sync_all
+from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative, number_of, sync_all
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, xyz
 
 _LONGEST = 400  # substeps that ways are straight at most
@@ -36,15 +36,15 @@ def has_failed(panel: Panel) -> bool:
 def goes(surface: Surface, i: int, ends: bool) -> wp.vec3:
     """At which velocity a particle goes: in the substep that ends, or until the next one begins [m/s]."""
     if ends:
-        return xyz(load_row(surface.displacements, i) - load_row(surface.low, i)) / surface.frames[0].dt
+        return xyz(load_row(surface.displacements, i) - load_row(surface.position_lo, i)) / surface.frames[0].dt
     return velocity(surface, i)
 
 
 @wp.func
 def farthest(surface: Surface, panel: Panel) -> float:
     """How far the corners of a panel are off their ways at most [m]."""
-    a, b = surface.strayed[panel.corners[0]], surface.strayed[panel.corners[1]]
-    c = surface.strayed[panel.corners[2]]
+    a, b = surface.off_path[panel.corners[0]], surface.off_path[panel.corners[1]]
+    c = surface.off_path[panel.corners[2]]
     return wp.max(a, wp.max(b, c))
 
 
@@ -61,11 +61,11 @@ def _watch(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
     for q in range(3):
         if (panel.own >> q) & 1 == 1:
             i = panel.corners[q]
-            off = place(surface, i) - surface.seen[i] - time * surface.going[i]
+            off = place(surface, i) - surface.path_starts[i] - time * surface.path_velocities[i]
             most = wp.length(off)
             if ends:
-                most = wp.max(most, wp.length(off + dt * (goes(surface, i, ends) - surface.going[i])))
-            surface.strayed[i] = most
+                most = wp.max(most, wp.length(off + dt * (goes(surface, i, ends) - surface.path_velocities[i])))
+            surface.off_path[i] = most
             if not most <= slack(members, surface, panel.body):
                 pairs.clock[DUE] = 1
 
@@ -97,17 +97,17 @@ def _decide(members: Members, pairs: Pairs, age: int, ends: bool):
 
 
 @wp.func
-def _look(members: Members, pairs: Pairs, ends: bool, number: int, crew: Crew):
+def _look(members: Members, pairs: Pairs, ends: bool, number: int, group: CooperativeGroup):
     """Find the panels to look at again, and forget their pairs; called by all threads."""
-    team = number / crew.width
-    t = number - team * crew.width
+    team = number / group.width
+    t = number - team * group.width
     age = pairs.clock[AGE]
-    for w in range(team, members.worlds, crew.teams):
-        for p in range(t, members.panels.shape[0], crew.width):
+    for w in range(team, members.worlds, group.teams):
+        for p in range(t, members.panels.shape[0], group.width):
             _watch(members, pairs, p, w, ends)
-    sync_all(crew)
-    for w in range(team, members.worlds, crew.teams):
-        for p in range(t, members.panels.shape[0], crew.width):
+    sync_all(group)
+    for w in range(team, members.worlds, group.teams):
+        for p in range(t, members.panels.shape[0], group.width):
             _mark(members, pairs, p, w)
             if ends:
                 measure(members, pairs, p, w)
@@ -115,28 +115,28 @@ def _look(members: Members, pairs: Pairs, ends: bool, number: int, crew: Crew):
         if number == 0 and ends:
             pairs.clock[AGE] = age + 1
         return
-    sync_all(crew)
+    sync_all(group)
     if number == 0:
         _decide(members, pairs, age, ends)
-    sync_all(crew)
+    sync_all(group)
     if pairs.clock[WHOLE] == 0:
-        for w in range(team, members.worlds, crew.teams):
-            forget(pairs, w, t, crew.width)
+        for w in range(team, members.worlds, group.teams):
+            forget(pairs, w, t, group.width)
 
 
 @cooperative
-def look(members: Members, pairs: Pairs, ends: bool, crew: Crew):
+def look(members: Members, pairs: Pairs, ends: bool, group: CooperativeGroup):
     """Find out whether anything is folded, and which panels have to be looked at again then."""
-    number = number_of(wp.tid(), crew)
-    team = number / crew.width
-    t = number - team * crew.width
+    number = number_of(wp.tid(), group)
+    team = number / group.width
+    t = number - team * group.width
     if ends and members.flattens:
-        for w in range(team, members.worlds, crew.teams):
-            for p in range(t, members.panels.shape[0], crew.width):
+        for w in range(team, members.worlds, group.teams):
+            for p in range(t, members.panels.shape[0], group.width):
                 judge(members, pairs, p, w, True)
-        sync_all(crew)
+        sync_all(group)
     if pairs.folded[0] == 0:
         return
-    for round in range(number, pairs.rounds.shape[0], crew.width * crew.teams):
+    for round in range(number, pairs.rounds.shape[0], group.width * group.teams):
         pairs.rounds[round] = 0
-    _look(members, pairs, ends, number, crew)
+    _look(members, pairs, ends, number, group)

@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.features.self_contact.nearest import nearest
 from cloth_sim_ros.sim.features.self_contact.pairs import Pair, Pairs, pair_of
 from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Surface, panel_of, surface_of, velocity
 from cloth_sim_ros.sim.kernels.compiled import compiled
-from cloth_sim_ros.sim.kernels.cooperative import Crew, cooperative, number_of, recorded, sync_all
+from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
 
 ROUNDS = 64  # at most, as what stops may stand in the way of what did not have to; each mends its pairs for good
@@ -58,7 +58,7 @@ def _sum(members: Members, pairs: Pairs):
 @wp.func
 def _way(surface: Surface, i: int, carried: wp.vec3) -> wp.vec3:
     """How far a particle goes in this substep beside what all do [m]."""
-    return xyz(load_row(surface.displacements, i) - load_row(surface.low, i)) - carried
+    return xyz(load_row(surface.displacements, i) - load_row(surface.position_lo, i)) - carried
 
 
 @wp.func
@@ -67,7 +67,7 @@ def _from(members: Members, pair: Pair, q: int) -> wp.vec3:
     of, of_first = members.surfaces[pair.surfaces[q]], members.surfaces[pair.surfaces[0]]
     i, first = pair.particles[q], pair.particles[0]
     high = load_row(of.positions, i) - load_row(of_first.positions, first)
-    return xyz(high + (load_row(of.low, i) - load_row(of_first.low, first)))
+    return xyz(high + (load_row(of.position_lo, i) - load_row(of_first.position_lo, first)))
 
 
 @wp.func
@@ -76,7 +76,7 @@ def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs, round
     d = load_row(surface.displacements, i)
     moves = goes > wp.max(room, 0.0) + wp.static(_ROUNDING) * wp.length(xyz(d)) and d[3] > 0.0
     if moves:
-        wp.atomic_max(surface.shortened, i, 1.0 - wp.max(room, 0.0) / goes)
+        wp.atomic_max(surface.ways_given_up, i, 1.0 - wp.max(room, 0.0) / goes)
         pairs.rounds[round] = 1
 
 
@@ -128,16 +128,16 @@ def _find(members: Members, pairs: Pairs, w: int, t: int, width: int, round: int
 @wp.func
 def _shorten(surface: Surface, i: int, carried: wp.vec3):
     """Shorten the way of a particle by the share that was found."""
-    share = surface.shortened[i]
+    share = surface.ways_given_up[i]
     if share == 0.0:
         return
-    surface.shortened[i] = 0.0
+    surface.ways_given_up[i] = 0.0
     less = -share * _way(surface, i, carried)
     d = load_row(surface.displacements, i) + wp.vec4(less[0], less[1], less[2], 0.0)
     store_row(surface.displacements, i, d)
     if surface.last_displacements.shape[0] > 0:
         # BDF2 carries its past on. As if it had moved like this before, it does not bounce.
-        moved = d - load_row(surface.low, i)
+        moved = d - load_row(surface.position_lo, i)
         surface.last_displacements[i] = xyz(moved)
         v = load_row(surface.velocities, i)
         moved = moved / surface.frames[0].dt
@@ -145,36 +145,36 @@ def _shorten(surface: Surface, i: int, carried: wp.vec3):
 
 
 @cooperative
-def _bound(members: Members, pairs: Pairs, rounds: int, crew: Crew):
+def _bound(members: Members, pairs: Pairs, rounds: int, group: CooperativeGroup):
     """Shorten the ways of all particles until no pair asks for more."""
     if pairs.folded[0] == 0:
         return
-    number = number_of(wp.tid(), crew)
-    team = number / crew.width
-    t = number - team * crew.width
+    number = number_of(wp.tid(), group)
+    team = number / group.width
+    t = number - team * group.width
     for round in range(rounds):
-        for w in range(team, members.worlds, crew.teams):
-            _find(members, pairs, w, t, crew.width, round)
-        sync_all(crew)
+        for w in range(team, members.worlds, group.teams):
+            _find(members, pairs, w, t, group.width, round)
+        sync_all(group)
         if pairs.rounds[round] == 0:
             return
-        for w in range(team, members.worlds, crew.teams):
+        for w in range(team, members.worlds, group.teams):
             carried = _carried(members, pairs, w)
             for b in range(members.batches):
                 surface = surface_of(members, b, w)
-                for i in range(t, surface.positions.shape[0], crew.width):
+                for i in range(t, surface.positions.shape[0], group.width):
                     _shorten(surface, i, carried)
-        sync_all(crew)
+        sync_all(group)
 
 
-class Bound:
+class CcdClamp:
     """The launch that shortens ways at the end of a substep."""
 
-    def __init__(self, members: Members, pairs: Pairs, crew: Crew, device: wp.Device) -> None:
+    def __init__(self, members: Members, pairs: Pairs, group: CooperativeGroup, device: wp.Device) -> None:
         inputs, total = [members, pairs], members.worlds * members.panels.shape[0]
         self._sums = pairs.sums
         self._sum = wp.launch(_sum, total, inputs, device=device, record_cmd=True)
-        self._launch = recorded(_bound, *inputs, ROUNDS, crew=crew, device=device)
+        self._launch = recorded(_bound, *inputs, ROUNDS, group=group, device=device)
 
     def begin(self) -> None:
         """Before a frame: find how all moves."""

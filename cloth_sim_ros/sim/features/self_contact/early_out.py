@@ -95,7 +95,7 @@ def _empty(pairs: Pairs):
             pairs.clock[HOLDS] = 0
 
 
-class Flat:
+class EarlyOut:
     """Finds out whether a sheet of any world is folded. Where bodies meet one another all count as folded."""
 
     def __init__(self, members: Members, pairs: Pairs, device: wp.Device) -> None:

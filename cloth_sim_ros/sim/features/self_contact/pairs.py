@@ -113,8 +113,10 @@ def way_of(members: Members, pairs: Pairs, surface: Surface, panel: Panel, numbe
     way.number = number
     way.panel = panel
     a, b, c = panel.corners[0], panel.corners[1], panel.corners[2]
-    way.x = wp.matrix_from_rows(surface.seen[a], surface.seen[b], surface.seen[c])
-    way.moves = time * wp.matrix_from_rows(surface.going[a], surface.going[b], surface.going[c])
+    way.x = wp.matrix_from_rows(surface.path_starts[a], surface.path_starts[b], surface.path_starts[c])
+    way.moves = time * wp.matrix_from_rows(
+        surface.path_velocities[a], surface.path_velocities[b], surface.path_velocities[c]
+    )
     way.rest = wp.matrix_from_rows(surface.rest[a], surface.rest[b], surface.rest[c])
     way.thickness = surface.materials[members.bodies[panel.body][1]].thickness
     way.slack = slack(members, surface, panel.body)

@@ -45,7 +45,7 @@ from cloth_sim_ros.sim.features.self_contact.pairs import (
 )
 from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, may_touch, panel_of, place
 from cloth_sim_ros.sim.kernels.compiled import compiled
-from cloth_sim_ros.sim.kernels.cooperative import Crew, recorded
+from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, recorded
 from cloth_sim_ros.sim.kernels.intrinsics import lowest_bit, next_place, xyz
 
 PAIRS_A_PANEL = 64  # room in the list of pairs
@@ -75,14 +75,14 @@ def _foresee(members: Members, pairs: Pairs, ends: bool):
         i = panel.corners[q]
         if (panel.own >> q) & 1 == 1:
             x = place(surface, i)
-            if pairs.clock[WHOLE] == 0 and surface.strayed[i] <= wp.static(EAGER) * most:
+            if pairs.clock[WHOLE] == 0 and surface.off_path[i] <= wp.static(EAGER) * most:
                 continue
-            mean, now = (x - surface.seen[i]) / time, goes(surface, i, ends)
+            mean, now = (x - surface.path_starts[i]) / time, goes(surface, i, ends)
             trembles = wp.length(mean) < 0.5 * wp.length(now)
             near = dt * wp.length(mean - now) < 0.5 * most
-            surface.going[i] = wp.where(trembles and near, mean, now)
-            surface.strayed[i] = dt * wp.length(now - surface.going[i])
-            surface.seen[i] = x - since * surface.going[i]
+            surface.path_velocities[i] = wp.where(trembles and near, mean, now)
+            surface.off_path[i] = dt * wp.length(now - surface.path_velocities[i])
+            surface.path_starts[i] = x - since * surface.path_velocities[i]
 
 
 @wp.func
@@ -236,7 +236,7 @@ def _cross(members: Members, w: int, boxes: Boxes, counts: wp.array(dtype=int), 
 class Search:
     """Looks for pairs in all worlds; `pairs` are what was found last."""
 
-    def __init__(self, members: Members, crew: Crew, device: wp.Device) -> None:
+    def __init__(self, members: Members, group: CooperativeGroup, device: wp.Device) -> None:
         self._members, self._device = members, device
         self._panels, worlds = members.panels.shape[0], members.worlds
         total = worlds * self._panels
@@ -268,7 +268,7 @@ class Search:
         self.pairs.failed = wp.zeros(total, dtype=bool, device=device)
         self.pairs.balls = wp.zeros(total, dtype=wp.vec4, device=device)
         self.pairs.drifts = wp.zeros(total, dtype=wp.vec3, device=device)
-        self._looks = [recorded(look, members, self.pairs, ends, crew=crew, device=device) for ends in (False, True)]
+        self._looks = [recorded(look, members, self.pairs, ends, group=group, device=device) for ends in (False, True)]
 
     def look(self, ends: bool) -> None:
         """List the pairs that may meet, where the list does not hold for a substep that ends, or that begins now.

@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.features.grasp import HELD
 from cloth_sim_ros.sim.features.self_contact.nearest import nearest
 from cloth_sim_ros.sim.features.self_contact.pairs import CLOSE, Pairs, pair_of, room_of
 from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Surface, number_of_body, place, surface_of
-from cloth_sim_ros.sim.kernels.cooperative import Crew, cooperative, number_of, recorded, sync_all
+from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.kernels.intrinsics import (
     add_exactly,
     exact_sum,
@@ -92,8 +92,8 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
         apart = wp.length(start)
         pairs.starts[w, k] = apart
         body_a, body_b = number_of_body(members, panels[0]), number_of_body(members, panels[1])
-        seen = m.inside or (of_a.bodies[body_a].is_rope and of_b.bodies[body_b].is_rope)
-        if seen and apart >= NOISE:  # what lies in one place has no sides
+        known = m.inside or (of_a.bodies[body_a].is_rope and of_b.bodies[body_b].is_rope)
+        if known and apart >= NOISE:  # what lies in one place has no sides
             n = start / apart
             moved = float(0.0)
             for q in range(4):
@@ -127,18 +127,18 @@ def _units(lacks: float, urgency: float, weight: float) -> wp.int64:
 
 
 @wp.func
-def _claim(members: Members, close: Close, w: int, t: int, crew: Crew, turn: int):
+def _claim(members: Members, close: Close, w: int, t: int, group: CooperativeGroup, turn: int):
     """Find what close pairs lack, and sum it at each particle: that is split between them in proportion."""
-    lane = t % crew.sharing
-    for j in range(t / crew.sharing, close.counts[w], crew.width / crew.sharing):
+    lane = t % group.sharing
+    for j in range(t / group.sharing, close.counts[w], group.width / group.sharing):
         n, moved, slip, before = close.lines[w, j], wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0)
-        for k in range(4 * j + lane, 4 * j + 4, crew.sharing):
+        for k in range(4 * j + lane, 4 * j + 4, group.sharing):
             surface = members.surfaces[close.surfaces[w, k]]
             i = close.particles[w, k]
             weight = close.weights[w, k]
             d = xyz(load_row(surface.displacements, i)) + _asked(surface, i, 1 - turn, MOVE)
             moved += weight * d
-            slip += weight * (d - xyz(load_row(surface.low, i)))
+            slip += weight * (d - xyz(load_row(surface.position_lo, i)))
             if surface.last_displacements.shape[0] > 0:
                 before += weight * (surface.last_displacements[i] + _asked(surface, i, 1 - turn, HIT))
         lacks = wp.max(close.gaps[w, j][0] - wp.dot(n, sum_of_four(moved)), 0.0)
@@ -147,46 +147,46 @@ def _claim(members: Members, close: Close, w: int, t: int, crew: Crew, turn: int
             close.slips[w, j] = pack(slip - wp.dot(slip, n) * n, lacks)
             close.met[w, j] = wp.clamp(-wp.dot(n, before) / wp.max(lacks, NOISE), 0.0, 1.0)
         if lacks > 0.0:
-            for k in range(4 * j + lane, 4 * j + 4, crew.sharing):
+            for k in range(4 * j + lane, 4 * j + 4, group.sharing):
                 units = _units(lacks, close.gaps[w, j][1], close.weights[w, k])
-                asked = members.surfaces[close.surfaces[w, k]].asked
-                wp.atomic_add(asked, _place_of(close.particles[w, k], turn, CLAIM), units)
+                pair_corrections = members.surfaces[close.surfaces[w, k]].pair_corrections
+                wp.atomic_add(pair_corrections, _place_of(close.particles[w, k], turn, CLAIM), units)
 
 
 @wp.func
-def _part(members: Members, close: Close, w: int, t: int, crew: Crew, turn: int):
+def _part(members: Members, close: Close, w: int, t: int, group: CooperativeGroup, turn: int):
     """Ask the particles of close pairs to move so that these stay apart, with friction."""
-    lane = t % crew.sharing
-    for j in range(t / crew.sharing, close.counts[w], crew.width / crew.sharing):
+    lane = t % group.sharing
+    for j in range(t / group.sharing, close.counts[w], group.width / group.sharing):
         lacks, yielding = close.slips[w, j][3], wp.vec3(0.0)
-        for k in range(4 * j + lane, 4 * j + 4, crew.sharing):
+        for k in range(4 * j + lane, 4 * j + 4, group.sharing):
             weight = close.weights[w, k]
             units = _units(lacks, close.gaps[w, j][1], weight)
             if units > wp.int64(0):
-                asked = members.surfaces[close.surfaces[w, k]].asked
-                claims = asked[_place_of(close.particles[w, k], turn, CLAIM)]
+                pair_corrections = members.surfaces[close.surfaces[w, k]].pair_corrections
+                claims = pair_corrections[_place_of(close.particles[w, k], turn, CLAIM)]
                 yielding[0] += weight * weight * close.inverse[w, k] * float(wp.float64(claims) / wp.float64(units))
         yielding = sum_of_four(yielding)
         if yielding[0] > 0.0:
             move, friction, met = lacks * close.lines[w, j], close.frictions[w, j], close.met[w, j]
             move += friction_correction(xyz(close.slips[w, j]), wp.vec3(0.0), lacks, friction[0], friction[1])
-            for k in range(4 * j + lane, 4 * j + 4, crew.sharing):
-                asked = members.surfaces[close.surfaces[w, k]].asked
+            for k in range(4 * j + lane, 4 * j + 4, group.sharing):
+                pair_corrections = members.surfaces[close.surfaces[w, k]].pair_corrections
                 place = _place_of(close.particles[w, k], turn, MOVE)
                 moves = (close.weights[w, k] * close.inverse[w, k] / yielding[0]) * move
-                add_exactly(asked, place, moves)
+                add_exactly(pair_corrections, place, moves)
                 if met > 0.0:
-                    add_exactly(asked, place + HIT, met * moves)
+                    add_exactly(pair_corrections, place + HIT, met * moves)
 
 
 @wp.func
 def _move(surface: Surface, i: int, turn: int):
     """Move a particle as its pairs asked in a turn."""
-    if surface.asked[_place_of(i, turn, CLAIM)] == wp.int64(0):
+    if surface.pair_corrections[_place_of(i, turn, CLAIM)] == wp.int64(0):
         return
     move, hit = _asked(surface, i, turn, MOVE), _asked(surface, i, turn, HIT)
     for k in range(wp.static(ASKED // 2)):
-        surface.asked[_place_of(i, turn, k)] = wp.int64(0)
+        surface.pair_corrections[_place_of(i, turn, k)] = wp.int64(0)
     packed = load_row(surface.displacements, i)
     store_row(surface.displacements, i, pack(xyz(packed) + move, packed[3]))
     if surface.last_displacements.shape[0] > 0:
@@ -205,7 +205,7 @@ def _place_of(i: int, turn: int, k: int) -> int:
 @wp.func
 def _asked(surface: Surface, i: int, turn: int, k: int) -> wp.vec3:
     """A sum of moves [m], MOVE or HIT."""
-    return exact_sum(surface.asked, _place_of(i, turn, k))
+    return exact_sum(surface.pair_corrections, _place_of(i, turn, k))
 
 
 @wp.func
@@ -218,39 +218,39 @@ def _move_all(members: Members, w: int, t: int, width: int, turn: int):
 
 
 @cooperative
-def _keep_apart(members: Members, pairs: Pairs, close: Close, passes: int, crew: Crew):
+def _keep_apart(members: Members, pairs: Pairs, close: Close, passes: int, group: CooperativeGroup):
     """Keep the pairs of all worlds apart, from where particles would go now."""
     if pairs.folded[0] == 0:
         return
-    number = number_of(wp.tid(), crew)
-    team = number / crew.width
-    t = number - team * crew.width
-    for w in range(team, members.worlds, crew.teams):
-        _look(members, pairs, close, w, t, crew.width)
-    sync_all(crew)
+    number = number_of(wp.tid(), group)
+    team = number / group.width
+    t = number - team * group.width
+    for w in range(team, members.worlds, group.teams):
+        _look(members, pairs, close, w, t, group.width)
+    sync_all(group)
     if close.some[0] == 0:
         return
     for p in range(passes):
         # What was asked in the pass before is done while the next is asked for, so that nobody waits for it.
         turn = p % 2
-        for w in range(team, members.worlds, crew.teams):
-            _claim(members, close, w, t, crew, turn)
-        sync_all(crew)
-        for w in range(team, members.worlds, crew.teams):
-            _part(members, close, w, t, crew, turn)
-            _move_all(members, w, t, crew.width, 1 - turn)
-        sync_all(crew)
-    for w in range(team, members.worlds, crew.teams):
-        _move_all(members, w, t, crew.width, (passes - 1) % 2)
+        for w in range(team, members.worlds, group.teams):
+            _claim(members, close, w, t, group, turn)
+        sync_all(group)
+        for w in range(team, members.worlds, group.teams):
+            _part(members, close, w, t, group, turn)
+            _move_all(members, w, t, group.width, 1 - turn)
+        sync_all(group)
+    for w in range(team, members.worlds, group.teams):
+        _move_all(members, w, t, group.width, (passes - 1) % 2)
         if t == 0:
             close.counts[w] = 0
             close.some[0] = 0
 
 
-class Apart:
+class ContactSolve:
     """The launch that keeps the pairs of a search apart."""
 
-    def __init__(self, members: Members, pairs: Pairs, crew: Crew, device: wp.Device) -> None:
+    def __init__(self, members: Members, pairs: Pairs, group: CooperativeGroup, device: wp.Device) -> None:
         worlds, room = pairs.parts.shape
         self._close = Close()
         for name in ("particles", "surfaces", "inverse", "weights"):
@@ -261,7 +261,7 @@ class Apart:
         self._close.met = wp.zeros((worlds, room), dtype=float, device=device)
         self._close.counts = wp.zeros(worlds, dtype=int, device=device)
         self._close.some = wp.zeros(1, dtype=int, device=device)
-        self._launch = recorded(_keep_apart, members, pairs, self._close, _PASSES, crew=crew, device=device)
+        self._launch = recorded(_keep_apart, members, pairs, self._close, _PASSES, group=group, device=device)
 
     def launch(self) -> None:
         self._launch.launch()

@@ -25,15 +25,15 @@ class Surface:
     frames: wp.array(dtype=Frame)
     materials: wp.array(dtype=Material)
     positions: wp.array(dtype=wp.vec4)
-    low: wp.array(dtype=wp.vec4)
+    position_lo: wp.array(dtype=wp.vec4)
     displacements: wp.array(dtype=wp.vec4)
     velocities: wp.array(dtype=wp.vec4)
     last_displacements: wp.array(dtype=wp.vec3)
-    seen: wp.array(dtype=wp.vec3)
-    going: wp.array(dtype=wp.vec3)
-    asked: wp.array(dtype=wp.int64)
-    strayed: wp.array(dtype=float)
-    shortened: wp.array(dtype=float)
+    path_starts: wp.array(dtype=wp.vec3)
+    path_velocities: wp.array(dtype=wp.vec3)
+    pair_corrections: wp.array(dtype=wp.int64)
+    off_path: wp.array(dtype=float)
+    ways_given_up: wp.array(dtype=float)
 
 
 @wp.struct
@@ -157,8 +157,8 @@ def _surface_of(arrays: Arrays) -> Surface:
     model, state = arrays.model, arrays.state
     surface.bodies, surface.panels, surface.panel_parts = model.bodies, model.panels, model.panel_parts
     surface.rest, surface.frames, surface.materials = model.rest, arrays.frames, arrays.materials
-    moving = ("positions", "low", "displacements", "velocities", "last_displacements")
-    for name in (*moving, "seen", "going", "asked", "strayed", "shortened"):
+    moving = ("positions", "position_lo", "displacements", "velocities", "last_displacements")
+    for name in (*moving, "path_starts", "path_velocities", "pair_corrections", "off_path", "ways_given_up"):
         setattr(surface, name, getattr(state, name))
     return surface
 

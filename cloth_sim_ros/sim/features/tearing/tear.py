@@ -9,7 +9,7 @@ bending of the sheet. Where the frame leaves the body faulty, and it is put back
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
 
@@ -32,148 +32,148 @@ def make_tear(features: Features):
     """The stage that has springs fail: thread t of `width` its share."""
 
     @wp.func
-    def tear(t: int, width: int, here: Here):
-        seams = here.model.seams[here.body.index]
+    def tear(t: int, width: int, ctx: Context):
+        seams = ctx.model.seams[ctx.body.index]
         for k in range(seams.others + t, seams.end, width):
-            rest = here.state.line_rests[k]
+            rest = ctx.state.line_rests[k]
             if rest > 0.0:
-                i, j = here.model.line_nodes[k], here.model.line_others[k]
-                low = load4(here.low, j) - load4(here.low, i)
-                e = xyz((load4(here.x, j) - load4(here.x, i)) + low)
+                i, j = ctx.model.line_nodes[k], ctx.model.line_others[k]
+                lo = load4(ctx.position_lo, j) - load4(ctx.position_lo, i)
+                e = xyz((load4(ctx.x, j) - load4(ctx.x, i)) + lo)
                 longest = (1.0 + seams.strain * strength(i, j)) * rest
                 if wp.dot(e, e) > longest * longest:
-                    here.state.line_rests[k] = -rest
-                    here.state.tearing[here.body.index] = 1
+                    ctx.state.line_rests[k] = -rest
+                    ctx.state.tearing[ctx.body.index] = 1
                     if wp.static(features.order == 2):
-                        here.state.events[2 * here.body.index + here.substep % 2] = here.substep + 1
+                        ctx.state.events[2 * ctx.body.index + ctx.substep % 2] = ctx.substep + 1
 
     return tear
 
 
 @wp.func
-def settle_springs(t: int, width: int, here: Here):
+def settle_springs(t: int, width: int, ctx: Context):
     """The stage that has the springs that failed in this frame be gone, or whole where the body is put back."""
-    seams = here.model.seams[here.body.index]
-    if here.state.tearing[here.body.index] == 0:
+    seams = ctx.model.seams[ctx.body.index]
+    if ctx.state.tearing[ctx.body.index] == 0:
         return
     for k in range(seams.others + t, seams.end, width):
-        rest = here.state.line_rests[k]
-        if here.model.line_others[k] >= 0 and rest < 0.0 and rest > GONE:
-            here.state.line_rests[k] = wp.where(here.state.faulty[here.body.index] == 1, -rest, GONE)
+        rest = ctx.state.line_rests[k]
+        if ctx.model.line_others[k] >= 0 and rest < 0.0 and rest > GONE:
+            ctx.state.line_rests[k] = wp.where(ctx.state.faulty[ctx.body.index] == 1, -rest, GONE)
 
 
 @wp.func
-def is_gone(slot: int, here: Here) -> bool:
+def is_gone(slot: int, ctx: Context) -> bool:
     """Whether there was a spring and it failed."""
-    return slot >= 0 and here.state.line_rests[wp.max(slot, 0)] < 0.0
+    return slot >= 0 and ctx.state.line_rests[wp.max(slot, 0)] < 0.0
 
 
 @wp.func
-def drop_over(t: int, width: int, here: Here):
+def drop_over(t: int, width: int, ctx: Context):
     """The stage that drops bending springs over springs that failed, and triangles at them."""
-    seams = here.model.seams[here.body.index]
-    if here.state.tearing[here.body.index] == 0:
+    seams = ctx.model.seams[ctx.body.index]
+    if ctx.state.tearing[ctx.body.index] == 0:
         return
     for k in range(seams.bends + t, seams.others, width):
         for q in range(seams.needs_width):
-            if is_gone(here.model.line_needs[seams.needs + (k - seams.bends) * seams.needs_width + q], here):
-                here.state.line_rests[k] = GONE
-    for k in range(here.body.panels + t, here.body.panels_end, width):
-        sides = here.model.panel_sides[k]
-        if is_gone(sides[0], here) or is_gone(sides[1], here) or is_gone(sides[2], here):
-            corner = here.state.panels[k][0]
-            here.state.panels[k] = wp.vec3i(corner, corner, corner)
+            if is_gone(ctx.model.line_needs[seams.needs + (k - seams.bends) * seams.needs_width + q], ctx):
+                ctx.state.line_rests[k] = GONE
+    for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
+        sides = ctx.model.panel_sides[k]
+        if is_gone(sides[0], ctx) or is_gone(sides[1], ctx) or is_gone(sides[2], ctx):
+            corner = ctx.state.panels[k][0]
+            ctx.state.panels[k] = wp.vec3i(corner, corner, corner)
 
 
 @wp.func
-def is_whole(k: int, here: Here) -> bool:
+def is_whole(k: int, ctx: Context) -> bool:
     """Whether panel k is part of the surface."""
-    panel = here.state.panels[k]
+    panel = ctx.state.panels[k]
     return panel[0] != panel[1]
 
 
 @wp.func
-def bends_still(k: int, here: Here) -> bool:
+def bends_still(k: int, ctx: Context) -> bool:
     """Whether panel k and all that its bending takes are there."""
     whole = bool(True)
     for q in range(wp.static(NEEDS)):
-        whole = whole and is_whole(here.model.panel_needs[wp.static(NEEDS) * k + q], here)
+        whole = whole and is_whole(ctx.model.panel_needs[wp.static(NEEDS) * k + q], ctx)
     return whole
 
 
 @wp.func
-def own_parts(k: int, here: Here) -> int:
+def own_parts(k: int, ctx: Context) -> int:
     """Bits of the corners and sides of panel k that no panel before it has (see Model.panel_parts)."""
-    panel = here.state.panels[k]
+    panel = ctx.state.panels[k]
     bits = int(0)
     for place in range(3):
         a, b = panel[place], panel[(place + 1) % 3]
         has_corner, has_side = bool(True), bool(True)
-        g = here.body.particles + a
-        for p in range(here.model.panel_start[g], here.model.panel_start[g + 1]):
-            other = here.model.particle_panels[p]
-            if other < k and is_whole(other, here):
+        g = ctx.body.particles + a
+        for p in range(ctx.model.panel_start[g], ctx.model.panel_start[g + 1]):
+            other = ctx.model.particle_panels[p]
+            if other < k and is_whole(other, ctx):
                 has_corner = False
-                corners = here.state.panels[other]
+                corners = ctx.state.panels[other]
                 has_side = has_side and corners[0] != b and corners[1] != b and corners[2] != b
         bits += wp.where(has_corner, 1 << place, 0) + wp.where(has_side, 1 << (3 + place), 0)
     return bits
 
 
 @wp.func
-def share_parts(t: int, width: int, here: Here):
+def share_parts(t: int, width: int, ctx: Context):
     """The stage that shares corners and sides anew among the triangles that are left, for contact between objects."""
-    if here.state.tearing[here.body.index] == 0:
+    if ctx.state.tearing[ctx.body.index] == 0:
         return
-    for k in range(here.body.panels + t, here.body.panels_end, width):
+    for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
         bits = int(0)
-        if is_whole(k, here):
-            bits = own_parts(k, here)
-        here.state.panel_parts[k] = wp.vec2i(here.body.index, bits)
+        if is_whole(k, ctx):
+            bits = own_parts(k, ctx)
+        ctx.state.panel_parts[k] = wp.vec2i(ctx.body.index, bits)
 
 
 @wp.func
-def weigh_again(t: int, width: int, here: Here):
+def weigh_again(t: int, width: int, ctx: Context):
     """The stage that sums the weights of a plate over the triangles that still bend."""
-    if here.state.tearing[here.body.index] == 0:
+    if ctx.state.tearing[ctx.body.index] == 0:
         return
-    first = here.body.plate
-    for e in range(first + t, first + here.body.count * here.body.plate_width, width):
-        place = here.model.plate_sums[e]
+    first = ctx.body.plate
+    for e in range(first + t, first + ctx.body.count * ctx.body.plate_width, width):
+        place = ctx.model.plate_sums[e]
         if place >= 0:
             sum = float(0.0)
-            for p in range(here.model.plate_starts[place], here.model.plate_starts[place + 1]):
-                if bends_still(here.model.plate_part_panels[p], here):
-                    sum += here.model.plate_parts[p]
-            here.state.plate_weights[e] = sum
+            for p in range(ctx.model.plate_starts[place], ctx.model.plate_starts[place + 1]):
+                if bends_still(ctx.model.plate_part_panels[p], ctx):
+                    sum += ctx.model.plate_parts[p]
+            ctx.state.plate_weights[e] = sum
 
 
 @wp.func
-def flatten(t: int, width: int, here: Here):
+def flatten(t: int, width: int, ctx: Context):
     """The stage that has triangles that bend no more not be curved at rest either."""
-    if here.state.tearing[here.body.index] == 0:
+    if ctx.state.tearing[ctx.body.index] == 0:
         return
-    size = here.model.curve_width
-    for c in range(here.body.curves + t, here.body.curves_end, width):
-        if not bends_still(here.model.curve_panels[c], here):
+    size = ctx.model.curve_width
+    for c in range(ctx.body.curves + t, ctx.body.curves_end, width):
+        if not bends_still(ctx.model.curve_panels[c], ctx):
             for q in range(size):
-                here.state.curve_stencil_gradients[size * c + q] = 0.0
-    first, end = here.body.particles, here.body.particles + here.body.count
-    for k in range(here.model.curve_start[first] + t, here.model.curve_start[end], width):
-        if not bends_still(here.model.curve_panels[here.model.curve_entries[k][0]], here):
-            here.state.curve_gradients[k] = 0.0
+                ctx.state.curve_stencil_gradients[size * c + q] = 0.0
+    first, end = ctx.body.particles, ctx.body.particles + ctx.body.count
+    for k in range(ctx.model.curve_start[first] + t, ctx.model.curve_start[end], width):
+        if not bends_still(ctx.model.curve_panels[ctx.model.curve_entries[k][0]], ctx):
+            ctx.state.curve_gradients[k] = 0.0
 
 
 @wp.func
-def finish_tearing(t: int, width: int, here: Here):
+def finish_tearing(t: int, width: int, ctx: Context):
     """The stage that ends it."""
     if t == 0:
-        here.state.tearing[here.body.index] = 0
+        ctx.state.tearing[ctx.body.index] = 0
 
 
 def followers(features: Features) -> list:
     """The stages at the end of a frame, in order."""
-    own = [share_parts] if features.meets else []
+    own = [share_parts] if features.coupled else []
     bending = [weigh_again] if features.plate else []
     curved = [flatten] if features.curved else []
     return [settle_springs, drop_over, *own, *bending, *curved, finish_tearing]

@@ -5,7 +5,7 @@ moves."""
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.rope_state import Twist
 from cloth_sim_ros.sim.features.grasp import grip_of, orientation_of
 from cloth_sim_ros.sim.kernels.intrinsics import load4
@@ -42,42 +42,42 @@ def make_clamps(handles: bool):
     from now on or go on to be."""
 
     @wp.func
-    def clamped_by(i: int, j: int, here: Here) -> int:
+    def clamped_by(i: int, j: int, ctx: Context) -> int:
         """What holds both particle i at an end and its neighbour j: 0 nothing, -1 pins, else 1 + a handle's number."""
-        tip = wp.where(load4(here.x, i)[3] == 0.0, -1, 0)
-        neighbour = wp.where(load4(here.x, j)[3] == 0.0, -1, 0)
+        tip = wp.where(load4(ctx.x, i)[3] == 0.0, -1, 0)
+        neighbour = wp.where(load4(ctx.x, j)[3] == 0.0, -1, 0)
         if wp.static(handles):
             if tip == 0:
-                tip = int(grip_of(i, here)[3])
+                tip = int(grip_of(i, ctx)[3])
             if neighbour == 0:
-                neighbour = int(grip_of(j, here)[3])
+                neighbour = int(grip_of(j, ctx)[3])
         return wp.where(tip == 0 or neighbour == 0, 0, wp.max(tip, neighbour))
 
     @wp.func
-    def turned_by(by: int, ahead: int, here: Here) -> wp.quat:
+    def turned_by(by: int, ahead: int, ctx: Context) -> wp.quat:
         """How what clamps an end is turned, `ahead` substeps from where this one begins."""
         q = wp.quat_identity()
         if wp.static(handles):
             if by > 0:
-                q = orientation_of(here.handles[by - 1], float(here.substep + ahead) / float(here.frame.substeps))
+                q = orientation_of(ctx.handles[by - 1], float(ctx.substep + ahead) / float(ctx.frame.substeps))
         return q
 
     @wp.func
-    def turn_clamps(twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, here: Here) -> Twist:
+    def turn_clamps(twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, ctx: Context) -> Twist:
         """Turn the vectors of both ends, whose tangents are `first` and `last`, with what clamps them now."""
         if start_by != twist.start_by:
-            twist.start_own = wp.quat_rotate_inv(turned_by(start_by, 0, here), twist.start)
+            twist.start_own = wp.quat_rotate_inv(turned_by(start_by, 0, ctx), twist.start)
         if end_by != twist.end_by:
-            twist.end_own = wp.quat_rotate_inv(turned_by(end_by, 0, here), twist.end)
+            twist.end_own = wp.quat_rotate_inv(turned_by(end_by, 0, ctx), twist.end)
         twist.start_by = start_by
         twist.end_by = end_by
-        twist.start = across(first, wp.quat_rotate(turned_by(start_by, 1, here), twist.start_own))
-        twist.end = across(last, wp.quat_rotate(turned_by(end_by, 1, here), twist.end_own))
+        twist.start = across(first, wp.quat_rotate(turned_by(start_by, 1, ctx), twist.start_own))
+        twist.end = across(last, wp.quat_rotate(turned_by(end_by, 1, ctx), twist.end_own))
         return twist
 
     @wp.func
     def clamp(
-        twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, carried: wp.vec3, here: Here
+        twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, carried: wp.vec3, ctx: Context
     ) -> Twist:
         """Begin with what the end is turned by at first, and without twist after an end was free. `carried` is the
         vector of the start, carried along the rope to its end."""
@@ -87,6 +87,6 @@ def make_clamps(handles: bool):
         twist.known = 1
         twist.start_by = 0
         twist.end_by = 0
-        return turn_clamps(twist, start_by, end_by, first, last, here)
+        return turn_clamps(twist, start_by, end_by, first, last, ctx)
 
     return clamped_by, clamp, turn_clamps

@@ -9,7 +9,7 @@ where a rope buckles does not depend on the step.
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.features.twist.clamps import any_across, make_clamps, without_twist
@@ -22,12 +22,12 @@ def make_tangent(order: int):
     """A Warp function: the unit tangent of segment k of the body, where the substep begins; order 2 looks ahead."""
 
     @wp.func
-    def tangent_at(k: int, here: Here) -> wp.vec3:
-        g = here.body.particles + k
-        e = xyz(load4(here.x, k + 1) - load4(here.x, k)) + xyz(load4(here.low, k + 1) - load4(here.low, k))
+    def tangent_at(k: int, ctx: Context) -> wp.vec3:
+        g = ctx.body.particles + k
+        e = xyz(load4(ctx.x, k + 1) - load4(ctx.x, k)) + xyz(load4(ctx.position_lo, k + 1) - load4(ctx.position_lo, k))
         if wp.static(order == 2):
-            if here.step.second:
-                e += here.state.last_displacements[g + 1] - here.state.last_displacements[g]
+            if ctx.step.second:
+                e += ctx.state.last_displacements[g + 1] - ctx.state.last_displacements[g]
         return wp.normalize(e)
 
     return tangent_at
@@ -47,13 +47,13 @@ def push_of(i: int, m: Model, s: State, body: Body) -> wp.vec3:
 
 
 @wp.func
-def push_by_couples(i: int, here: Here):
+def push_by_couples(i: int, ctx: Context):
     """Add to the prediction of particle i what the couples around it do."""
-    p = load4(here.d, i)
+    p = load4(ctx.d, i)
     if p[3] == 0.0:
         return
-    move = (here.step.effective * here.step.effective * p[3]) * push_of(i, here.model, here.state, here.body)
-    store4(here.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+    move = (ctx.step.effective * ctx.step.effective * p[3]) * push_of(i, ctx.model, ctx.state, ctx.body)
+    store4(ctx.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
 
 
 def make_find_twist(order: int, handles: bool):
@@ -62,49 +62,49 @@ def make_find_twist(order: int, handles: bool):
     clamped_by, clamp, turn_clamps = make_clamps(handles)
 
     @wp.func
-    def twist_anew(here: Here) -> float:
+    def twist_anew(ctx: Context) -> float:
         """The torsional moment [N m] from where the particles are, and in State.twists what belongs to it.
 
         At first, and whenever positions were set, the rope is without twist but for what its end is turned by. Clamped
         anew, it is without any.
         """
-        twist = here.state.twists[here.body.index]
-        last = here.body.count - 2
-        start_by = clamped_by(0, 1, here)
-        end_by = clamped_by(last + 1, last, here)
-        before = tangent_at(0, here)
+        twist = ctx.state.twists[ctx.body.index]
+        last = ctx.body.count - 2
+        start_by = clamped_by(0, 1, ctx)
+        end_by = clamped_by(last + 1, last, ctx)
+        before = tangent_at(0, ctx)
         if start_by == 0 or end_by == 0:
-            here.state.twists[here.body.index] = without_twist(twist, before)
+            ctx.state.twists[ctx.body.index] = without_twist(twist, before)
             return 0.0
         if twist.known == 1:
-            twist = turn_clamps(twist, start_by, end_by, before, tangent_at(last, here), here)
+            twist = turn_clamps(twist, start_by, end_by, before, tangent_at(last, ctx), ctx)
         else:
             twist.start = any_across(before)
         u = twist.start
         length = float(0.0)
         for k in range(1, last + 1):
-            after = tangent_at(k, here)
+            after = tangent_at(k, ctx)
             u = carried_across(u, before, after)
             before = after
             if k < last:
-                length += here.model.segment_length[here.body.segments + k]
+                length += ctx.model.segment_length[ctx.body.segments + k]
         if twist.known != 1:
-            twist = clamp(twist, start_by, end_by, tangent_at(0, here), before, u, here)
+            twist = clamp(twist, start_by, end_by, tangent_at(0, ctx), before, u, ctx)
         # However far the end was turned; from one substep to the next the writhe changes by less than half a turn.
         turned = twist.angle + (twist.wanted - twist.turned)
         twist.angle = turned + wrap_angle(angle_about(before, u, twist.end) + twist.wanted - turned)
         twist.turned = twist.wanted
-        twist.moment = twist.angle / (length * here.material.compliance[1])
-        here.state.twists[here.body.index] = twist
+        twist.moment = twist.angle / (length * ctx.material.compliance[1])
+        ctx.state.twists[ctx.body.index] = twist
         return twist.moment
 
     @wp.func
-    def find_twist(here: Here):
-        moment = twist_anew(here)
-        before = tangent_at(0, here)
-        for j in range(here.body.count - 2):
-            after = tangent_at(j + 1, here)
-            here.state.couples[here.body.segments + j] = moment * half_binormal(before, after)
+    def find_twist(ctx: Context):
+        moment = twist_anew(ctx)
+        before = tangent_at(0, ctx)
+        for j in range(ctx.body.count - 2):
+            after = tangent_at(j + 1, ctx)
+            ctx.state.couples[ctx.body.segments + j] = moment * half_binormal(before, after)
             before = after
 
     return find_twist

@@ -18,7 +18,7 @@ The drum is a hinge: what bends leaves it in any direction. A joint of it that h
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Here
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.arrays.rope_state import Drive, WinchState
 from cloth_sim_ros.sim.arrays.state import State
@@ -46,7 +46,7 @@ def density_at(k: int, m: Model, body: Body) -> float:
 
 
 @wp.func
-def lightened(winch: WinchState, m: Model, body: Body) -> float:
+def effective_materials(winch: WinchState, m: Model, body: Body) -> float:
     """The mass [kg] of the particle beyond the drum, with as much of its segment as is out."""
     k = winch.index
     lacks = m.segment_length[body.segments + k] - winch.length
@@ -65,41 +65,41 @@ def make_turn(order: int):
     """A Warp function: one thread turns a body's drum at the start of a substep of length h [s]."""
 
     @wp.func
-    def swallow(winch: WinchState, here: Here) -> WinchState:
+    def swallow(winch: WinchState, ctx: Context) -> WinchState:
         k = winch.index
-        g = here.body.particles + k
-        drum = load4(here.x, k)
-        drum_low = load4(here.low, k)
-        middle = load4(here.x, k + 1)
-        middle_low = load4(here.low, k + 1)
+        g = ctx.body.particles + k
+        drum = load4(ctx.x, k)
+        drum_low = load4(ctx.position_lo, k)
+        middle = load4(ctx.x, k + 1)
+        middle_low = load4(ctx.position_lo, k + 1)
         first = xyz(middle - drum) + xyz(middle_low - drum_low)
-        second = xyz(load4(here.x, k + 2) - middle) + xyz(load4(here.low, k + 2) - middle_low)
-        following = here.model.segment_length[here.body.segments + k + 1]
+        second = xyz(load4(ctx.x, k + 2) - middle) + xyz(load4(ctx.position_lo, k + 2) - middle_low)
+        following = ctx.model.segment_length[ctx.body.segments + k + 1]
         whole = winch.length + following
         straight = wp.length(first + second) / wp.max(wp.length(first) + wp.length(second), 1.0e-12)
         length = wp.clamp(straight * whole, SHORTEST * following, whole)
-        winch.owed += whole - length
+        winch.backlog += whole - length
         winch.length = length
         winch.behind -= following
         winch.index = k + 1
-        store4(here.x, k + 1, wp.vec4(drum[0], drum[1], drum[2], 0.0))
-        store4(here.low, k + 1, drum_low)
-        here.state.velocities[g + 1] = wp.vec4(0.0)
-        here.state.chain_forces[g + 1] = wp.vec3(0.0)
-        here.state.tensions[here.body.segments + k] = 0.0
+        store4(ctx.x, k + 1, wp.vec4(drum[0], drum[1], drum[2], 0.0))
+        store4(ctx.position_lo, k + 1, drum_low)
+        ctx.state.velocities[g + 1] = wp.vec4(0.0)
+        ctx.state.chain_forces[g + 1] = wp.vec3(0.0)
+        ctx.state.tensions[ctx.body.segments + k] = 0.0
         if wp.static(order == 2):
-            here.state.last_velocities[g + 1] = wp.vec3(0.0)
-            here.state.last_displacements[g + 1] = wp.vec3(0.0)
+            ctx.state.last_velocities[g + 1] = wp.vec3(0.0)
+            ctx.state.last_displacements[g + 1] = wp.vec3(0.0)
         return winch
 
     @wp.func
-    def bear(winch: WinchState, h: float, here: Here) -> WinchState:
+    def bear(winch: WinchState, h: float, ctx: Context) -> WinchState:
         k = winch.index
-        g = here.body.particles + k
-        drum = load4(here.x, k)
-        drum_low = xyz(load4(here.low, k))
-        e = xyz(load4(here.x, k + 1) - drum) + (xyz(load4(here.low, k + 1)) - drum_low)
-        own = here.model.segment_length[here.body.segments + k]
+        g = ctx.body.particles + k
+        drum = load4(ctx.x, k)
+        drum_low = xyz(load4(ctx.position_lo, k))
+        e = xyz(load4(ctx.x, k + 1) - drum) + (xyz(load4(ctx.position_lo, k + 1)) - drum_low)
+        own = ctx.model.segment_length[ctx.body.segments + k]
         part = own / winch.length
         away = drum_low + (1.0 - part) * e
         position = xyz(drum)
@@ -107,62 +107,61 @@ def make_turn(order: int):
         position += away
         # How the material at this place moves: by (1 - part) with the rope ahead, by part with the feed.
         feed = (part * winch.rate / winch.length) * e
-        velocity = (1.0 - part) * xyz(here.state.velocities[g + 1]) + feed
-        store4(here.x, k, wp.vec4(position[0], position[1], position[2], 1.0 / here.model.particle_masses[g]))
-        store4(here.low, k, wp.vec4(rest[0], rest[1], rest[2], 0.0))
-        here.state.velocities[g] = wp.vec4(velocity[0], velocity[1], velocity[2], 0.0)
+        velocity = (1.0 - part) * xyz(ctx.state.velocities[g + 1]) + feed
+        store4(ctx.x, k, wp.vec4(position[0], position[1], position[2], 1.0 / ctx.model.particle_masses[g]))
+        store4(ctx.position_lo, k, wp.vec4(rest[0], rest[1], rest[2], 0.0))
+        ctx.state.velocities[g] = wp.vec4(velocity[0], velocity[1], velocity[2], 0.0)
         if wp.static(order == 2):
-            here.state.last_velocities[g] = (1.0 - part) * here.state.last_velocities[g + 1] + feed
-            here.state.last_displacements[g] = (1.0 - part) * here.state.last_displacements[g + 1] + h * feed
-        here.state.tensions[here.body.segments + k - 1] = here.state.tensions[here.body.segments + k]
-        weigh(k + 1, here.model.particle_masses[g + 1], here.x)
+            ctx.state.last_velocities[g] = (1.0 - part) * ctx.state.last_velocities[g + 1] + feed
+            ctx.state.last_displacements[g] = (1.0 - part) * ctx.state.last_displacements[g + 1] + h * feed
+        ctx.state.tensions[ctx.body.segments + k - 1] = ctx.state.tensions[ctx.body.segments + k]
+        weigh(k + 1, ctx.model.particle_masses[g + 1], ctx.x)
         winch.length -= own
         winch.behind += own
         winch.index = k - 1
         return winch
 
     @wp.func
-    def turn(here: Here, drive: Drive, h: float):
-        winch = here.state.winches[here.body.index]
-        last = here.body.segments_end - here.body.segments - 1
+    def turn(ctx: Context, drive: Drive, h: float):
+        winch = ctx.state.winches[ctx.body.index]
+        last = ctx.body.segments_end - ctx.body.segments - 1
         while (
-            winch.index < last
-            and winch.length < SWALLOWED * here.model.segment_length[here.body.segments + winch.index]
+            winch.index < last and winch.length < SWALLOWED * ctx.model.segment_length[ctx.body.segments + winch.index]
         ):
-            winch = swallow(winch, here)
+            winch = swallow(winch, ctx)
         while winch.index > 0 and winch.length >= (
-            here.model.segment_length[here.body.segments + winch.index]
-            + BORN * here.model.segment_length[here.body.segments + winch.index - 1]
+            ctx.model.segment_length[ctx.body.segments + winch.index]
+            + BORN * ctx.model.segment_length[ctx.body.segments + winch.index - 1]
         ):
-            winch = bear(winch, h, here)
-        out = winch.behind + winch.length + winch.owed
-        shortest = wp.max(drive.shortest, SHORTEST * here.model.segment_length[here.body.segments_end - 1])
+            winch = bear(winch, h, ctx)
+        out = winch.behind + winch.length + winch.backlog
+        shortest = wp.max(drive.shortest, SHORTEST * ctx.model.segment_length[ctx.body.segments_end - 1])
         longest = wp.min(drive.longest, winch.total)
         room = longest - out
-        slack = out - wp.max(winch.owed, 0.0) - shortest  # what is owed cannot be hauled in
+        slack = out - wp.max(winch.backlog, 0.0) - shortest  # what is owed cannot be hauled in
         winch.rate = next_rate(winch.rate, drive.pay_out, drive.max_rate, drive.acceleration, room, slack, h)
         near = REACHED * winch.total
         winch.stopped = 0
         if (drive.pay_out > 0.0 and room < near) or (drive.pay_out < 0.0 and slack < near):
             winch.stopped = 1
-        returned = winch.owed * wp.min(h / SETTLING, 1.0)
+        returned = winch.backlog * wp.min(h / SETTLING, 1.0)
         fed = winch.rate * h + returned
         length = winch.length + fed
         winch.last_fed = winch.fed
         winch.fed = length - winch.length
-        winch.owed += (fed - winch.fed) - returned  # what rounding kept back, too
+        winch.backlog += (fed - winch.fed) - returned  # what rounding kept back, too
         winch.length = length
-        weigh(winch.index + 1, lightened(winch, here.model, here.body), here.x)
-        here.state.winches[here.body.index] = winch
+        weigh(winch.index + 1, effective_materials(winch, ctx.model, ctx.body), ctx.x)
+        ctx.state.winches[ctx.body.index] = winch
 
     return turn
 
 
 @wp.func
-def rest_of(k: int, here: Here) -> float:
+def rest_of(k: int, ctx: Context) -> float:
     """The rest length [m] of segment k of the body."""
-    winch = here.state.winches[here.body.index]
-    return wp.where(k == winch.index, winch.length, here.model.segment_length[here.body.segments + k])
+    winch = ctx.state.winches[ctx.body.index]
+    return wp.where(k == winch.index, winch.length, ctx.model.segment_length[ctx.body.segments + k])
 
 
 @wp.func
