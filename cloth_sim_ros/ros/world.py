@@ -59,7 +59,7 @@ class World:
 
     def build(self, values: Mapping[str, Any]) -> bool:
         """Builds the simulation of `values`. If that fails, the one before goes on and the log says why."""
-        self._log.info("building the simulation; kernels that were never used here take some seconds to compile")
+        self._log.info("building the simulation; kernels that were never used here take up to two minutes to compile")
         try:
             plan = make_plan(values)
             broken = broken_meshes(plan, plan.scene.objects)
