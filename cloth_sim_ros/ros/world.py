@@ -136,12 +136,12 @@ class World:
                 self._reported.say(*self.grasps.set(self.sim, owner, value))
             else:
                 self.sim.set(name, value)
-            self._reported.reasons(self.sim)
+            self._reported.reasons(self.sim, with_substeps=False)
         except Unstable as error:
             self._log.error(f"{name} is put back: {error}")
             return False
         except ValueError as error:
-            self._log.info(f"{name} is noted for the next rebuild, it has no effect now: {error}")
+            self._reported.waits(name, str(error))
         return True
 
     def set_wind(self, velocity: Vector) -> None:
