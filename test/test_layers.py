@@ -8,7 +8,9 @@ import cloth_sim_ros
 
 ROOT = Path(cloth_sim_ros.__file__).parent
 # From the lowest to the highest. A folder may import those before it, and itself.
-PACKAGE = "parameters signals shared_files programs sim drawing ros study record viewer identify learn demo".split()
+PACKAGE = (
+    "parameters signals shared_files status_line programs sim drawing ros study record viewer identify learn demo"
+).split()
 SIM = (
     "kernels physics input colliders scene topology arrays features lines ropes substeps stage program executors "
     "engine access simulation clients __init__"

@@ -13,6 +13,7 @@ import viser
 
 from cloth_sim_ros.viewer.drawing import Click, Drag, Drawing
 from cloth_sim_ros.viewer.look import furnish, look_from
+from cloth_sim_ros.viewer.visitors import make_server
 
 
 class Page:
@@ -78,12 +79,19 @@ class Page:
 class Window:
     """Serves `pages` (class or other callable by title) at host and port; the first one is open at the beginning.
 
-    Where the port is taken, the next free one is used: see `address`.
+    Where the port is taken, the next free one is used: see `address`. `make_server` says who may come, as one of
+    `allowed_hosts`.
     """
 
-    def __init__(self, host: str, port: int, pages: dict[str, Callable[[viser.ViserServer], Page]]):
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        pages: dict[str, Callable[[viser.ViserServer], Page]],
+        allowed_hosts: Sequence[str] = (),
+    ):
         with quiet():
-            self.server = viser.ViserServer(host=host, port=port, label="cloth_sim", verbose=False)
+            self.server = make_server(host, port, allowed_hosts)
         self._pages = pages
         furnish(self.server)
         self._choice = self.server.gui.add_dropdown("Page", tuple(pages))

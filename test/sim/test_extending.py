@@ -1,7 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A collider shape and a force from outside the package, as docs/how-to/extending.md writes them."""
 
+import os
+import re
+import subprocess
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -89,3 +94,17 @@ def test_a_force_from_outside_swings_a_sheet_as_the_closed_form(extended, device
 def test_a_force_that_nobody_knows_is_refused():
     with pytest.raises(ValueError, match="Scene.forces has .*; allowed are"):
         Scene({"rope": Rope()}, forces={"odd": Tether(0.0, 1.0, 0.0)})
+
+
+PAGE = Path(__file__).parents[2] / "docs/how-to/extending.md"
+BLOCKS = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=range(len(BLOCKS)))
+def test_each_piece_of_code_of_the_page_runs_alone(block, tmp_path):
+    (tmp_path / "piece.py").write_text(block)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "piece.py"], cwd=PAGE.parents[2], env={**os.environ, "PYTHONPATH": "."},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr

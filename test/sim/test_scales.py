@@ -335,3 +335,11 @@ def test_bad_scales_are_refused_and_change_nothing(device):
         sim = Simulation(Scene({"it": thing}), fixed(), device, worlds=2)
         with pytest.raises(ValueError, match=f"it.scale is set but it {words}; allowed is"):
             sim.set("it.scale", 2.0)
+
+
+def test_a_scale_leaves_the_mass_which_may_be_set_to_follow(device):
+    sim = Simulation(Scene({"sheet": Cloth((5, 5), (0.4, 0.4), mass=0.2)}), fixed(substeps=10), device, 3)
+    sim.set("sheet.scale", SCALES)
+    assert [sim.masses("sheet", w).sum() for w in range(3)] == pytest.approx([0.2, 0.2, 0.2])
+    sim.set("sheet.mass", 0.2 * SCALES**2)
+    assert [sim.masses("sheet", w).sum() for w in range(3)] == pytest.approx(0.2 * SCALES**2)

@@ -146,7 +146,8 @@ def test_the_command_counts_and_writes(monkeypatch, tmp_path, capsys):
     options = ("--device", "cpu", "--seed", "5", "--case", "degenerate", "--output", str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["study", "stability", *options, "--method", "verlet", "xpbd 1", "--jobs", "2"])
     assert __main__.main() == 0
-    text = capsys.readouterr().out
+    text, progress = capsys.readouterr()
+    assert not set("\r\33") & set(text + progress), "a log is no terminal"
     assert "10 combinations that need 8 sets of kernels, seed 5" in text
     assert "6 ran, of which 6 held and 0 failed; 4 refused" in text and "5 / 0 / 0" in text and "1 / 4 / 0" in text
     assert len(json.loads((tmp_path / "stability_cpu.json").read_text())["rows"]) == 10

@@ -228,6 +228,17 @@ def test_a_node_that_goes_is_waited_for(start, viewer):
     viewer.shows("cloth", "rope")
 
 
+@pytest.mark.long
+def test_a_node_that_compiles_says_so_and_shows_no_sliders_until_it_runs(start, viewer, tmp_path, monkeypatch):
+    monkeypatch.setenv("WARP_CACHE_PATH", str(tmp_path))
+    start(BARE)
+    viewer.until(lambda: viewer.page is not None and "compiling kernels" in viewer.page.status)
+    assert not viewer.page._content.visible and "so far" in viewer.page.status
+    viewer.until(lambda: viewer.page._content.visible)
+    assert viewer.page.status == "/cloth_sim is there."
+    viewer.shows("cloth")
+
+
 def test_a_node_in_a_namespace_is_found_by_its_name(start, viewer_of):
     start(BARE, "-r", "__ns:=/robot").ready()
     viewer = viewer_of("/robot/cloth_sim")

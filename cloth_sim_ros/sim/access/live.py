@@ -89,7 +89,7 @@ class Live:
 
         An array whose first axis is all worlds gives each its own number or vector. Those of the solver hold in all
         worlds. With another scale an object starts anew: its rest shape is so many times as large, and all else is as
-        set. A sheet grows about its position, a rope from its start.
+        set, its total mass too. A sheet grows about its position, a rope from its start.
         """
         if not isinstance(name, str):
             raise ValueError(f"set is given the name {name!r}; allowed is text such as 'gravity' or 'cloth.mass'")

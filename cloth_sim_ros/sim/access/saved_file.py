@@ -90,7 +90,7 @@ def read_file(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     try:
         with zipfile.ZipFile(path) as box:
             names = [name.removesuffix(".npy") for name in box.namelist()]
-            header = _header_of(box) if _HEADER in names else None
+            header = header_of(box) if _HEADER in names else None
             if header is not None and header["format"] == FORMAT:
                 return header, {name: _read(box, name) for name in names if name != _HEADER}
     except Exception as error:  # zipfile and NumPy raise whatever a damaged byte leads them to
@@ -104,7 +104,7 @@ def read_file(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     )
 
 
-def _header_of(box: zipfile.ZipFile) -> dict[str, Any] | None:
+def header_of(box: zipfile.ZipFile) -> dict[str, Any] | None:
     """The header, or None where it is not one of ours."""
     text = _read(box, _HEADER)
     if text.dtype != np.uint8:

@@ -98,7 +98,7 @@ class LivePage(Page):
         self.grasp = Grasp(self._remote, known, self.scene, self.tell)
         cut = partial(self._remote.cut, frame_id=known.values["frame_id"])
         self._scissors = Scissors(cut, self.tell)
-        self._content = self.gui.add_folder(None)
+        self._content = self.gui.add_folder(None, visible=False)  # until there is something that it acts on
         with self.folder, self._content:
             self._verdict = self.gui.add_markdown("")
             self.buttons(RUN, self.press)
@@ -112,7 +112,7 @@ class LivePage(Page):
         seen = Seen(self._cloud, self._topology, self._markers, self._report, self._load, self._changed)
         self._remote.listen(known, seen)
         self._framed = False
-        self.tell(f"{self._remote.target} is there. " + ("" if known.names("objects") else "Its scene is empty."))
+        self.tell(f"{self._remote.target} is there and builds its scene ...")
 
     def _make_curves(self, known: Known) -> None:
         objects = known.names("objects")
@@ -199,6 +199,13 @@ class LivePage(Page):
     def _report(self, message: str, values: dict[str, str]) -> None:
         now, objects = time.monotonic() - self._begin, self.known.names("objects")
         self._verdict.content = f"*{message}*"
+        if not values:  # nothing is simulated at this time
+            if not self._content.visible:
+                self.tell(f"{self._remote.target}: {message}")
+            return
+        if not self._content.visible:
+            self._content.visible = True
+            self.tell(f"{self._remote.target} is there." + ("" if objects else " Its scene is empty."))
         self.curves["pace"].add(now, [_number(values, "real_time_factor")])
         if objects:
             self.curves["strain"].add(now, [100.0 * _number(values, f"{name}.max_strain") for name in objects])
