@@ -169,6 +169,6 @@ def test_explicit_steps_refuse_it():
     scene = Scene(
         {"a": Cloth(resolution=(4, 4)), "b": Cloth(resolution=(4, 4), position=(0, 0, 1))}, object_contact=True
     )
-    with pytest.raises(ValueError, match="the scene has object_contact, which method 'verlet' lacks"):
+    with pytest.raises(ValueError, match="method is 'verlet' with object_contact of"):
         Simulation(scene, Settings(method="verlet"), "cpu")
     assert Simulation(scene, device="cpu").choices["a"].method == "xpbd"

@@ -276,8 +276,6 @@ def test_what_meets_nothing_moves_as_without(device):
 
 def test_explicit_steps_refuse_it():
     scene = Scene({"it": Cloth(resolution=(4, 4), self_contact=True)})
-    with pytest.raises(
-        ValueError, match="it has self_contact, which method 'verlet' lacks; allowed is 'xpbd' or 'auto'"
-    ):
+    with pytest.raises(ValueError, match="method is 'verlet' with self_contact of it; allowed is 'auto' or 'xpbd'"):
         Simulation(scene, Settings(method="verlet"), "cpu")
     assert Simulation(scene, device="cpu").choices["it"].method == "xpbd"

@@ -272,7 +272,7 @@ def test_what_does_not_tear_says_so(device):
         sim.cut("sheet", KNIFE)
     with pytest.raises(ValueError, match="rope is a rope, which cannot be cut"):
         sim.cut("rope", KNIFE)
-    with pytest.raises(ValueError, match="sheet has tear_strain, which method 'verlet' lacks; allowed is 'xpbd'"):
+    with pytest.raises(ValueError, match="method is 'verlet' with tear_strain of sheet; allowed is 'auto' or 'xpbd'"):
         Simulation(Scene(objects={"sheet": sheet()}), Settings(method="verlet", substeps=200), device=device)
     with pytest.raises(ValueError, match="Cloth.tear_strain is -1; allowed is"):
         sheet(tear_strain=-1)

@@ -268,7 +268,7 @@ def test_what_twist_cannot_have_is_said(change, sentence):
 
 
 def test_solvers_and_ropes_without_twist_refuse_it(device):
-    with pytest.raises(ValueError, match="with twist in it; allowed is another"):
+    with pytest.raises(ValueError, match="with twist in it; allowed is 'auto' or 'xpbd'"):
         simulation(clamped(12, 0.5, 1e-2, 1e-2), device, method="verlet")
     sim = simulation(Rope(segments=4), device)
     with pytest.raises(

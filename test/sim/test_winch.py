@@ -335,7 +335,7 @@ def test_limits_and_solvers_that_cannot_be_are_refused(device):
         Winch(shortest=2.0, longest=1.0)
     with pytest.raises(ValueError, match="Winch.pay_out is nan; allowed is a finite number"):
         Winch(pay_out=np.nan)
-    with pytest.raises(ValueError, match="with a winch on it; allowed is another"):
+    with pytest.raises(ValueError, match="with a winch on it; allowed is 'auto' or 'xpbd'"):
         simulation(on_a_winch(0.5), device, method="verlet")
     sim = simulation(on_a_winch(0.5), device, method="auto")
     with pytest.raises(ValueError, match="it.winch.pay_out is inf"):

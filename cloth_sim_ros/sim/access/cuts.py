@@ -20,11 +20,7 @@ class Cuts:
         self._bodies = bodies
 
     def cut(self, name: str, polygon: Any, world: Any = None) -> int:
-        """Every spring of a sheet that goes through a planar polygon (n, 3) [m] of 3 or more corners fails for good.
-
-        Returns how many structural and shear springs did in all worlds that are cut. Raises ValueError where the
-        object does not tear, or for what is no polygon.
-        """
+        """See Simulation.cut."""
         topology, some = self._bodies.topology(name), self._bodies.some(world)
         if topology.tear_strain <= 0.0:
             if not len(topology.triangles):

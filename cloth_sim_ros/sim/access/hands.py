@@ -114,11 +114,7 @@ class Hands:
         sweep: bool = True,
         world: Any = None,
     ) -> None:
-        """Move a handle: it reaches the pose [m], x y z w, at the end of the next frame, with what it holds.
-
-        Arrays whose first axis is all worlds give each its own. Without `sweep` it is there at once: for placing an
-        empty one, as what it holds would be torn along.
-        """
+        """See Simulation.set_handle_pose."""
         some = self._bodies.some(world)
         self._bodies.handles.reach(self._row(name), some, name, (position, orientation), sweep)
 
@@ -148,7 +144,7 @@ class Hands:
             raise ValueError(f"{where} is not set while running; allowed is set_handle_pose")
 
     def attach(self, name: str, world: Any = None) -> int | np.ndarray:
-        """Grasp what is within reach and nobody holds; how many particles it holds now, see `held`."""
+        """See Simulation.attach."""
         self._grasp(name, self._bodies.some(world))
         return self.held(name, world)
 
@@ -161,7 +157,7 @@ class Hands:
                 wp.launch(grasp, dim=len(chosen) * count, inputs=inputs, device=batch.device)
 
     def release(self, name: str, world: Any = None) -> None:
-        """Let go of all that it holds, which goes on with the velocity it has."""
+        """See Simulation.release."""
         self._let_go(name, self._bodies.some(world))
 
     def _let_go(self, name: str, some: WorldSelection) -> None:
@@ -171,29 +167,26 @@ class Hands:
         self._drop()
 
     def held(self, name: str, world: Any = None) -> int | np.ndarray:
-        """How many particles it holds: in one world, or in each of several, all for None."""
+        """See Simulation.held."""
         h, some = self._row(name), self._bodies.some(world)
         counts = self._bodies.handle_counts.numpy()[worlds_of(some), h]
         return int(counts[0]) if isinstance(some, int) or self._bodies.worlds == 1 else counts.copy()
 
     def broken(self, name: str, world: int = 0) -> int:
-        """How often it has let go because the load was larger than its break_force."""
+        """See Simulation.broken."""
         return int(self.breaks.numpy()[self._bodies.one(world), self._row(name)])
 
     def handle_position(self, name: str, world: int = 0) -> np.ndarray:
-        """Where a handle is at the end of the last frame (3,) [m]."""
+        """See Simulation.handle_position."""
         return self._bodies.handles.read(self._row(name), self._bodies.one(world))["end_position"][0].copy()
 
     def handle_wrench(self, name: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Force (3,) [N] and torque (3,) [N m] about its origin on a handle, in world axes: mean over the last frame.
-
-        It is what the hand feels: the weight of a cloth that hangs from it points down.
-        """
+        """See Simulation.handle_wrench."""
         load = self.handle_wrenches(world)[self._row(name)].astype(np.float64)
         return load[:3], load[3:]
 
     def handle_wrenches(self, world: int = 0) -> np.ndarray:
-        """The same of all handles (H, 6) float32: force [N], then torque [N m]."""
+        """See Simulation.handle_wrenches."""
         return self.loads.read(world)
 
     @property

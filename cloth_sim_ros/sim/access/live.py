@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.access.explicit import check_rows
 from cloth_sim_ros.sim.access.hands import Hands
 from cloth_sim_ros.sim.access.live_values import COMPLIANCES, OF_FRAME
 from cloth_sim_ros.sim.access.rope_queries import Ropes
@@ -21,6 +20,8 @@ from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.engine.sizes import write_size
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, names_of
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
+from cloth_sim_ros.sim.substeps.choose import distinct
+from cloth_sim_ros.sim.substeps.limits import check_explicit
 
 _FAR_AWAY = 1e30  # [m]
 
@@ -39,21 +40,14 @@ class Live:
         sweep: bool = True,
         world: Any = None,
     ) -> None:
-        """Move a collider: it reaches the pose [m], x y z w, at the end of the next frame, swept in between.
-
-        Arrays whose first axis is all worlds give each its own. Without `sweep` it is there at once and was never
-        anywhere else: for placing it, not for pushing with it.
-        """
+        """See Simulation.set_collider_pose."""
         if name not in self._bodies.collider_row:
             raise ValueError(f"there is no collider {name!r}; allowed is {names_of(self._bodies.collider_row)}")
         row, some = self._bodies.collider_row[name], self._bodies.some(world)
         self._bodies.colliders.reach(row, some, name, (position, orientation), sweep)
 
     def add_collider(self, name: str, collider: Collider) -> None:
-        """Put a collider of one of SPARE_SHAPES where there is room for one, in all worlds, from the next frame on.
-
-        It takes the place of one of the same name that was added before.
-        """
+        """See Simulation.add_collider."""
         bodies, named = self._bodies, self._bodies.scene
         if not isinstance(collider, Collider) or shape_of(collider) not in SPARE_SHAPES:
             raise ValueError(f"{name} is {collider!r}; allowed is a {', '.join(SPARE_SHAPES)}")
@@ -65,32 +59,23 @@ class Live:
             raise ValueError(
                 f"{name} is one collider too many; allowed are {named.spare_colliders} added ones, spare_colliders"
             )
-        bodies.scene = dataclasses.replace(named, colliders={**named.colliders, name: collider})
-        bodies.collider_row[name] = row
+        bodies.name_collider(name, row, collider)
         self._write_collider(row, collider)
 
     def remove_collider(self, name: str) -> None:
-        """Take away a collider that was added."""
+        """See Simulation.remove_collider."""
         bodies = self._bodies
         if bodies.collider_row.get(name, -1) < bodies.fixed:
             added = [each for each, row in bodies.collider_row.items() if row >= bodies.fixed]
             raise ValueError(f"{name!r} is no collider that was added; allowed is {names_of(added)}")
-        self._write_none(bodies.collider_row.pop(name))
-        others = {each: collider for each, collider in bodies.scene.colliders.items() if each != name}
-        bodies.scene = dataclasses.replace(bodies.scene, colliders=others)
+        self._write_none(bodies.forget_collider(name))
 
     def set_wind(self, velocity: Any, world: Any = None) -> None:
-        """Set the wind velocity [m/s] from the next frame on."""
+        """See Simulation.set_wind."""
         self.set("wind.velocity", velocity, world)
 
     def set(self, name: str, value: Any, world: Any = None) -> None:
-        """Set a live parameter such as "cloth.stretch_compliance", "cloth.mass", "cloth.scale", "ball.radius",
-        "gravity" or "solver.substeps".
-
-        An array whose first axis is all worlds gives each its own number or vector. Those of the solver hold in all
-        worlds. With another scale an object starts anew: its rest shape is so many times as large, and all else is as
-        set, its total mass too. A sheet grows about its position, a rope from its start.
-        """
+        """See Simulation.set."""
         if not isinstance(name, str):
             raise ValueError(f"set is given the name {name!r}; allowed is text such as 'gravity' or 'cloth.mass'")
         owner, _, field = name.rpartition(".")
@@ -141,10 +126,16 @@ class Live:
         if row.name == "substeps" and self._bodies.settings.method == "verlet":
             for owner in self._bodies.scene.objects:
                 rows = self._bodies.effective_materials(owner, self._bodies.materials_of(owner, None), None)
-                check_rows(self._bodies, owner, rows, value)
-        self._bodies.settings = dataclasses.replace(self._bodies.settings, **{row.name: value})
+                self._check_explicit(owner, rows, substeps=value)
+        self._bodies.change_setting(row.name, value)
         self.write_settings()
         self._bodies.choose_again()
+
+    def _check_explicit(self, owner: str, rows: np.ndarray, **changed: Any) -> None:
+        """Raise ValueError where explicit steps could not hold an object with these rows of Material."""
+        bodies = self._bodies
+        settings = dataclasses.replace(bodies.settings, **changed)
+        check_explicit(bodies.scene, settings, owner, bodies.elastic[owner], distinct(rows))
 
     def _set_material(self, owner: str, field: str, name: str, value: Any, world: WorldSelection) -> None:
         thing = self._bodies.scene.objects[owner]
@@ -175,7 +166,7 @@ class Live:
             materials[field] = value
         if field in ("compliance", "damping") and self._bodies.settings.method == "verlet":
             rows = self._bodies.effective_materials(owner, materials, world)
-            check_rows(self._bodies, owner, rows, self._bodies.settings.substeps)
+            self._check_explicit(owner, rows)
         batch = self._bodies.batch[owner]
         batch.materials.write(batch.index[owner], world, **{field: materials[field]})
         if field in ("compliance", "damping", "thickness"):
@@ -188,7 +179,7 @@ class Live:
         kg[:, MASSES[field]] = value
         if self._bodies.settings.method == "verlet":
             rows = self._bodies.effective_materials(owner, self._bodies.materials_of(owner, world), world, kg=kg)
-            check_rows(self._bodies, owner, rows, self._bodies.settings.substeps)
+            self._check_explicit(owner, rows)
         batch.write_masses(owner, kg, world)
         self._bodies.choose_again()
 

@@ -44,15 +44,12 @@ class Placing:
             deep, thickness = depth.at(topology.rest), float(bodies.materials_of(name, 0)["thickness"][0])
             way = way_out(topology.rest, depth, -np.array(bodies.scene.gravity)) if deep > _INSIDE * thickness else None
             if way is not None:
-                bodies.moves[name], found[name] = way[0], (deep, way[1])
-                bodies.describe_again(name, bodies.scene.objects[name])
+                found[name] = (deep, way[1])
+                bodies.start_elsewhere(name, way[0])
         return found
 
     def set_positions(self, name: str, positions: Any, world: Any = None) -> None:
-        """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew.
-
-        Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
-        """
+        """See Simulation.set_positions."""
         rows, some = self._rows(name, positions, "positions", _FAR), self._bodies.some(world)
         topology = self._bodies.elastic[name]
         if topology.winch is None and self._are_strained(name, rows, some):  # what is on a drum stays there
@@ -72,8 +69,7 @@ class Placing:
         return any(is_strained(topology, rows / scale, torn) for scale in {*scales[:1], *scales[-1:]})
 
     def set_velocities(self, name: str, velocities: Any, world: Any = None) -> None:
-        """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start
-        anew."""
+        """See Simulation.set_velocities."""
         rows, some = self._rows(name, velocities, "velocities", _FAST), self._bodies.some(world)
         values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
         self._bodies.batch[name].write_velocities(name, values, self._bodies.chosen(some))

@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.access.wrench import EndWrenches, read_wrenches
 from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds
-from cloth_sim_ros.sim.scene.objects import Cloth, Rope
+from cloth_sim_ros.sim.scene.objects import Rope
 
 
 class Ropes:
@@ -34,14 +34,11 @@ class Ropes:
         return int(batch.read_body("winches", name, world)["index"][0, 0]) if batch.features.winch else 0
 
     def tensions(self, name: str, world: int = 0) -> np.ndarray:
-        """Tensions (S,) float32 [N] of a rope's segments at the end of the last substep in one world, also where they
-        are rigid. They are below 0 where a segment is pushed together, and 0 on a winch. Raises ValueError for a
-        cloth."""
+        """See Simulation.tensions."""
         return read_tensions(self._rope_batch(name), name, self._bodies.one(world))
 
     def tensions_into(self, out: wp.array, column: int, name: str, world: int = 0) -> Tensions:
-        """What writes the tensions of a rope into a column of a device array (N, columns) float, a particle a row; it
-        holds until `builds` changes. Raises ValueError for a cloth."""
+        """See Simulation.tensions_into."""
         return Tensions(self._rope_batch(name), name, self._bodies.one(world), out.reshape((1, *out.shape)), column)
 
     def tensions_of_all(self, name: str) -> wp.array:
@@ -58,8 +55,7 @@ class Ropes:
         return out[:, :-1, 0]
 
     def directors(self, name: str, world: int = 0) -> np.ndarray:
-        """Unit vectors (S, 3) float64 across the segments of a rope that resists twist, which turn with its material,
-        in one world, as of the last substep. Raises ValueError for what does not resist twist."""
+        """See Simulation.directors."""
         if getattr(self._bodies.scene.objects.get(name), "twist_compliance", None) is None:
             raise ValueError(f"{name} does not resist twist; allowed is a rope with twist_compliance")
         row = read_twist(self._bodies.batch[name], name, self._bodies.one(world))
@@ -68,17 +64,11 @@ class Ropes:
         )
 
     def end_wrenches(self, name: str, world: int = 0) -> np.ndarray:
-        """(2, 6) float32: force [N] and torque [N m] in world axes with which a rope loads what holds its start, then
-        its end, in one world.
-
-        All particles held from an end on count, with their weight, and the torque is about the end particle: of a clamp
-        of two particles it is the clamping moment. An end that is free loads nothing. Raises ValueError for a cloth.
-        """
+        """See Simulation.end_wrenches."""
         return read_wrenches(self._rope_batch(name), name, self._bodies.one(world))
 
     def end_wrenches_into(self, out: wp.array, name: str, world: int = 0) -> EndWrenches:
-        """What writes the end wrenches of a rope into a device array (2, 6) float; it holds until `builds` changes.
-        Raises ValueError for a cloth."""
+        """See Simulation.end_wrenches_into."""
         return EndWrenches(self._rope_batch(name), name, self._bodies.one(world), out)
 
     def _rope_batch(self, name: str) -> Batch:
@@ -87,14 +77,6 @@ class Ropes:
         if not isinstance(self._bodies.scene.objects[name], Rope):
             raise ValueError(f"{name} is a cloth, which has no tension along it and no ends; allowed is a rope")
         return self._bodies.batch[name]
-
-    def check_rope(self, name: str, thing: Cloth | Rope) -> None:
-        """Raise ValueError where a rope has a winch or twist, which these settings cannot solve."""
-        if not isinstance(thing, Rope) or (thing.winch is None and thing.twist_compliance is None):
-            return
-        what = "a winch on" if thing.winch is not None else "twist in"
-        if self._bodies.settings.method == "verlet":
-            raise ValueError(f"solver.method is 'verlet' with {what} {name}; allowed is another")
 
     def measure_rope(self, name: str, thing: Rope, world: int) -> dict[str, float]:
         """What `report` says of ropes alone."""

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from cloth_sim_ros.sim.access.explicit import check_rows
 from cloth_sim_ros.sim.arrays import writing
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
+from cloth_sim_ros.sim.substeps.choose import distinct
+from cloth_sim_ros.sim.substeps.limits import check_explicit
 
 
 def set_scale(bodies: Bodies, owner: str, value: Any, world: WorldSelection) -> None:
@@ -29,19 +30,10 @@ def set_scale(bodies: Bodies, owner: str, value: Any, world: WorldSelection) -> 
     scales = np.broadcast_to(topology.scales_in(), bodies.worlds).copy()
     scales[worlds_of(world)] = value
     if bodies.settings.method == "verlet":
-        bodies.elastic[owner] = topology.at(scales)
-        try:
-            rows = bodies.effective_materials(owner, bodies.materials_of(owner, None), None)
-            check_rows(bodies, owner, rows, bodies.settings.substeps)
-        finally:
-            bodies.elastic[owner] = topology
-    if owner in bodies.scales:
-        bodies.scales[owner][:] = scales
-        bodies.batch[owner].scaled.write(bodies.chosen(world))
-        bodies.choose_again()
-    elif (scales != 1.0).any():
-        bodies.scales[owner] = scales
-        bodies.describe_again(owner, bodies.scene.objects[owner])
+        scaled = topology.at(scales)
+        rows = bodies.effective_materials(owner, bodies.materials_of(owner, None), None, topology=scaled)
+        check_explicit(bodies.scene, bodies.settings, owner, scaled, distinct(rows))
+    bodies.give_scales(owner, scales, world)
     batch, chosen = bodies.batch[owner], bodies.chosen(world)
     batch.write_positions(owner, batch.rest[owner], chosen)
     writing.clear(batch.states["velocities"], batch.span(owner), chosen)

@@ -41,19 +41,7 @@ class Tensors:
         self._pushes: dict[str, wp.array] = {}
 
     def tensor(self, name: str, what: str) -> wp.array:
-        """A view of the `what` of an object, collider or handle in all worlds, on the device.
-
-        Of an object "positions" [m] and "velocities" [m/s], (worlds, N, 3) float32; "contact_forces" (worlds, N, 3)
-        [N], of all colliders together on each particle, means over the last frame; and "recoveries", (worlds,) int32:
-        how often it was put back. Of a rope "tensions" (worlds, S) float32 [N] too, see `tensions`. Of a collider or
-        handle "pose", (worlds, 7) float32: x y z [m], then x y z w of the orientation; and "wrench", (worlds, 6)
-        float32: force [N], then torque [N m] about its origin.
-
-        It is no copy: it shows the state after the last frame that was launched, on Warp's stream of the device.
-        Tensions, wrenches, and contact forces of several colliders are computed when they are asked for, and show that
-        until they are again. A tensor goes to torch, JAX and CuPy by DLPack, and is for reading. It holds until
-        `builds` changes: method auto may build anew when live parameters or positions are set.
-        """
+        """See Simulation.tensor."""
         if name in self._bodies.scene.objects:
             rope = isinstance(self._bodies.scene.objects[name], Rope)
             _check_word(name, what, (*_OF_OBJECTS, "tensions") if rope else _OF_OBJECTS)
@@ -92,14 +80,7 @@ class Tensors:
         return self._pushes[name]
 
     def write(self, name: str, what: str, array: Any, mask: Any = None, sweep: bool = True) -> None:
-        """Write the `what` of a whole tensor into the worlds of a mask (worlds,) of bool, or for None into all.
-
-        Of an object "positions" or "velocities" (worlds, N, 3), of a collider or handle "pose" (worlds, 7), which it
-        reaches at the end of the next frame; without `sweep` it is there at once. The "pose" of an object takes the
-        place of the scene's: it is there in its rest shape, at rest. Arrays are NumPy's, Warp's or what
-        DLPack takes. Pinned particles move and stay at rest; history and multipliers of the object start anew. It waits
-        for the device, to see that all numbers are allowed; otherwise nothing changes.
-        """
+        """See Simulation.write."""
         some = self._bodies.some(mask)
         if name not in self._bodies.scene.objects:
             motions, row, _ = self._mover(name)
@@ -124,7 +105,7 @@ class Tensors:
         (batch.write_positions if what == "positions" else batch.write_velocities)(name, values, chosen)
 
     def recovered(self) -> np.ndarray:
-        """(worlds,) bool: in which worlds an object was put back at the end of the last frame, see `report`."""
+        """See Simulation.recovered."""
         found = np.zeros(self._bodies.worlds, dtype=bool)
         for batch in self._bodies.batches:
             found |= (batch.states["relapses"].numpy() > 0).any(axis=1)

@@ -118,13 +118,49 @@ class Bodies:
         return self.choose(name, distinct(rows), float(rows["thickness"].min()))
 
     def effective_materials(
-        self, name: str, rows: np.ndarray, world: WorldSelection, kg: np.ndarray | None = None
+        self,
+        name: str,
+        rows: np.ndarray,
+        world: WorldSelection,
+        kg: np.ndarray | None = None,
+        topology: Topology | None = None,
     ) -> np.ndarray:
-        """Rows of Material of an object in some worlds, as what chooses and checks methods takes them, where it weighs
-        `kg` (k, 2), see Masses, or what it does."""
+        """Rows of Material of an object in some worlds, as the choice of substeps takes them: at the masses and scale
+        of the scene. kg (k, 2): masses, see Masses, in place of its own; topology: in place of its own."""
         masses, b = self.batch[name].masses, self.batch[name].index[name]
+        topology = self.elastic[name] if topology is None else topology
         rows = masses.effective_materials(b, rows, masses.read(b, world) if kg is None else kg)
-        return at_scales(self.elastic[name], rows, self.elastic[name].scales_in(worlds_of(world)))
+        return at_scales(topology, rows, topology.scales_in(worlds_of(world)))
+
+    def name_collider(self, name: str, row: int, collider: Collider) -> None:
+        """A collider that was added has this row."""
+        self.scene = replace(self.scene, colliders={**self.scene.colliders, name: collider})
+        self.collider_row[name] = row
+
+    def forget_collider(self, name: str) -> int:
+        """A collider that was added is gone; returns the row that it had."""
+        others = {each: collider for each, collider in self.scene.colliders.items() if each != name}
+        self.scene = replace(self.scene, colliders=others)
+        return self.collider_row.pop(name)
+
+    def change_setting(self, name: str, value: Any) -> None:
+        """A live setting of the solver has another value."""
+        self.settings = replace(self.settings, **{name: value})
+
+    def start_elsewhere(self, name: str, motion: Motion) -> None:
+        """An object starts after this motion from where the scene has it."""
+        self.moves[name] = motion
+        self.describe_again(name, self.scene.objects[name])
+
+    def give_scales(self, name: str, scales: np.ndarray, world: WorldSelection) -> None:
+        """An object has these scales (worlds,), of which those of some worlds are new."""
+        if name in self.scales:
+            self.scales[name][:] = scales
+            self.batch[name].scaled.write(self.chosen(world))
+            self.choose_again()
+        elif (scales != 1.0).any():
+            self.scales[name] = scales
+            self.describe_again(name, self.scene.objects[name])
 
     def build(self, choices: dict[str, Choice]) -> None:
         """Everything on the device, for these methods."""

@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from cloth_sim_ros.sim.physics.plate import MOST_BENDING
+from cloth_sim_ros.sim.scene.scene import Scene
+from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.topology import KINDS, Topology
 
 
 class Unstable(ValueError):
-    """A value with which explicit steps would fly apart; the message says what would be needed."""
+    """Explicit steps cannot compute an object; the message says what would be needed."""
 
 
 # Of the limit of small motions. Springs that turn while they stretch are heated by leapfrog in resonances of third,
@@ -73,28 +75,34 @@ def bending_share(rate: float, step: float) -> float:
 
 
 def check_explicit(
-    name: str,
-    topology: Topology,
-    material: tuple[Sequence[float], float],
-    substeps: int,
-    frame_dt: float,
-    wind: bool,
+    scene: Scene, settings: Settings, name: str, topology: Topology, materials: Iterable[tuple[Sequence[float], float]]
 ) -> None:
-    """Raise Unstable where explicit steps cannot hold an object of a `material`, saying what it would need.
-
-    material: compliances [m/N] and damping [s]. substeps: of a frame of `frame_dt` [s]; 0 is as many as it needs.
-    """
-    needed = explicit_substeps(topology, *material, frame_dt, wind)
-    if math.isinf(needed):
-        raise Unstable(
-            f"solver.method is 'verlet' with a spring of {name} too stiff for explicit steps; allowed is 'auto' or "
-            f"'xpbd'"
-        )
-    if 0 < substeps < needed:
-        raise Unstable(
-            f"solver.substeps is {substeps} with method 'verlet'; allowed is at least {needed:g} for the stiffness "
-            f"and damping of {name}, or method 'xpbd'"
-        )
+    """Raise Unstable where explicit steps lack a feature of an object, or cannot hold it at these pairs of compliances
+    [m/N] and damping [s]. The sentence says what would be needed."""
+    thing = scene.objects[name]
+    lacking = {
+        "a winch on": getattr(thing, "winch", None) is not None,
+        "twist in": getattr(thing, "twist_compliance", None) is not None,
+        "bending by angles of": topology.bends_by_angles,
+        "self_contact of": thing.self_contact,
+        "object_contact of": scene.object_contact,
+        "tear_strain of": topology.tear_strain > 0.0,
+    }
+    for what, is_there in lacking.items():
+        if is_there:
+            raise Unstable(f"solver.method is 'verlet' with {what} {name}; allowed is 'auto' or 'xpbd'")
+    for compliance, damping in materials:
+        needed = explicit_substeps(topology, compliance, damping, settings.frame_dt, scene.wind is not None)
+        if math.isinf(needed):
+            raise Unstable(
+                f"solver.method is 'verlet' with a spring of {name} too stiff for explicit steps; allowed is 'auto' or "
+                f"'xpbd'"
+            )
+        if 0 < settings.substeps < needed:
+            raise Unstable(
+                f"solver.substeps is {settings.substeps} with method 'verlet'; allowed is at least {needed:g} for the "
+                f"stiffness and damping of {name}, or method 'xpbd'"
+            )
 
 
 def explicit_substeps(
