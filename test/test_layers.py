@@ -44,7 +44,11 @@ def layer(module):
     if not parts:
         return (-1,)
     place = (PACKAGE.index(parts[0]),)
-    return (*place, SIM.index(parts[1] if len(parts) > 1 else "__init__")) if parts[0] == "sim" else place
+    if parts[0] != "sim":
+        return place
+    # The file arrays.py of a feature is part of the layer `arrays`: its struct is part of State.
+    inside = "arrays" if parts[-1] == "arrays" else parts[1] if len(parts) > 1 else "__init__"
+    return (*place, SIM.index(inside))
 
 
 def test_no_import_runs_back():

@@ -27,13 +27,14 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.features.air.panels import make_panels
+from cloth_sim_ros.sim.features.collider_contact.arrays import SWEPT
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import list_colliders, make_forget_contacts, measure_extent
 from cloth_sim_ros.sim.features.collider_contact.facet_clamp import make_facet_clamp, make_give_up_way
 from cloth_sim_ros.sim.features.collider_contact.particle import make_contact, make_met_in
 from cloth_sim_ros.sim.features.collider_contact.surface import make_carry_presses, make_press, make_yield
-from cloth_sim_ros.sim.features.collider_contact.sweep import SWEPT, sweep_collider
+from cloth_sim_ros.sim.features.collider_contact.sweep import sweep_collider
 from cloth_sim_ros.sim.features.fault_recovery import find_fault, make_count, make_settle
-from cloth_sim_ros.sim.features.grasp import feel, hold
+from cloth_sim_ros.sim.features.grasp.hold import feel, hold
 from cloth_sim_ros.sim.features.motion import make_finish, make_predict
 from cloth_sim_ros.sim.features.plate.bending import curve_triangle, make_bend
 from cloth_sim_ros.sim.features.tearing.tear import followers, make_tear
@@ -153,7 +154,7 @@ def make_begin(features: Features):
         ctx.d = array_address(arrays.state.displacements, ctx.body.particles)
         ctx.p = ctx.d
         if wp.static(separate):
-            ctx.p = array_address(arrays.state.predicted, ctx.body.particles)
+            ctx.p = array_address(arrays.state.plate.predicted, ctx.body.particles)
         ctx.spans = ctx.x
         return ctx
 
@@ -194,7 +195,7 @@ def _sweep(t: int, width: int, ctx: Context):
             count = float(ctx.frame.substeps)
             place = ctx.sweep + ahead * ctx.model.bodies.shape[0] * colliders + c
             before, after = float(substep) / count, float(substep + 1) / count
-            ctx.state.sweeps[place] = sweep_collider(ctx.colliders[c], before, after)
+            ctx.state.contact.sweeps[place] = sweep_collider(ctx.colliders[c], before, after)
 
 
 def _make_winch(features: Features):
@@ -232,7 +233,7 @@ def _make_chain(features: Features, threads: int, stored: bool):
         if t < wp.static(threads):
             overstretched = solve_chain(t, ctx, ctx.spans)
         if t == 0:
-            ctx.state.overstretched[ctx.body.index] = wp.where(
+            ctx.state.rope.overstretched[ctx.body.index] = wp.where(
                 overstretched or (not ctx.step.first and _was_overstretched(ctx)), 1, 0
             )
 
@@ -241,7 +242,7 @@ def _make_chain(features: Features, threads: int, stored: bool):
 
 @wp.func
 def _was_overstretched(ctx: Context) -> bool:
-    return ctx.state.overstretched[ctx.body.index] > 0
+    return ctx.state.rope.overstretched[ctx.body.index] > 0
 
 
 def _make_lines(features: Features, on_cpu: bool) -> Stage:

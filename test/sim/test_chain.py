@@ -9,7 +9,6 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
-from cloth_sim_ros.sim.arrays.rope_state import Segment
 from cloth_sim_ros.sim.physics.chain import (
     Span,
     edge_frame,
@@ -20,6 +19,7 @@ from cloth_sim_ros.sim.physics.chain import (
     turn_frame,
     turned_end,
 )
+from cloth_sim_ros.sim.ropes.arrays import Segment
 from cloth_sim_ros.sim.ropes.segments import forward
 
 SEGMENTS = 16

@@ -199,6 +199,6 @@ def test_forces_on_crumpled_triangles_are_those_of_the_formula(device, executor)
     x, v = sim.positions("it").astype(float), sim.velocities("it").astype(float)  # nudged, and pins rest
     sim.step()
     force, rate = plate_force(x, triangles, wind - v[triangles].mean(1), CD, lift)
-    found = sim.device_arrays("it")[0].state.panel_forces.numpy()
+    found = sim.device_arrays("it")[0].state.air.panel_forces.numpy()
     assert np.allclose(found[:, :3], force / 3.0, rtol=1e-4, atol=1e-5 * np.abs(force).max())
     assert np.allclose(found[:, 3], rate / 3.0, rtol=1e-4, atol=1e-5 * rate.max())

@@ -6,9 +6,9 @@ import pytest
 import warp as wp
 
 from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
-from cloth_sim_ros.sim.arrays.rope_state import Segment
 from cloth_sim_ros.sim.kernels.intrinsics import array_address
 from cloth_sim_ros.sim.physics.chain import Span, close, edge_frame, join, turn_frame
+from cloth_sim_ros.sim.ropes.arrays import Segment
 from cloth_sim_ros.sim.ropes.partition import Reach, Share, reach_of
 from cloth_sim_ros.sim.ropes.scan import make_scans, scan_size
 from cloth_sim_ros.sim.ropes.segments import change_of, forward

@@ -29,7 +29,7 @@ def state_of(sim):
     """Positions (N, 3) with what float32 lost of them, velocities and tensions, in float64."""
     arrays, span, _ = sim.device_arrays("it")
     high, lo = (rows[span].numpy()[:, :3].astype(float) for rows in (arrays.state.positions, arrays.state.position_lo))
-    return high + lo, sim.velocities("it").astype(float), arrays.state.tensions.numpy().astype(float)
+    return high + lo, sim.velocities("it").astype(float), arrays.state.rope.tensions.numpy().astype(float)
 
 
 def dense_step(rope, rest, x, v, tensions):
@@ -128,7 +128,7 @@ def test_bending_is_what_a_dense_matrix_finds(segments, pins, compliance, bent):
     sim.step(5)
     x, v, _ = state_of(sim)
     arrays, _, _ = sim.device_arrays("it")
-    moments = arrays.state.moments.numpy()[: segments - 1].astype(float)
+    moments = arrays.state.rope.moments.numpy()[: segments - 1].astype(float)
     rest, span, before, behind = arrays.model.joints.numpy()[: segments - 1].astype(float).T
     sim.step()
     masses = np.where(np.isin(np.arange(segments + 1), rope.pins or ()), np.inf, masses)
@@ -143,7 +143,7 @@ def test_bending_is_what_a_dense_matrix_finds(segments, pins, compliance, bent):
     moved[w == 0.0] = 0.0
     moved, wanted = dense_bending(masses, turns, stiff, x, rest, moved, held)
     assert sim.velocities("it") == pytest.approx(moved / H, abs=1e-3 * np.abs(moved / H).max())
-    found = H * H * arrays.state.moments.numpy()[: segments - 1]
+    found = H * H * arrays.state.rope.moments.numpy()[: segments - 1]
     assert found == pytest.approx(wanted, abs=1e-3 * np.abs(wanted).max())
 
 

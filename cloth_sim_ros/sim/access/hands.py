@@ -27,7 +27,7 @@ def grasp(given: wp.array(dtype=Arrays), b: int, h: int, chosen: wp.array(dtype=
     s = arrays.state
     g = arrays.model.bodies[b].particles + wp.tid() % count
     position = load_row(s.positions, g)
-    if position[3] == 0.0 or load_row(s.grips, g)[3] > 0.0:
+    if position[3] == 0.0 or load_row(s.grasp.grips, g)[3] > 0.0:
         return
     handle = arrays.handles[h]
     offset = (xyz(position) - handle.end_position) + xyz(load_row(s.position_lo, g))
@@ -35,10 +35,10 @@ def grasp(given: wp.array(dtype=Arrays), b: int, h: int, chosen: wp.array(dtype=
     size, far = wp.abs(place), wp.length(place)
     if size[0] <= handle.reach[0] and size[1] <= handle.reach[1] and size[2] <= handle.reach[2]:
         if far <= handle.reach[3]:
-            store_row(s.grips, g, wp.vec4(place[0], place[1], place[2], float(h + 1)))
-            store_row(s.grip_pulls, g, wp.vec4(0.0))
-            store_row(s.grip_forces, g, wp.vec4(0.0))
-            wp.atomic_add(s.held, b, 1)
+            store_row(s.grasp.grips, g, wp.vec4(place[0], place[1], place[2], float(h + 1)))
+            store_row(s.grasp.grip_pulls, g, wp.vec4(0.0))
+            store_row(s.grasp.grip_forces, g, wp.vec4(0.0))
+            wp.atomic_add(s.grasp.held, b, 1)
             wp.atomic_add(arrays.handle_counts, h, 1)
 
 
@@ -48,12 +48,12 @@ def let_go(given: wp.array(dtype=Arrays), b: int, leaves: wp.array2d(dtype=int),
     arrays = given[w]
     s = arrays.state
     g = arrays.model.bodies[b].particles + wp.tid() % count
-    h = int(load_row(s.grips, g)[3]) - 1
+    h = int(load_row(s.grasp.grips, g)[3]) - 1
     if h >= 0:
         if leaves[w, h] > 0:
-            store_row(s.grips, g, wp.vec4(0.0))
-            store_row(s.grip_forces, g, wp.vec4(0.0))
-            wp.atomic_sub(s.held, b, 1)
+            store_row(s.grasp.grips, g, wp.vec4(0.0))
+            store_row(s.grasp.grip_forces, g, wp.vec4(0.0))
+            wp.atomic_sub(s.grasp.held, b, 1)
             wp.atomic_sub(arrays.handle_counts, h, 1)
 
 

@@ -19,8 +19,8 @@ def handle_load(arrays: Arrays, g: int, h: int) -> wp.spatial_vector:
     """What handle h feels of particle g: force [N] and torque [N m] about its origin."""
     s = arrays.state
     force = wp.vec3(0.0)
-    if int(load_row(s.grips, g)[3]) == h + 1:
-        force = -xyz(load_row(s.grip_forces, g))
+    if int(load_row(s.grasp.grips, g)[3]) == h + 1:
+        force = -xyz(load_row(s.grasp.grip_forces, g))
     arm = xyz(load_row(s.positions, g)) - arrays.handles[h].end_position
     return wp.spatial_vector(force, wp.cross(arm, force))
 
@@ -29,7 +29,7 @@ def handle_load(arrays: Arrays, g: int, h: int) -> wp.spatial_vector:
 def collider_load(arrays: Arrays, g: int, c: int) -> wp.spatial_vector:
     """The same of collider c."""
     s = arrays.state
-    force = -xyz(load_row(s.contact_forces, g * arrays.colliders.shape[0] + c))
+    force = -xyz(load_row(s.contact.contact_forces, g * arrays.colliders.shape[0] + c))
     arm = xyz(load_row(s.positions, g)) - arrays.colliders[c].end_position
     return wp.spatial_vector(force, wp.cross(arm, force))
 
@@ -54,8 +54,8 @@ def add_torsion(given: wp.array(dtype=Arrays), loads: wp.array2d(dtype=wp.spatia
     """Add the moments of ropes that handles clamp (see ropes/twist.py)."""
     w = wp.tid()
     s, model = given[w].state, given[w].model
-    for b in range(s.twists.shape[0]):
-        twist, body = s.twists[b], model.bodies[b]
+    for b in range(s.twist.twists.shape[0]):
+        twist, body = s.twist.twists[b], model.bodies[b]
         for end in range(2):
             by = wp.where(end == 0, twist.start_by, twist.end_by)
             if by > 0 and twist.known == 1:

@@ -44,7 +44,7 @@ class Queries:
     def panels_left(self, name: str, world: int) -> wp.array:
         """See Simulation.panels_left."""
         batch = self._bodies.batch[name]
-        return batch.worlds[world].state.panels[batch.panels(name)]
+        return batch.worlds[world].state.tearing.panels[batch.panels(name)]
 
     def rest_positions(self, name: str, world: int = 0) -> np.ndarray:
         """See Simulation.rest_positions."""

@@ -36,7 +36,7 @@ def measure_lines(
         return
     body = m.bodies[b]
     h = effective_step(arrays.frames[0].dt, second)
-    force = arrays.state.line_multipliers[k] / (h * h)
+    force = arrays.state.lines.line_multipliers[k] / (h * h)
     i, j = body.particles + m.line_nodes[k], body.particles + m.line_others[k]
     held = m.line_scales[k] * arrays.materials[b].compliance[kind] * force
     _measure(arrays, b, wp.vec2i(i, j), m.line_rests[k], 0.0, held, implicit, result)
@@ -49,14 +49,14 @@ def measure_chain(arrays: Arrays, b: int, result: wp.array(dtype=float)):
     i = body.particles + wp.tid()
     rest = arrays.model.segment_length[k]
     feed = float(0.0)
-    if arrays.state.winches.shape[0] > 0:
-        winch = arrays.state.winches[b]
+    if arrays.state.winch.winches.shape[0] > 0:
+        winch = arrays.state.winch.winches[b]
         if wp.tid() < winch.index:
             return
         if wp.tid() == winch.index:
             rest = winch.length
             feed = winch.rate
-    sag = -rest * arrays.materials[b].compliance[0] * arrays.state.tensions[k]
+    sag = -rest * arrays.materials[b].compliance[0] * arrays.state.rope.tensions[k]
     _measure(arrays, b, wp.vec2i(i, i + 1), rest, feed, sag, True, result)
 
 
@@ -163,7 +163,7 @@ class Reporter:
         energy = 0.5 * float(((velocities[moving] ** 2).sum(1) / inverse[moving]).sum())
         result = self._result.numpy()
         recoveries = int(arrays.state.recoveries[b : b + 1].numpy()[0])
-        redone = 0 if implicit else int(arrays.state.redone[b : b + 1].numpy()[0])
+        redone = 0 if implicit else int(arrays.state.trial.redone[b : b + 1].numpy()[0])
         return {
             "kinetic_energy": energy,
             "max_strain": float(result[STRAIN]),
@@ -184,5 +184,5 @@ def _contacts(arrays: Arrays, span: slice) -> int:
     colliders = arrays.colliders.shape[0]
     if not colliders:
         return 0
-    forces = arrays.state.contact_forces[span.start * colliders : span.stop * colliders].numpy()
+    forces = arrays.state.contact.contact_forces[span.start * colliders : span.stop * colliders].numpy()
     return int(np.count_nonzero(forces[:, :3].any(axis=1)))

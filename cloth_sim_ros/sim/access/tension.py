@@ -44,9 +44,9 @@ def fitted(
     body = arrays.model.bodies[b]
     lacks = wp.vec3d()
     if free_start:
-        lacks = wp.vec3d(arrays.state.chain_forces[body.particles + begin])
+        lacks = wp.vec3d(arrays.state.rope.chain_forces[body.particles + begin])
     elif free_end:
-        lacks = -wp.vec3d(arrays.state.chain_forces[body.particles + end]) - wp.vec3d(forces[end - 1])
+        lacks = -wp.vec3d(arrays.state.rope.chain_forces[body.particles + end]) - wp.vec3d(forces[end - 1])
     else:
         matrix = wp.mat33d()
         right = wp.vec3d()
@@ -54,7 +54,7 @@ def fitted(
             n = wp.normalize(wp.vec3d(edge_at(arrays, body.particles + k)))
             share = wp.identity(n=3, dtype=wp.float64) - (wp.float64(1.0) - ALONG) * wp.outer(n, n)
             matrix += share
-            right += ALONG * wp.float64(arrays.state.tensions[body.segments + k]) * n
+            right += ALONG * wp.float64(arrays.state.rope.tensions[body.segments + k]) * n
             right -= share * wp.vec3d(forces[k])
         lacks = wp.inverse(matrix) * right
     for k in range(begin, end):
@@ -74,7 +74,7 @@ def balance(given: wp.array(dtype=Arrays), b: int, forces: wp.array2d(dtype=wp.v
     for k in range(segments):
         i = body.particles + k
         if k > begin:
-            total += wp.vec3d(arrays.state.chain_forces[i])
+            total += wp.vec3d(arrays.state.rope.chain_forces[i])
         pulls[k] = wp.vec3(total)
         held = is_held(arrays, i + 1)
         if held or k + 1 == segments:

@@ -24,10 +24,10 @@ def bending_force(arrays: Arrays, b: int, i: int) -> wp.vec3:
         j = i - place
         if j >= 0 and j < body.count - 2:
             joint = arrays.model.joints[body.segments + j]
-            if arrays.state.winches.shape[0] > 0:
-                joint = joint_out(j, joint, arrays.state.winches[b])
+            if arrays.state.winch.winches.shape[0] > 0:
+                joint = joint_out(j, joint, arrays.state.winch.winches[b])
             weight = wp.where(place == 0, joint[2], wp.where(place == 1, -(joint[2] + joint[3]), joint[3]))
-            force -= weight * arrays.state.moments[body.segments + j]
+            force -= weight * arrays.state.rope.moments[body.segments + j]
     return force
 
 
@@ -42,20 +42,20 @@ def load_on(arrays: Arrays, b: int, i: int, forces: wp.array(dtype=wp.vec3), ben
         load -= forces[i - 1]
     if bending:
         load += bending_force(arrays, b, i)
-    if arrays.state.twists.shape[0] > 0:
+    if arrays.state.twist.twists.shape[0] > 0:
         load += push_of(i, arrays.model, arrays.state, body)
-    if arrays.state.panel_forces.shape[0] > 0:
+    if arrays.state.air.panel_forces.shape[0] > 0:
         g = body.particles + i
         for k in range(arrays.model.panel_start[g], arrays.model.panel_start[g + 1]):
-            load += xyz(arrays.state.panel_forces[arrays.model.particle_panels[k]])
+            load += xyz(arrays.state.air.panel_forces[arrays.model.particle_panels[k]])
     return load
 
 
 @wp.func
 def held_mass(arrays: Arrays, b: int, i: int, masses: wp.array(dtype=float)) -> float:
     """The mass [kg] that goes with held particle i: at a drum half of the segment that is fed, and none on it."""
-    if arrays.state.winches.shape[0] > 0:
-        winch = arrays.state.winches[b]
+    if arrays.state.winch.winches.shape[0] > 0:
+        winch = arrays.state.winch.winches[b]
         if i <= winch.index:
             body = arrays.model.bodies[b]
             return wp.where(i < winch.index, 0.0, 0.5 * density_at(i, arrays.model, body) * winch.length)
@@ -85,9 +85,9 @@ def write_wrenches(
         force += load
         torque += wp.cross(xyz(arrays.state.positions[first + i] - arrays.state.positions[first + tip]), load)
         place += 1
-    if arrays.state.twists.shape[0] > 0:
+    if arrays.state.twist.twists.shape[0] > 0:
         k = wp.where(end == 0, 0, last - 1)
-        torsion = wp.where(end == 0, 1.0, -1.0) * arrays.state.twists[b].moment
+        torsion = wp.where(end == 0, 1.0, -1.0) * arrays.state.twist.twists[b].moment
         torque += torsion * wp.normalize(edge_at(arrays, first + k))
     for c in range(3):
         out[end, c] = force[c]

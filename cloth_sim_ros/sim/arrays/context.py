@@ -4,8 +4,8 @@
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Body, Model
-from cloth_sim_ros.sim.arrays.rope_state import Drive
 from cloth_sim_ros.sim.arrays.state import ColliderMotion, Frame, HandleMotion, Material, State
+from cloth_sim_ros.sim.features.winch.arrays import Drive
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup
 from cloth_sim_ros.sim.physics.integrate import Step
 

@@ -8,6 +8,7 @@ Particle indices inside elements count from the body's first particle, so that a
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import warp as wp
@@ -89,6 +90,24 @@ class Features:
             line_slots=slots_a_thread(topology.families),
             tears=topology.tear_strain > 0.0,
         )
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How much there is of a batch in one world. slots: of lines, longest_row of them in a row; curves: triangles that
+    are curved at rest; model: name of an array in Model -> its elements."""
+
+    particles: int
+    bodies: int
+    colliders: int
+    slots: int
+    longest_row: int
+    segments: int
+    joints: int
+    panels: int
+    curves: int
+    on_cpu: bool
+    model: Mapping[str, int]
 
 
 @wp.struct

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.rope_state import WinchState
+from cloth_sim_ros.sim.features.winch.arrays import WinchState
 from cloth_sim_ros.sim.kernels.compiled import compiled
 
 

@@ -14,15 +14,16 @@ from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.arrays.masses import Masses
 from cloth_sim_ros.sim.arrays.model import Features, Model
 from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
-from cloth_sim_ros.sim.arrays.rope_state import Drive, EndTurn, WinchState
 from cloth_sim_ros.sim.arrays.state import Arrays, Material
 from cloth_sim_ros.sim.engine.batch_frame import BatchFrame
 from cloth_sim_ros.sim.engine.scaled import Scaled
-from cloth_sim_ros.sim.engine.state_arrays import make_states, row_of, state_of
+from cloth_sim_ros.sim.engine.state_arrays import make_states, row_of, rows_by_array, state_of
 from cloth_sim_ros.sim.engine.torn import Torn
 from cloth_sim_ros.sim.executors.choose import make_executor, make_safe_executor
 from cloth_sim_ros.sim.executors.trial import Trial
-from cloth_sim_ros.sim.features.tearing.tear import LEFT
+from cloth_sim_ros.sim.features.tearing.arrays import LEFT
+from cloth_sim_ros.sim.features.twist.arrays import EndTurn
+from cloth_sim_ros.sim.features.winch.arrays import Drive, WinchState
 from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
 from cloth_sim_ros.sim.topology import Topology
 
@@ -97,7 +98,7 @@ class Batch:
     def _world(self, w: int, model: Model, shared: Shared) -> Arrays:
         arrays = Arrays()
         arrays.state = state_of(self.states, w)
-        own = {name: getattr(arrays.state, name) for name in LEFT} if self.features.tears else {}
+        own = {name: getattr(arrays.state.tearing, name) for name in LEFT} if self.features.tears else {}
         if self.features.winch:
             own = {"particle_masses": self.masses.masses[w]}
         if self.scaled is not None:
@@ -253,25 +254,18 @@ class Batch:
         return self.states[array][worlds_of(world), span]
 
     def _forget(self, name: str, chosen: wp.array) -> None:
-        segments, b = self.segments(name), self.index[name]
-        for _, first, end in self.lines[b]:
-            writing.clear(self.states["line_multipliers"], slice(first, end), chosen)
-        spans = {}
-        if segments.stop > segments.start:
-            spans |= {"tensions": segments, "chain_forces": self.span(name)}
-            if self.features.supported:
-                spans["supports"] = self.span(name)
-            if self.features.beam:
-                spans["moments"] = segments
-            if self.features.twist:
-                spans |= {"couples": segments, "twists": slice(b, b + 1), "good_twists": slice(b, b + 1)}
-        if self.features.looks_back:
-            spans["history"] = slice(b, b + 1)
-        if self.features.order == 2:
-            # Whether the first substep is smooth is told by the one before it: none, from rest.
-            spans |= {"last_displacements": self.span(name), "last_velocities": self.span(name)}
-        for array, span in spans.items():
-            writing.clear(self.states[array], span, chosen)
+        b = self.index[name]
+        spans = {
+            "particle": [self.span(name)],
+            "segment": [self.segments(name)],
+            "body": [slice(b, b + 1)],
+            "line": [slice(first, end) for _, first, end in self.lines[b]],
+        }
+        # The first substep is smooth or not by the one before it: none, from rest.
+        core = {"history": "body", "last_displacements": "particle", "last_velocities": "particle"}
+        for array, row in (core | rows_by_array("FORGOTTEN")).items():
+            for span in spans[row] if self.states[array].size else ():
+                writing.clear(self.states[array], span, chosen)
 
 
 def _with_own(model: Model, own: dict[str, wp.array]) -> Model:

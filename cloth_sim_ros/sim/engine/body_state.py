@@ -8,9 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from cloth_sim_ros.sim.engine.batch import Batch
+from cloth_sim_ros.sim.engine.state_arrays import rows_by_array
 
-_KEPT = ("positions", "position_lo", "good_positions", "velocities", "grips", "grip_pulls", "grip_forces")
 _PAST = ("last_displacements", "last_velocities")
+# Array -> what it has a row of: a particle, a count of the body, or a struct of the body.
+_KEPT = {
+    **dict.fromkeys(("positions", "position_lo", "good_positions", "velocities", *_PAST), "particle"),
+    **dict.fromkeys(("recoveries", "history"), "count"),
+    **rows_by_array("KEPT"),
+}
 
 
 @dataclass(frozen=True)
@@ -31,13 +37,11 @@ class BodyState:
 def take(batch: Batch, name: str) -> BodyState:
     """Everything of a body that outlives its arrays."""
     span, b = batch.span(name), batch.index[name]
-    has = [array for array in (*_KEPT, *_PAST) if batch.states[array].size]
-    particles = {array: batch.part(array, span, None).numpy() for array in has}
-    has = [array for array in ("recoveries", "held", "history") if batch.states[array].size]
-    counts = {array: batch.part(array, slice(b, b + 1), None).numpy() for array in has}
+    has = {row: [a for a in _KEPT if _KEPT[a] == row and batch.states[a].size] for row in ("particle", "count", "body")}
+    particles = {array: batch.part(array, span, None).numpy() for array in has["particle"]}
+    counts = {array: batch.part(array, slice(b, b + 1), None).numpy() for array in has["count"]}
     live = [rows.read(b, None) for rows in batch.live]
-    own = [array for array, has in (("winches", batch.features.winch), ("twists", batch.features.twist)) if has]
-    bodies = {array: batch.read_body(array, name, None) for array in own}
+    bodies = {array: batch.read_body(array, name, None) for array in has["body"]}
     kg = batch.masses.read(b, None)
     return BodyState(_past(batch), particles, counts, live, kg, bodies, batch.torn and batch.torn.read(b))
 

@@ -12,7 +12,8 @@ from cloth_sim_ros.sim.arrays import writing
 from cloth_sim_ros.sim.arrays.model import Features, Model
 from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
 from cloth_sim_ros.sim.arrays.state import Arrays
-from cloth_sim_ros.sim.features.tearing.tear import GONE, LEFT, followers
+from cloth_sim_ros.sim.features.tearing.arrays import LEFT
+from cloth_sim_ros.sim.features.tearing.tear import GONE, followers
 from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.program import make_begin

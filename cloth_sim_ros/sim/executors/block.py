@@ -111,7 +111,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         t = wp.tid() - b * wp.static(block)
         home = home_of(given, b, CooperativeGroup())
         if wp.static(features.redoes):
-            if home.state.rejected[home.body.index] == 0:
+            if home.state.trial.rejected[home.body.index] == 0:
                 return
         ctx = load(t, home)
         sync()
@@ -139,7 +139,7 @@ def make_spread_frame(features: Features, block: int):
         for b in range(wp.tid() / group.width, bodies, group.teams):
             ctx = home_of(given, b, group)
             if wp.static(features.redoes):
-                if ctx.state.rejected[ctx.body.index] == 0:
+                if ctx.state.trial.rejected[ctx.body.index] == 0:
                     continue
             simulate(t, group.width, ctx)
             end(t, group.width, ctx)

@@ -152,7 +152,7 @@ def _make_kernel(part: str, run, features: Features, block: int, module: wp.Modu
         for b in range(wp.tid() / group.width, bodies, group.teams):
             home = home_of(given, b, group)
             if wp.static(features.redoes):
-                if home.state.rejected[home.body.index] == 0:
+                if home.state.trial.rejected[home.body.index] == 0:
                     continue
             ctx = enter(home, substep)
             ctx.step.first = iteration == 0

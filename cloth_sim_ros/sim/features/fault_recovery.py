@@ -38,16 +38,16 @@ def make_settle(features: Features):
             return
         put_back(g, s.relapses[ctx.body.index], ctx.model, s)
         if wp.static(features.chain):
-            s.chain_forces[g] = wp.vec3(0.0)
+            s.rope.chain_forces[g] = wp.vec3(0.0)
             if wp.static(features.supported):
-                s.supports[g] = wp.vec4(0.0)
+                s.contact.supports[g] = wp.vec4(0.0)
             k = ctx.body.segments + i
             if k < ctx.body.segments_end:
-                s.tensions[k] = 0.0
+                s.rope.tensions[k] = 0.0
                 if wp.static(features.beam):
-                    s.moments[k] = wp.vec3(0.0)
+                    s.rope.moments[k] = wp.vec3(0.0)
                 if wp.static(features.twist):
-                    s.couples[k] = wp.vec3(0.0)
+                    s.twist.couples[k] = wp.vec3(0.0)
 
     return settle
 
@@ -61,14 +61,14 @@ def make_count(features: Features):
         faulty = s.faulty[b] == 1
         if wp.static(features.twist):
             if faulty:
-                s.twists[b] = s.good_twists[b]
+                s.twist.twists[b] = s.twist.good_twists[b]
             else:
-                s.good_twists[b] = s.twists[b]
+                s.twist.good_twists[b] = s.twist.twists[b]
         if wp.static(features.winch):
             if faulty:
-                s.winches[b] = s.good_winches[b]
+                s.winch.winches[b] = s.winch.good_winches[b]
             else:
-                s.good_winches[b] = s.winches[b]
+                s.winch.good_winches[b] = s.winch.winches[b]
         count_fault(b, s)
         if wp.static(features.looks_back):
             n = ctx.frame.substeps

@@ -159,7 +159,7 @@ def make_predict(features: Features):
         if wp.static(features.lines):
             h, least = ctx.step.effective, LEAST_SHARE * eased
             # Few are taut or go aside, so the roots and the quotients are found for these alone.
-            taut = h * h * eased * w * ctx.state.tautness[g]
+            taut = h * h * eased * w * ctx.state.lines.tautness[g]
             if taut > MOST_TAUT * ctx.body.spacing:
                 most = MOST_TAUT * ctx.body.spacing + MOST_WEIGHTS * wp.length(h * h * a)
                 eased *= wp.clamp(quotient(most, taut), LEAST_SHARE, 1.0)
@@ -169,13 +169,13 @@ def make_predict(features: Features):
                 eased = wp.max(eased, least)
             if ctx.step.weighs:
                 store4(ctx.position_lo, i, pack(lo, 0.0))
-                ctx.state.tautness[g] = 0.0
+                ctx.state.lines.tautness[g] = 0.0
         # Chosen, not branched to, or a warp with a pinned particle would go both ways.
         moved = prediction(base, v, a, eased, w, lo, ctx.step)
         if wp.static(features.supported):
             # A chain and its bending are solved where the collider will hold it, or they would cut its corner.
             square = ctx.step.effective * ctx.step.effective
-            moved += pack(square * xyz(load_row(ctx.state.supports, g)), 0.0)
+            moved += pack(square * xyz(load_row(ctx.state.contact.supports, g)), 0.0)
         store4(ctx.p, i, wp.where(w == 0.0, pack(lo, 0.0), moved))
 
     return predict
@@ -207,7 +207,7 @@ def turned_by_bending(j: int, ctx: Context) -> float:
     if j >= ctx.body.count - 2:
         return 0.0
     place = ctx.body.segments + j
-    return wp.length(ctx.state.moments[place]) * ctx.material.compliance[2] * ctx.model.joints[place][1]
+    return wp.length(ctx.state.rope.moments[place]) * ctx.material.compliance[2] * ctx.model.joints[place][1]
 
 
 def make_finish(features: Features):
@@ -232,20 +232,20 @@ def make_finish(features: Features):
                 wp.length(displacement - ctx.state.last_displacements[g]) > wp.static(smooth) * ctx.body.spacing
             )
             if wp.static(features.supported):
-                not_smooth = not_smooth or ctx.state.supports[g][3] > 0.0
+                not_smooth = not_smooth or ctx.state.contact.supports[g][3] > 0.0
             if wp.static(features.beam):
                 not_smooth = not_smooth or turned_by_bending(i, ctx) > MOST_TURNED
             if not_smooth:
                 ctx.state.events[2 * ctx.body.index + ctx.substep % 2] = ctx.substep + 1
             before = xyz(load_row(ctx.state.velocities, g))
             if wp.static(features.panels != ""):
-                store_row(ctx.state.ahead_velocities, g, pack(velocity + (velocity - before), 0.0))
-                store_row(ctx.state.ahead_positions, g, pack(xyz(old) + displacement + displacement, 0.0))
+                store_row(ctx.state.air.ahead_velocities, g, pack(velocity + (velocity - before), 0.0))
+                store_row(ctx.state.air.ahead_positions, g, pack(xyz(old) + displacement + displacement, 0.0))
             ctx.state.last_velocities[g] = before
             ctx.state.last_displacements[g] = displacement
         if wp.static(features.chain):
             # A chain that was put together from afar: its particles did not move so, they were placed.
-            if ctx.state.overstretched[ctx.body.index] > 0:
+            if ctx.state.rope.overstretched[ctx.body.index] > 0:
                 kick = velocity - xyz(load_row(ctx.state.velocities, g))
                 most = MOST_SPACINGS * ctx.body.spacing * ctx.step.inverse
                 velocity -= kick * (1.0 - wp.min(1.0, most / wp.max(wp.length(kick), 1.0e-20)))

@@ -26,12 +26,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import compliance_of
-from cloth_sim_ros.sim.kernels.native import LANES, ROWS, on_cpu, source
-
-
-def scratch_of(slots: int) -> int:
-    """Floats that a CPU needs to solve rows of so many slots."""
-    return 7 * LANES * slots + 16
+from cloth_sim_ros.sim.kernels.native import ROWS, on_cpu, source
 
 
 @lru_cache
@@ -91,7 +86,7 @@ def make_solve_line_row(features: Features):
         keeps = bool(False)
         held = ctx.body.pinned
         if wp.static(features.handles):
-            held = held or ctx.state.held[ctx.body.index] > 0
+            held = held or ctx.state.grasp.held[ctx.body.index] > 0
         weighs = wp.where(held and ctx.step.weighs and ctx.step.first, ctx.step.inverse_square, 0.0)
         if wp.static(features.order == 2):
             keeps = ctx.last and gamma > 0.0
@@ -104,16 +99,16 @@ def make_solve_line_row(features: Features):
             ctx.model.line_nodes,
             ctx.model.line_rests,
             ctx.model.line_scales,
-            ctx.state.line_multipliers,
-            ctx.state.line_scratch,
+            ctx.state.lines.line_multipliers,
+            ctx.state.lines.line_scratch,
             alpha,
             gamma,
             carried,
             ctx.body.particles,
             ctx.state.last_displacements,
             ctx.state.velocities,
-            ctx.state.line_slips,
-            ctx.state.tautness,
+            ctx.state.lines.line_slips,
+            ctx.state.lines.tautness,
             ctx.step.effective,
             ctx.step.first,
             ctx.step.store,

@@ -20,11 +20,11 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body
-from cloth_sim_ros.sim.arrays.rope_state import BeamRow
 from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.features.winch.drum import joint_out
 from cloth_sim_ros.sim.kernels.intrinsics import larger, load4, quotient, store4, xyz
 from cloth_sim_ros.sim.physics.bending import rest_turn
+from cloth_sim_ros.sim.ropes.arrays import BeamRow
 from cloth_sim_ros.sim.ropes.beam_rotation import Sums, rotation_of, with_joint, with_particle
 
 # Beyond this many times the particles' inertia float32 could not tell the one from the other: stiffer is as stiff.
@@ -48,7 +48,7 @@ def make_joints(winch: bool) -> Joints:
     def joint_of(j: int, ctx: Context) -> wp.vec4:
         joint = ctx.model.joints[ctx.body.segments + j]
         if wp.static(winch):
-            joint = joint_out(j, joint, ctx.state.winches[ctx.body.index])
+            joint = joint_out(j, joint, ctx.state.winch.winches[ctx.body.index])
         return joint
 
     @wp.func
@@ -102,14 +102,14 @@ def make_bend_by_moments(bent: bool, winch: bool):
             for place in range(3):
                 j = i - place
                 if j >= 0 and j < joints:
-                    held = ctx.state.moments[ctx.body.segments + j]
+                    held = ctx.state.rope.moments[ctx.body.segments + j]
                     if wp.static(bent):
                         held *= wp.where(ctx.model.joints[ctx.body.segments + j][0] > 0.0, 0.0, 1.0)
                     force -= weights_at(j, ctx)[place] * held
             move = (ctx.step.effective * ctx.step.effective * p[3]) * force
             store4(ctx.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
         if wp.static(bent):
-            ctx.state.bend_moves[ctx.body.particles + i] = move
+            ctx.state.rope.bend_moves[ctx.body.particles + i] = move
 
     return bend_by_moments
 
@@ -135,7 +135,7 @@ def make_keep_moment(bent: bool, winch: bool = False):
         if wp.static(bent):
             rest = rest_at(j, ctx)
             turn -= rest + rotation * rest
-        ctx.state.moments[ctx.body.segments + j] = (stiff * ctx.step.inverse_square) * turn
+        ctx.state.rope.moments[ctx.body.segments + j] = (stiff * ctx.step.inverse_square) * turn
 
     return keep_moment
 
@@ -196,7 +196,7 @@ def _make_eliminations(bent: bool, winch: bool):
                     change = stiff * (turn - rest)
                     rest *= stiff
                 else:
-                    change = stiff * turn + (-square) * ctx.state.moments[ctx.body.segments + i]
+                    change = stiff * turn + (-square) * ctx.state.rope.moments[ctx.body.segments + i]
             w = load4(ctx.d, i)[3]
             row = BeamRow()
             if w > 0.0:
@@ -211,12 +211,12 @@ def _make_eliminations(bent: bool, winch: bool):
                 row.inverse = quotient(1.0, row.pivot)
                 pull = -(weights[0] * change + near[1] * change_near + far[2] * change_far)
                 if wp.static(bent):
-                    pull -= quotient(1.0, w) * ctx.state.bend_moves[ctx.body.particles + i]
+                    pull -= quotient(1.0, w) * ctx.state.rope.bend_moves[ctx.body.particles + i]
                 row.move = pull - row.first * one.move - row.second * two.move
                 if wp.static(bent):
                     turning = weights[0] * rest + near[1] * rest_near + far[2] * rest_far
                     row.turn = turning - row.first * one.turn - row.second * two.turn
-            ctx.state.beam[ctx.body.particles + i] = row
+            ctx.state.rope.beam[ctx.body.particles + i] = row
             two = one
             one = row
             far = near
@@ -235,12 +235,12 @@ def _make_eliminations(bent: bool, winch: bool):
         two = BeamRow()
         for r in range(body.count):
             g = body.particles + body.count - 1 - r
-            row = s.beam[g]
+            row = s.rope.beam[g]
             # What couples a row to those behind it is theirs; all of a pinned one is 0.
             row.move = row.inverse * row.move - one.first * one.move - two.second * two.move
             if wp.static(bent):
                 row.turn = row.inverse * row.turn - one.first * one.turn - two.second * two.turn
-            s.beam[g] = row
+            s.rope.beam[g] = row
             two = one
             one = row
 
@@ -252,16 +252,16 @@ def _rotation(ctx: Context) -> wp.mat33:
     """By how much the rest shape turns, less 1, when rows tell how particles move."""
     sums = Sums()
     for i in range(ctx.body.count):
-        row = ctx.state.beam[ctx.body.particles + i]
+        row = ctx.state.rope.beam[ctx.body.particles + i]
         w = load4(ctx.d, i)[3]
         if w > 0.0:
             sums = with_particle(
-                sums, quotient(1.0, w), ctx.state.bend_moves[ctx.body.particles + i] + row.move, row.turn
+                sums, quotient(1.0, w), ctx.state.rope.bend_moves[ctx.body.particles + i] + row.move, row.turn
             )
     for j in range(ctx.body.count - 2):
-        first = ctx.state.beam[ctx.body.particles + j]
-        middle = ctx.state.beam[ctx.body.particles + j + 1]
-        last = ctx.state.beam[ctx.body.particles + j + 2]
+        first = ctx.state.rope.beam[ctx.body.particles + j]
+        middle = ctx.state.rope.beam[ctx.body.particles + j + 1]
+        last = ctx.state.rope.beam[ctx.body.particles + j + 2]
         u = wp.matrix_from_rows(first.move, middle.move, last.move)
         y = wp.matrix_from_rows(first.turn, middle.turn, last.turn)
         sums = add_joint(j, ctx, u, y, sums)
@@ -282,18 +282,20 @@ def make_solve_beam(bent: bool, winch: bool):
         if wp.static(bent):
             rotation = _rotation(ctx)
             for i in range(ctx.body.count):
-                row = ctx.state.beam[ctx.body.particles + i]
+                row = ctx.state.rope.beam[ctx.body.particles + i]
                 row.move += rotation * row.turn
-                ctx.state.bend_moves[ctx.body.particles + i] += row.move
-                ctx.state.beam[ctx.body.particles + i] = row
+                ctx.state.rope.bend_moves[ctx.body.particles + i] += row.move
+                ctx.state.rope.beam[ctx.body.particles + i] = row
         for j in range(ctx.body.count - 2):
             g = ctx.body.particles + j
-            moves = wp.matrix_from_rows(ctx.state.beam[g].move, ctx.state.beam[g + 1].move, ctx.state.beam[g + 2].move)
+            moves = wp.matrix_from_rows(
+                ctx.state.rope.beam[g].move, ctx.state.rope.beam[g + 1].move, ctx.state.rope.beam[g + 2].move
+            )
             keep_moment(j, ctx, moves, rotation)
         for i in range(ctx.body.count):
             p = load4(ctx.d, i)
             if p[3] > 0.0:
-                move = ctx.state.beam[ctx.body.particles + i].move
+                move = ctx.state.rope.beam[ctx.body.particles + i].move
                 store4(ctx.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
 
     return solve_beam

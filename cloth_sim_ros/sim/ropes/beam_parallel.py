@@ -8,8 +8,8 @@ is little, and lies in shared memory.
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
-from cloth_sim_ros.sim.arrays.rope_state import BeamRow
 from cloth_sim_ros.sim.kernels.intrinsics import load4, quick_quotient, store4, sync, xyz
+from cloth_sim_ros.sim.ropes.arrays import BeamRow
 from cloth_sim_ros.sim.ropes.beam import ALL, add_joint, make_keep_moment
 from cloth_sim_ros.sim.ropes.beam_rotation import SUMS, Sums, rotation_of, sums_of_block, with_particle
 from cloth_sim_ros.sim.ropes.scan import scan_size
@@ -51,7 +51,7 @@ def _make_joint_at(bent: bool):
             joint.rest = joint.stiff * rest
         else:
             square = ctx.step.effective * ctx.step.effective
-            joint.change = joint.stiff * turn - square * ctx.state.moments[ctx.body.segments + j]
+            joint.change = joint.stiff * turn - square * ctx.state.rope.moments[ctx.body.segments + j]
         return joint
 
     return joint_at
@@ -193,7 +193,7 @@ def make_solve_beam_together(threads: int, bent: bool):
         for i in range(t, ctx.body.count, threads):
             w = load4(ctx.d, i)[3]
             if w > 0.0:
-                move = ctx.state.bend_moves[ctx.body.particles + i] + xyz(load4(rows, width * i))
+                move = ctx.state.rope.bend_moves[ctx.body.particles + i] + xyz(load4(rows, width * i))
                 sums = with_particle(sums, quick_quotient(1.0, w), move, xyz(load4(rows, width * i + 3)))
         for j in range(t, ctx.body.count - 2, threads):
             sums = add_joint(j, ctx, moved(j, 0, rows), moved(j, 3, rows), sums)
@@ -217,7 +217,7 @@ def make_solve_beam_together(threads: int, bent: bool):
             row, pull, turning = _row_of(load4(ctx.d, i)[3], begun, near, far)
             store4(rows, width * i, row)
             if wp.static(bent):
-                pull -= row[3] * ctx.state.bend_moves[ctx.body.particles + i]
+                pull -= row[3] * ctx.state.rope.bend_moves[ctx.body.particles + i]
             store4(rows, width * i + 1, wp.vec4(pull[0], pull[1], pull[2], 0.0))
             if wp.static(bent):
                 store4(rows, width * i + 3, wp.vec4(turning[0], turning[1], turning[2], 0.0))
@@ -232,7 +232,7 @@ def make_solve_beam_together(threads: int, bent: bool):
             for i in range(t, ctx.body.count, threads):
                 move = xyz(load4(rows, width * i)) + turned * xyz(load4(rows, width * i + 3))
                 store4(rows, width * i, wp.vec4(move[0], move[1], move[2], 0.0))
-                ctx.state.bend_moves[ctx.body.particles + i] += move
+                ctx.state.rope.bend_moves[ctx.body.particles + i] += move
             sync()
         for j in range(t, joints, threads):
             keep_moment(j, ctx, moved(j, 0, rows), turned)

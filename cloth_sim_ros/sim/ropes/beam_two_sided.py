@@ -22,7 +22,7 @@ def make_solve_beam_two_sided(bent: bool):
 
     @wp.func
     def solve_beam_two_sided(ctx: Context) -> bool:
-        if ctx.body.count <= FEWEST or ctx.state.ladder.shape[0] == 0:
+        if ctx.body.count <= FEWEST or ctx.state.rope.ladder.shape[0] == 0:
             return False
         p = ctx.body.particles
         compliance = ctx.material.compliance[2]
@@ -33,17 +33,17 @@ def make_solve_beam_two_sided(bent: bool):
             ctx.x,
             ctx.d,
             ctx.model.joints,
-            ctx.state.moments,
-            ctx.state.bend_moves,
-            ctx.state.ladder,
+            ctx.state.rope.moments,
+            ctx.state.rope.bend_moves,
+            ctx.state.rope.ladder,
             compliance,
             ctx.step.effective,
             STIFFEST,
         )
-        eliminate(p, ctx.body.count, ctx.x, ctx.d, ctx.state.ladder)
+        eliminate(p, ctx.body.count, ctx.x, ctx.d, ctx.state.rope.ladder)
         rotation = wp.mat33(0.0)
         if wp.static(bent):
-            found = add_up(p, ctx.body.count, ctx.x, ctx.d, ctx.state.ladder)
+            found = add_up(p, ctx.body.count, ctx.x, ctx.d, ctx.state.rope.ladder)
             sums = Sums()
             sums.inertia = wp.matrix_from_rows(found[0], found[1], found[2])
             sums.lag = wp.matrix_from_rows(found[3], found[4], found[5])
@@ -54,9 +54,9 @@ def make_solve_beam_two_sided(bent: bool):
             ctx.body.count,
             ctx.x,
             ctx.d,
-            ctx.state.moments,
-            ctx.state.bend_moves,
-            ctx.state.ladder,
+            ctx.state.rope.moments,
+            ctx.state.rope.bend_moves,
+            ctx.state.rope.ladder,
             ctx.step.inverse_square,
             rotation,
         )

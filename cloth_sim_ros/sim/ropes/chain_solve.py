@@ -13,9 +13,9 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.arrays.rope_state import Segment
 from cloth_sim_ros.sim.features.winch.drum import first_out
 from cloth_sim_ros.sim.kernels.intrinsics import load4, quick_quotient, store4, sync, sync_any, xyz
+from cloth_sim_ros.sim.ropes.arrays import Segment
 from cloth_sim_ros.sim.ropes.chain_bending import make_bend_after, make_bend_before
 from cloth_sim_ros.sim.ropes.newton_step import make_attempt
 from cloth_sim_ros.sim.ropes.partition import Share, make_share
@@ -36,8 +36,8 @@ def missing_of(i: int, ctx: Context) -> wp.vec3:
     now = xyz(load4(ctx.d, i))
     target = now
     if not ctx.step.first:
-        target = ctx.state.targets[g] + (now - ctx.state.solved[g])
-    ctx.state.targets[g] = target
+        target = ctx.state.rope.targets[g] + (now - ctx.state.rope.solved[g])
+    ctx.state.rope.targets[g] = target
     return target - now
 
 
@@ -46,9 +46,11 @@ def _keep(i: int, p: wp.vec4, ctx: Context):
     """Keep what the chain did to particle i, which is at p now, for those who read it and for the next iteration."""
     g = ctx.body.particles + i
     if p[3] > 0.0 and ctx.step.store:
-        ctx.state.chain_forces[g] = (xyz(p) - ctx.state.targets[g]) * quick_quotient(ctx.step.inverse_square, p[3])
+        ctx.state.rope.chain_forces[g] = (xyz(p) - ctx.state.rope.targets[g]) * quick_quotient(
+            ctx.step.inverse_square, p[3]
+        )
     if ctx.step.repeats:
-        ctx.state.solved[g] = xyz(p)
+        ctx.state.rope.solved[g] = xyz(p)
 
 
 @wp.func
@@ -125,7 +127,7 @@ def _solve_two_sided(ctx: Context) -> bool:
     """A whole chain by one thread of a CPU, from both its ends; whether it was overstretched."""
     if ctx.step.store or not ctx.step.first:
         for i in range(ctx.body.count):
-            lack(i, missing_of(i, ctx), ctx.body.particles, ctx.body.count - 1, ctx.state.ladder)
+            lack(i, missing_of(i, ctx), ctx.body.particles, ctx.body.count - 1, ctx.state.rope.ladder)
     placed = solve_two_sided(ctx)
     if ctx.step.store or ctx.step.repeats:
         for i in range(ctx.body.count):
@@ -148,7 +150,7 @@ def _make_find_tangent(features: Features, threads: int, stored: bool):
             if owns(share, r):
                 if steps > 0:
                     if wp.static(stored):
-                        segment = ctx.state.segments[ctx.body.segments + k]
+                        segment = ctx.state.rope.segments[ctx.body.segments + k]
                     lag = wp.transpose(segment.frame) * segment.missing - segment.moved
                 else:
                     lag = missing_of(k + share.ahead, ctx)
@@ -156,7 +158,7 @@ def _make_find_tangent(features: Features, threads: int, stored: bool):
             if r == 0:
                 first = segment.frame
             if wp.static(stored):
-                ctx.state.segments[ctx.body.segments + k] = segment
+                ctx.state.rope.segments[ctx.body.segments + k] = segment
         return segment, first
 
     return find_tangent
@@ -171,8 +173,8 @@ def _make_move(stored: bool):
         for r in range(share.count):
             k = share.first + r * share.way
             if wp.static(stored):
-                segment = ctx.state.segments[ctx.body.segments + k]
-            ctx.state.tensions[ctx.body.segments + k] = segment.held + segment.pull * ctx.step.inverse_square
+                segment = ctx.state.rope.segments[ctx.body.segments + k]
+            ctx.state.rope.tensions[ctx.body.segments + k] = segment.held + segment.pull * ctx.step.inverse_square
             if owns(share, r):
                 _move(k + share.ahead, segment.moved, ctx)
         if share.lane == 0 and share.count > 0:

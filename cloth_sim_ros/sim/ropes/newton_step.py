@@ -4,9 +4,9 @@
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
-from cloth_sim_ros.sim.arrays.rope_state import Segment
 from cloth_sim_ros.sim.kernels.intrinsics import load4, sync_any
 from cloth_sim_ros.sim.physics.chain import Span, turn_frame
+from cloth_sim_ros.sim.ropes.arrays import Segment
 from cloth_sim_ros.sim.ropes.partition import Share, make_gather, make_reach_back
 from cloth_sim_ros.sim.ropes.scan import make_scans
 from cloth_sim_ros.sim.ropes.segments import ATTEMPTS, backward, forward, settle
@@ -76,13 +76,13 @@ def _make_sweep(threads: int, stored: bool):
         for r in range(share.count):
             k = share.first + r * share.way
             if wp.static(stored):
-                segment = ctx.state.segments[ctx.body.segments + k]
+                segment = ctx.state.rope.segments[ctx.body.segments + k]
                 if r > 0:
                     y = turn_frame(y, frame, segment.frame)
                 frame = segment.frame
             segment, y, q, pull = forward(segment, y, q)
             if wp.static(stored):
-                ctx.state.segments[ctx.body.segments + k] = segment
+                ctx.state.rope.segments[ctx.body.segments + k] = segment
         u = q
         change = pull
         if wp.static(threads > 1):
@@ -107,7 +107,7 @@ def _make_settle_all(threads: int, stored: bool):
         for r in range(share.count):
             k = share.first + (share.count - 1 - r) * share.way
             if wp.static(stored):
-                segment = ctx.state.segments[ctx.body.segments + k]
+                segment = ctx.state.rope.segments[ctx.body.segments + k]
             if wp.static(threads > 1 and not stored):
                 segment = settle(segment, u, near, change, ctx.step.effective)
             else:
@@ -115,7 +115,7 @@ def _make_settle_all(threads: int, stored: bool):
                 near = u
             found += wp.vec3i(segment.too_far, segment.overstretched, segment.unsettled)
             if wp.static(stored):
-                ctx.state.segments[ctx.body.segments + k] = segment
+                ctx.state.rope.segments[ctx.body.segments + k] = segment
         return segment, near, found
 
     return settle_all

@@ -10,7 +10,6 @@ at most half a warp, or a whole one, never waits for another warp.
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.rope_state import Segment
 from cloth_sim_ros.sim.kernels.intrinsics import load4, quick_quotient, store4, sync, sync_warp, xyz
 from cloth_sim_ros.sim.physics.chain import (
     Span,
@@ -21,6 +20,7 @@ from cloth_sim_ros.sim.physics.chain import (
     turn_frame,
     turned_end,
 )
+from cloth_sim_ros.sim.ropes.arrays import Segment
 from cloth_sim_ros.sim.ropes.partition import Reach, Share
 from cloth_sim_ros.sim.ropes.segments import change_of, near_of
 

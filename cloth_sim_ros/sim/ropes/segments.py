@@ -7,12 +7,12 @@ See physics/chain.py for the quantities, and chain_solve.py for the elimination.
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
-from cloth_sim_ros.sim.arrays.rope_state import Segment
 from cloth_sim_ros.sim.features.winch.drum import make_fed, rest_of
 from cloth_sim_ros.sim.kernels.intrinsics import inverse_root, larger, load4, quick_quotient, root, xyz
 from cloth_sim_ros.sim.physics.chain import edge_frame, particle_compliance, series_admittance
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import carried
+from cloth_sim_ros.sim.ropes.arrays import Segment
 
 # A segment whose correction turns it by more than the root of this [rad^2] left what a linear solve can tell.
 LARGEST_TURN = wp.constant(0.09)
@@ -63,7 +63,7 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
     ) -> Segment:
         index = ctx.body.segments + k
         g = ctx.body.particles + k
-        held = ctx.state.tensions[index]  # from afar: first
+        held = ctx.state.rope.tensions[index]  # from afar: first
         rest = ctx.model.segment_length[index]
         p = load4(ctx.d, k)
         q = load4(ctx.d, k + 1)

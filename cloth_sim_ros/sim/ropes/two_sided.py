@@ -30,7 +30,7 @@ from cloth_sim_ros.sim.ropes.segments import (
 def prepare_two_sided(ctx: Context) -> bool:
     """What the segments of a chain are as they lie; False where this is no CPU, they are few or one has no length."""
     n = ctx.body.segments_end - ctx.body.segments
-    if n < FEWEST or ctx.state.ladder.shape[0] == 0:
+    if n < FEWEST or ctx.state.rope.ladder.shape[0] == 0:
         return False
     return prepare_segments(
         ctx.body.particles,
@@ -40,9 +40,9 @@ def prepare_two_sided(ctx: Context) -> bool:
         ctx.position_lo,
         ctx.d,
         ctx.model.segment_length,
-        ctx.state.tensions,
+        ctx.state.rope.tensions,
         ctx.state.last_displacements,
-        ctx.state.ladder,
+        ctx.state.rope.ladder,
         ctx.material.compliance[0],
         ctx.material.damping * ctx.step.inverse,
         ctx.step.effective,
@@ -63,18 +63,18 @@ def solve_two_sided(ctx: Context) -> bool:
     again = bool(True)
     while again:
         if steps > 0:
-            lack_more(ctx.body.particles, n, lacking, ctx.state.ladder)
+            lack_more(ctx.body.particles, n, lacking, ctx.state.rope.ladder)
             lacking = True
             prepare_two_sided(ctx)
         events = int(TOO_FAR)
         attempt = int(0)
         while (events & TOO_FAR) != 0 and attempt < ATTEMPTS:
             if attempt > 0:
-                stiffen_segments(ctx.body.particles, n, ctx.state.ladder)
-            eliminate(ctx.body.particles, n, lacking, ctx.state.ladder)
+                stiffen_segments(ctx.body.particles, n, ctx.state.rope.ladder)
+            eliminate(ctx.body.particles, n, lacking, ctx.state.rope.ladder)
             settled = SETTLED_SPEED * ctx.step.effective
             events = judge_segments(
-                ctx.body.particles, n, lacking, ctx.state.ladder, LARGEST_TURN, settled, MOST_STRETCHED
+                ctx.body.particles, n, lacking, ctx.state.rope.ladder, LARGEST_TURN, settled, MOST_STRETCHED
             )
             overstretched = overstretched or (events & (TOO_FAR | OVERSTRETCHED)) != 0
             attempt += 1
@@ -83,9 +83,9 @@ def solve_two_sided(ctx: Context) -> bool:
             ctx.body.segments,
             n,
             ctx.d,
-            ctx.state.tensions,
+            ctx.state.rope.tensions,
             ctx.step.inverse_square,
-            ctx.state.ladder,
+            ctx.state.rope.ladder,
         )
         steps += 1
         again = (events & UNSETTLED) != 0 and steps < NEWTON_STEPS

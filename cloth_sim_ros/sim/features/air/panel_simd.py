@@ -36,5 +36,5 @@ def triangle_forces(m: Model, s: State, body: Body, frame: Frame, x: wp.uint64, 
         frame.air_density,
         frame.drag,
         frame.lift,
-        s.panel_forces,
+        s.air.panel_forces,
     )

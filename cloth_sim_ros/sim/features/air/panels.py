@@ -68,8 +68,8 @@ def make_panels(features: Features):
         v = array_address(ctx.state.velocities, ctx.body.particles)
         if wp.static(features.order == 2):
             if ctx.step.second:
-                x = array_address(ctx.state.ahead_positions, ctx.body.particles)
-                v = array_address(ctx.state.ahead_velocities, ctx.body.particles)
+                x = array_address(ctx.state.air.ahead_positions, ctx.body.particles)
+                v = array_address(ctx.state.air.ahead_velocities, ctx.body.particles)
         if wp.static(features.panels == "triangles"):
             if triangle_forces(ctx.model, ctx.state, ctx.body, ctx.frame, x, v):
                 return
@@ -78,8 +78,8 @@ def make_panels(features: Features):
             beside = wp.min(k + width, ctx.body.panels_end - 1)
             one, two = corners_of(k, ctx.model, x, v), corners_of(beside, ctx.model, x, v)
             force, other = air(one, ctx.frame, ctx.material), air(two, ctx.frame, ctx.material)
-            store_row(ctx.state.panel_forces, k, force)
-            store_row(ctx.state.panel_forces, beside, other)
+            store_row(ctx.state.air.panel_forces, k, force)
+            store_row(ctx.state.air.panel_forces, beside, other)
 
     return panel_forces
 
@@ -101,7 +101,7 @@ def make_push(features: Features):
             for q in range(wp.static(around)):
                 panels[q] = m.particle_panels[wp.min(k + q, end - 1)]
             for q in range(wp.static(around)):
-                forces[q] = load_row(s.panel_forces, panels[q])
+                forces[q] = load_row(s.air.panel_forces, panels[q])
             for q in range(wp.static(around)):
                 total += wp.where(k + q < end, 1.0, 0.0) * forces[q]
         return total

@@ -13,11 +13,10 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.features.collider_contact.arrays import EXTENT, WORD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, lowest_bit, pack, store_row, xyz
 
-WORD = 64  # colliders a word
 FEW = 8  # colliders that every particle may ask: a list of them would cost as much
-EXTENT = 8  # numbers a body: its lower and upper corner, the largest square of a speed, and if a collider is not listed
 _ALL = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 _NONE = 1 << 30
 _FAR = wp.constant(1.0e30)
@@ -43,11 +42,6 @@ class Near:
     some: bool
 
 
-def words_of(colliders: int) -> int:
-    """How many words hold a bit for each of so many colliders."""
-    return -(-colliders // WORD)
-
-
 @wp.func
 def words_for(colliders: int) -> int:
     """The same in a kernel."""
@@ -70,16 +64,16 @@ def make_near_of(listed: bool):
     def near_of(ctx: Context) -> Near:
         near = Near()
         if wp.static(listed):
-            near.words = ctx.state.near
+            near.words = ctx.state.contact.near
             near.count = words_for(ctx.colliders.shape[0])
             near.first = ctx.body.index * near.count
             near.bits = near.words[near.first]
-            near.some = ctx.state.extents[wp.static(EXTENT) * ctx.body.index + 7] > 0.0
+            near.some = ctx.state.contact.extents[wp.static(EXTENT) * ctx.body.index + 7] > 0.0
             if near.some:
-                box = load_row(ctx.state.boxes, 2 * ctx.body.index)
+                box = load_row(ctx.state.contact.boxes, 2 * ctx.body.index)
                 near.middle = xyz(box)
                 near.margin = box[3]
-                near.half = xyz(load_row(ctx.state.boxes, 2 * ctx.body.index + 1))
+                near.half = xyz(load_row(ctx.state.contact.boxes, 2 * ctx.body.index + 1))
         return near
 
     return near_of
@@ -149,13 +143,13 @@ def make_forget_contacts(listed: bool):
         while c < colliders:
             for i in range(t, ctx.body.count, width):
                 entry = (ctx.body.particles + i) * colliders + c
-                store_row(ctx.state.contact_forces, entry, wp.vec4(0.0))
-                store_row(ctx.state.contacts, entry, wp.vec4(0.0))
+                store_row(ctx.state.contact.contact_forces, entry, wp.vec4(0.0))
+                store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0))
             c = next_of(c, near, False)
         if wp.static(listed):
             if t == 0:
                 for k in range(wp.static(EXTENT)):
-                    ctx.state.extents[wp.static(EXTENT) * ctx.body.index + k] = wp.where(
+                    ctx.state.contact.extents[wp.static(EXTENT) * ctx.body.index + k] = wp.where(
                         k < 3, _FAR, wp.where(k < 6, -_FAR, 0.0)
                     )
 
@@ -172,15 +166,15 @@ def measure_extent(t: int, width: int, ctx: Context):
         lo, high = wp.min(lo, x), wp.max(high, x)
         square = wp.max(square, wp.length_sq(xyz(load_row(ctx.state.velocities, ctx.body.particles + i))))
     for k in range(3):
-        if lo[k] < ctx.state.extents[first + k]:
-            wp.atomic_min(ctx.state.extents, first + k, lo[k])
-        if high[k] > ctx.state.extents[first + 3 + k]:
-            wp.atomic_max(ctx.state.extents, first + 3 + k, high[k])
-    if square > ctx.state.extents[first + 6]:
-        wp.atomic_max(ctx.state.extents, first + 6, square)
+        if lo[k] < ctx.state.contact.extents[first + k]:
+            wp.atomic_min(ctx.state.contact.extents, first + k, lo[k])
+        if high[k] > ctx.state.contact.extents[first + 3 + k]:
+            wp.atomic_max(ctx.state.contact.extents, first + 3 + k, high[k])
+    if square > ctx.state.contact.extents[first + 6]:
+        wp.atomic_max(ctx.state.contact.extents, first + 6, square)
     words = words_for(ctx.colliders.shape[0])
     for q in range(t, words, width):
-        ctx.state.near[ctx.body.index * words + q] = wp.uint64(0)
+        ctx.state.contact.near[ctx.body.index * words + q] = wp.uint64(0)
 
 
 @wp.func
@@ -189,13 +183,13 @@ def list_colliders(t: int, width: int, ctx: Context):
     first = wp.static(EXTENT) * ctx.body.index
     lo, high = wp.vec3(0.0), wp.vec3(0.0)
     for k in range(3):
-        lo[k] = ctx.state.extents[first + k]
-        high[k] = ctx.state.extents[first + 3 + k]
+        lo[k] = ctx.state.contact.extents[first + k]
+        high[k] = ctx.state.contact.extents[first + 3 + k]
     substeps = float(ctx.frame.substeps)
     # Half as far again as the fastest goes, and a little for what is at rest.
-    margin = 1.5 * ctx.frame.dt * substeps * wp.sqrt(ctx.state.extents[first + 6]) + 0.05 * wp.length(high - lo)
+    margin = 1.5 * ctx.frame.dt * substeps * wp.sqrt(ctx.state.contact.extents[first + 6]) + 0.05 * wp.length(high - lo)
     near = Near()
-    near.words = ctx.state.near
+    near.words = ctx.state.contact.near
     near.count = words_for(ctx.colliders.shape[0])
     near.first = ctx.body.index * near.count
     near.middle = 0.5 * (lo + high)
@@ -203,13 +197,13 @@ def list_colliders(t: int, width: int, ctx: Context):
     near.half = 0.5 * (high - lo) + wp.vec3(margin)
     near.some = True
     if t == 0:
-        store_row(ctx.state.boxes, 2 * ctx.body.index, pack(near.middle, margin))
-        store_row(ctx.state.boxes, 2 * ctx.body.index + 1, pack(near.half, 0.0))
+        store_row(ctx.state.contact.boxes, 2 * ctx.body.index, pack(near.middle, margin))
+        store_row(ctx.state.contact.boxes, 2 * ctx.body.index + 1, pack(near.half, 0.0))
     for c in range(t, ctx.colliders.shape[0], width):
         if may_meet(ctx.colliders[c], near, ctx.material.thickness, substeps):
             note(c, near)
         else:
-            ctx.state.extents[first + 7] = 1.0
+            ctx.state.contact.extents[first + 7] = 1.0
 
 
 @wp.func

@@ -11,8 +11,9 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.arrays.state import ColliderMotion, Sweep
+from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.colliders import make_is_hollow
+from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of
 from cloth_sim_ros.sim.features.collider_contact.facet import ADVANCES, STEP, back, longest_way, make_deepest
 from cloth_sim_ros.sim.features.collider_contact.facet_place import (
@@ -37,7 +38,7 @@ def mark(corners: wp.vec3i, bit: int, ctx: Context):
     """Set a bit of all corners of a facet, as others may too at the same time."""
     for k in range(3):
         slot = ctx.body.particles + corners[k]
-        ctx.state.pressed[slot] = ctx.state.pressed[slot] | bit
+        ctx.state.contact.pressed[slot] = ctx.state.contact.pressed[slot] | bit
 
 
 @wp.func
@@ -68,12 +69,12 @@ def _make_given_up(shapes: tuple[str, ...]):
         if wp.static(is_hollow is not None):
             hollow = is_hollow(collider.shape, collider.data)
         facet, thickness = facet_of(corners, ctx, sweep), ctx.material.thickness
-        way, look = longest_way(facet), ctx.state.looks[entry]
+        way, look = longest_way(facet), ctx.state.contact.looks[entry]
         # How far off it was when the substep began, or less.
         off = wp.where(look.known == 1, look.value - moved_since(look, facet) - way, 0.0)
         if collider.compliance > 0.0 or way <= off - _least(off, thickness):
             return none
-        pressed = ctx.state.presses[entry].when == ctx.substep
+        pressed = ctx.state.contact.presses[entry].when == ctx.substep
         left, count = float(1.0), int(0)
         plane = wp.vec4(0.0)
         apart = float(0.0)
@@ -107,24 +108,24 @@ def make_facet_clamp(features: Features):
 
     @wp.func
     def stop(t: int, width: int, ctx: Context):
-        if ctx.state.facets_moved_in[ctx.body.index] != ctx.substep + 1:
+        if ctx.state.contact.facets_moved_in[ctx.body.index] != ctx.substep + 1:
             return
         colliders, near, first = ctx.colliders.shape[0], near_of(ctx), ctx.body.particles
         for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
             corners, moved = corners_of(k, ctx), int(0)
             for q in range(3):
-                moved |= ctx.state.pressed[first + corners[q]]
+                moved |= ctx.state.contact.pressed[first + corners[q]]
             if moved & MOVED != 0 and corners[0] != corners[1]:
                 stray = is_stray(corners, near, ctx)
                 c = next_of(-1, near, stray)
                 while c < colliders:
-                    sweep = ctx.state.sweeps[ctx.sweep + c]
+                    sweep = ctx.state.contact.sweeps[ctx.sweep + c]
                     if not is_far(corners, ctx, ctx.colliders[c], sweep):
                         entry = k * colliders + c
                         shares = given_up(corners, entry, ctx.colliders[c], sweep, ctx)
                         if wp.max(shares) > 0.0:
-                            ctx.state.presses[entry].stops = shares
-                            ctx.state.presses[entry].stopped = ctx.substep
+                            ctx.state.contact.presses[entry].stops = shares
+                            ctx.state.contact.presses[entry].stopped = ctx.substep
                             mark(corners, STOPS, ctx)
                     c = next_of(c, near, stray)
 
@@ -136,10 +137,10 @@ def make_give_up_way(features: Features):
 
     @wp.func
     def stay(i: int, met: Met, ctx: Context):
-        marks = ctx.state.pressed[met.slot]
+        marks = ctx.state.contact.pressed[met.slot]
         if marks == 0:
             return
-        ctx.state.pressed[met.slot] = 0
+        ctx.state.contact.pressed[met.slot] = 0
         if marks & STOPS == 0 or load4(ctx.d, i)[3] == 0.0:
             return
         colliders, most, of = ctx.colliders.shape[0], float(0.0), int(0)
@@ -148,10 +149,10 @@ def make_give_up_way(features: Features):
             corners = corners_of(q, ctx)
             corner = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
             for c in range(colliders):
-                press = ctx.state.presses[q * colliders + c]
+                press = ctx.state.contact.presses[q * colliders + c]
                 if press.stopped == ctx.substep and press.stops[corner] > most:
                     most, of = press.stops[corner], c
-        sweep, packed = ctx.state.sweeps[ctx.sweep + of], load4(ctx.d, i)
+        sweep, packed = ctx.state.contact.sweeps[ctx.sweep + of], load4(ctx.d, i)
         less = -most * (wp.transpose(sweep.to_local) * slip_of_particle(i, ctx, sweep))
         moved = xyz(packed) + less
         store4(ctx.d, i, pack(moved, packed[3]))

@@ -4,7 +4,8 @@
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
-from cloth_sim_ros.sim.arrays.state import ColliderMotion, Look, Sweep
+from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.features.collider_contact.arrays import Look, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, strays
 from cloth_sim_ros.sim.features.collider_contact.facet import Facet
 from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of
@@ -21,7 +22,7 @@ def corners_of(k: int, ctx: Context) -> wp.vec3i:
 @wp.func
 def is_close(corners: wp.vec3i, ctx: Context) -> bool:
     """Whether a facet is looked at in this substep, as told by its corners' own contact."""
-    first, close = ctx.body.particles, ctx.state.close
+    first, close = ctx.body.particles, ctx.state.contact.close
     return close[first + corners[0]] + close[first + corners[1]] + close[first + corners[2]] > 0
 
 

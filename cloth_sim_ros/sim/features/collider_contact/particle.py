@@ -5,12 +5,13 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.arrays.state import ColliderMotion, Sweep
+from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of
 from cloth_sim_ros.sim.features.collider_contact.thickness import NEARBY, make_thickness_for, note_strain, widest_around
-from cloth_sim_ros.sim.features.grasp import HELD
+from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.physics.integrate import Step, carried
@@ -301,12 +302,12 @@ def make_met_in(features: Features):
         met.share = share_of(ctx.step, ctx.frame.substeps)
         met.near = near_of(ctx)
         met.colliders = ctx.colliders
-        met.sweeps = ctx.state.sweeps
-        met.contacts = ctx.state.contacts
-        met.forces = ctx.state.contact_forces
+        met.sweeps = ctx.state.contact.sweeps
+        met.contacts = ctx.state.contact.contacts
+        met.forces = ctx.state.contact.contact_forces
         met.velocities = ctx.state.velocities
         met.last_displacements = ctx.state.last_displacements
-        met.supports = ctx.state.supports
+        met.supports = ctx.state.contact.supports
         met.carries = wp.static(features.supported)
         return met
 
@@ -323,10 +324,10 @@ def make_contact(features: Features):
         found = touch(i, met, ctx, width)
         if wp.static(features.surface):
             if ctx.step.first:
-                ctx.state.close[met.slot] = found & CLOSE
+                ctx.state.contact.close[met.slot] = found & CLOSE
         elif wp.static(features.method == "verlet"):
             if found & TOUCHED != 0:
                 strain = widest_around(i, ctx) / ctx.body.gap - 1.0
-                note_strain(strain, ctx.body.index, ctx.state.strain_found)
+                note_strain(strain, ctx.body.index, ctx.state.trial.strain_found)
 
     return contact

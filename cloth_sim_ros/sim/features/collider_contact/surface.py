@@ -9,8 +9,9 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.arrays.state import ColliderMotion, Look, Press, Sweep
+from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.colliders import make_is_beyond
+from cloth_sim_ros.sim.features.collider_contact.arrays import Look, Press, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of, note
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import (
@@ -117,7 +118,7 @@ def make_touched_in(features: Features):
     @wp.func
     def touched_in(facet: Facet, entry: int, collider: ColliderMotion, ctx: Context) -> wp.vec3:
         thickness, way = ctx.material.thickness, longest_way(facet)
-        look = ctx.state.looks[entry]
+        look = ctx.state.contact.looks[entry]
         moved = moved_since(look, facet)
         # No point has come nearer than by its way, nor was it nearer in between.
         if look.known == 1 and look.value - moved - way >= thickness:
@@ -130,7 +131,7 @@ def make_touched_in(features: Features):
             found = Deepest()
             found.value = least(collider.shape, collider.size, collider.data, facet)
             if found.value >= thickness - NOISE:  # as of most that lies on a flat face
-                ctx.state.looks[entry] = looked(facet, found)
+                ctx.state.contact.looks[entry] = looked(facet, found)
                 return wp.vec3(0.0)
         known = wp.vec3(0.0)
         if look.known == 1 and moved <= _STILL * thickness and slow:
@@ -138,9 +139,9 @@ def make_touched_in(features: Features):
         found = touched(collider.shape, collider.size, collider.data, facet, thickness, known)
         if slow:  # else that is where it met the collider first
             if wp.max(known) == 0.0:
-                ctx.state.looks[entry] = looked(facet, found)
+                ctx.state.contact.looks[entry] = looked(facet, found)
             else:
-                ctx.state.looks[entry].weights = found.weights
+                ctx.state.contact.looks[entry].weights = found.weights
             if found.value >= thickness - NOISE:
                 return wp.vec3(0.0)
         return found.weights
@@ -222,21 +223,23 @@ def make_press(features: Features):
                 c = next_of(-1, near, stray)
                 while c < colliders:
                     entry = k * colliders + c
-                    last = ctx.state.presses[entry]
+                    last = ctx.state.contact.presses[entry]
                     found = Press()
-                    sweep = ctx.state.sweeps[ctx.sweep + c]
+                    sweep = ctx.state.contact.sweeps[ctx.sweep + c]
                     if not is_far(corners, ctx, ctx.colliders[c], sweep):
                         found = press_on(corners, entry, ctx.colliders[c], sweep, last, ctx)
                         if longest_way(facet_of(corners, ctx, sweep)) > FAST * ctx.material.thickness:
                             mark(corners, PRESSED, ctx)  # another point of it may come through, see stop.py
                     if wp.max(found.weights) > 0.0:
                         found.when = ctx.substep
-                        ctx.state.presses[entry] = found
+                        ctx.state.contact.presses[entry] = found
                         note(c, near)
                         mark(corners, PRESSED, ctx)
                     elif last.when == ctx.substep:
-                        ctx.state.presses[entry].push = wp.vec3(0.0)  # by an earlier iteration, which was enough
-                        ctx.state.presses[entry].rub = wp.vec3(0.0)
+                        ctx.state.contact.presses[entry].push = wp.vec3(
+                            0.0
+                        )  # by an earlier iteration, which was enough
+                        ctx.state.contact.presses[entry].rub = wp.vec3(0.0)
                     c = next_of(c, near, stray)
 
     return press
@@ -245,7 +248,7 @@ def make_press(features: Features):
 @wp.func
 def share_in(q: int, i: int, c: int, ctx: Context) -> wp.vec3:
     """What particle i takes of the push on facet q by collider c [kg m]."""
-    press = ctx.state.presses[q * ctx.colliders.shape[0] + c]
+    press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
     if press.when != ctx.substep:
         return wp.vec3(0.0)
     corners = corners_of(q, ctx)
@@ -271,7 +274,7 @@ def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
     for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
         q = ctx.model.particle_panels[place]
         share = share_in(q, i, c, ctx)
-        normal += wp.length(share) * ctx.state.presses[q * ctx.colliders.shape[0] + c].normal
+        normal += wp.length(share) * ctx.state.contact.presses[q * ctx.colliders.shape[0] + c].normal
     return wp.normalize(normal)
 
 
@@ -285,11 +288,11 @@ def make_yield(features: Features):
         w = packed[3]
         if w <= wp.static(least) * load4(ctx.x, i)[3]:
             return
-        marks = ctx.state.pressed[met.slot]
+        marks = ctx.state.contact.pressed[met.slot]
         if marks & PRESSED == 0:
             return
-        ctx.state.pressed[met.slot] = MOVED
-        ctx.state.facets_moved_in[ctx.body.index] = ctx.substep + 1
+        ctx.state.contact.pressed[met.slot] = MOVED
+        ctx.state.contact.facets_moved_in[ctx.body.index] = ctx.substep + 1
         displacement = xyz(packed)
         touched, last = bool(False), int(0)
         push = Push()
@@ -304,7 +307,7 @@ def make_yield(features: Features):
                 touched = True
                 if wp.static(features.order == 2):
                     n = normal_at(i, c, ctx)
-                    motion = ctx.state.sweeps[ctx.sweep + c].motion
+                    motion = ctx.state.contact.sweeps[ctx.sweep + c].motion
                     push = with_push(push, n, wp.dot(correction, n), motion, entry)
             c = next_of(c, met.near, False)
         if touched:
@@ -317,8 +320,8 @@ def make_yield(features: Features):
             touch(i, met, ctx, 0.0)
             if wp.static(features.supported):
                 by = (CARRIED * ctx.step.inverse_square) * (xyz(load4(ctx.d, i)) - xyz(packed))
-                support = load_row(ctx.state.supports, met.slot)
-                store_row(ctx.state.supports, met.slot, pack(xyz(support) + by, float(last + 1)))
+                support = load_row(ctx.state.contact.supports, met.slot)
+                store_row(ctx.state.contact.supports, met.slot, pack(xyz(support) + by, float(last + 1)))
 
     return give_way
 
@@ -334,10 +337,10 @@ def make_carry_presses(features: Features):
         while c < colliders:
             for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
                 entry = k * colliders + c
-                was = ctx.state.presses[entry].when
-                ctx.state.presses[entry].when = wp.where(was == ctx.frame.substeps - 1, -1, LONG_AGO)
-                ctx.state.presses[entry].stopped = LONG_AGO
-                ctx.state.looks[entry].known = 0
+                was = ctx.state.contact.presses[entry].when
+                ctx.state.contact.presses[entry].when = wp.where(was == ctx.frame.substeps - 1, -1, LONG_AGO)
+                ctx.state.contact.presses[entry].stopped = LONG_AGO
+                ctx.state.contact.looks[entry].known = 0
             c = next_of(c, near, False)
 
     return carry_presses

@@ -3,9 +3,8 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.state import ColliderMotion, Sweep
-
-SWEPT = 64  # substeps whose colliders' motion a launch computes ahead
+from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 
 
 @wp.func

@@ -63,10 +63,10 @@ def make_plate_force(features: Features):
             g = ctx.body.particles + i
             for k in range(ctx.model.curve_start[g], ctx.model.curve_start[g + 1]):
                 triangle = ctx.model.curve_entries[k]
-                n = ctx.state.curve_normals[triangle[0]]
+                n = ctx.state.plate.curve_normals[triangle[0]]
                 along = ctx.model.curve_gradients[k]
                 if triangle[1] < 3:
-                    along += ctx.state.curve_pulls[triangle[0]][triangle[1]]
+                    along += ctx.state.plate.curve_pulls[triangle[0]][triangle[1]]
                 force += along * n
         return force
 
@@ -88,8 +88,8 @@ def curve_triangle(c: int, ctx: Context, a: wp.uint64, b: wp.uint64):
     q = xyz((load4(a, t[1]) - origin) + load4(b, t[1]))
     r = xyz((load4(a, t[2]) - origin) + load4(b, t[2]))
     found = rest_curvature(p, q, r, moment)
-    ctx.state.curve_normals[c] = found.normal
-    ctx.state.curve_pulls[c] = found.pull
+    ctx.state.plate.curve_normals[c] = found.normal
+    ctx.state.plate.curve_pulls[c] = found.pull
 
 
 def make_bending_force(features: Features):

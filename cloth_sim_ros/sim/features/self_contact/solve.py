@@ -14,7 +14,8 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Material
 from cloth_sim_ros.sim.features.collider_contact.particle import NOISE
-from cloth_sim_ros.sim.features.grasp import HELD
+from cloth_sim_ros.sim.features.grasp.hold import HELD
+from cloth_sim_ros.sim.features.self_contact.arrays import ASKED
 from cloth_sim_ros.sim.features.self_contact.nearest import nearest
 from cloth_sim_ros.sim.features.self_contact.pairs import CLOSE, Pairs, pair_of, room_of
 from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Surface, number_of_body, place, surface_of
@@ -33,8 +34,6 @@ from cloth_sim_ros.sim.physics.friction import friction_correction
 
 _PASSES = 4  # of all pairs in an iteration: each finds what the one before left of layers upon layers
 _CLAIM = wp.constant(wp.float64(1 << 34))  # units of a metre in sums of claims
-# Numbers of a particle in two turns: where to move, where to move by hits alone, and what its pairs lack.
-ASKED = 14
 MOVE, HIT, CLAIM = wp.constant(0), wp.constant(3), wp.constant(6)
 # Parts that are too near to one another come apart by this share of what they lack in a substep, and at most at this
 # pace [m/s]. If they did at once, they would bounce, and no heap would come to rest.

@@ -10,6 +10,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.arrays.state import Arrays, Frame, Material
+from cloth_sim_ros.sim.features.self_contact.arrays import SelfContactState
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.topology import Topology
 
@@ -158,8 +159,9 @@ def _surface_of(arrays: Arrays) -> Surface:
     surface.bodies, surface.panels, surface.panel_parts = model.bodies, model.panels, model.panel_parts
     surface.rest, surface.frames, surface.materials = model.rest, arrays.frames, arrays.materials
     moving = ("positions", "position_lo", "displacements", "velocities", "last_displacements")
-    for name in (*moving, "path_starts", "path_velocities", "pair_corrections", "off_path", "ways_given_up"):
-        setattr(surface, name, getattr(state, name))
+    own = SelfContactState.vars
+    for name in (*moving, *own):
+        setattr(surface, name, getattr(state.self_contact if name in own else state, name))
     return surface
 
 

@@ -6,8 +6,8 @@ moves."""
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
-from cloth_sim_ros.sim.arrays.rope_state import Twist
-from cloth_sim_ros.sim.features.grasp import grip_of, orientation_of
+from cloth_sim_ros.sim.features.grasp.hold import grip_of, orientation_of
+from cloth_sim_ros.sim.features.twist.arrays import Twist
 from cloth_sim_ros.sim.kernels.intrinsics import load4
 
 

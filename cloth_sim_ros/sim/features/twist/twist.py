@@ -42,7 +42,7 @@ def push_of(i: int, m: Model, s: State, body: Body) -> wp.vec3:
         if j >= 0 and j < body.count - 2:
             joint = m.joints[body.segments + j]
             weight = wp.where(place == 0, joint[2], wp.where(place == 1, joint[3] - joint[2], -joint[3]))
-            force += weight * s.couples[body.segments + j]
+            force += weight * s.twist.couples[body.segments + j]
     return force
 
 
@@ -68,13 +68,13 @@ def make_find_twist(order: int, handles: bool):
         At first, and whenever positions were set, the rope is without twist but for what its end is turned by. Clamped
         anew, it is without any.
         """
-        twist = ctx.state.twists[ctx.body.index]
+        twist = ctx.state.twist.twists[ctx.body.index]
         last = ctx.body.count - 2
         start_by = clamped_by(0, 1, ctx)
         end_by = clamped_by(last + 1, last, ctx)
         before = tangent_at(0, ctx)
         if start_by == 0 or end_by == 0:
-            ctx.state.twists[ctx.body.index] = without_twist(twist, before)
+            ctx.state.twist.twists[ctx.body.index] = without_twist(twist, before)
             return 0.0
         if twist.known == 1:
             twist = turn_clamps(twist, start_by, end_by, before, tangent_at(last, ctx), ctx)
@@ -95,7 +95,7 @@ def make_find_twist(order: int, handles: bool):
         twist.angle = turned + wrap_angle(angle_about(before, u, twist.end) + twist.wanted - turned)
         twist.turned = twist.wanted
         twist.moment = twist.angle / (length * ctx.material.compliance[1])
-        ctx.state.twists[ctx.body.index] = twist
+        ctx.state.twist.twists[ctx.body.index] = twist
         return twist.moment
 
     @wp.func
@@ -104,7 +104,7 @@ def make_find_twist(order: int, handles: bool):
         before = tangent_at(0, ctx)
         for j in range(ctx.body.count - 2):
             after = tangent_at(j + 1, ctx)
-            ctx.state.couples[ctx.body.segments + j] = moment * half_binormal(before, after)
+            ctx.state.twist.couples[ctx.body.segments + j] = moment * half_binormal(before, after)
             before = after
 
     return find_twist
@@ -113,6 +113,6 @@ def make_find_twist(order: int, handles: bool):
 @wp.func
 def ask_for(angle: float, b: int, s: State):
     """Turn the end of body b by `angle` [rad] from now on."""
-    twist = s.twists[b]
+    twist = s.twist.twists[b]
     twist.wanted = angle
-    s.twists[b] = twist
+    s.twist.twists[b] = twist

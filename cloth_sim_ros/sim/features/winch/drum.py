@@ -20,8 +20,8 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body, Model
-from cloth_sim_ros.sim.arrays.rope_state import Drive, WinchState
 from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.features.winch.arrays import Drive, WinchState
 from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.physics.integrate import split_sum
 from cloth_sim_ros.sim.physics.winch import next_rate
@@ -85,8 +85,8 @@ def make_turn(order: int):
         store4(ctx.x, k + 1, wp.vec4(drum[0], drum[1], drum[2], 0.0))
         store4(ctx.position_lo, k + 1, drum_low)
         ctx.state.velocities[g + 1] = wp.vec4(0.0)
-        ctx.state.chain_forces[g + 1] = wp.vec3(0.0)
-        ctx.state.tensions[ctx.body.segments + k] = 0.0
+        ctx.state.rope.chain_forces[g + 1] = wp.vec3(0.0)
+        ctx.state.rope.tensions[ctx.body.segments + k] = 0.0
         if wp.static(order == 2):
             ctx.state.last_velocities[g + 1] = wp.vec3(0.0)
             ctx.state.last_displacements[g + 1] = wp.vec3(0.0)
@@ -114,7 +114,7 @@ def make_turn(order: int):
         if wp.static(order == 2):
             ctx.state.last_velocities[g] = (1.0 - part) * ctx.state.last_velocities[g + 1] + feed
             ctx.state.last_displacements[g] = (1.0 - part) * ctx.state.last_displacements[g + 1] + h * feed
-        ctx.state.tensions[ctx.body.segments + k - 1] = ctx.state.tensions[ctx.body.segments + k]
+        ctx.state.rope.tensions[ctx.body.segments + k - 1] = ctx.state.rope.tensions[ctx.body.segments + k]
         weigh(k + 1, ctx.model.particle_masses[g + 1], ctx.x)
         winch.length -= own
         winch.behind += own
@@ -123,7 +123,7 @@ def make_turn(order: int):
 
     @wp.func
     def turn(ctx: Context, drive: Drive, h: float):
-        winch = ctx.state.winches[ctx.body.index]
+        winch = ctx.state.winch.winches[ctx.body.index]
         last = ctx.body.segments_end - ctx.body.segments - 1
         while (
             winch.index < last and winch.length < SWALLOWED * ctx.model.segment_length[ctx.body.segments + winch.index]
@@ -152,7 +152,7 @@ def make_turn(order: int):
         winch.backlog += (fed - winch.fed) - returned  # what rounding kept back, too
         winch.length = length
         weigh(winch.index + 1, effective_materials(winch, ctx.model, ctx.body), ctx.x)
-        ctx.state.winches[ctx.body.index] = winch
+        ctx.state.winch.winches[ctx.body.index] = winch
 
     return turn
 
@@ -160,7 +160,7 @@ def make_turn(order: int):
 @wp.func
 def rest_of(k: int, ctx: Context) -> float:
     """The rest length [m] of segment k of the body."""
-    winch = ctx.state.winches[ctx.body.index]
+    winch = ctx.state.winch.winches[ctx.body.index]
     return wp.where(k == winch.index, winch.length, ctx.model.segment_length[ctx.body.segments + k])
 
 
@@ -180,7 +180,7 @@ def make_fed(order: int):
 
     @wp.func
     def fed_to(k: int, length: float, s: State, body: Body, second: bool) -> float:
-        winch = s.winches[body.index]
+        winch = s.winch.winches[body.index]
         fed = winch.fed
         if wp.static(order == 2):
             if second:
@@ -193,4 +193,4 @@ def make_fed(order: int):
 @wp.func
 def first_out(s: State, body: Body) -> int:
     """The first segment of the body that is out."""
-    return s.winches[body.index].index
+    return s.winch.winches[body.index].index

@@ -29,9 +29,9 @@ HELD = 2.0e-3  # of the inverse mass: what has less of it left is held, and no c
 def grip_of(i: int, ctx: Context) -> wp.vec4:
     """The grip on particle i, as in State.grips; its last number is 0 where nothing holds it, or a pin does."""
     grip = wp.vec4(0.0)
-    if ctx.state.held[ctx.body.index] > 0:
+    if ctx.state.grasp.held[ctx.body.index] > 0:
         if load4(ctx.x, i)[3] > 0.0:
-            grip = load_row(ctx.state.grips, ctx.body.particles + i)
+            grip = load_row(ctx.state.grasp.grips, ctx.body.particles + i)
     return grip
 
 
@@ -83,7 +83,7 @@ def pull_before(g: int, number: int, give: float, ctx: Context) -> wp.vec3:
     """
     if ctx.handles[number].compliance > 0.0:
         return wp.vec3(0.0)
-    return _limited(KEPT * xyz(load_row(ctx.state.grip_pulls, g)), CATCH_UP * ctx.frame.dt / give)
+    return _limited(KEPT * xyz(load_row(ctx.state.grasp.grip_pulls, g)), CATCH_UP * ctx.frame.dt / give)
 
 
 @wp.func
@@ -116,8 +116,8 @@ def feel(i: int, ctx: Context):
     missing, give = way_of(x, grip, ctx) - xyz(load4(ctx.d, i)), give_of(number, x[3], ctx)
     pull = pull_before(g, number, give, ctx) + missing / give
     pulled = wp.vec4(pull[0], pull[1], pull[2], 0.0)
-    store_row(ctx.state.grip_pulls, g, pulled)
+    store_row(ctx.state.grasp.grip_pulls, g, pulled)
     total = pulled / float(ctx.frame.substeps)
     if ctx.substep > 0:
-        total += load_row(ctx.state.grip_forces, g)
-    store_row(ctx.state.grip_forces, g, total)
+        total += load_row(ctx.state.grasp.grip_forces, g)
+    store_row(ctx.state.grasp.grip_forces, g, total)
