@@ -21,7 +21,8 @@ class Parameter:
 
     anew: whether an object starts anew with another value; with others it goes on from where it is.
 
-    kind: "bool", "integer", "double", "string", "string_array", "double_array" or "pins" (a word or a list of indices).
+    kind: "bool", "integer", "double", "string", "path" (of a file), "string_array", "double_array" or "pins" (a word or
+    a list of indices).
     low, high: inclusive bounds of a number or of every element of an array. length: of an array, 0 for any.
     """
 
@@ -366,9 +367,10 @@ NODE = (
     ),
     Parameter(
         "state_file",
-        "string",
+        "path",
         "cloth_sim_state.npz",
-        "File that ~/save writes and ~/load reads; a relative path starts in ROS_HOME, or else in ~/.ros.",
+        "File that ~/save writes and ~/load reads; a relative path starts in ROS_HOME, or else in ~/.ros. ~/save "
+        "replaces saved states alone.",
         live=True,
     ),
     Parameter("publish_clock", "bool", False, "Whether to send /clock and to stamp with simulated time.", fixed=True),
@@ -420,7 +422,13 @@ def allowed(parameter: Parameter) -> str:
         return "one of " + ", ".join(parameter.choices)
     if parameter.kind == "pins":
         return "a name such as 'none' or a list of particle indices"
-    words = {"bool": "true or false", "integer": "a whole number", "double": "a finite number", "string": "text"}
+    words = {
+        "bool": "true or false",
+        "integer": "a whole number",
+        "double": "a finite number",
+        "string": "text",
+        "path": "the path of a file, where ~/ is your home",
+    }
     text = words.get(parameter.kind) or f"{parameter.length or 'a list of'} {_element(parameter)}"
     low, high = parameter.low, parameter.high
     if low > -INFINITY and high < INFINITY:
@@ -476,6 +484,15 @@ def _text(parameter: Parameter, value: Any) -> str:
     return value
 
 
+def _path(parameter: Parameter, value: Any) -> str:
+    path = _text(parameter, value)
+    first, last = path.split("/")[0], path.split("/")[-1]
+    is_folder = last in ("", ".", "..", "~")
+    if is_folder or (first.startswith("~") and first != "~") or any(letter < " " for letter in path):
+        raise ValueError
+    return path
+
+
 def _flag(parameter: Parameter, value: Any) -> bool:
     if not isinstance(value, bool):
         raise TypeError
@@ -505,6 +522,7 @@ _CHECKS = {
     "integer": _whole,
     "double": _number,
     "string": _text,
+    "path": _path,
     "string_array": _array(_text),
     "double_array": _array(_number),
     "integer_array": _array(_whole),

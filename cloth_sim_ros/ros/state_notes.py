@@ -4,14 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.ros.grippers import ASKED
 from cloth_sim_ros.ros.pose_track import Vector
 from cloth_sim_ros.sim import Simulation
 
 Rates = dict[str, tuple[float, float]]  # as Winches has them
+
+_WIND, _PAY_OUT = table.row(table.WIND, "velocity"), table.row(table.WINCH, "pay_out")
+_AGE = replace(_PAY_OUT, low=0.0, high=1e9)  # [s]
 
 
 def notes_of(wind: Vector | None, rates: Rates, now: float, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -21,12 +27,29 @@ def notes_of(wind: Vector | None, rates: Rates, now: float, values: Mapping[str,
     return {"node": {"wind": wind, "rates": ages, "waiting": {name: values[name] for name in waiting}}}
 
 
-def read_notes(notes: Any, now: float) -> tuple[Vector | None, Rates, dict[str, Any]]:
-    """Wind, rates and parameters of the notes of a file that is loaded at `now` [s]; none of one that no node saved."""
-    node = notes["node"] if isinstance(notes, dict) and "node" in notes else {"wind": None, "rates": {}, "waiting": {}}
-    rates = {rope: (rate, now - age) for rope, (rate, age) in node["rates"].items()}
-    waiting = {name: tuple(each) if isinstance(each, list) else each for name, each in node["waiting"].items()}
-    return node["wind"] and tuple(node["wind"]), rates, waiting
+def read_notes(notes: Any, now: float, values: Mapping[str, Any]) -> tuple[Vector | None, Rates, dict, dict]:
+    """Wind, rates, parameters, and what grippers were asked for, of the notes of a file that is loaded at `now` [s].
+
+    Nothing of notes that no node of a scene with the parameters `values` has written: a program may note anything.
+    """
+    try:
+        node = notes["node"]
+        wind = None if node["wind"] is None else table.check(_WIND, node["wind"])
+        rates = {
+            rope: (table.check(_PAY_OUT, rate), now - table.check(_AGE, age))
+            for rope, (rate, age) in node["rates"].items()
+            if f"{rope}.winch.pay_out" in values
+        }
+        rows = {"wind.velocity": _WIND, **{f"{rope}.winch.pay_out": _PAY_OUT for rope in rates}}
+        waiting = {name: table.check(rows[name], each) for name, each in node["waiting"].items()}
+        asked = {
+            name: (what, table.check(table.row(table.GRIPPER, what), value))
+            for name, (what, value) in notes.get("grippers", {}).items()
+            if what in ASKED
+        }
+    except (LookupError, TypeError, ValueError, AttributeError):
+        return None, {}, {}, {}
+    return wind, rates, waiting, asked
 
 
 def live_values(sim: Simulation, values: Mapping[str, Any]) -> dict[str, Any]:

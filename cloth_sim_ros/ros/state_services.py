@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,19 +33,24 @@ class StateServices:
         node.create_service(Trigger, "~/load", self._on_load, callback_group=group)
 
     async def _on_save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return await self._answer(response, partial(self._loop.world.save, self._path()))
+        return await self._answer(response, partial(self._save, self._bridge.values["state_file"]))
 
     async def _on_load(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        await self._answer(response, partial(self._load, self._path()))
+        await self._answer(response, partial(self._load, self._bridge.values["state_file"]))
         self._follow()  # so that whoever has the answer finds the parameters as they are
         return response
 
-    def _path(self) -> Path:
-        return state_path(self._bridge.values["state_file"])
-
-    def _load(self, path: Path) -> tuple[bool, str]:
+    def _save(self, file: str) -> tuple[bool, str]:
         """In the loop's thread."""
-        done, sentence, values = self._loop.world.load(path)
+        home, path = _home(), _state_path(file)
+        if path.parent == home:  # no other folder is made: state_file may name any
+            with suppress(OSError):  # the answer says that the file cannot be written
+                home.mkdir(exist_ok=True)
+        return self._loop.world.save(path)
+
+    def _load(self, file: str) -> tuple[bool, str]:
+        """In the loop's thread."""
+        done, sentence, values = self._loop.world.load(_state_path(file))
         self._loaded.append(values)
         if self._node.executor is not None:  # where it took so long that the answer is given already
             self._node.executor.create_task(self._follow)
@@ -56,6 +62,19 @@ class StateServices:
             self._bridge.follow(self._loaded.pop(0))
 
 
-def state_path(file: str) -> Path:
-    """Where a file of the parameter state_file is: a relative one in ROS_HOME, or in ~/.ros."""
-    return Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / Path(file).expanduser()
+def _state_path(file: str) -> Path:
+    """Where a file of the parameter state_file is: a relative one in ROS_HOME, or in ~/.ros. Raises ValueError."""
+    return _home() / _expanded(file)
+
+
+def _home() -> Path:
+    return _expanded(os.environ.get("ROS_HOME") or "~/.ros")
+
+
+def _expanded(path: str) -> Path:
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        raise ValueError(
+            f"{path} is in a home that nobody has; allowed are whole paths in state_file or ROS_HOME"
+        ) from None

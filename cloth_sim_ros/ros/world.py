@@ -235,9 +235,8 @@ class World:
         if self.sim is None:
             return False, f"no simulation: {self.trouble}"
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
             self.sim.save(path, self.notes())
-        except (ValueError, OSError) as error:
+        except ValueError as error:
             return False, str(error)
         return True, f"the state at {self.sim.time:.6g} s is saved in {path}"
 
@@ -256,8 +255,8 @@ class World:
             notes = self.sim.load(path)
         except ValueError as error:
             return False, str(error), {}
-        self._wind, self._winches.rates, waiting = read_notes(notes, self.simulated)
-        self.grippers.look(self.sim, notes.get("grippers", {}) if isinstance(notes, dict) else {})
+        self._wind, self._winches.rates, waiting, asked = read_notes(notes, self.simulated, self.in_effect)
+        self.grippers.look(self.sim, asked)
         values = {**live_values(self.sim, self.in_effect), **waiting}
         self.in_effect = {**self.in_effect, **values}
         for name in {*self.sim.scene.colliders, *self.sim.scene.handles} & set(self.tracks):

@@ -12,6 +12,7 @@
 - batch: all of that for objects that share kernels; report, tension, twist, winch, wrench, readback: what is read;
 - torn, cuts: what has failed of sheets that tear, and what a polygon cuts; grippers: two fingers, moved from outside;
 - saving, saved_file: the whole state in a file, and back; live_values: live numbers as they are now;
+- mesh_file, mesh_reading: meshes and links of robots in files; regular_file: which files are opened;
 - tensors, writing: all worlds at once, by arrays and masks; variation: worlds that differ at random;
 - simulation, composed of bodies, queries, rope_queries, hands, live, tensors and saving: the public face.
 """

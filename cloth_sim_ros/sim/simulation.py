@@ -213,7 +213,8 @@ class Simulation:
     def save(self, path: str | os.PathLike, notes: Any = None) -> None:
         """Write the whole state of all worlds into one .npz file, and `notes` of what JSON can hold.
 
-        What was there before is replaced by the whole file at once, or stays. Raises ValueError where it cannot be.
+        A saved state that was there before is replaced by the whole file at once, or stays. Raises ValueError where the
+        file cannot be written, or where anything else is at `path`.
         """
         self._saving.save(path, self._frames, notes)
 

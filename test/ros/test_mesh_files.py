@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files that are no mesh get one sentence, the other objects go on, and no request waits for a reader."""
 
+import os
 import subprocess
 
 import numpy as np
@@ -44,7 +45,8 @@ BROKEN = {
     "alone.obj": (SQUARE + "v 0 1 1e-12\nf 1 2 4\nf 1 3 5\n", "has an edge of no length in triangle 1"),
 }
 SPECIAL = {
-    "folder": "is no mesh file",
+    "folder": "cannot be read: a folder is there, and no regular file",
+    "fifo.obj": "cannot be read: a FIFO is there, and no regular file",
     "large.obj": "has 67 MB; allowed are at most 67 MB",
     "n" * 5000 + ".obj": "cannot be read: File name too long",
     "nowhere.obj": "no such file is there",
@@ -57,6 +59,7 @@ def test_each_gets_its_sentence_and_the_others_fall(start, client, tmp_path):
         files[name] = sentence
         (tmp_path / name).write_text(text, encoding="latin-1")
     (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "fifo.obj")
     with (tmp_path / "large.obj").open("wb") as file:
         file.truncate((64 << 20) + 1)
     names = {f"bad{chr(97 + k)}": (name, sentence) for k, (name, sentence) in enumerate({**files, **SPECIAL}.items())}

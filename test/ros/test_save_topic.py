@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A state is saved, the node is killed, and another goes on from it to the bits of one that was never stopped."""
 
+import os
 import signal
 
 import all_inputs
 import pytest
 from client import LATCHED, Client
 from geometry_msgs.msg import Vector3Stamped
+from node_process import SMALL
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
@@ -149,6 +151,9 @@ def refuse_what_is_no_state(paused, file):
     assert f"{bad} is damaged or cut short: " in refused(paused)
     bad.write_text("objects: [cloth]\n")
     assert f"{bad} is no saved state of cloth_sim_ros; allowed is" in refused(paused)
+    bad.unlink()
+    os.mkfifo(bad)
+    assert f"{bad} cannot be read: a FIFO is there, and no regular file; allowed is" in refused(paused)
     assert paused.clouds() == before
     assert client.set("state_file", str(file)).successful
     set_radius(paused, 0.3)
@@ -164,9 +169,45 @@ def set_radius(paused, radius):
     built = paused.node.log.count("simulating ")
     assert paused.client.set("ball.dimensions", [radius]).successful
     paused.client.until(lambda: paused.node.log.count("simulating ") > built)
+    paused.clouds()  # it is no longer busy
 
 
 def refused(paused):
     answer = paused.ask("load")
     assert not answer.success and "; allowed" in answer.message
     return answer.message
+
+
+def test_only_saved_states_are_replaced_and_only_the_home_is_made(start, client, tmp_path, monkeypatch):
+    home = tmp_path / "home"
+    monkeypatch.setenv("ROS_HOME", str(home))
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    start(SMALL).ready()
+    assert not home.exists()
+
+    def save(path):
+        assert client.set("state_file", str(path)).successful
+        answer = client.call(Trigger, "/cloth_sim/save")
+        assert "\n" not in answer.message
+        return answer
+
+    assert save("state.npz").success and save("state.npz").success
+    thesis = home / "thesis.odt"
+    thesis.write_text("ten years of work")
+    answer = save("thesis.odt")
+    assert (
+        not answer.success and f"{thesis} cannot be written: a file that is no saved state is there" in answer.message
+    )
+    assert thesis.read_text() == "ten years of work"
+    for place in ("below/x.npz", tmp_path / "elsewhere/x.npz"):
+        assert "cannot be written: No such file or directory" in save(place).message
+    assert not (home / "below").exists() and not (tmp_path / "elsewhere").exists()
+
+
+def test_a_home_that_is_not_known_is_told(start, client, tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", "~nobody-of-this-name")
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    start(SMALL).ready()
+    for service in ("save", "load"):
+        answer = client.call(Trigger, f"/cloth_sim/{service}")
+        assert not answer.success and "~nobody-of-this-name is in a home that nobody has; allowed are" in answer.message

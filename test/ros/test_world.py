@@ -135,6 +135,33 @@ def test_a_loaded_state_brings_its_poses_and_parameters_and_no_old_news(caplog, 
     assert second.load(tmp_path / "none.npz")[0] is False
 
 
+@pytest.mark.parametrize(
+    "notes",
+    [
+        None,
+        [1],
+        {"node": 5},
+        {"node": {"wind": None, "rates": {}, "waiting": {"sheet.mass": 1.0}}},
+        {"node": {"wind": ["a"], "rates": {}, "waiting": {}}},
+        {"node": {"wind": None, "rates": {"line": [1e9, 0.0]}, "waiting": {}}, "grippers": {}},
+        {"node": {"wind": None, "rates": {}, "waiting": {}}, "grippers": 7},
+        {"node": {"wind": None, "rates": {}, "waiting": {}}, "grippers": {"g": ["opening", float("nan")]}},
+    ],
+)
+def test_notes_that_no_node_wrote_are_none(tmp_path, notes):
+    world = World(values(device="cpu"), logging.getLogger("test"))
+    assert world.build(world.values)
+    before = dict(world.in_effect)
+    world.sim.save(tmp_path / "state.npz", notes)
+    assert world.load(tmp_path / "state.npz") == (
+        True,
+        f"the simulation goes on at 0 s from {tmp_path / 'state.npz'}",
+        {},
+    )
+    assert world.in_effect == before and world.notes()["node"]["wind"] is None and world.grippers.asked == {}
+    world.advance()
+
+
 @pytest.mark.long
 def test_a_hand_that_should_hold_something_and_does_not_is_told(caplog):
     far = values(device="cpu", handles=("hand",))

@@ -47,7 +47,7 @@ def test_what_is_no_saved_state_is_refused(whole, tmp_path):
     np.savez(tmp_path / "pickle.npz", header=np.array([{"kind": 1}], dtype=object))
     assert "damaged" in refusal(sim, tmp_path / "pickle.npz", tmp_path)
     assert "No such file" in refusal(sim, tmp_path / "none.npz", tmp_path)
-    assert "Is a directory" in refusal(sim, tmp_path, tmp_path)
+    assert "a folder is there" in refusal(sim, tmp_path, tmp_path)
     assert "Not a directory" in refusal(sim, path / "below", tmp_path)
     refusal(sim, tmp_path / "a\0b", tmp_path)
 
@@ -156,7 +156,7 @@ def test_a_file_is_replaced_as_a_whole_or_not_at_all(whole, tmp_path):
     for place in ("not there/x.npz", "state.npz/x.npz", "a\0b", "/"):
         with pytest.raises(ValueError, match="cannot be written"):
             sim.save(tmp_path / place)
-    with pytest.raises(ValueError, match="cannot be written: Is a directory"):
+    with pytest.raises(ValueError, match="cannot be written: a folder is there"):
         sim.save(tmp_path)
     with pytest.raises(ValueError, match="notes .* cannot be kept"):
         sim.save(path, {"x": object()})

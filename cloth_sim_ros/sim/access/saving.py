@@ -19,7 +19,15 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.access.hands import Hands
-from cloth_sim_ros.sim.access.saved_file import ALLOWED, path_of, read_file, reason, write_file
+from cloth_sim_ros.sim.access.saved_file import (
+    ALLOWED,
+    SavedFile,
+    finite,
+    is_finite,
+    path_of,
+    reason,
+    write_file,
+)
 from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.arrays.masses import Masses
 from cloth_sim_ros.sim.colliders import SHAPES, shape_of
@@ -32,6 +40,8 @@ _LIVE_OF_OBJECTS = {row.name for row in (*table.CLOTH, *table.ROPE, *table.TWIST
 _LIVE_OF_COLLIDERS = {"position", "orientation", "file", *(row.name for row in table.COLLIDER if row.live)}
 _LIVE_SETTINGS = tuple(row.name for row in table.SOLVER if row.live)
 _FIXED_SETTINGS = ("frame_dt", *(row.name for row in table.SOLVER if not row.live))
+_TYPES = {"bool": (bool,), "int": (int,), "float": (int, float), "str": (str,)}  # of fields, as JSON has them
+_MOST_SUBSTEPS = 100_000  # a frame: beyond that one takes seconds
 
 
 class Saving:
@@ -56,23 +66,32 @@ class Saving:
             "grasps": self._hands.objects,
             "added": {name: (row, *_described(bodies.scene.colliders[name])) for name, row in added.items()},
         }
-        write_file(path_of(path), header, _on_host(self._arrays(bodies)))
+        path, arrays = path_of(path), _on_host(self._arrays(bodies))
+        for name, rows in arrays.items():
+            if not is_finite(rows):
+                if name.rpartition("/")[2] in ("positions", "low", "velocities"):
+                    raise ValueError(f"{path} cannot be written: {name} are not finite; allowed are states that are")
+                arrays[name] = finite(rows)
+        write_file(path, header, arrays)
 
     def load(self, path: str | os.PathLike) -> tuple[int, Any]:
         """Put back what a file holds: the number of frames, and the notes. Raises ValueError; nothing changes then."""
         path = path_of(path)
-        header, arrays = read_file(path)
-        try:
-            self._check_structure(path, header["structure"])
-            derived = self._derived(header)
-            targets = self._arrays(derived)
-            if header["batches"] != _names(derived) or _shapes(arrays) != _shapes(_on_host(targets)):
-                raise ValueError("its arrays are not those of its header")
-            frames, notes, grasps = int(header["frames"]), header["notes"], dict(header["grasps"])
-        except _AnotherScene:
-            raise
-        except (LookupError, TypeError, ValueError, AttributeError) as error:
-            raise ValueError(f"{path} cannot be used: {reason(error)}; {ALLOWED}") from None
+        with SavedFile(path) as file:
+            header = file.header
+            try:
+                self._check_structure(path, header["structure"])
+                derived = self._derived(header)
+                targets = self._arrays(derived)
+                if header["batches"] != _names(derived):
+                    raise ValueError("its objects are not computed as its header says")
+                frames, notes, grasps = _whole(header["frames"]), header["notes"], self._grasps(header["grasps"])
+            except _AnotherScene:
+                raise
+            except Exception as error:  # odd entries lead to anything
+                raise ValueError(f"{path} cannot be used: {reason(error)}; {ALLOWED}") from None
+            arrays = file.arrays(_on_host(targets))
+        _check_indices(path, derived, arrays)
         self._bodies.adopt(derived)
         for name, rows in targets.items():
             if isinstance(rows, wp.array):
@@ -112,18 +131,30 @@ class Saving:
             objects[name] = thing if pins == thing.pins else dataclasses.replace(thing, pins=pins)
         colliders = dict(list(bodies.scene.colliders.items())[: bodies.fixed])
         rows = {name: bodies.collider_row[name] for name in colliders}
+        scales = header["scales"]
+        if {*scales} - {*objects}:
+            raise ValueError(f"it has objects {table.shown(sorted({*scales} - {*objects}))}")
+        spare = range(bodies.fixed, bodies.fixed + bodies.scene.spare_colliders)
         for name, (row, shape, fields) in header["added"].items():
+            if row not in spare or row in rows.values():
+                raise ValueError(f"its collider {name} has row {row!r}")
             rows[name], colliders[name] = row, SHAPES[shape][0](**fields)
         return bodies.derived(
-            {name: Choice(**header["choices"][name]) for name in objects},
+            {name: _choice(header["choices"][name]) for name in objects},
             scene=dataclasses.replace(bodies.scene, objects=objects, colliders=colliders),
             settings=dataclasses.replace(bodies.settings, **header["settings"]),
             collider_row=rows,
             scales={
-                name: check_worlds(table.SCALE, np.array(each), f"{name}.scale", bodies.worlds, None)
-                for name, each in header["scales"].items()
+                name: check_worlds(table.SCALE, np.atleast_1d(each), f"{name}.scale", bodies.worlds, None)
+                for name, each in scales.items()
             },
         )
+
+    def _grasps(self, grasps: dict[str, str]) -> dict[str, str]:
+        """The object that each handle grasps, if it is there. Raises ValueError."""
+        if grasps.keys() != self._hands.objects.keys() or {*grasps.values()} - {"", *self._bodies.scene.objects}:
+            raise ValueError(f"its handles grasp {table.shown(grasps)}")
+        return grasps
 
     def _arrays(self, bodies: Bodies) -> dict[str, wp.array | np.ndarray]:
         """Name -> array of all that varies, as it lies on the device or, of live numbers, on the host."""
@@ -137,6 +168,41 @@ class Saving:
 
 class _AnotherScene(ValueError):
     """A file is whole, but of a scene of another structure."""
+
+
+def _whole(number: Any) -> int:
+    """A count from a header. Raises ValueError."""
+    if type(number) is not int or not 0 <= number < 1 << 53:
+        raise ValueError(f"its frames are {table.shown(number)}")
+    return number
+
+
+def _choice(fields: dict[str, Any]) -> Choice:
+    """How an object is computed. Raises ValueError where that cannot be."""
+    choice = Choice(**fields)
+    for field in dataclasses.fields(choice):
+        value = getattr(choice, field.name)
+        if type(value) not in _TYPES[field.type] or (field.type == "int" and not 1 <= value <= _MOST_SUBSTEPS):
+            raise ValueError(f"it has {field.name} {table.shown(value)}")
+    if choice.method not in ("verlet", "xpbd") or choice.order > 2:
+        raise ValueError(f"it has the method {table.shown(choice.words)}")
+    return choice
+
+
+def _check_indices(path: Path, bodies: Bodies, arrays: dict[str, np.ndarray]) -> None:
+    """Raise ValueError where one of `arrays` names what `bodies` do not have: kernels read there without asking."""
+    for k, batch in enumerate(bodies.batches):
+        segments, handles = np.array(batch.counts) - 1, len(bodies.scene.handles)
+        for name, field, most in (
+            ("grips", (..., 3), handles + 1),
+            ("panels", ..., sum(batch.counts)),
+            ("panel_parts", (..., 0), len(segments)),
+            ("winches", "index", segments),
+            ("good_winches", "index", segments),
+        ):
+            rows = arrays.get(f"batch{k}/{name}")
+            if rows is not None and not ((rows[field] >= 0) & (rows[field] < most)).all():
+                raise ValueError(f"{path} cannot be used: {name} names what is not there; {ALLOWED}")
 
 
 def structure_of(bodies: Bodies) -> dict[str, str]:
@@ -194,10 +260,6 @@ def _names(bodies: Bodies) -> list[list[str]]:
 def _on_host(arrays: dict[str, wp.array | np.ndarray]) -> dict[str, np.ndarray]:
     """The same arrays for NumPy: those of a GPU are copied."""
     return {name: rows.numpy() if isinstance(rows, wp.array) else rows for name, rows in arrays.items()}
-
-
-def _shapes(arrays: dict[str, np.ndarray]) -> dict[str, tuple]:
-    return {name: (rows.shape, rows.dtype) for name, rows in arrays.items()}
 
 
 def _live_arrays(bodies: Bodies) -> dict[str, LiveArray | Masses]:

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
+from zipfile import BadZipFile
 
 import numpy as np
 import warp as wp
+from numpy.lib.npyio import NpzFile
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.colliders.baking import CELLS, bake
@@ -15,11 +17,13 @@ from cloth_sim_ros.sim.colliders.collider import Collider, lengths
 from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.colliders.on_device import OnDevice, content_of, shared
 from cloth_sim_ros.sim.input.mesh_file import local_path
+from cloth_sim_ros.sim.input.regular_file import open_regular
 from cloth_sim_ros.sim.kernels.intrinsics import load_number
 from cloth_sim_ros.sim.physics.quaternion import Vector
 
 _HEAD = 6  # numbers before the values: how many there are along each axis, and the origin
 _MOST = 1 << 24  # values
+_MOST_BYTES = 8 * _MOST + (1 << 16)  # of an array in a file
 _STEEPER = 1.05  # than a distance, by rounding of those who wrote it
 _IN_FILE = ("values", "origin", "spacing")
 
@@ -63,7 +67,9 @@ class SignedDistance(Collider):
             return cls.from_mesh(Mesh.from_file(file, scale), **fields)
         wrong = f"SignedDistance.from_file is {table.shown(file)}"
         try:
-            with np.load(local_path(file, "SignedDistance.from_file")) as arrays:
+            with open_regular(local_path(file, "SignedDistance.from_file")) as opened, NpzFile(opened) as arrays:
+                if any(info.file_size > _MOST_BYTES for info in arrays.zip.infolist()):
+                    raise ValueError(f"it has arrays of more than {_MOST} values")
                 if not set(_IN_FILE) <= set(arrays.files):
                     raise ValueError(f"{wrong}, which has {arrays.files}; allowed is one with {list(_IN_FILE)}")
                 values, origin, spacing = (np.asarray(arrays[name], np.float64) * scale for name in _IN_FILE)
@@ -72,8 +78,9 @@ class SignedDistance(Collider):
         except ValueError as error:
             if wrong in str(error):
                 raise
-            why = "it is no .npz file of numbers" if "pickle" in str(error) else error
-            raise ValueError(f"{wrong}, which cannot be read: {why}") from None
+            raise ValueError(f"{wrong}, which cannot be read: {error}") from None
+        except BadZipFile:
+            raise ValueError(f"{wrong}, which cannot be read: it is no .npz file of numbers") from None
         except Exception as error:  # whatever NumPy and zipfile raise, the user gets one sentence
             raise ValueError(f"{wrong}, which cannot be read: {error}") from None
         spacing = spacing.item() if spacing.size == 1 else tuple(spacing.ravel().tolist())

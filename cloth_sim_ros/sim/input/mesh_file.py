@@ -7,29 +7,24 @@ Readers of text formats hold the interpreter for seconds on a large file. So a p
 from __future__ import annotations
 
 import io
-import re
-import stat
+import os
+import resource
 import subprocess
 import sys
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
 
-from cloth_sim_ros.parameters import CLOTH, row, shown
+from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.shared_files import PACKAGE, shared
+from cloth_sim_ros.sim.input.mesh_reading import LINK, MOST_BYTES, URDF, Mesh, read
+from cloth_sim_ros.sim.input.regular_file import check_regular
 
-Mesh = tuple[np.ndarray, np.ndarray]
-
-URDF = ".urdf"
-LINK = f"{URDF}#"  # between a robot's description and the name of a link
-MOST_BYTES = 64 << 20
 APART_BYTES = 4 << 20  # beyond this another process reads it
-FARTHEST = row(CLOTH, "position").high  # [m] of a vertex from the origin, along an axis
-SHORTEST = 1e-6  # of an edge, relative to the mesh: float32 cannot tell its ends apart well below
-_DECIMAL_INDICES = re.compile(rb"property\s+list\s+\w+\s+(float|double)\w*\s+vertex_ind")  # a reader would cut them
+APART = (".glb", ".gltf")  # so too what may ask for any amount of memory in a few bytes
+_MOST_MEMORY = 8 << 30  # [bytes] of such a process
 
 _readers: set[subprocess.Popen] = set()
 
@@ -45,8 +40,8 @@ def load_mesh(path: str, parameter: str) -> Mesh:
         name += URDF if link else ""
         file = local_path(name, parameter)
         status = file.stat()
-        known = (status.st_size, status.st_mtime_ns)
-        found = _load(str(file), link, *known) if stat.S_ISREG(status.st_mode) else "is no mesh file"
+        check_regular(status)
+        found = _load(str(file), link, status.st_size, status.st_mtime_ns)
     except (FileNotFoundError, NotADirectoryError):
         raise ValueError(f"{parameter} is {shown(path)}; no such file is there") from None
     except _Unresolved:
@@ -92,10 +87,11 @@ def _load(path: str, link: str, size: int, modified_ns: int) -> Mesh | str:
     """The mesh, or what is wrong with it in words that follow its name."""
     if size > MOST_BYTES:
         return f"has {size / 1e6:.0f} MB; allowed are at most {MOST_BYTES / 1e6:.0f} MB"
-    if size <= APART_BYTES:
-        return _read(path, link)
+    if size <= APART_BYTES and not path.lower().endswith(APART):
+        return read(path, link, load_mesh)
     command = [sys.executable, "-m", "cloth_sim_ros.sim.mesh_file", path, link]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as reader:
+    env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # each thread would take from the memory that it may have
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=env) as reader:
         _readers.add(reader)
         output, _ = reader.communicate()
         _readers.discard(reader)
@@ -111,84 +107,9 @@ def stop_reading() -> None:
         reader.kill()
 
 
-def _read(path: str, link: str) -> Mesh | str:
-    try:
-        import trimesh
-    except ImportError:
-        return "needs trimesh to be read: pip install trimesh"
-    try:
-        with open(path, "rb") as file:
-            if _DECIMAL_INDICES.search(file.read(4096)):
-                return "names its vertices by decimals; allowed are whole numbers"
-        mesh = _read_link(path, link) if link else trimesh.load(path, force="mesh", process=False)
-        if isinstance(mesh, str):
-            return mesh
-        wrong = _wrong(np.asarray(mesh.vertices), np.asarray(mesh.faces))
-        if wrong:
-            return wrong
-        mesh.merge_vertices(merge_tex=True, merge_norm=True)
-        mesh.remove_unreferenced_vertices()
-        vertices, triangles = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int32)
-    except Exception as error:  # whatever a reader of some format raises, the user gets one sentence
-        return f"cannot be read as a triangle mesh: {shown(' '.join(str(error).split()))}"
-    return _short(vertices, triangles) or (vertices, triangles)
-
-
-def _read_link(path: str, link: str) -> Any:
-    """All that collides of a link of a robot as one mesh, or what is wrong in words that follow the file's name."""
-    import trimesh
-
-    try:
-        import yourdfpy
-    except ImportError:
-        return "needs yourdfpy to be read: pip install yourdfpy"
-    unread = {"build_scene_graph": False, "load_meshes": False}
-    links = yourdfpy.URDF.load(path, **unread).link_map
-    if link not in links:
-        return f"has no link {link!r}; allowed are {shown(', '.join(links))}"
-    parts = []
-    for collision in links[link].collisions:
-        shape = collision.geometry
-        if shape.box is not None:
-            part = trimesh.creation.box(shape.box.size)
-        elif shape.sphere is not None:
-            part = trimesh.creation.icosphere(subdivisions=3, radius=shape.sphere.radius)
-        elif shape.cylinder is not None:
-            part = trimesh.creation.cylinder(shape.cylinder.radius, shape.cylinder.length)
-        else:
-            name = shape.mesh.filename
-            beside = name if "://" in name else str(Path(path).parent / name)
-            part = trimesh.Trimesh(*load_mesh(beside, f"the mesh of {link}"), process=False)
-            part.apply_scale(1.0 if shape.mesh.scale is None else shape.mesh.scale)
-        parts.append(part if collision.origin is None else part.apply_transform(collision.origin))
-    return trimesh.util.concatenate(parts) if parts else f"has nothing that collides in link {link!r}"
-
-
-def _wrong(vertices: np.ndarray, triangles: np.ndarray) -> str:
-    """What is wrong with the numbers of a file; "" where nothing is."""
-    if triangles.ndim != 2 or not len(triangles):
-        return "holds no triangles"
-    if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
-        worst = int(np.argmax(np.where(np.isfinite(vertices), np.abs(vertices), np.inf).max(axis=1)))
-        return f"has vertex {worst} at {vertices[worst].tolist()}; allowed is up to {FARTHEST:g} m"
-    outside = np.flatnonzero(((triangles < 0) | (triangles >= len(vertices))).any(axis=1))
-    if len(outside):
-        named = triangles[outside[0]].tolist()
-        return f"has triangle {outside[0]} of vertices {named}; allowed are 0 to {len(vertices) - 1}"
-    return ""
-
-
-def _short(vertices: np.ndarray, triangles: np.ndarray) -> str:
-    """Which triangle has an edge of no length; "" where none has."""
-    lengths = np.linalg.norm(vertices[triangles] - vertices[np.roll(triangles, 1, axis=1)], axis=2).min(axis=1)
-    shortest = int(lengths.argmin())
-    if lengths[shortest] > SHORTEST * np.ptp(vertices, axis=0).max():
-        return ""
-    return f"has an edge of no length in triangle {shortest}; allowed are triangles of three distinct vertices"
-
-
 if __name__ == "__main__":
-    mesh_or_words = _read(*sys.argv[1:])
+    resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
+    mesh_or_words = read(*sys.argv[1:], load_mesh)
     if isinstance(mesh_or_words, str):
         print(mesh_or_words)
         sys.exit(1)
