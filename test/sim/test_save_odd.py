@@ -142,7 +142,7 @@ def test_what_is_no_regular_file_is_not_opened(state):
         sim.load(fifo)
 
 
-@pytest.mark.parametrize("case", ["auto", "order 2, a launch a stage", "verlet in rows", "ropes"])
+@pytest.mark.parametrize("case", ["auto", "order 2, a launch a stage", "verlet, two worlds", "ropes"])
 def test_a_state_after_a_fault_is_finite_and_goes_on_to_the_same_bits(case, device, tmp_path):
     """A body that was put back leaves NaN in what is written anew before it is read."""
     sim, other = make(case, device), make(case, device)
