@@ -88,7 +88,7 @@ def make_chart(
         (uplot.Series(label=x), *lines),
         title=title,
         scales={"x": uplot.Scale(time=False), **({"y": uplot.Scale(distr=3)} if log else {})},
-        axes=(uplot.Axis(**_LINES), uplot.Axis(size=62, **_LINES)),  # room for 1,000,000
+        axes=(uplot.Axis(**_LINES), uplot.Axis(size=62, **_LINES)),  # room for 100,000
         legend=uplot.Legend(live=False),  # else it says "--" where no mouse is
         padding=(12.0, 24.0, 0.0, 0.0),  # above, as half of the topmost number is there
         height=170,

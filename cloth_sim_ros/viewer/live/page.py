@@ -124,7 +124,7 @@ class LivePage(Page):
         self.curves = {"pace": Curves(self.gui, "Real-time factor", ["real-time factor"])}
         if objects:
             self.curves["strain"] = Curves(self.gui, "Largest strain [%]", objects)
-            self.curves["error"] = Curves(self.gui, "Estimated error a frame [µm]", objects, log=(1e-3, 1e6))
+            self.curves["error"] = Curves(self.gui, "Estimated error a frame [µm]", objects, log=(1e-3, 1e5))
         ends = [f"{rope}/{end}" for rope in known.ropes() for end in ENDS]
         if ends:
             self.curves["tension"] = Curves(self.gui, "Tension at the ends of ropes [N]", ends)

@@ -72,7 +72,7 @@ class Colouring(Page):
         self.pace = gui.add_slider("passes a second", 1, 30, 1, 2)
         self.buttons(("next pass", "a sweep", "start again"), self.press)
         self._numbers = gui.add_markdown("")
-        self._curve = Curves(gui, "Largest error [µm]", ["largest error"], log=(1e-3, 1e6), span=1e9)
+        self._curve = Curves(gui, "Largest error [mm]", ["largest error"], log=(1e-3, 1e3), span=1e9)
         self._frames = 0
         self._chosen: tuple[str, str] = ("", "")
 
@@ -130,7 +130,7 @@ class Colouring(Page):
         dots = np.where((used > 1)[:, None], CONFLICT, (70, 76, 86))
         self.drawing.lines("springs", springs.x[springs.pairs], colours, 5.0)
         self.drawing.dots("particles", springs.x + (0.0, -0.01, 0.0), dots, 0.02)
-        self._curve.add(self.done, [1e6 * self.error])
+        self._curve.add(self.done, [1e3 * self.error])
         self._curve.draw()
         parallel = f"{len(chosen)} springs at once" if len(chosen) != 1 else "1 spring"
         self._numbers.content = (
