@@ -71,8 +71,15 @@ class Page:
             self.frame()
 
     def close(self) -> None:
-        """Takes everything away."""
+        """Takes everything away, but for the hidden controls: see `remove`."""
         self.drawing.clear()
+        self.folder.visible = False
+
+    def remove(self) -> None:
+        """Takes the hidden controls away, which must have been left alone for a while.
+
+        A browser does all updates that it finds waiting after all removals, and complains of those that come too late.
+        """
         self.folder.remove()
 
 
@@ -97,6 +104,7 @@ class Window:
         self._choice = self.server.gui.add_dropdown("Page", tuple(pages))
         self._waiting = self.server.gui.add_markdown("", visible=False)
         self._open = ""
+        self._closed: Page | None = None  # the page before, whose controls are hidden
         self.page: Page | None = None
 
     @property
@@ -116,8 +124,11 @@ class Window:
         self.page.advance()
 
     def _change(self, title: str) -> None:
+        if self._closed is not None:
+            self._closed.remove()
         if self.page is not None:
             self.page.close()
+        self._closed = self.page
         self._waiting.content = f"*Opening {title}. The first time its kernels are compiled, which takes a while.*"
         self._waiting.visible = True
         self._open, self.page = title, self._pages[title](self.server)

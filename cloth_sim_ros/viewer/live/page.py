@@ -39,6 +39,7 @@ class LivePage(Page):
         self._asked = -np.inf  # when [s]
         self._calls: list[Any] = []
         self._content: Any = None
+        self._contents: list[Any] = []  # of nodes that have gone: hidden
         self.known: Known | None = None
         super().__init__(server)
 
@@ -93,6 +94,8 @@ class LivePage(Page):
             self._task = self._remote.node.executor.create_task(self._remote.know)
 
     def _show(self, known: Known) -> None:
+        while self._contents:
+            self._contents.pop().remove()  # now and not as they went, see Page.remove
         self.known = known
         self.scene = LiveScene(self.server, self.drawing, known)
         self.grasp = Grasp(self._remote, known, self.scene, self.tell)
@@ -109,7 +112,9 @@ class LivePage(Page):
             with tabs.add_tab("Curves"):
                 self._make_curves(known)
         self._begin = time.monotonic()
-        seen = Seen(self._cloud, self._topology, self._markers, self._report, self._load, self._changed)
+        seen = Seen(
+            self._cloud, self._topology, self._markers, self._report, self._load, self._changed, self.panel.blown
+        )
         self._remote.listen(known, seen)
         self._framed = False
         self.tell(f"{self._remote.target} is there and builds its scene ...")
@@ -119,7 +124,7 @@ class LivePage(Page):
         self.curves = {"pace": Curves(self.gui, "Real-time factor", ["real-time factor"])}
         if objects:
             self.curves["strain"] = Curves(self.gui, "Largest strain [%]", objects)
-            self.curves["error"] = Curves(self.gui, "Estimated error a frame [µm]", objects, log=True)
+            self.curves["error"] = Curves(self.gui, "Estimated error a frame [µm]", objects, log=(1e-3, 1e5))
         ends = [f"{rope}/{end}" for rope in known.ropes() for end in ENDS]
         if ends:
             self.curves["tension"] = Curves(self.gui, "Tension at the ends of ropes [N]", ends)
@@ -136,7 +141,8 @@ class LivePage(Page):
         self._remote.forget()
         self.scene.close()
         self.drawing.clear()
-        self._content.remove()
+        self._content.visible = False
+        self._contents.append(self._content)
         self.known, self._task, self._asked = None, None, -np.inf
         self.tell(why)
 
