@@ -12,7 +12,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={f"{NAME}.ros": ["fastdds.xml"], f"{NAME}.sim": ["*.h", "*/*.h"]},
+    package_data={f"{NAME}.ros": ["fastdds.xml"], f"{NAME}.sim": ["*/*.h", "*/*/*.h"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

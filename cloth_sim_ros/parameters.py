@@ -101,7 +101,7 @@ SOLVER = (
 
 FRAME_DT = _double("frame_dt", 1 / 60, "Simulated time a frame.", "s", 1e-6, 1.0, live=False)
 
-SCALE = _double("scale", 1, "By how much an object is larger than its scene says, in some worlds.", "", 1e-3, 1e3)
+SCALE = _double("scale", 1, "How many times as large as its scene says an object is; its mass stays.", "", 1e-3, 1e3)
 
 WIND = (
     Parameter("enabled", "bool", False, "Whether the scene has wind; without it no aerodynamics is compiled in."),

@@ -45,6 +45,8 @@ class Audience(Node):
 
     def _line(self, status: DiagnosticStatus, elapsed: float) -> str:
         values = {item.key: item.value for item in status.values}
+        if not values:  # nothing is simulated at this time
+            return status.message
         particles, meshes = (count / elapsed for count in self._counts.values())
         return (
             f"{status.message}: real-time factor {float(values['real_time_factor']):.2f}, "

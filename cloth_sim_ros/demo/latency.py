@@ -81,6 +81,8 @@ def listen(node: subprocess.Popen, seconds: float) -> int:
 
     def note(array: DiagnosticArray) -> None:
         values = {item.key: item.value for item in array.status[0].values}
+        if not values:  # nothing is simulated at this time
+            return
         stamp = array.header.stamp.sec + 1e-9 * array.header.stamp.nanosec
         numbers = (float(values[key]) for key in ("ms_per_frame", "ms_waiting", "real_time_factor"))
         told.append(Told(stamp, int(values["frames"]), *numbers))

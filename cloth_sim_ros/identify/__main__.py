@@ -15,6 +15,7 @@ from cloth_sim_ros.identify.fit import MOST_STEPS, Estimate, identify
 from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.identify.report import draw, sentences
 from cloth_sim_ros.ros.scene_plan import Plan  # noqa: TID251 (free of rclpy)
+from cloth_sim_ros.status_line import show
 from cloth_sim_ros.study.scene_file import read_plan, with_values
 
 
@@ -53,18 +54,18 @@ def run(arguments: argparse.Namespace) -> Estimate:
     device = arguments.device or plan.device
     given = (plan.scene, plan.settings, recording, arguments.fit, arguments.worlds, device)
     candidates = _spread(arguments.ray, given) if arguments.ray else Candidates(*given)
-    if sys.stderr.isatty():
-        candidates.told = _Progress(candidates)
+    candidates.told = _Progress(candidates)
     start, found = identify(candidates, arguments.seed)
     candidates.told = lambda frames: None
+    show("")
     path = arguments.output or arguments.scene.with_name(f"{arguments.scene.stem}_identified.yaml")
     told = zip(candidates.live, found.values, found.felt, strict=False)
     values = {each.name: float(f"{value:.6g}") for each, value, felt in told if felt > 0.0}
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(with_values(arguments.scene, values))
     draw(candidates, start, found, path.with_suffix(".png"))
-    print(f"\33[2K{candidates.sim.method}" if sys.stderr.isatty() else candidates.sim.method)
-    print(*sentences(candidates, found), f"written: {path} and {path.with_suffix('.png')}", sep="\n")
+    written = f"written: {path} and {path.with_suffix('.png')}"
+    print(candidates.sim.method, *sentences(candidates, found), written, sep="\n")
     return found
 
 
@@ -127,7 +128,7 @@ class _Progress:
         if now - self._told > 0.5:
             self._told = now
             left = (now - self._began) * max(self._most / frames - 1.0, 0.0)
-            print(f"\33[2K{frames} frames, at most {left:.0f} s left", end="\r", file=sys.stderr, flush=True)
+            show(f"{frames} frames, at most {left:.0f} s left")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim import Simulation
-from cloth_sim_ros.sim.compiled import compiled
+from cloth_sim_ros.sim.kernels.compiled import compiled
 
 _AXES = 3.0**0.5  # times a distance from the surface is one from a particle, for the same noise along three axes
 _FAR = 3.0  # times the median distance of particles from points, beyond which nothing was seen of them

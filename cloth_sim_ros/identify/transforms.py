@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from cloth_sim_ros.record.topics import Topics
-from cloth_sim_ros.sim.quaternion import unit_quaternions
+from cloth_sim_ros.sim.physics.quaternion import unit_quaternions
 
 _TOPICS = ("/tf_static", "/tf")
 _ALWAYS = 1 << 62  # [ns] before and after all stamps

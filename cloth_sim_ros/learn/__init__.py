@@ -2,8 +2,10 @@
 """Environments for learning and planning: worlds as a `gymnasium.vector.VectorEnv`, see docs/how-to/learn.md.
 
 task: what all share; fold, hang, route: a towel to be folded, a towel to be hung over a peg, a cable to be laid around
-pegs; plan: a planner over worlds that solves them.
+pegs; single: one world as a `gymnasium.Env`; plan: a planner over worlds that solves them.
 """
+
+from functools import partial
 
 import gymnasium
 
@@ -11,8 +13,10 @@ from cloth_sim_ros.learn.fold import FoldTowel
 from cloth_sim_ros.learn.hang import HangTowel
 from cloth_sim_ros.learn.plan import mppi
 from cloth_sim_ros.learn.route import RouteCable
+from cloth_sim_ros.learn.single import Single
 
-for _name, _module in (("FoldTowel", "fold"), ("HangTowel", "hang"), ("RouteCable", "route")):
-    gymnasium.register(f"cloth_sim_ros/{_name}-v0", vector_entry_point=f"cloth_sim_ros.learn.{_module}:{_name}")
+for _task in (FoldTowel, HangTowel, RouteCable):
+    _id = f"cloth_sim_ros/{_task.__name__}-v0"
+    gymnasium.register(_id, entry_point=partial(Single, _task), vector_entry_point=_task)
 
 __all__ = ["FoldTowel", "HangTowel", "RouteCable", "mppi"]

@@ -6,10 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from cloth_sim_ros.learn.task import Setup, Task
-from cloth_sim_ros.sim import Capsule, Cloth, Handle, Scene, Settings
+from cloth_sim_ros.sim import Capsule, Cloth, Handle, Plane, Scene, Settings
 
 LENGTH, WIDTH, ALONG, ACROSS = 0.4, 0.2, 11, 6  # [m] of the towel, and its particles
 PEG = (0.0, 0.0, 0.5)  # [m] its middle; it points along y
+FLOOR = -0.3  # [m] height at which a towel that has fallen lies
 HAND = (-0.1, 0.0, 0.5)  # [m] where it begins
 STEP = 0.05  # [m] that a hand moves in a step at most, along each axis
 FRAMES, HORIZON = 3, 40  # of a step; steps of an episode
@@ -69,7 +70,7 @@ def _setup() -> Setup:
     )
     hand = Handle(position=HAND, reach=(0.02, 0.5 * WIDTH, 0.02), attached=True, compliance=1e-3)
     return Setup(
-        scene=Scene({"towel": towel}, {"peg": peg}, handles={"hand": hand}),
+        scene=Scene({"towel": towel}, {"peg": peg, "floor": Plane(position=(0.0, 0.0, FLOOR))}, handles={"hand": hand}),
         settings=Settings(method="xpbd", order=1, substeps=12, iterations=1),
         thing="towel",
         hands={"hand": HAND},

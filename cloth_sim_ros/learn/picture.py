@@ -10,11 +10,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from trimesh.creation import icosphere
 
+from cloth_sim_ros.drawing.tube import tube_faces, tube_vertices
 from cloth_sim_ros.record.painting import DOTS, INCHES, camera_on, paint_frame
 from cloth_sim_ros.record.solids import mesh_of
 from cloth_sim_ros.sim import Plane, Rope, Simulation
-from cloth_sim_ros.sim.quaternion import rotate
-from cloth_sim_ros.viewer.tube import tube_faces, tube_vertices
+from cloth_sim_ros.sim.physics.quaternion import rotate
 
 _HAND = icosphere(2, 0.012)
 

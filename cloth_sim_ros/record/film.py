@@ -3,17 +3,21 @@
 
 from __future__ import annotations
 
+import base64
+import io
+import zipfile
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from cloth_sim_ros.drawing.tube import tube_faces, tube_vertices
 from cloth_sim_ros.record.bag import Bag, Stamp
 from cloth_sim_ros.record.run import clouds_of, first_run, poses_at, seconds
 from cloth_sim_ros.record.solids import mesh_of
 from cloth_sim_ros.ros.scene_plan import make_plan
 from cloth_sim_ros.sim import Plane, Rope
+from cloth_sim_ros.sim.access.saved_file import header_of
 from cloth_sim_ros.sim.topology import build
-from cloth_sim_ros.viewer.tube import tube_faces, tube_vertices
 
 
 @dataclass(frozen=True)
@@ -51,11 +55,8 @@ def film_of(bag: Bag, rate: float) -> Film:
     Raises ValueError, in one sentence, where nothing can be shown.
     """
     start, acts = first_run(bag)
-    left_out = (
-        ["colliders that came on ~/scene are left out"]
-        if any(act[0] == "put" for _, done in acts for act in done)
-        else []
-    )
+    added = _added(start["state"]) | {act[1] for _, done in acts for act in done if act[0] == "put"}
+    left_out = [f"colliders that came on ~/scene are left out: {', '.join(sorted(added))}"] if added else []
     values = {name: tuple(value) if isinstance(value, list) else value for name, value in start["parameters"].items()}
     scene = make_plan(values).scene
     clouds = {name: _with_seconds(clouds_of(bag, name)) for name in bag.objects if name in scene.objects}
@@ -79,6 +80,12 @@ def film_of(bag: Bag, rate: float) -> Film:
         poses = poses_at(name, start["poses"].get(name, (collider.position, collider.orientation)), acts, times)
         colliders[name] = Body(mesh.faces, mesh.vertices, *poses, is_plane=isinstance(collider, Plane))
     return Film(times - begin, objects, colliders, left_out)
+
+
+def _added(state: str) -> set[str]:
+    """Names of the colliders that had come on ~/scene before a start, whose state is in base64."""
+    with zipfile.ZipFile(io.BytesIO(base64.b64decode(state))) as box:
+        return set((header_of(box) or {}).get("added", ()))
 
 
 def _with_seconds(clouds: list[tuple[Stamp, np.ndarray]]) -> list[tuple[float, np.ndarray]]:

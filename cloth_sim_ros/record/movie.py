@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from cloth_sim_ros.record.film import Film
 from cloth_sim_ros.record.painting import DOTS, INCHES, camera_on, paint_frame
-from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.physics.quaternion import rotate
 
 NO_FFMPEG = "an MP4 needs ffmpeg: pip install imageio-ffmpeg, or write a .gif"
 

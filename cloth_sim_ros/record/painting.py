@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from cloth_sim_ros.study.pictures.camera import Camera, Surface, paint
+from cloth_sim_ros.drawing.camera import Camera, Surface, paint
 
 COLOURS = (("#f2785c", "#f7a48c"), ("#3d7f6b", "#7fb5a4"), ("#c9973f", "#e3c387"))
 STEEL, SHADE = "#3d6b8c", "#e9e6e1"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What rare frames of a simulation need is compiled beside it, so that none of them waits."""
+"""The compiler as the node sees it, and what rare frames need compiled beside the simulation, so that none waits."""
 
 from __future__ import annotations
 
@@ -7,13 +7,18 @@ import threading
 from typing import Any
 
 from cloth_sim_ros.sim import Simulation
+from cloth_sim_ros.sim.kernels.compiled import watched_compiler
 
 
 class Compiling:
-    """Compiles in a thread of its own, and says in the log when it is done."""
+    """Compiles in a thread of its own, and says in the log when it is done.
+
+    compiler: what Warp compiles in any thread.
+    """
 
     def __init__(self, log: Any):
         self._log = log
+        self.compiler = watched_compiler()
         self._thread: threading.Thread | None = None
 
     def start(self, sim: Simulation) -> None:

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 import warp
 
 from cloth_sim_ros.ros.scene_plan import Plan
-from cloth_sim_ros.sim.live import compliances_of
-from cloth_sim_ros.sim.methods.limits import check_explicit
+from cloth_sim_ros.sim.access.live import compliances_of
+from cloth_sim_ros.sim.substeps.limits import check_explicit
 from cloth_sim_ros.sim.topology import build as build_topology
 
 MOST_SWEEPS = 100_000  # a frame: beyond it a frame of a small cloth takes seconds
@@ -41,27 +41,6 @@ def check_solver(plan: Plan) -> None:
         numbers = f"solver.substeps {settings.substeps} times solver.iterations {settings.iterations}"
         raise ValueError(f"{numbers} are {sweeps} sweeps a frame; allowed are at most {MOST_SWEEPS}")
     if settings.method == "verlet":
-        for name in plan.scene.objects:
-            _check_explicit(plan, name)
-
-
-def _check_explicit(plan: Plan, name: str) -> None:
-    thing, settings = plan.scene.objects[name], plan.settings
-    topology = build_topology(thing, name, False)
-    missing = [
-        what
-        for what, there in (
-            ("a winch on", getattr(thing, "winch", None) is not None),
-            ("twist in", getattr(thing, "twist_compliance", None) is not None),
-            ("bending by angles of", topology.bends_by_angles),
-            ("self_contact of", thing.self_contact),
-            ("object_contact of", plan.scene.object_contact),
-            ("tear_strain of", topology.tear_strain > 0.0),
-        )
-        if there
-    ]
-    if missing:
-        raise ValueError(f"solver.method is 'verlet' with {missing[0]} {name}; allowed is 'auto' or 'xpbd'")
-    windy = plan.scene.wind is not None
-    material = (compliances_of(thing), thing.damping)
-    check_explicit(name, topology, material, settings.substeps, settings.frame_dt, windy)
+        for name, thing in plan.scene.objects.items():
+            material = (compliances_of(thing), thing.damping)
+            check_explicit(plan.scene, settings, name, build_topology(thing, name, False), [material])

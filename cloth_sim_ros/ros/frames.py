@@ -13,7 +13,7 @@ from rclpy.time import Time
 
 from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Quaternion, Vector
-from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.physics.quaternion import rotate
 
 
 class Refused(ValueError):

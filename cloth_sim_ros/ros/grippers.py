@@ -15,7 +15,7 @@ from cloth_sim_ros import parameters
 from cloth_sim_ros.ros.outputs import is_any_heard
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack
 from cloth_sim_ros.sim import Gripper, GripperDriver, Simulation
-from cloth_sim_ros.sim.grippers import SIDES
+from cloth_sim_ros.sim.clients.grippers import SIDES
 
 STRONGEST = parameters.row(parameters.GRIPPER, "force").high  # [N]
 ASKED = ("opening", "force")  # topics, and live parameters

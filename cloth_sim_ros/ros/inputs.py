@@ -15,7 +15,7 @@ from visualization_msgs.msg import Marker
 from cloth_sim_ros import parameters
 from cloth_sim_ros.ros.frames import Frames, Refused
 from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
-from cloth_sim_ros.sim.cuts import plane_of
+from cloth_sim_ros.sim.access.cuts import plane_of
 
 FARTHEST = parameters.row(parameters.COLLIDER, "position").high  # [m]
 STRONGEST_WIND = parameters.row(parameters.WIND, "velocity").high  # [m/s]

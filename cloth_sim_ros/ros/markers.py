@@ -31,8 +31,8 @@ from cloth_sim_ros.sim import (
     Sphere,
 )
 from cloth_sim_ros.sim.colliders.collider import Collider, Tube
-from cloth_sim_ros.sim.mesh_reading import LINK
-from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.input.mesh_reading import LINK
+from cloth_sim_ros.sim.physics.quaternion import rotate
 
 ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
 MOST_CELLS = 40  # of a volume, along an axis, as it is drawn

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -30,7 +29,8 @@ from cloth_sim_ros.ros.diagnostics import DiagnosticsOutput, busy, diagnostics
 from cloth_sim_ros.ros.frame_clock import Pace
 from cloth_sim_ros.ros.frames import Frames, Refused
 from cloth_sim_ros.ros.grippers import GripperStates
-from cloth_sim_ros.ros.journal import JournalOutput
+from cloth_sim_ros.ros.journal_output import JournalOutput
+from cloth_sim_ros.ros.long_waits import LongWaits
 from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
 from cloth_sim_ros.ros.outputs import LATEST, Audience, ObjectOutput, Wrenches
 from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
@@ -41,10 +41,9 @@ from cloth_sim_ros.ros.simulation_loop import SimulationLoop
 from cloth_sim_ros.ros.state_services import StateServices
 from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.shared_files import PACKAGE
-from cloth_sim_ros.sim.mesh_file import stop_reading
+from cloth_sim_ros.sim.input.mesh_file import stop_reading
 
 WORTH_ANOTHER_THREAD = 100_000  # bytes of a frame's messages: fewer are sent sooner than handed over
-LONG = {"": math.inf, "frame": 5.0, "building": 60.0}  # [s] after which the log tells what the loop is still at
 PATIENCE = 5.0  # [s] a service waits for the simulation, which may be compiling
 
 
@@ -104,8 +103,8 @@ class ClothSimNode(Node):
         self.create_service(Trigger, "~/step", self._on_step, callback_group=waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
         StateServices(self, self._loop, self._bridge, self._answer, waiting)
-        self._watched = 0.0  # [s] of what the loop is at that the log has told of
-        self.create_timer(1.0, self._watch, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
+        waits = LongWaits(self._loop, world.compiling.compiler, log, self._tell_busy)
+        self.create_timer(1.0, waits.look, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
         self._loop.start()
 
     def stop(self) -> bool:
@@ -178,17 +177,8 @@ class ClothSimNode(Node):
         response.success, response.message = True, "paused" if request.data else "running"
         return response
 
-    def _watch(self) -> None:
-        """Tells in log and diagnostics of a frame that takes so long that the loop's thread cannot."""
-        what, seconds = self._loop.busy or ("", 0.0)
-        if seconds < LONG[what]:
-            self._watched = 0.0
-            return
-        told = f"{what} has taken {seconds:.0f} s so far; fewer substeps or iterations, or coarser objects, take less"
-        if seconds > 2.0 * self._watched:
-            self._watched = seconds
-            self.get_logger().warning(told)
-        self._diagnostics.publish(busy(self.get_fully_qualified_name(), told))
+    def _tell_busy(self, sentence: str) -> None:
+        self._diagnostics.publish(busy(self.get_fully_qualified_name(), sentence))
 
     async def _answer(self, response: Any, command: Callable, message: str = "") -> Any:
         """Answers with what `command` gives in the loop's thread, success and a sentence, or where it gives nothing

@@ -31,6 +31,7 @@ class Reported:
     def __init__(self, log: Any):
         self._log = log
         self._reasons: dict[str, tuple] = {}
+        self._waiting: set[str] = set()
         self._stopped: set[str] = set()
         self._deep: set[str] = set()
         self._crossed: set[tuple[str, str]] = set()
@@ -47,6 +48,7 @@ class Reported:
     def start(self, sim: Simulation, values: Mapping[str, Any]) -> None:
         """How each object of a new simulation is computed, and which of them start where nothing can be."""
         self._reasons.clear()
+        self._waiting.clear()
         self.reasons(sim)
         for name, (deep, way) in sim.moved.items():
             where = f"{deep:.2g} m deep in a collider and was moved out by up to {way:.2g} m"
@@ -60,14 +62,25 @@ class Reported:
                 through = f"{each['crossings']} edges go through it where it starts"
                 self._log.warning(f"{name} is not kept apart from itself: {through}, and may stay so; start it without")
 
-    def reasons(self, sim: Simulation) -> None:
-        """How each object is computed where that is chosen, and what is missed."""
+    def reasons(self, sim: Simulation, with_substeps: bool = True) -> None:
+        """How each object is computed where that is chosen, and what is missed.
+
+        Without `with_substeps`, other substeps alone are left to the next time: a slider asks for many in a second.
+        """
         for name, choice in sim.choices.items():
             softer = choice.bending_share < 1.0
-            told = (choice.words, choice.substeps, softer)
+            told = (choice.words, softer, choice.substeps)
+            if not with_substeps and self._reasons.get(name, ())[:2] == told[:2]:
+                continue
             if self._reasons.get(name) != told and (softer or sim.settings.method == "auto"):
                 self.say(not softer, f"{name} {choice.reason}")
             self._reasons[name] = told
+
+    def waits(self, name: str, why: str) -> None:
+        """A parameter that was set acts with the next rebuild; said once until then."""
+        if name not in self._waiting:
+            self._waiting.add(name)
+            self._log.info(f"{name} is noted for the next rebuild, it has no effect now: {why}")
 
     def report(self, report: Report, values: Mapping[str, Any]) -> None:
         """What of a simulation's report a user should know."""

@@ -19,6 +19,7 @@ class Winches:
 
     def __init__(self, log: Any):
         self.rates: dict[str, tuple[float, float]] = {}
+        self._cut: set[str] = set()  # whose parameter asks for more than they can
         self._log = log
 
     def command(self, sim: Simulation | None, rope: str, rate: float, now: float) -> None:
@@ -55,7 +56,10 @@ class Winches:
         """The parameter acts from now on; says where it asks for more than the winch can."""
         self.rates.pop(rope, None)
         most = values[f"{rope}.winch.max_rate"]
-        if abs(rate) > most:
+        if abs(rate) <= most:
+            self._cut.discard(rope)
+        elif rope not in self._cut:  # once, as a slider asks for many
+            self._cut.add(rope)
             self._log.warning(f"{rope}.winch.pay_out is {rate:g} m/s and is cut to {rope}.winch.max_rate, {most:g} m/s")
 
 

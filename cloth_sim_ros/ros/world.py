@@ -24,7 +24,7 @@ from cloth_sim_ros.ros.state_notes import live_values, notes_of, read_notes
 from cloth_sim_ros.ros.winches import Winches
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.sim.colliders.collider import Collider
-from cloth_sim_ros.sim.methods.limits import Unstable
+from cloth_sim_ros.sim.substeps.limits import Unstable
 
 
 class World:
@@ -59,7 +59,7 @@ class World:
 
     def build(self, values: Mapping[str, Any]) -> bool:
         """Builds the simulation of `values`. If that fails, the one before goes on and the log says why."""
-        self._log.info("building the simulation; kernels that were never used here take some seconds to compile")
+        self._log.info("building the simulation; kernels that were never used here take up to two minutes to compile")
         try:
             plan = make_plan(values)
             broken = broken_meshes(plan, plan.scene.objects)
@@ -136,12 +136,12 @@ class World:
                 self._reported.say(*self.grasps.set(self.sim, owner, value))
             else:
                 self.sim.set(name, value)
-            self._reported.reasons(self.sim)
+            self._reported.reasons(self.sim, with_substeps=False)
         except Unstable as error:
             self._log.error(f"{name} is put back: {error}")
             return False
         except ValueError as error:
-            self._log.info(f"{name} is noted for the next rebuild, it has no effect now: {error}")
+            self._reported.waits(name, str(error))
         return True
 
     def set_wind(self, velocity: Vector) -> None:

@@ -8,7 +8,6 @@ put), Cuts (what is cut), Tensors (all worlds at once) and Saving (its state in 
 
 from __future__ import annotations
 
-import functools
 import logging
 import os
 from collections.abc import Callable
@@ -16,39 +15,30 @@ from numbers import Integral
 from typing import Any
 
 import numpy as np
+import warp as wp
 
-from cloth_sim_ros.sim.bodies import Bodies
-from cloth_sim_ros.sim.cuts import Cuts
-from cloth_sim_ros.sim.explicit import check_explicit
-from cloth_sim_ros.sim.hands import Hands
-from cloth_sim_ros.sim.live import Live, compliances_of
-from cloth_sim_ros.sim.live_values import live_value
-from cloth_sim_ros.sim.objects import Rope
-from cloth_sim_ros.sim.placing import Placing
-from cloth_sim_ros.sim.queries import Queries
-from cloth_sim_ros.sim.report import Reporter
-from cloth_sim_ros.sim.rope_queries import Ropes
-from cloth_sim_ros.sim.saving import Saving
-from cloth_sim_ros.sim.scene import Scene, large_meshes
-from cloth_sim_ros.sim.settings import Settings
-from cloth_sim_ros.sim.tensors import Tensors
+from cloth_sim_ros.sim.access.cuts import Cuts
+from cloth_sim_ros.sim.access.hands import Hands
+from cloth_sim_ros.sim.access.live import Live, compliances_of
+from cloth_sim_ros.sim.access.live_values import live_value
+from cloth_sim_ros.sim.access.placing import Placing
+from cloth_sim_ros.sim.access.queries import Queries
+from cloth_sim_ros.sim.access.report import Reporter
+from cloth_sim_ros.sim.access.rope_queries import Ropes
+from cloth_sim_ros.sim.access.saving import Saving
+from cloth_sim_ros.sim.access.tension import Tensions
+from cloth_sim_ros.sim.access.tensors import Tensors
+from cloth_sim_ros.sim.access.wrench import EndWrenches
+from cloth_sim_ros.sim.arrays.state import Arrays
+from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.scene.objects import Rope
+from cloth_sim_ros.sim.scene.scene import Scene, large_meshes
+from cloth_sim_ros.sim.scene.settings import Settings
+from cloth_sim_ros.sim.substeps.choose import Choice
+from cloth_sim_ros.sim.substeps.limits import check_explicit
 
 _LOG = logging.getLogger(__name__)
-
-
-def _of(part: str, method: Callable) -> Callable:
-    """The `method` of a part, as a method of the whole."""
-
-    @functools.wraps(method)
-    def forwarded(self, *arguments, **named):
-        return method(getattr(self, part), *arguments, **named)
-
-    return forwarded
-
-
-def _its(name: str) -> property:
-    """What Bodies has of this name."""
-    return property(lambda self: getattr(self._bodies, name), doc=getattr(getattr(Bodies, name, None), "__doc__", None))
 
 
 class Simulation:
@@ -59,17 +49,27 @@ class Simulation:
     side in the same launches. Each has its own state, materials, collider poses, wind and gravity. What reads takes the
     number of a world. What writes takes one, a mask (worlds,) of bool or, with None, all of them.
 
+    executor: "block" has a body in one block of a GPU, or a thread of a CPU; "graph" has a launch for each part of a
+    substep; None chooses.
+
     moved: name -> depth and way [m] of objects that the scene puts inside of a collider and that start outside of it.
     """
 
-    def __init__(self, scene: Scene, settings: Settings | None = None, device: str = "auto", worlds: int = 1) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        settings: Settings | None = None,
+        device: str = "auto",
+        worlds: int = 1,
+        executor: str | None = None,
+    ) -> None:
         settings = Settings() if settings is None else settings
         for given, kind in ((scene, Scene), (settings, Settings)):
             if not isinstance(given, kind):
                 raise ValueError(f"Simulation is given {given!r:.80}; allowed is a {kind.__name__} in its place")
         for sentence in large_meshes(scene):
             _LOG.warning(sentence)
-        self._bodies = Bodies(scene, settings, device, worlds)
+        self._bodies = Bodies(scene, settings, device, worlds, executor)
         self._queries = Queries(self._bodies)
         self._ropes = Ropes(self._bodies, self._queries)
         self._hands = Hands(self._bodies)
@@ -78,12 +78,10 @@ class Simulation:
         self._saving = Saving(self._bodies, self._hands)
         self._cuts = Cuts(self._bodies)
         self._placing = Placing(self._bodies, self._queries, self._hands)
-        for name, thing in scene.objects.items():
-            self._ropes.check_rope(name, thing)
         materials = {name: (compliances_of(thing), thing.damping) for name, thing in scene.objects.items()}
-        if self._bodies.settings.method == "verlet":
+        if settings.method == "verlet":
             for name, material in materials.items():
-                check_explicit(self._bodies, name, *material, self._bodies.settings.substeps)
+                check_explicit(scene, settings, name, self._bodies.elastic[name], [material])
         self._live.write_settings()
         thick = {name: getattr(thing, "radius", None) or thing.thickness for name, thing in scene.objects.items()}
         self._bodies.build({name: self._bodies.choose(name, [materials[name]], thick[name]) for name in materials})
@@ -96,38 +94,40 @@ class Simulation:
         if self.moved:
             self.reset()
 
-    masses = _of("_queries", Queries.masses)
-    triangles = _of("_queries", Queries.triangles)
-    rest_positions = _of("_queries", Queries.rest_positions)
-    springs, torn = _of("_queries", Queries.springs), _of("_queries", Queries.torn)
-    tears, panels_left = _of("_queries", Queries.tears), _of("_queries", Queries.panels_left)
-    cut = _of("_cuts", Cuts.cut)
-    set_positions = _of("_placing", Placing.set_positions)
-    set_velocities = _of("_placing", Placing.set_velocities)
-    positions = _of("_queries", Queries.positions)
-    velocities = _of("_queries", Queries.velocities)
-    device_arrays = _of("_queries", Queries.device_arrays)
-    tensor, write = _of("_tensors", Tensors.tensor), _of("_tensors", Tensors.write)
-    recovered = _of("_tensors", Tensors.recovered)
-    wrench, wrenches = _of("_queries", Queries.wrench), _of("_queries", Queries.wrenches)
-    tensions = _of("_ropes", Ropes.tensions)
-    tensions_into = _of("_ropes", Ropes.tensions_into)
-    directors = _of("_ropes", Ropes.directors)
-    end_wrenches = _of("_ropes", Ropes.end_wrenches)
-    end_wrenches_into = _of("_ropes", Ropes.end_wrenches_into)
-    set = _of("_live", Live.set)
-    set_wind = _of("_live", Live.set_wind)
-    set_collider_pose = _of("_live", Live.set_collider_pose)
-    add_collider, remove_collider = _of("_live", Live.add_collider), _of("_live", Live.remove_collider)
-    set_handle_pose = _of("_hands", Hands.set_handle_pose)
-    attach, release = _of("_hands", Hands.attach), _of("_hands", Hands.release)
-    held, broken = _of("_hands", Hands.held), _of("_hands", Hands.broken)
-    handle_wrench, handle_wrenches = _of("_hands", Hands.handle_wrench), _of("_hands", Hands.handle_wrenches)
-    handle_position = _of("_hands", Hands.handle_position)
-    scene, settings = _its("scene"), _its("settings")
-    worlds, builds = _its("worlds"), _its("builds")
-    device, method = _its("device"), _its("method")
-    choices = _its("choices")
+    @property
+    def scene(self) -> Scene:
+        """The scene as it is now, with colliders that were added."""
+        return self._bodies.scene
+
+    @property
+    def settings(self) -> Settings:
+        """The settings as they are now."""
+        return self._bodies.settings
+
+    @property
+    def worlds(self) -> int:
+        """The number of worlds."""
+        return self._bodies.worlds
+
+    @property
+    def builds(self) -> int:
+        """How often the arrays on the device were made; those of `device_arrays` hold until it changes."""
+        return self._bodies.builds
+
+    @property
+    def device(self) -> str:
+        """The device's name, such as "cpu" or "cuda:0"."""
+        return self._bodies.device
+
+    @property
+    def method(self) -> str:
+        """Methods, orders and executors in words, for diagnostics."""
+        return self._bodies.method
+
+    @property
+    def choices(self) -> dict[str, Choice]:
+        """Name -> how the object is computed now, in all worlds, and why."""
+        return self._bodies.choices
 
     @property
     def time(self) -> float:
@@ -171,8 +171,11 @@ class Simulation:
         trials = [self._trial(1), self._trial(2)]
         self._advance(ending=self._hands.ending)
         self._frames += 1
+        # Explicit steps are of second order, but for the air.
+        explicit = 1 if self._bodies.scene.wind is not None else 2
         orders = {
-            name: 2 if choice.method == "verlet" else choice.order for name, choice in self._bodies.choices.items()
+            name: explicit if choice.method == "verlet" else choice.order
+            for name, choice in self._bodies.choices.items()
         }
         apart = {name: np.sqrt(((trials[0][name] - trials[1][name]) ** 2).sum(1).mean()) for name in self._bodies.batch}
         return {name: float(apart[name] / (1.0 - 0.5 ** orders[name])) for name in self._bodies.batch}
@@ -186,8 +189,8 @@ class Simulation:
         found = {}
         for name in self._bodies.batch:
             arrays, span, _ = self._queries.device_arrays(name)
-            high, low = (rows[span].numpy()[:, :3] for rows in (arrays.state.positions, arrays.state.low))
-            found[name] = high.astype(np.float64) + low
+            high, lo = (rows[span].numpy()[:, :3] for rows in (arrays.state.positions, arrays.state.position_lo))
+            found[name] = high.astype(np.float64) + lo
         for batch in self._bodies.batches:
             batch.restore()
         return found
@@ -206,8 +209,6 @@ class Simulation:
         self._hands.reset(some)
         if world is None:
             self._frames = 0
-            self._bodies.strained.clear()
-            self._bodies.choose_again()
 
     def get(self, name: str, world: int = 0) -> Any:
         """What `set` has set last, or the scene before, of a live parameter in one world; the position or orientation
@@ -278,8 +279,8 @@ class Simulation:
         self._bodies.one(world)
         self._upload()
         found = {name: self._reporter.measure(batch, name, world) for name, batch in self._bodies.batch.items()}
-        if self._bodies.together is not None:
-            for name, meeting in self._bodies.together.report(world).items():
+        if self._bodies.coupled is not None:
+            for name, meeting in self._bodies.coupled.report(world).items():
                 found[name] |= meeting
         for name, choice in self._bodies.choices.items():
             found[name] |= {"expected_error": choice.error, "bending_share": choice.bending_share}
@@ -287,3 +288,228 @@ class Simulation:
             if isinstance(thing, Rope):
                 found[name] |= self._ropes.measure_rope(name, thing, world)
         return found
+
+    def masses(self, name: str, world: int = 0) -> np.ndarray:
+        """Masses (N,) float64 [kg] in one world, pinned particles included."""
+        return self._queries.masses(name, world)
+
+    def triangles(self, name: str, world: int = 0) -> np.ndarray:
+        """Triangles (T, 3) int32, counter-clockwise seen from their normals; none for a rope. Of a sheet that tears,
+        those that are left in one world."""
+        return self._queries.triangles(name, world)
+
+    def rest_positions(self, name: str, world: int = 0) -> np.ndarray:
+        """Rest positions (N, 3) float32 [m] in one world, where the scene puts the object."""
+        return self._queries.rest_positions(name, world)
+
+    def springs(self, name: str, world: int = 0) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Kind -> (pairs (S, 2) int, rest_length (S,) [m], constant (S,) [N/m], infinite where rigid), as they are
+        now."""
+        return self._queries.springs(name, world)
+
+    def torn(self, name: str, world: int = 0) -> dict[str, np.ndarray]:
+        """Kind -> (S,) bool, which of `springs` failed in one world. Raises ValueError where the object does not
+        tear."""
+        return self._queries.torn(name, world)
+
+    def tears(self, name: str) -> bool:
+        """Whether an object tears."""
+        return self._queries.tears(name)
+
+    def panels_left(self, name: str, world: int) -> wp.array:
+        """The triangles (T,) vec3i of a sheet that tears on the device; those that failed have three equal corners."""
+        return self._queries.panels_left(name, world)
+
+    def cut(self, name: str, polygon: Any, world: Any = None) -> int:
+        """Every spring of a sheet that goes through a planar polygon (n, 3) [m] of 3 or more corners fails for good.
+
+        Returns how many structural and shear springs did in all worlds that are cut. Raises ValueError where the
+        object does not tear, or for what is no polygon.
+        """
+        return self._cuts.cut(name, polygon, world)
+
+    def set_positions(self, name: str, positions: Any, world: Any = None) -> None:
+        """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew.
+
+        Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
+        """
+        self._placing.set_positions(name, positions, world)
+
+    def set_velocities(self, name: str, velocities: Any, world: Any = None) -> None:
+        """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start
+        anew."""
+        self._placing.set_velocities(name, velocities, world)
+
+    def positions(self, name: str, world: Any = 0) -> np.ndarray:
+        """Positions (N, 3) float32 [m] in one world, or (k, N, 3) in several, all for None, in one copy."""
+        return self._queries.positions(name, world)
+
+    def velocities(self, name: str, world: Any = 0) -> np.ndarray:
+        """Velocities (N, 3) float32 [m/s] in one world, or (k, N, 3) in several, all for None, in one copy."""
+        return self._queries.velocities(name, world)
+
+    def device_arrays(self, name: str, world: int = 0) -> tuple[Arrays, slice, wp.Device]:
+        """The arrays of the batch that holds an object in one world, where its particles lie in them, their device.
+
+        They hold until `builds` changes: method auto may build anew when live parameters or positions are set.
+        """
+        return self._queries.device_arrays(name, world)
+
+    def tensor(self, name: str, what: str) -> wp.array:
+        """A view of the `what` of an object, collider or handle in all worlds, on the device.
+
+        Of an object "positions" [m] and "velocities" [m/s], (worlds, N, 3) float32; "contact_forces" (worlds, N, 3)
+        [N], of all colliders together on each particle, means over the last frame; and "recoveries", (worlds,) int32:
+        how often it was put back. Of a rope "tensions" (worlds, S) float32 [N] too, see `tensions`. Of a collider or
+        handle "pose", (worlds, 7) float32: x y z [m], then x y z w of the orientation; and "wrench", (worlds, 6)
+        float32: force [N], then torque [N m] about its origin.
+
+        It is no copy: it shows the state after the last frame that was launched, on Warp's stream of the device.
+        Tensions, wrenches, and contact forces of several colliders are computed when they are asked for, and show that
+        until they are again. A tensor goes to torch, JAX and CuPy by DLPack, and is for reading. It holds until
+        `builds` changes: method auto may build anew when live parameters or positions are set.
+        """
+        return self._tensors.tensor(name, what)
+
+    def write(self, name: str, what: str, array: Any, mask: Any = None, sweep: bool = True) -> None:
+        """Write the `what` of a whole tensor into the worlds of a mask (worlds,) of bool, or for None into all.
+
+        Of an object "positions" or "velocities" (worlds, N, 3), of a collider or handle "pose" (worlds, 7), which it
+        reaches at the end of the next frame; without `sweep` it is there at once. The "pose" of an object takes the
+        place of the scene's: it is there in its rest shape, at rest. Arrays are NumPy's, Warp's or what
+        DLPack takes. Pinned particles move and stay at rest; history and multipliers of the object start anew. It waits
+        for the device, to see that all numbers are allowed; otherwise nothing changes.
+        """
+        self._tensors.write(name, what, array, mask, sweep)
+
+    def recovered(self) -> np.ndarray:
+        """(worlds,) bool: in which worlds an object was put back at the end of the last frame, see `report`."""
+        return self._tensors.recovered()
+
+    def wrench(self, collider: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Force (3,) [N] and torque (3,) [N m] about its origin on a collider by all objects, in world axes.
+
+        They are means over the last frame; the torque takes particles where the frame leaves them. The weight of a
+        cloth that lies on the collider points down.
+        """
+        return self._queries.wrench(collider, world)
+
+    def wrenches(self, world: int = 0) -> np.ndarray:
+        """The same of all rows of colliders (K, 6) float32: force [N], then torque [N m]."""
+        return self._queries.wrenches(world)
+
+    def tensions(self, name: str, world: int = 0) -> np.ndarray:
+        """Tensions (S,) float32 [N] of a rope's segments at the end of the last substep in one world, also where they
+        are rigid. They are below 0 where a segment is pushed together, and 0 on a winch. Raises ValueError for a
+        cloth."""
+        return self._ropes.tensions(name, world)
+
+    def tensions_into(self, out: wp.array, column: int, name: str, world: int = 0) -> Tensions:
+        """What writes the tensions of a rope into a column of a device array (N, columns) float, a particle a row; it
+        holds until `builds` changes. Raises ValueError for a cloth."""
+        return self._ropes.tensions_into(out, column, name, world)
+
+    def directors(self, name: str, world: int = 0) -> np.ndarray:
+        """Unit vectors (S, 3) float64 across the segments of a rope that resists twist, which turn with its material,
+        in one world, as of the last substep. Raises ValueError for what does not resist twist."""
+        return self._ropes.directors(name, world)
+
+    def end_wrenches(self, name: str, world: int = 0) -> np.ndarray:
+        """(2, 6) float32: force [N] and torque [N m] in world axes with which a rope loads what holds its start, then
+        its end, in one world.
+
+        All particles held from an end on count, with their weight, and the torque is about the end particle: of a clamp
+        of two particles it is the clamping moment. An end that is free loads nothing. Raises ValueError for a cloth.
+        """
+        return self._ropes.end_wrenches(name, world)
+
+    def end_wrenches_into(self, out: wp.array, name: str, world: int = 0) -> EndWrenches:
+        """What writes the end wrenches of a rope into a device array (2, 6) float; it holds until `builds` changes.
+        Raises ValueError for a cloth."""
+        return self._ropes.end_wrenches_into(out, name, world)
+
+    def set(self, name: str, value: Any, world: Any = None) -> None:
+        """Set a live parameter such as "cloth.stretch_compliance", "cloth.mass", "cloth.scale", "ball.radius",
+        "gravity" or "solver.substeps".
+
+        An array whose first axis is all worlds gives each its own number or vector. Those of the solver hold in all
+        worlds. With another scale an object starts anew: its rest shape is so many times as large, and all else is as
+        set, its total mass too. A sheet grows about its position, a rope from its start.
+        """
+        self._live.set(name, value, world)
+
+    def set_wind(self, velocity: Any, world: Any = None) -> None:
+        """Set the wind velocity [m/s] from the next frame on."""
+        self._live.set_wind(velocity, world)
+
+    def set_collider_pose(
+        self,
+        name: str,
+        position: Any,
+        orientation: Any = (0.0, 0.0, 0.0, 1.0),
+        sweep: bool = True,
+        world: Any = None,
+    ) -> None:
+        """Move a collider: it reaches the pose [m], x y z w, at the end of the next frame, swept in between.
+
+        Arrays whose first axis is all worlds give each its own. Without `sweep` it is there at once and was never
+        anywhere else: for placing it, not for pushing with it.
+        """
+        self._live.set_collider_pose(name, position, orientation, sweep, world)
+
+    def add_collider(self, name: str, collider: Collider) -> None:
+        """Put a collider of one of SPARE_SHAPES where there is room for one, in all worlds, from the next frame on.
+
+        It takes the place of one of the same name that was added before.
+        """
+        self._live.add_collider(name, collider)
+
+    def remove_collider(self, name: str) -> None:
+        """Take away a collider that was added."""
+        self._live.remove_collider(name)
+
+    def set_handle_pose(
+        self,
+        name: str,
+        position: Any,
+        orientation: Any = (0.0, 0.0, 0.0, 1.0),
+        sweep: bool = True,
+        world: Any = None,
+    ) -> None:
+        """Move a handle: it reaches the pose [m], x y z w, at the end of the next frame, with what it holds.
+
+        Arrays whose first axis is all worlds give each its own. Without `sweep` it is there at once: for placing an
+        empty one, as what it holds would be torn along.
+        """
+        self._hands.set_handle_pose(name, position, orientation, sweep, world)
+
+    def attach(self, name: str, world: Any = None) -> int | np.ndarray:
+        """Grasp what is within reach and nobody holds; how many particles it holds now, see `held`."""
+        return self._hands.attach(name, world)
+
+    def release(self, name: str, world: Any = None) -> None:
+        """Let go of all that it holds, which goes on with the velocity it has."""
+        self._hands.release(name, world)
+
+    def held(self, name: str, world: Any = None) -> int | np.ndarray:
+        """How many particles it holds: in one world, or in each of several, all for None."""
+        return self._hands.held(name, world)
+
+    def broken(self, name: str, world: int = 0) -> int:
+        """How often it has let go because the load was larger than its break_force."""
+        return self._hands.broken(name, world)
+
+    def handle_wrench(self, name: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Force (3,) [N] and torque (3,) [N m] about its origin on a handle, in world axes: mean over the last frame.
+
+        It is what the hand feels: the weight of a cloth that hangs from it points down.
+        """
+        return self._hands.handle_wrench(name, world)
+
+    def handle_wrenches(self, world: int = 0) -> np.ndarray:
+        """The same of all handles (H, 6) float32: force [N], then torque [N m]."""
+        return self._hands.handle_wrenches(world)
+
+    def handle_position(self, name: str, world: int = 0) -> np.ndarray:
+        """Where a handle is at the end of the last frame (3,) [m]."""
+        return self._hands.handle_position(name, world)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.status_line import show
 from cloth_sim_ros.study import norms
 from cloth_sim_ros.study.case import Case
 from cloth_sim_ros.study.cases import CASES
@@ -105,7 +106,7 @@ def sweep(case: Case, exact: Reference, resolution: int, constant: float, argume
             for substeps in arguments.substeps:
                 if substeps * iterations > (arguments.numpy_sweeps if contender.numpy else arguments.sweeps):
                     continue
-                print(f"\33[2K{contender.label}: {substeps} x {iterations}", end="\r", file=sys.stderr, flush=True)
+                show(f"{contender.label}: {substeps} x {iterations}")
                 numbers = (substeps, iterations, arguments.worlds)
                 wanted = Run(case, resolution, constant, arguments.device, *numbers)
                 if own is None:
@@ -117,6 +118,7 @@ def sweep(case: Case, exact: Reference, resolution: int, constant: float, argume
                     told = {"limit": f"{own.substeps} x {own.iterations}", "limit_known": own.known}
                     rows.append({**measure(contender, wanted, judge_by), **told})
     time_in_turns(again)
+    show("")
     mark_front(rows)
     return rows
 
@@ -127,7 +129,7 @@ def time_in_turns(runs: list[tuple[dict, Contender, Run]]) -> None:
     Timed once, minutes apart, they would be compared with what else the machine did meanwhile.
     """
     for left in range(ROUNDS, 0, -1):
-        print(f"\33[2Ktiming in turns: {left}", end="\r", file=sys.stderr, flush=True)
+        show(f"timing in turns: {left}")
         close = {id(row) for row in close_to_prices([row for row, _, _ in runs])}
         for row, contender, wanted in runs:
             if id(row) in close:

@@ -5,6 +5,9 @@ The error is the RMS distance of all particles at all frames of half a second fr
 substeps. The settings of a scene take turns, so that whatever else the machine does falls on all alike. Peers that are
 installed have rows of the bare sheet.
 
+`hands` is a towel of cotton of 0.5 m that two hands hold, `towel` one that falls on a ball and the floor, and `table`
+one that lies on a table. `cable` is a steel cable of 1 m between two hands, in twice as many segments.
+
 `bare` is a level sheet held at two corners, `clamped` by its whole edge. `curtain` has a ball, wind, dashpots and
 bending springs. `wind` is a curtain in nothing but wind, `ball` one with a ball too, `finger` one with a ball of 3 cm
 that facets have to keep out. `cotton` is `ball` of cotton. `plate` is a curtain in wind that bends as a plate of
@@ -21,7 +24,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.spatial import Delaunay
 
-from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim import Cloth, Handle, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.study.case import BODY, Case
 from cloth_sim_ros.study.contenders import Run
 from cloth_sim_ros.study.norms import rms
@@ -69,7 +72,29 @@ def mesh(resolution: int) -> Cloth:
     return Cloth.from_mesh(vertices, Delaunay(flat).simplices, mass=0.3, thickness=0.01, pins=pins)
 
 
+def hand(x: float, y: float, z: float, reach: float = 0.02) -> Handle:
+    """A hand that holds what is within its reach [m]."""
+    return Handle(position=(x, y, z), reach=reach, attached=True)
+
+
+def towel(resolution: int, height: float) -> Cloth:
+    """A towel of cotton, 0.5 m, that lies free at a height [m]."""
+    fields = {"resolution": (resolution, resolution), "size": (0.5, 0.5), "position": (0, 0, height)}
+    return Cloth.of("cotton", pins=None, **fields)
+
+
 SCENES: dict[str, Callable[[int], Scene]] = {
+    "hands": lambda n: Scene(
+        {BODY: towel(n, 0.5)}, handles={"left": hand(-0.25, 0.25, 0.5), "right": hand(0.25, 0.25, 0.5)}
+    ),
+    "towel": lambda n: Scene(
+        {BODY: towel(n, 0.5)}, {"ball": Sphere(radius=0.12, position=(0, 0, 0.25)), "floor": Plane()}
+    ),
+    "table": lambda n: Scene({BODY: towel(n, 0.002)}, {"table": Plane()}),
+    "cable": lambda n: Scene(
+        {BODY: Rope.of("steel cable", segments=2 * n, start=(0, 0, 0), end=(1, 0, 0), pins=None)},
+        handles={"left": hand(0, 0, 0, 0.03), "right": hand(1, 0, 0, 0.03)},
+    ),
     "bare": lambda n: Scene({BODY: bare(n)}),
     "curtain": lambda n: Scene({BODY: curtain(n, damping=1e-3, bend_compliance=0.1)}, BALL, WIND),
     "ball": lambda n: Scene({BODY: curtain(n)}, BALL, WIND),
@@ -81,7 +106,7 @@ SCENES: dict[str, Callable[[int], Scene]] = {
     "wind": lambda n: Scene({BODY: curtain(n)}, wind=WIND),
     "plate": lambda n: Scene({BODY: curtain(n, bending="dihedral", bend_compliance=1e4)}, wind=WIND),
 }
-STANDARD = ["bare", "curtain", "wind", "plate"]
+STANDARD = ["hands", "towel", "table", "cable", "cotton"]
 BARE = Case("bare", "sheet held at two corners", bare, FRAMES, 1e-3, 32, 1e3)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cloth_sim_ros.status_line import show
 from cloth_sim_ros.study import pass_map
 from cloth_sim_ros.study.hard import long_rest
 from cloth_sim_ros.study.hard.cases import CASES
@@ -56,16 +57,18 @@ def run(arguments: argparse.Namespace) -> int:
     counts = dict.fromkeys(OUTCOMES, 0)
 
     def done(combination: Combination, verdict: Verdict) -> None:
-        wrong = f"FAILED {combination}: {verdict.why}\n" if verdict.outcome == "failed" else ""
+        if verdict.outcome == "failed":
+            show("")  # so that the line after it stands alone
+            print(f"FAILED {combination}: {verdict.why}", file=sys.stderr, flush=True)
         counts[verdict.outcome] += 1
         known = sum(counts.values())
-        line = f"{known} of {len(every)}, {time.perf_counter() - start:.0f} s: {combination}"
-        print(f"\33[2K{wrong}{line[:150]}", end="\r", file=sys.stderr, flush=True)
+        show(f"{known} of {len(every)}, {time.perf_counter() - start:.0f} s: {combination}"[:150])
         if known % 100 == 0:
             numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in OUTCOMES)
             print(f"{time.perf_counter() - start:5.0f} s  {known} of {len(every)}: {numbers}", flush=True)
 
     found = run_all(groups, arguments.device, arguments.jobs, done)
+    show("")
     where = machine(arguments.device if arguments.device != "auto" else None)
     rows = [{**dataclasses.asdict(each), **dataclasses.asdict(found[k])} for k, each in enumerate(every)]
     for k, each in enumerate(every):

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from cloth_sim_ros.sim import Settings
+from cloth_sim_ros.status_line import show
 from cloth_sim_ros.study.convergence import Converged, Trial, converge, frames_of
 from cloth_sim_ros.study.error import finite, mark_front, table
 from cloth_sim_ros.study.figures import draw_error
@@ -97,7 +98,7 @@ def sweep(trial: Trial, exact: Converged, arguments: argparse.Namespace) -> list
             for substeps in arguments.substeps:
                 if substeps * iterations > arguments.sweeps:
                     continue
-                print(f"\33[2K{label}: {substeps} x {iterations}", end="\r", file=sys.stderr, flush=True)
+                show(f"{label}: {substeps} x {iterations}")
                 steps = {"substeps": substeps, "iterations": iterations}
                 try:
                     rows.append(
@@ -106,6 +107,7 @@ def sweep(trial: Trial, exact: Converged, arguments: argparse.Namespace) -> list
                 except ValueError:
                     if label != "Verlet":
                         raise
+    show("")
     mark_front(rows)
     return rows
 

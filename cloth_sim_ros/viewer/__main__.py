@@ -19,6 +19,7 @@ FRAME = 1.0 / 60.0  # [s]
 PARAMETERS = {
     "node": ("cloth_sim", "Name of the node to show; without a slash at the beginning in the viewer's namespace."),
     "host": ("127.0.0.1", "Address at which the page is served; 0.0.0.0 is for other machines too."),
+    "allowed_hosts": ([""], "Further names by which browsers reach the page, such as a proxy's."),
     "port": (8080, "Port of the page; where it is taken, the next free one."),
 }
 
@@ -61,7 +62,7 @@ def serve(stop: Stop) -> int:
     check_address(given["host"], given["port"])
     remote = Remote(node, given["node"])
     pages = {LivePage.title: lambda server: LivePage(server, remote), **{page.title: page for page in PAGES}}
-    window = Window(given["host"], given["port"], pages)
+    window = Window(given["host"], given["port"], pages, given["allowed_hosts"])
     print(f"The page is at {window.address}", flush=True)
     node.create_timer(FRAME, window.advance)
     executor = SingleThreadedExecutor()

@@ -15,13 +15,15 @@ from cloth_sim_ros.viewer.drawing import COLOURS
 
 SPAN = 20.0  # [s] that a chart shows
 PERIOD = 0.2  # [s] of the chart's own time between two redraws
+_LINES: dict[str, Any] = {"ticks": {"show": False}, "grid": {"width": 1}}  # of an axis
 _MOST = 2000  # samples that a chart keeps
 
 
 class Curves:
     """One chart of the curves `labels`, over time [s] or whatever `add` is given.
 
-    log: a logarithmic axis, where what is not above 0 is left out. span: how much of the x axis is kept.
+    log: the range of a logarithmic axis; a curve leaves the chart where it leaves the range. span: how much of the x
+    axis is kept.
     """
 
     def __init__(
@@ -29,27 +31,14 @@ class Curves:
         gui: viser.GuiApi,
         title: str,
         labels: Sequence[str],
-        log: bool = False,
+        log: tuple[float, float] | None = None,
         span: float = SPAN,
         colours: Sequence[tuple[int, int, int]] = COLOURS,
     ):
         self.labels = tuple(labels)
         self._rows: deque[tuple[float, ...]] = deque(maxlen=_MOST)
         self._span, self._log, self._drawn = span, log, -np.inf
-        lines = [
-            uplot.Series(label=label, stroke="rgb({},{},{})".format(*colours[k % len(colours)]), width=2)
-            for k, label in enumerate(labels)
-        ]
-        scales: dict[str, Any] = {"x": uplot.Scale(time=False)}
-        if log:
-            scales["y"] = uplot.Scale(distr=3)
-        self._chart = gui.add_uplot(
-            tuple(np.array([0.0]) for _ in range(len(labels) + 1)),
-            (uplot.Series(label="s"), *lines),
-            title=title,
-            scales=scales,
-            height=170,
-        )
+        self._chart = make_chart(gui, title, "s", labels, colours, log is not None)
 
     def add(self, x: float, values: Sequence[float]) -> None:
         """One sample: `values` in the order of the labels, nan where there is none. Draws now and then."""
@@ -63,11 +52,12 @@ class Curves:
 
     def draw(self) -> None:
         """Sends what there is."""
-        columns = np.array(self._rows).T
-        if self._log:
-            columns[1:][~(columns[1:] > 0.0)] = np.nan
-        self._chart.data = tuple(columns)
-        self._drawn = columns[0, -1]
+        x, *curves = np.array(self._rows).T
+        if self._log is not None:
+            low, high = self._log
+            curves = [np.where((curve >= low) & (curve <= high), curve, np.nan) for curve in curves]
+        self._chart.data = (x, *map(_without_gaps, curves))
+        self._drawn = x[-1]
 
     def clear(self) -> None:
         """Forgets all samples."""
@@ -78,3 +68,37 @@ class Curves:
     def data(self) -> tuple[np.ndarray, ...]:
         """What is drawn: x, then each curve."""
         return self._chart.data
+
+
+def make_chart(
+    gui: viser.GuiApi,
+    title: str,
+    x: str,
+    labels: Sequence[str],
+    colours: Sequence[tuple[int, int, int]] = COLOURS,
+    log: bool = False,
+) -> viser.GuiUplotHandle:
+    """A chart of the curves `labels` over `x`, with no data yet. log: a logarithmic axis."""
+    lines = [
+        uplot.Series(label=label, stroke="rgb({},{},{})".format(*colours[k % len(colours)]), width=2)
+        for k, label in enumerate(labels)
+    ]
+    return gui.add_uplot(
+        tuple(np.array([1.0]) for _ in range(len(labels) + 1)),
+        (uplot.Series(label=x), *lines),
+        title=title,
+        scales={"x": uplot.Scale(time=False), **({"y": uplot.Scale(distr=3)} if log else {})},
+        axes=(uplot.Axis(**_LINES), uplot.Axis(size=62, **_LINES)),  # room for 100,000
+        legend=uplot.Legend(live=False),  # else it says "--" where no mouse is
+        padding=(12.0, 24.0, 0.0, 0.0),  # above, as half of the topmost number is there
+        height=170,
+    )
+
+
+def _without_gaps(curve: np.ndarray) -> np.ndarray:
+    """Without what is not finite at its end; other gaps hold what was there before. uPlot loses its axes by nan."""
+    known = np.flatnonzero(np.isfinite(curve))
+    if not len(known):
+        return curve[:0]
+    newest = np.maximum(np.searchsorted(known, np.arange(known[-1] + 1), side="right") - 1, 0)
+    return curve[known[newest]]

@@ -11,7 +11,7 @@ import numpy as np
 import viser
 from trimesh.creation import icosphere
 
-from cloth_sim_ros.viewer.tube import tube_faces, tube_vertices
+from cloth_sim_ros.drawing.tube import tube_faces, tube_vertices
 
 Colour = tuple[int, int, int]
 COLOURS: tuple[Colour, ...] = (

@@ -13,6 +13,7 @@ import viser
 
 from cloth_sim_ros.viewer.drawing import Click, Drag, Drawing
 from cloth_sim_ros.viewer.look import furnish, look_from
+from cloth_sim_ros.viewer.visitors import make_server
 
 
 class Page:
@@ -70,25 +71,40 @@ class Page:
             self.frame()
 
     def close(self) -> None:
-        """Takes everything away."""
+        """Takes everything away, but for the hidden controls: see `remove`."""
         self.drawing.clear()
+        self.folder.visible = False
+
+    def remove(self) -> None:
+        """Takes the hidden controls away, which must have been left alone for a while.
+
+        A browser does all updates that it finds waiting after all removals, and complains of those that come too late.
+        """
         self.folder.remove()
 
 
 class Window:
     """Serves `pages` (class or other callable by title) at host and port; the first one is open at the beginning.
 
-    Where the port is taken, the next free one is used: see `address`.
+    Where the port is taken, the next free one is used: see `address`. `make_server` says who may come, as one of
+    `allowed_hosts`.
     """
 
-    def __init__(self, host: str, port: int, pages: dict[str, Callable[[viser.ViserServer], Page]]):
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        pages: dict[str, Callable[[viser.ViserServer], Page]],
+        allowed_hosts: Sequence[str] = (),
+    ):
         with quiet():
-            self.server = viser.ViserServer(host=host, port=port, label="cloth_sim", verbose=False)
+            self.server = make_server(host, port, allowed_hosts)
         self._pages = pages
         furnish(self.server)
         self._choice = self.server.gui.add_dropdown("Page", tuple(pages))
         self._waiting = self.server.gui.add_markdown("", visible=False)
         self._open = ""
+        self._closed: Page | None = None  # the page before, whose controls are hidden
         self.page: Page | None = None
 
     @property
@@ -108,8 +124,11 @@ class Window:
         self.page.advance()
 
     def _change(self, title: str) -> None:
+        if self._closed is not None:
+            self._closed.remove()
         if self.page is not None:
             self.page.close()
+        self._closed = self.page
         self._waiting.content = f"*Opening {title}. The first time its kernels are compiled, which takes a while.*"
         self._waiting.visible = True
         self._open, self.page = title, self._pages[title](self.server)

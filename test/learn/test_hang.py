@@ -6,7 +6,7 @@ import pytest
 from paths import along, run
 
 from cloth_sim_ros.learn import HangTowel, mppi
-from cloth_sim_ros.learn.hang import FRAMES, HAND, HORIZON, STAYS, STEP
+from cloth_sim_ros.learn.hang import FLOOR, FRAMES, HAND, HANGS, HORIZON, LENGTH, STAYS, STEP
 
 CARRIED = 24  # steps
 
@@ -32,6 +32,16 @@ def test_what_is_let_go_beside_the_peg_falls_freely(device):
     fallen = begin[0] - env.sim.tensor("towel", "positions").numpy()[0]
     assert fallen[:, 2].mean() == pytest.approx(0.5 * 9.81 * (5 * FRAMES / 60) ** 2, rel=0.02)
     assert not info["success"].any()
+
+
+def test_a_towel_that_fell_lies_on_the_floor(device):
+    """So that no reward falls without bound."""
+    env = HangTowel(2, device)
+    env.reset(seed=1)
+    rewards = np.array([env.step(np.tile([0.0, 0.0, 0.0, -1.0], (2, 1)))[1] for _ in range(HORIZON - 1)])
+    towel = env.sim.positions("towel", None)
+    assert towel[..., 2].min() > FLOOR - 0.01 and towel[..., 2].max() < FLOOR + 0.1
+    assert rewards.min() > -(HANGS[2] - FLOOR + 0.5 * LENGTH) / LENGTH
 
 
 def test_a_towel_that_is_held_is_not_hung(device):

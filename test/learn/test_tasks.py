@@ -4,10 +4,12 @@
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
 from cloth_sim_ros.learn import FoldTowel, HangTowel, RouteCable
 
 TASKS = {"FoldTowel": FoldTowel, "HangTowel": HangTowel, "RouteCable": RouteCable}
+OTHERS = ["HangTowel", "RouteCable"]
 
 
 @pytest.mark.long
@@ -35,6 +37,24 @@ def test_it_is_a_vector_environment(device, name):
     assert env.unwrapped.sim.time == pytest.approx((setup.horizon + 1) * setup.frames / 60)
     assert (env.unwrapped.sim.held(next(iter(setup.hands))) > 0).all(), "and hands hold again"
     env.close()
+
+
+@pytest.mark.parametrize("name", ["FoldTowel", *(pytest.param(name, marks=pytest.mark.long) for name in OTHERS)])
+@pytest.mark.filterwarnings("ignore:.*A Box observation space:UserWarning")  # particles may be anywhere
+@pytest.mark.filterwarnings("error::UserWarning")
+def test_one_alone_is_an_environment_that_steps_as_the_first_of_many(device, name):
+    one = gymnasium.make(f"cloth_sim_ros/{name}-v0", device=device, render_mode="rgb_array")
+    check_env(one.unwrapped)
+    many = gymnasium.make_vec(f"cloth_sim_ros/{name}-v0", num_envs=3, device=device)
+    many.action_space.seed(1)
+    (ours, told), (theirs, _) = one.reset(seed=5), many.reset(seed=5)
+    assert np.array_equal(ours, theirs[0]) and set(told) == {"distance", "success"}
+    for _ in range(4):
+        actions = many.action_space.sample()
+        ours, reward, terminated, truncated, told = one.step(actions[0])
+        theirs, rewards, _, _, infos = many.step(actions)
+        assert np.array_equal(ours, theirs[0]) and reward == rewards[0] and not terminated and not truncated
+        assert told["distance"] == infos["distance"][0] and told["success"] is False
 
 
 @pytest.mark.long

@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demonstration starts the node, feeds it, prints status lines and ends."""
 
+import os
 import re
 import subprocess
 import sys
 
 import pytest
+import rclpy
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from node_process import ROOT
+
+from cloth_sim_ros.demo.audience import Audience
+from cloth_sim_ros.ros.diagnostics import busy
 
 LINE = re.compile(
     r"real-time factor \d\.\d\d, \d+\.\d\d ms per frame, max strain \d+\.\d %, "
@@ -25,6 +31,37 @@ def test_demo_runs_and_ends_by_itself(scene):
     assert all(int(rate) > 0 for rate in lines[-1])
     assert "To look closer" in result.stdout
     assert "Traceback" not in result.stderr and "[WARN]" not in result.stdout + result.stderr
+
+
+@pytest.mark.long
+def test_demo_tells_that_it_compiles_and_runs_then(tmp_path):
+    command = [sys.executable, "-m", "cloth_sim_ros.demo", "winch", "--headless", "--seconds", "2"]
+    nothing_compiled = {**os.environ, "WARP_CACHE_PATH": str(tmp_path)}
+    result = subprocess.run(
+        command, cwd=ROOT, env=nothing_compiled, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert result.returncode == 0 and "Traceback" not in result.stderr, result.stdout + result.stderr
+    told = re.findall(r"^compiling kernels, which later starts find ready: (\d+) modules? done", result.stdout, re.M)
+    assert len(told) >= 2 and int(told[-1]) > 0, result.stdout
+    assert LINE.search(result.stdout) and "[INFO]" in result.stderr and "]: compiling kernels" in result.stderr
+
+
+def test_a_status_without_numbers_is_told_as_it_is(client, capsys):
+    audience = Audience(["cloth"])
+    publisher = client.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    client.until(lambda: publisher.get_subscription_count() > 0)
+    publisher.publish(busy("/cloth_sim", "building has taken 61 s so far"))
+    printed = ""
+
+    def said() -> bool:
+        nonlocal printed
+        rclpy.spin_once(audience, timeout_sec=0.02)
+        printed += capsys.readouterr().out
+        return bool(printed)
+
+    client.until(said)
+    audience.destroy_node()
+    assert printed == "building has taken 61 s so far\n"
 
 
 @pytest.mark.parametrize("scene", [file.stem for file in ROOT.glob("config/*.yaml")])

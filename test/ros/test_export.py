@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from node_process import ROOT
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
 
+from cloth_sim_ros.drawing.tube import SIDES
 from cloth_sim_ros.record.bag import Bag
-from cloth_sim_ros.viewer.tube import SIDES
 
 for needed in ("rosbags", "pygltflib", "imageio_ffmpeg"):
     pytest.importorskip(needed)
@@ -24,6 +25,7 @@ SCENE = """
     objects: [cloth, cable]
     colliders: [ball, floor]
     publish: {velocities: true}
+    spare_colliders: 2
     cloth: {type: cloth, resolution: [7, 6], size: [0.6, 0.5], pins: corners, position: [0, 0, 1]}
     cable: {type: rope, segments: 8, start: [1, 0, 2], end: [1, 0.1, 1.6], radius: 0.02}
     ball: {shape: sphere, dimensions: [0.15], position: [0, 0, 0.7]}
@@ -31,21 +33,36 @@ SCENE = """
 """
 
 
+def crate(number):
+    """A box far away from all else."""
+    marker = Marker(ns="crate", id=number, type=Marker.CUBE, action=Marker.ADD)
+    marker.header.frame_id = "world"
+    marker.pose.position.x, marker.pose.orientation.w = -5.0 * number, 1.0
+    marker.scale.x = marker.scale.y = marker.scale.z = 0.1
+    return marker
+
+
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory, ros):
     """A second of a node whose ball goes up, from its start on."""
-    from client import Client
+    from client import LATCHED, Client
     from node_process import NodeProcess
 
     folder = tmp_path_factory.mktemp("export")
     node, client = NodeProcess(SCENE, (), folder / "node"), Client()
     try:
         node.ready()
+        scene = client.node.create_publisher(MarkerArray, "/cloth_sim/scene", 10)
+        client.until(lambda: scene.get_subscription_count() > 0)
+        scene.publish(MarkerArray(markers=[crate(1)]))
+        markers = client.listen(MarkerArray, "/cloth_sim/colliders", LATCHED)
+        client.until(lambda: any(each.ns.startswith("crate") for array in markers for each in array.markers))
         command = [sys.executable, "-m", "cloth_sim_ros.record.recorder", str(folder / "bag")]
         recorder = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         while "Recording into" not in recorder.stdout.readline():
             assert recorder.poll() is None
         assert client.call(Trigger, "/cloth_sim/reset").success
+        scene.publish(MarkerArray(markers=[crate(2)]))
         height = [0.7]
 
         def rise():
@@ -102,7 +119,9 @@ def test_gltf_has_the_vertices_of_the_bag(bag, tmp_path):
     import trimesh
 
     out = tmp_path / "cloth.glb"
-    assert "frames" in export(bag, out, "--rate", "20")
+    told = export(bag, out, "--rate", "20")
+    assert "frames" in told
+    assert "colliders that came on ~/scene are left out: crate/1, crate/2\n" in told, "before the recording and in it"
     file = pygltflib.GLTF2().load(str(out))
     nodes = {node.name: at for at, node in enumerate(file.nodes)}
     assert {"cloth", "cable", "ball", "floor", "world"} == set(nodes)

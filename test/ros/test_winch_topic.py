@@ -110,3 +110,11 @@ def test_a_rate_beyond_the_limit_is_cut_with_a_warning(winch, client):
     client.until(lambda: winch.height() < 1.0)
     refusal = "other/winch is refused: other has no winch; set the parameter other.winch.enabled to true"
     client.until(lambda: refusal in winch.log, meanwhile=lambda: client.publish("/cloth_sim/other/winch", Float64()))
+
+
+def test_a_rate_beyond_its_limit_is_told_once(winch, client):
+    for rate in (5.0, 6.0, 7.0, 0.1, 8.0):
+        assert client.set("rope.winch.pay_out", rate).successful
+    winch.wait_for("rope.winch.pay_out is 8 m/s and is cut to rope.winch.max_rate, 1 m/s")
+    told = [line for line in winch.log.splitlines() if "is cut to rope.winch.max_rate" in line]
+    assert ["is 5 m/s" in told[0], "is 8 m/s" in told[1]] == [True, True] and len(told) == 2

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes for tests of saved states, all that can be told to them while they run, and what a file holds."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from cloth_sim_ros.sim import Box, Cloth, Handle, Rope, Scene, Settings, Simulation, Sphere, Winch, Wind
-from cloth_sim_ros.sim.executors.choose import forced_executor
 
 FRAMES = 30
 BALL = Sphere(position=(0.0, 0.1, 0.9), radius=0.15)
@@ -23,11 +20,6 @@ def cloth_scene(**more):
     )
     hand = Handle(position=(-0.35, -0.3, 1.1), reach=0.12, compliance=1e-4, break_force=50.0)
     return Scene({"cloth": cloth}, {"ball": BALL}, Wind((0.0, 2.0, 0.5)), handles={"hand": hand}, spare_colliders=1)
-
-
-def scene_without_hand():
-    """The same without what subdomains lack: a hand, and colliders that come between particles."""
-    return replace(cloth_scene(thickness=0.04), handles={}, spare_colliders=0)
 
 
 def ropes_scene():
@@ -100,8 +92,7 @@ CASES = {
     "auto": (cloth_scene, {}, 1, None),
     "order 1, two worlds": (cloth_scene, {"method": "xpbd", "order": 1, "substeps": 8}, 2, None),
     "order 2, a launch a stage": (cloth_scene, {"method": "xpbd", "order": 2, "substeps": 8}, 1, "graph"),
-    "verlet in rows": (cloth_scene, {"method": "verlet"}, 1, None),
-    "verlet in tiles, two worlds": (scene_without_hand, {"method": "verlet"}, 2, "subdomains"),
+    "verlet, two worlds": (cloth_scene, {"method": "verlet"}, 2, None),
     "ropes": (ropes_scene, {}, 1, None),
     "ropes, order 1": (ropes_scene, {"method": "xpbd", "order": 1, "substeps": 8}, 1, None),
 }
@@ -109,17 +100,15 @@ CASES = {
 
 def make(case, device):
     scene, settings, worlds, executor = CASES[case]
-    with forced_executor(executor):
-        return Simulation(scene(), Settings(**settings), device, worlds)
+    return Simulation(scene(), Settings(**settings), device, worlds, executor=executor)
 
 
-def run(sim, first, executor, after=lambda k: None):
+def run(sim, first, after=lambda k: None):
     """Frames from `first` to the last; after(k) is called when frame k has been told all, before it is computed."""
-    with forced_executor(executor):  # as a change of pins builds anew
-        for k in range(first, FRAMES):
-            drive(sim, k)
-            after(k)
-            sim.step()
+    for k in range(first, FRAMES):
+        drive(sim, k)
+        after(k)
+        sim.step()
 
 
 def contents(path):

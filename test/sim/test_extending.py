@@ -1,7 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A collider shape and a force from outside the package, as docs/how-to/extending.md writes them."""
 
+import os
+import re
+import subprocess
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +16,7 @@ from fixed_settings import fixed
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider, length
-from cloth_sim_ros.sim.executors.choose import forced_executor
-from cloth_sim_ros.sim.forces import FORCES
+from cloth_sim_ros.sim.scene.forces import FORCES
 
 
 @dataclass(frozen=True)
@@ -75,8 +79,7 @@ def test_a_shape_from_outside_holds_a_rope(extended, device):
 def test_a_force_from_outside_swings_a_sheet_as_the_closed_form(extended, device, settings, executor):
     """Mean height of a free sheet: z + g/k (cos(omega t) - 1) with damping, from rest; every executor alike."""
     scene = Scene({"sheet": Cloth(resolution=(9, 9), pins="none")}, forces={"up": Tether(0.0, 40.0, 1.0)})
-    with forced_executor(executor):
-        sim = Simulation(scene, fixed(**{"substeps": 60, **settings}), device=device)
+    sim = Simulation(scene, fixed(**{"substeps": 60, **settings}), device=device, executor=executor)
     frames = 30
     sim.step(frames)
     t, omega2, decay = frames / 60, 40.0, 0.5
@@ -91,3 +94,17 @@ def test_a_force_from_outside_swings_a_sheet_as_the_closed_form(extended, device
 def test_a_force_that_nobody_knows_is_refused():
     with pytest.raises(ValueError, match="Scene.forces has .*; allowed are"):
         Scene({"rope": Rope()}, forces={"odd": Tether(0.0, 1.0, 0.0)})
+
+
+PAGE = Path(__file__).parents[2] / "docs/how-to/extending.md"
+BLOCKS = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=range(len(BLOCKS)))
+def test_each_piece_of_code_of_the_page_runs_alone(block, tmp_path):
+    (tmp_path / "piece.py").write_text(block)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "piece.py"], cwd=PAGE.parents[2], env={**os.environ, "PYTHONPATH": "."},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr

@@ -12,7 +12,8 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 SHORT = [ROOT / "README.md", *(ROOT / "docs" / page for page in ("explanation/method.md", "reference/ros.md"))]
 # Pages with at most 25 words a sentence; older ones are allowed more, or any number.
-SHORTER = [ROOT / "CONTRIBUTING.md", ROOT / "QUALITY_DECLARATION.md", *(ROOT / "docs").rglob("index.md")]
+SHORTER = [ROOT / f"{page}.md" for page in ("CONTRIBUTING", "QUALITY_DECLARATION", "SECURITY")]
+SHORTER += (ROOT / "docs").rglob("index.md")
 SHORTER += (ROOT / "docs/tutorials").glob("*.md")
 NEW_GUIDES = "foxglove gpus installing large-messages several-machines several-nodes troubleshooting"
 SHORTER += (ROOT / "docs/how-to" / f"{page}.md" for page in NEW_GUIDES.split())

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cloth_sim_ros.drawing import camera
 from cloth_sim_ros.sim import Cloth
 from cloth_sim_ros.sim.topology import build
 from cloth_sim_ros.study.figures import save_png
-from cloth_sim_ros.study.pictures import camera, command, curtain, oscillator, rope, springs
+from cloth_sim_ros.study.pictures import command, curtain, oscillator, rope, springs
 
 
 def test_camera_sees_in_perspective():

@@ -84,8 +84,8 @@ def test_a_run_that_breaks_a_promise_fails(monkeypatch):
     assert "energy" in run_with(soft, dataclasses.replace(calm, slack=-0.5)).why
     assert "m/s" in run_with(soft, dataclasses.replace(calm, fastest=1.0)).why
     assert "strain" in run_with(soft, dataclasses.replace(calm, rest=-1.0)).why
-    monkeypatch.setattr("cloth_sim_ros.sim.methods.limits.explicit_substeps", lambda *_, **__: 1)
-    monkeypatch.setattr(Trial, "advance", lambda trial, substeps, outer, _: trial.explicit.advance(substeps, 1, outer))
+    monkeypatch.setattr("cloth_sim_ros.sim.substeps.limits.explicit_substeps", lambda *_, **__: 1)
+    monkeypatch.setattr(Trial, "advance", lambda trial, substeps, _: trial.explicit.advance(substeps, 1))
     assert "put back" in run_with(stiff, calm).why
 
 
@@ -93,7 +93,7 @@ def test_refusals_are_held_against_an_eigenvalue_of_their_own(monkeypatch):
     options = {"substeps": 1, "iterations": 1, "compliance": 1e-3}
     combination = judge.Combination("compliance", "sheet", "verlet", options, seed=1)
     assert (found := judge.judge(combination, "cpu")).outcome == "held" and found.substeps > 1
-    monkeypatch.setattr("cloth_sim_ros.sim.methods.limits.explicit_substeps", lambda *_: 400)
+    monkeypatch.setattr("cloth_sim_ros.sim.substeps.limits.explicit_substeps", lambda *_: 400)
     assert "needs" in judge.judge(combination, "cpu").why
 
 
@@ -146,7 +146,8 @@ def test_the_command_counts_and_writes(monkeypatch, tmp_path, capsys):
     options = ("--device", "cpu", "--seed", "5", "--case", "degenerate", "--output", str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["study", "stability", *options, "--method", "verlet", "xpbd 1", "--jobs", "2"])
     assert __main__.main() == 0
-    text = capsys.readouterr().out
+    text, progress = capsys.readouterr()
+    assert not set("\r\33") & set(text + progress), "a log is no terminal"
     assert "10 combinations that need 8 sets of kernels, seed 5" in text
     assert "6 ran, of which 6 held and 0 failed; 4 refused" in text and "5 / 0 / 0" in text and "1 / 4 / 0" in text
     assert len(json.loads((tmp_path / "stability_cpu.json").read_text())["rows"]) == 10

@@ -45,6 +45,7 @@ def open_page(server):
     yield make
     for page in pages:
         page.close()
+        page.remove()
 
 
 class Viewer:

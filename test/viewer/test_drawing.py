@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
+from cloth_sim_ros.drawing.tube import SIDES, tube_faces, tube_vertices
 from cloth_sim_ros.viewer.curves import Curves
-from cloth_sim_ros.viewer.tube import SIDES, tube_faces, tube_vertices
 from cloth_sim_ros.viewer.window import Page, Window
 
 HELIX = np.linspace(0.0, 12.0, 200)
@@ -43,16 +43,27 @@ def test_a_tube_is_closed():
 
 
 def test_a_chart_keeps_what_it_spans(server):
-    chart = Curves(server.gui, "it", ["one", "two"], log=True, span=5.0)
+    chart = Curves(server.gui, "it", ["one", "two"], log=(1e-3, 80.0), span=5.0)
     for k in range(100):
         chart.add(0.1 * k, [k, -1.0])
     chart.draw()
     x, one, two = chart.data
     assert x[0] == pytest.approx(4.9) and x[-1] == pytest.approx(9.9)
-    assert np.array_equal(one, np.arange(49, 100)) and np.isnan(two).all()
+    assert np.array_equal(one, np.arange(49, 81)), "it leaves the chart where it leaves the range"
+    assert len(two) == 0
     chart.add(0.0, [1.0, 1.0])  # time has begun anew
     chart.draw()
     assert len(chart.data[0]) == 1
+
+
+def test_a_chart_is_given_no_number_that_is_none(server):
+    """uPlot takes nan for a number, and draws nothing then."""
+    chart = Curves(server.gui, "it", ["late", "gap", "ends", "never"])
+    rows = ([np.nan, 1, 1], [np.nan, np.nan, np.inf], [2, 3, np.nan])
+    for k, (late, gap, ends) in enumerate(rows):
+        chart.add(k, [late, gap, ends, np.nan])
+    chart.draw()
+    assert [list(curve) for curve in chart.data] == [[0, 1, 2], [2, 2, 2], [1, 1, 3], [1], []]
 
 
 def test_a_page_that_is_chosen_replaces_the_one_before():
@@ -71,4 +82,10 @@ def test_a_page_that_is_chosen_replaces_the_one_before():
     window.choose("empty")
     window.advance()
     assert window.page is not ball and window.server.scene.get_handle_by_name("/page/ball") is None
+    assert not ball.folder.visible
+    ball.folder.order = 1.0  # which viser complains of where it is removed: updates may still be on their way
+    window.choose("ball")
+    window.advance()
+    with pytest.warns(match="already removed"):
+        ball.remove()
     window.close()

@@ -6,9 +6,9 @@ import pytest
 from client import fields
 from sensor_msgs.msg import PointCloud2
 
+from cloth_sim_ros.drawing.tube import SIDES
 from cloth_sim_ros.viewer.drawing import Click, Drag
 from cloth_sim_ros.viewer.live.grasp import NONE_FREE
-from cloth_sim_ros.viewer.tube import SIDES
 
 SCENE = """
 /**:
@@ -123,6 +123,17 @@ def test_a_hundred_moves_of_a_slider_end_at_the_last(shown, client):
     assert client.get("wind.velocity")[0] == pytest.approx(9.9)
 
 
+def test_the_sliders_of_the_wind_show_what_a_topic_blows_and_set_the_rest_along(shown, client):
+    sliders = shown.page.panel.sliders["wind.velocity"]
+    client.blow((0.0, 1.5, -0.5))
+    shown.until(lambda: sliders[1]._slider.value == pytest.approx(1.5, abs=0.1))
+    assert [slider._slider.value for slider in sliders] == pytest.approx([0.0, 1.5, -0.5])
+    sliders[0].slide(3.0)
+    shown.until(lambda: not settled(shown, "wind.velocity"))
+    shown.until(lambda: settled(shown, "wind.velocity"))
+    assert list(client.get("wind.velocity")) == pytest.approx([3.0, 1.5, -0.5])
+
+
 @pytest.mark.long
 def test_a_slider_follows_what_others_set(shown, client):
     assert client.set("cloth.static_friction", 1.25).successful
@@ -201,10 +212,10 @@ def test_curves_hold_what_the_node_reports(shown):
     assert curves["strain"].labels == ("cloth", "rope") and curves["tension"].labels == ("rope/start", "rope/end")
 
     def last(key: str) -> np.ndarray:
-        return np.array([row[-1] for row in curves[key].data[1:]])
+        return np.array([row[-1] if len(row) else np.nan for row in curves[key].data[1:]])
 
     # The rope of 0.2 kg comes to hang from its start, and its end holds nothing.
-    shown.until(lambda: len(curves["pace"].data[0]) > 1 and abs(last("tension")[0] - 0.2 * 9.81) < 0.02, timeout=60.0)
+    shown.until(lambda: len(curves["pace"].data[1]) > 1 and abs(last("tension")[0] - 0.2 * 9.81) < 0.02, timeout=60.0)
     assert abs(last("tension")[1]) < 1e-3
     assert last("pace")[0] > 0.0 and (last("strain") >= 0.0).all()
 
@@ -226,6 +237,17 @@ def test_a_node_that_goes_is_waited_for(start, viewer):
     assert not viewer.page.drawing.handles
     start(SCENE).ready()
     viewer.shows("cloth", "rope")
+
+
+@pytest.mark.long
+def test_a_node_that_compiles_says_so_and_shows_no_sliders_until_it_runs(start, viewer, tmp_path, monkeypatch):
+    monkeypatch.setenv("WARP_CACHE_PATH", str(tmp_path))
+    start(BARE)
+    viewer.until(lambda: viewer.page is not None and "compiling kernels" in viewer.page.status)
+    assert not viewer.page._content.visible and "so far" in viewer.page.status
+    viewer.until(lambda: viewer.page._content.visible)
+    assert viewer.page.status == "/cloth_sim is there."
+    viewer.shows("cloth")
 
 
 def test_a_node_in_a_namespace_is_found_by_its_name(start, viewer_of):

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 
 import pytest
@@ -80,6 +81,17 @@ def test_two_viewers_have_a_port_each(command):
     first = command("cloth_sim_ros.viewer", "--ros-args", "-p", "port:=18210").wait_for(ADDRESS).group(1)
     second = command("cloth_sim_ros.viewer", "--ros-args", "-p", "port:=18210").wait_for(ADDRESS).group(1)
     assert first != second
+
+
+def test_the_page_is_served_under_its_allowed_hosts_and_under_no_other_name(command):
+    viewer = command("cloth_sim_ros.viewer", "--ros-args", "-p", "port:=18220", "-p", "allowed_hosts:=[robot.example]")
+    address = f"http://127.0.0.1:{viewer.wait_for(ADDRESS).group(1)}"
+    for host, status in (("robot.example", 200), ("evil.example", 403)):
+        try:
+            answer = urllib.request.urlopen(urllib.request.Request(address, headers={"Host": host}), timeout=10.0)
+        except urllib.error.HTTPError as refused:
+            answer = refused
+        assert answer.status == status
 
 
 @pytest.mark.long

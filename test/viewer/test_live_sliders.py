@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scales of sliders from descriptors."""
+"""Sliders: their scales from descriptors, and numbers by powers of ten that are dragged and typed."""
 
 import pytest
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
-from cloth_sim_ros.viewer.live.sliders import scale_of
+from cloth_sim_ros.viewer.live.sliders import ParameterSlider, scale_of
+from cloth_sim_ros.viewer.scale import Scale
 
 
 def described(low: float, high: float) -> ParameterDescriptor:
@@ -39,3 +40,58 @@ def test_whole_numbers_stay_whole():
 
 def test_without_a_range_there_is_no_scale():
     assert scale_of(ParameterDescriptor(), 1.0) is None
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1e6), (0.0, 1e12), (1e-5, 10.0), (2.0, 400.0)])
+def test_marks_lie_within_and_apart(low, high):
+    scale = Scale(low, high, powers=True, floor=max(low, 1e-8))
+    left, right, _ = scale.ends
+    places = [place for place, _ in scale.marks]
+    assert left <= places[0] and places[-1] <= right and 2 <= len(places) <= 7
+    assert min(b - a for a, b in zip(places, places[1:], strict=False)) >= (right - left) / 8
+    for place, word in scale.marks:
+        assert float(word) == pytest.approx(scale.value(place))
+
+
+@pytest.fixture
+def slider(server):
+    """A compliance of 0.003 m/N, from 0 to 1e6."""
+    scale, hint = scale_of(described(0.0, 1e6), 0.003), "How it yields [m/N] (live)"
+    return ParameterSlider(server.gui, "stretch compliance", scale, 0.003, hint)
+
+
+def looked_at(slider, times: int = 100) -> list[float]:
+    """What is wanted within so many frames."""
+    return [value for value in (slider.wanted() for _ in range(times)) if value is not None]
+
+
+def test_a_number_by_powers_of_ten_is_shown_with_its_unit(slider):
+    box = slider._slider._box
+    assert box.label == "stretch compliance" and box.value == "0.003 m/N"
+    slider.slide(0.05)
+    assert looked_at(slider) == [pytest.approx(0.05, rel=1e-2)] and box.value == "0.05 m/N"
+    slider.show(0.2)
+    assert looked_at(slider) == [] and box.value == "0.2 m/N"
+    slider.slide(0.0)
+    assert looked_at(slider) == [0.0] and box.value == "0 m/N"
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "then"),
+    [
+        ("0.0123", 0.0123, "0.0123 m/N"),
+        (" 2e-4 m/N", 2e-4, "0.0002 m/N"),
+        ("1e9", 1e6, "1e+06 m/N"),
+        (".5", 0.5, "0.5 m/N"),
+    ],
+)
+def test_a_number_is_typed(slider, text, value, then):
+    for end in range(1, len(text) + 1):
+        slider._slider.type(text[:end])
+        assert looked_at(slider, 5) == [], "while keys are pressed nothing is sent"
+    assert looked_at(slider) == [value] and slider._slider._box.value == then
+
+
+def test_what_is_no_number_is_put_back(slider):
+    slider._slider.type("soft")
+    assert looked_at(slider) == [] and slider._slider._box.value == "0.003 m/N"

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import logging
 import os
-import sys
 import tempfile
 import time
 import zipfile
@@ -16,7 +15,8 @@ import warp as wp
 
 from cloth_sim_ros.sim.colliders import mesh_distance
 from cloth_sim_ros.sim.colliders.mesh import Mesh
-from cloth_sim_ros.sim.compiled import compiled
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.status_line import show
 
 CELLS = 64  # along the longest side of a mesh
 _MOST_CELLS = 400
@@ -63,17 +63,15 @@ def _compute(mesh: Mesh, origin: np.ndarray, spacing: float, shape: tuple[int, .
     device = wp.get_device("cpu")
     data, values = mesh.data(device), np.empty(shape, np.float32)
     of_slice = wp.empty(shape[1] * shape[2], dtype=float, device=device)
-    begin, shows = time.monotonic(), sys.stderr.isatty()
+    begin = time.monotonic()
     for i in range(shape[0]):
         first = origin + (i * spacing, 0.0, 0.0)
         inputs = [wp.vec3(*first), spacing, shape[2], wp.vec3(*mesh.size()), data.id, of_slice]
         wp.launch(_measure, dim=len(of_slice), inputs=inputs, device=device)
         values[i] = of_slice.numpy().reshape(shape[1:])
-        if shows:
-            left = (time.monotonic() - begin) * (shape[0] / (i + 1) - 1.0)
-            print(f"\rsigned distances: {(i + 1) / shape[0]:4.0%}, {left:.0f} s left ", end="", file=sys.stderr)
-    if shows:
-        print(file=sys.stderr)
+        left = (time.monotonic() - begin) * (shape[0] / (i + 1) - 1.0)
+        show(f"signed distances: {(i + 1) / shape[0]:4.0%}, {left:.0f} s left")
+    show("")
     return values
 
 

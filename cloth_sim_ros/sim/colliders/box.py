@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.colliders.collider import Collider, lengths
-from cloth_sim_ros.sim.quaternion import Vector
+from cloth_sim_ros.sim.physics.quaternion import Vector
 
 
 @dataclass(frozen=True)

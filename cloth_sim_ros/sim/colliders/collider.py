@@ -12,8 +12,8 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.checks import check_fields
-from cloth_sim_ros.sim.quaternion import Quaternion, Vector
+from cloth_sim_ros.sim.input.checks import check_fields
+from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
 
 STRETCHED = 1.62  # how much wider gaps between particles may become than they are at rest
 FASTEST = 20.0  # [m/s] at which none may come through between particles that it touches

@@ -7,8 +7,8 @@ that are the nearest of some point in it. Elsewhere the nearest one is found in 
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load4, load_address, load_int, load_number, xyz
-from cloth_sim_ros.sim.native import LANES, source
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_address, load_int, load_number, xyz
+from cloth_sim_ros.sim.kernels.native import LANES, source
 
 # Words of the address of a mesh: the tree, the triangles, the cells of its grid, planes and triangles of all lists, and
 # whether it is convex.

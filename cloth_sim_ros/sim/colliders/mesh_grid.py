@@ -15,9 +15,9 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.colliders.mesh_distance import ROWS, TREE, TRIANGLES, by_tree, nearest_on
-from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.intrinsics import load4, load_address, xyz
-from cloth_sim_ros.sim.native import LANES
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_address, xyz
+from cloth_sim_ros.sim.kernels.native import LANES
 
 # Of the root of the mean area of a triangle. There a list has about 27 of them, and lists take 1.5 kB a triangle.
 _SPACING = 1.2

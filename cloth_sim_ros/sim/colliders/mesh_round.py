@@ -7,8 +7,8 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.colliders.mesh_distance import TREE, by_tree
-from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.intrinsics import load_address
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.intrinsics import load_address
 
 
 @compiled

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.colliders.collider import Collider
-from cloth_sim_ros.sim.quaternion import Quaternion, Vector, rotate, turn_to
+from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector, rotate, turn_to
 
 
 @dataclass(frozen=True)

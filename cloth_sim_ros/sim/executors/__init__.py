@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the program of a substep runs: a body in blocks, a launch a part, vector rows, subdomains with halos."""
+"""How the program of a substep runs: a body in blocks, a launch a part, a frame as a trial."""

@@ -10,17 +10,16 @@ from functools import lru_cache
 
 import warp as wp
 
-from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.cooperative import Crew, crews_of, number_of
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import Arrays, gathered, given_type
 from cloth_sim_ros.sim.executors.shared_history import copy_history, with_history_at
-from cloth_sim_ros.sim.intrinsics import BYTES_A_PARTICLE, beside, load_row, make_tile_address, store4, sync
-from cloth_sim_ros.sim.methods.program import Program, make_begin, make_enter, make_program
-from cloth_sim_ros.sim.methods.stage import in_turn, wait_in_block, wait_in_crew
-from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.physics.integrate import outer_weight
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative_groups_of, number_of
+from cloth_sim_ros.sim.kernels.intrinsics import BYTES_A_PARTICLE, beside, load_row, make_tile_address, store4, sync
+from cloth_sim_ros.sim.program import Program, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.ropes.scan import THREADS, scan_size
-from cloth_sim_ros.sim.stages.here import Here
-from cloth_sim_ros.sim.state import Arrays, gathered, given_type
+from cloth_sim_ros.sim.stage import in_sequence, wait_in_block, wait_in_group
 
 _LEAST, _MOST = 64, 512  # threads of each of several blocks of a body; of more, contact would not fit the registers
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
@@ -55,11 +54,14 @@ class Block:
             shared = -(-largest // 64) * 64 if fits else 0
             kernel = make_frame(features, shared, block, shared_memory(device))
         else:
-            kernel, crew = make_spread_frame(features, block), crews_of(bodies, blocks, block, device)
-            inputs, threads = [*inputs, bodies, crew], crew.teams * crew.width
+            kernel, group = (
+                make_spread_frame(features, block),
+                cooperative_groups_of(bodies, blocks, block, device),
+            )
+            inputs, threads = [*inputs, bodies, group], group.teams * group.width
         self._launch = wp.launch(kernel, dim=threads, inputs=inputs, device=device, block_dim=block, record_cmd=True)
 
-    def advance(self, substeps: int, iterations: int, outer: int) -> None:
+    def advance(self, substeps: int, iterations: int) -> None:
         """Launch one frame; the numbers are read from the device's Frame, where they are already."""
         self._launch.launch()
 
@@ -99,7 +101,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     load, unload = _make_memory(features, shared, block, most_shared)
     home_of = make_home(features)
     called = block == 1 and bool(features.shapes)
-    simulate, end = _make_substeps(features, program, called), in_turn(program.ending, "ending", called)
+    simulate, end = _make_substeps(features, program, called), in_sequence(program.ending, "ending", called)
     argument = given_type(features)
 
     @compiled(module="unique", launch_bounds=block)
@@ -107,15 +109,15 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         # By the number of the thread alone: of two dimensions Warp would divide numbers of 64 bits.
         b = wp.tid() / wp.static(block)
         t = wp.tid() - b * wp.static(block)
-        home = home_of(given, b, Crew())
+        home = home_of(given, b, CooperativeGroup())
         if wp.static(features.redoes):
-            if home.state.rejected[home.body.index] == 0:
+            if home.state.trial.rejected[home.body.index] == 0:
                 return
-        here = load(t, home)
+        ctx = load(t, home)
         sync()
-        simulate(t, wp.block_dim(), here)
-        end(t, wp.block_dim(), here)
-        unload(t, here, home)
+        simulate(t, wp.block_dim(), ctx)
+        end(t, wp.block_dim(), ctx)
+        unload(t, ctx, home)
 
     return simulate_frame
 
@@ -127,39 +129,39 @@ def make_spread_frame(features: Features, block: int):
     A barrier of blocks takes as long as ten of a block, but each has the whole multiprocessor.
     """
     program, home_of = make_program(features, False), make_home(features)
-    simulate = _make_substeps(features, program, False, wait_in_crew)
-    end = in_turn(program.ending, "ending", False, wait_in_crew)
+    simulate = _make_substeps(features, program, False, wait_in_group)
+    end = in_sequence(program.ending, "ending", False, wait_in_group)
     argument = given_type(features)
 
     @compiled(module="unique", launch_bounds=block)
-    def simulate_frame(given: argument, bodies: int, crew: Crew):
-        t = number_of(wp.tid(), crew)
-        for b in range(wp.tid() / crew.width, bodies, crew.teams):
-            here = home_of(given, b, crew)
+    def simulate_frame(given: argument, bodies: int, group: CooperativeGroup):
+        t = number_of(wp.tid(), group)
+        for b in range(wp.tid() / group.width, bodies, group.teams):
+            ctx = home_of(given, b, group)
             if wp.static(features.redoes):
-                if here.state.rejected[here.body.index] == 0:
+                if ctx.state.trial.rejected[ctx.body.index] == 0:
                     continue
-            simulate(t, crew.width, here)
-            end(t, crew.width, here)
+            simulate(t, group.width, ctx)
+            end(t, group.width, ctx)
 
     return simulate_frame
 
 
 def make_home(features: Features):
-    """A Warp function: body b of all worlds, in device arrays, which a crew has."""
+    """A Warp function: body b of all worlds, in device arrays, which a cooperative group has."""
     begin, argument = make_begin(features), given_type(features)
 
     @wp.func
-    def home_of(given: argument, b: int, crew: Crew) -> Here:
-        here = Here()
+    def home_of(given: argument, b: int, group: CooperativeGroup) -> Context:
+        ctx = Context()
         if wp.static(features.worlds):
             bodies = given[0].model.bodies.shape[0]
             w = b // bodies
-            here = begin(given[w], b - w * bodies)
+            ctx = begin(given[w], b - w * bodies)
         else:
-            here = begin(given, b)
-        here.crew = crew
-        return here
+            ctx = begin(given, b)
+        ctx.cooperative_group = group
+        return ctx
 
     return home_of
 
@@ -169,43 +171,36 @@ def make_give_spans(slots: int):
     address = make_tile_address(slots) if slots else None
 
     @wp.func
-    def give_spans(here: Here) -> Here:
+    def give_spans(ctx: Context) -> Context:
         if wp.static(slots > 0):
-            here.spans = address(wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared"))
-        return here
+            ctx.spans = address(wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared"))
+        return ctx
 
     return give_spans
 
 
 def _make_substeps(features: Features, program: Program, called: bool, wait=wait_in_block):
-    """A Warp function: the threads of a body run all substeps of a frame; wait(here) is a barrier of them."""
-    enter, outer = make_enter(features), in_turn(program.outer, "outer", called, wait)
-    before = in_turn(program.before, "before", called, wait)
-    iterated = in_turn([*program.solved, *program.touched], "iterated", called, wait)
-    after = in_turn([*program.kept, *program.after], "after", called, wait)
+    """A Warp function: the threads of a body run all substeps of a frame; wait(ctx) is a barrier of them."""
+    enter, before = make_enter(features), in_sequence(program.before, "before", called, wait)
+    iterated = in_sequence([*program.solved, *program.touched], "iterated", called, wait)
+    after = in_sequence([*program.kept, *program.after], "after", called, wait)
 
     @wp.func
-    def simulate(t: int, width: int, loaded: Here):
+    def simulate(t: int, width: int, loaded: Context):
         frame = loaded.frame
-        here = loaded
+        ctx = loaded
         for substep in range(frame.substeps):
-            here = enter(here, substep)
-            if wp.static(outer is not None):
-                if outer_weight(substep, frame.substeps, frame.outer) > 0.0:
-                    outer(t, width, here)
-            before(t, width, here)
-            here.step.repeats = frame.iterations > 1
-            here.step.store = frame.iterations > 1 or substep == frame.substeps - 1
+            ctx = enter(ctx, substep)
+            before(t, width, ctx)
+            ctx.step.repeats = frame.iterations > 1
+            ctx.step.store = frame.iterations > 1 or substep == frame.substeps - 1
             for iteration in range(frame.iterations):
-                here.step.first = iteration == 0
-                here.last = iteration + 1 == frame.iterations
+                ctx.step.first = iteration == 0
+                ctx.last = iteration + 1 == frame.iterations
                 if wp.static(iterated is not None):
-                    iterated(t, width, here)
+                    iterated(t, width, ctx)
             if wp.static(after is not None):
-                after(t, width, here)
-        if wp.static(outer is not None):
-            here.substep = frame.substeps
-            outer(t, width, here)
+                after(t, width, ctx)
 
     return simulate
 
@@ -225,37 +220,37 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
     give_spans = make_give_spans(slots)
 
     @wp.func
-    def load(t: int, home: Here) -> Here:
-        here = home
+    def load(t: int, home: Context) -> Context:
+        ctx = home
         if wp.static(shared > 0):
             # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
-            here.x = tile_address(wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared"))
+            ctx.x = tile_address(wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared"))
             if wp.static(features.method == "verlet"):
-                here.low = beside(here.x, wp.static(shared))
+                ctx.position_lo = beside(ctx.x, wp.static(shared))
             else:
-                here.d = beside(here.x, wp.static(shared))
+                ctx.d = beside(ctx.x, wp.static(shared))
                 if wp.static(not features.plate):
-                    here.p = here.d
+                    ctx.p = ctx.d
             if wp.static(all_shared):
-                here.low = beside(here.x, wp.static(2 * shared))
-            for i in range(t, here.body.count, wp.static(block)):
+                ctx.position_lo = beside(ctx.x, wp.static(2 * shared))
+            for i in range(t, ctx.body.count, wp.static(block)):
                 # Both are asked for before one is stored, which the compiler could not tell.
-                position = load_row(here.state.positions, here.body.particles + i)
-                lost = load_row(here.state.low, here.body.particles + i)
-                store4(here.x, i, position)
+                position = load_row(ctx.state.positions, ctx.body.particles + i)
+                lost = load_row(ctx.state.position_lo, ctx.body.particles + i)
+                store4(ctx.x, i, position)
                 if wp.static(all_shared or features.method == "verlet"):
-                    store4(here.low, i, lost)
+                    store4(ctx.position_lo, i, lost)
         if wp.static(history > 0):
             begin = history_address(wp.tile_empty(shape=(wp.static(history),), dtype=wp.vec4, storage="shared"))
-            here.state = with_history_at(begin, wp.static(shared), here.body, home.state)
-            for i in range(t, here.body.count, wp.static(block)):
-                copy_history(here.body.particles + i, home.state, here.state)
-        return give_spans(here)
+            ctx.state = with_history_at(begin, wp.static(shared), ctx.body, home.state)
+            for i in range(t, ctx.body.count, wp.static(block)):
+                copy_history(ctx.body.particles + i, home.state, ctx.state)
+        return give_spans(ctx)
 
     @wp.func
-    def unload(t: int, here: Here, home: Here):
+    def unload(t: int, ctx: Context, home: Context):
         if wp.static(history > 0):
-            for i in range(t, here.body.count, wp.static(block)):
-                copy_history(here.body.particles + i, here.state, home.state)
+            for i in range(t, ctx.body.count, wp.static(block)):
+                copy_history(ctx.body.particles + i, ctx.state, home.state)
 
     return load, unload

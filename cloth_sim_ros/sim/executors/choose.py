@@ -3,72 +3,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 
 import warp as wp
 
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.executors.block import Block, blocks_for, capacity, threads_for
 from cloth_sim_ros.sim.executors.graph import Graph, Member
-from cloth_sim_ros.sim.executors.subdomain_plan import Unfit
-from cloth_sim_ros.sim.executors.subdomains import Subdomains
-from cloth_sim_ros.sim.executors.vector_rows import VectorRows, fits_rows
-from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.state import Arrays
-from cloth_sim_ros.sim.topology import Topology
 
-Executor = Block | Graph | Subdomains | VectorRows
-_forced: str | None = None
+Executor = Block | Graph
+EXECUTORS = ("block", "graph")
 _ALONE = 1600  # particles that one block computes faster than several, on an H100
 
 
-@contextmanager
-def forced_executor(name: str | None) -> Iterator[None]:
-    """For tests and studies: batches that are built within have the executor "block", "graph" or "subdomains".
-
-    With None it is chosen, as without. Building a batch raises ValueError where a body does not fit a block of the
-    device, or subdomains cannot serve it.
-    """
-    global _forced
-    before, _forced = _forced, name
-    try:
-        yield
-    finally:
-        _forced = before
-
-
-def goes_in_rows(features: Features, topology: Topology, device: wp.Device) -> bool:
-    """Whether a body is computed in vector rows."""
-    return _forced is None and fits_rows(features, topology, device)
-
-
 def make_executor(
-    features: Features, worlds: list[Arrays], topologies: list[Topology], rows: bool, device: wp.Device
+    features: Features, worlds: list[Arrays], counts: list[int], device: wp.Device, name: str | None
 ) -> Executor:
-    """What advances bodies of equal `features`; rows: whether in vector rows."""
-    if rows:
-        return VectorRows(features, worlds, topologies, device)
-    counts = [len(topology.masses) for topology in topologies]
+    """The executor of bodies of equal `features` and so many particles each: that of a `name`, else the faster.
+
+    Raises ValueError where a body does not fit the one block that it is to have.
+    """
     largest, limit = max(counts), capacity(device, features)
-    # A rope is short; in a block it also leaves the forces of the air behind, which its end wrenches need.
-    sheets = all(len(topology.triangles) for topology in topologies)
-    if _forced == "subdomains" or (_forced is None and device.is_cuda and sheets):
-        try:
-            if topologies[0].world_scales is not None:
-                raise Unfit("scales, which may differ between worlds", "one rest shape")
-            return Subdomains(features, worlds, [topology.layout for topology in topologies], device)
-        except Unfit:
-            if _forced == "subdomains":
-                raise
-    if _forced == "block" and largest > limit:
+    if name == "block" and largest > limit:
         raise ValueError(
-            f"the executor 'block' is forced on a body of {largest} particles; allowed are up to {limit} on "
-            f"{device.alias}"
+            f"executor is 'block' for a body of {largest} particles; allowed are up to {limit} on {device.alias}"
         )
-    if _forced == "graph":
+    if name == "graph":
         return Graph([Member(features, worlds, device)])
-    return _in_blocks(features, worlds, counts, _forced == "block", device)
+    return _in_blocks(features, worlds, counts, name == "block", device)
 
 
 def make_safe_executor(

@@ -12,20 +12,20 @@ from typing import Protocol
 
 import warp as wp
 
-from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.cooperative import Crew, crews_of, number_of
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import Arrays, gathered, given_type
 from cloth_sim_ros.sim.executors.block import blocks_for, make_give_spans, make_home, threads_for
-from cloth_sim_ros.sim.meeting.apart import Apart
-from cloth_sim_ros.sim.meeting.bound import Bound
-from cloth_sim_ros.sim.meeting.flat import Flat
-from cloth_sim_ros.sim.meeting.search import Search
-from cloth_sim_ros.sim.methods.program import make_enter, make_program
-from cloth_sim_ros.sim.methods.stage import in_turn, wait_in_crew
-from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.features.self_contact.ccd_clamp import CcdClamp
+from cloth_sim_ros.sim.features.self_contact.early_out import EarlyOut
+from cloth_sim_ros.sim.features.self_contact.search import Search
+from cloth_sim_ros.sim.features.self_contact.solve import ContactSolve
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative_groups_of, number_of
+from cloth_sim_ros.sim.program import make_enter, make_program
 from cloth_sim_ros.sim.ropes.scan import scan_size
-from cloth_sim_ros.sim.state import Arrays, gathered, given_type
+from cloth_sim_ros.sim.stage import in_sequence, wait_in_group
 
-_KEPT = 4  # frames kept at a time, for as many triples of substeps, iterations and outer steps
+_KEPT = 4  # frames kept at a time, for as many pairs of substeps and iterations
 
 
 class Launch(Protocol):
@@ -44,10 +44,10 @@ class Member:
             blocks, block = 1, threads_for(features, int(counts.max()), device)
         else:
             blocks, block = blocks_for(int(counts.max()), bodies, device)
-        crew = crews_of(bodies, blocks, block, device)
+        group = cooperative_groups_of(bodies, blocks, block, device)
         self._kernels = make_kernels(features, block)
-        self._given = [gathered(worlds, device), bodies, crew]
-        self._dims = {"dim": crew.teams * crew.width, "block_dim": block, "device": device}
+        self._given = [gathered(worlds, device), bodies, group]
+        self._dims = {"dim": group.teams * group.width, "block_dim": block, "device": device}
         self._recorded: dict[tuple, wp.Launch] = {}
         for kernel in self._kernels.values():  # as none may have to be loaded while a frame is captured
             kernel.module.load(device, block)
@@ -70,20 +70,22 @@ class Graph:
     none through.
     """
 
-    def __init__(self, members: Sequence[Member], meeting: tuple[Flat, Search, Apart, Bound] | None = None) -> None:
+    def __init__(
+        self, members: Sequence[Member], meeting: tuple[EarlyOut, Search, ContactSolve, CcdClamp] | None = None
+    ) -> None:
         self._members, self._meeting = members, meeting
-        self._frames: dict[tuple[int, int, int], list[Launch]] = {}
+        self._frames: dict[tuple[int, int], list[Launch]] = {}
 
-    def advance(self, substeps: int, iterations: int, outer: int) -> None:
+    def advance(self, substeps: int, iterations: int) -> None:
         """Launch one frame; what new numbers launch is recorded, and a few are kept."""
-        settings = (substeps, iterations, outer)
+        settings = (substeps, iterations)
         if settings not in self._frames:
             if len(self._frames) == _KEPT:
                 self._frames.pop(next(iter(self._frames)))
             self._frames[settings] = self._launches(*settings)
         _run(self._frames[settings])
 
-    def _launches(self, substeps: int, iterations: int, outer: int) -> list[Launch]:
+    def _launches(self, substeps: int, iterations: int) -> list[Launch]:
         frame: list[Launch] = []
 
         def run(part: str, *numbers: int) -> None:
@@ -91,25 +93,21 @@ class Graph:
                 frame.extend(member.run(part, *numbers))
 
         if self._meeting is not None:
-            flat, search, apart, bound = self._meeting
-            frame += [Call(bound.begin), Call(flat.begin), Call(partial(search.look, ends=False))]
-        outer_ends = {j * substeps // outer for j in range(outer + 1)}
+            early_out, search, solve, clamp = self._meeting
+            frame += [Call(clamp.begin), Call(early_out.begin), Call(partial(search.look, ends=False))]
         for substep in range(substeps):
-            if substep in outer_ends:
-                run("outer", substep)
             run("before", substep)
             store = int(iterations > 1 or substep == substeps - 1)
             for iteration in range(iterations):
                 now = (substep, min(iteration, 1), store, int(iteration + 1 == iterations))
                 run("solved", *now)
                 if self._meeting is not None:
-                    frame.append(apart)
+                    frame.append(solve)
                 run("touched", *now)
             run("kept", substep, min(iterations - 1, 1))
             if self._meeting is not None:
-                frame += [Call(partial(search.look, ends=True)), bound]
+                frame += [Call(partial(search.look, ends=True)), clamp]
             run("after", substep, min(iterations - 1, 1))
-        run("outer", substeps)
         run("ending", substeps)
         return frame
 
@@ -132,7 +130,7 @@ def make_kernels(features: Features, block: int) -> dict[str, wp.Kernel]:
     program = make_program(features, block == 1, block if features.chain else 1)
     module = wp.get_module(f"cloth_sim_ros.graph.{features.key()}.{block}")
     called = block == 1 and bool(features.shapes)
-    each = {part: in_turn(stages, part, called, wait_in_crew) for part, stages in vars(program).items()}
+    each = {part: in_sequence(stages, part, called, wait_in_group) for part, stages in vars(program).items()}
     return {part: _make_kernel(part, run, features, block, module) for part, run in each.items() if run is not None}
 
 
@@ -141,19 +139,27 @@ def _make_kernel(part: str, run, features: Features, block: int, module: wp.Modu
     home_of, enter, argument = make_home(features), make_enter(features), given_type(features)
     give_spans = make_give_spans(scan_size(block) if part == "solved" and features.chain and block > 1 else 0)
 
-    def launched(given: argument, bodies: int, crew: Crew, substep: int, iteration: int, store: int, last: int):
-        t = number_of(wp.tid(), crew)
-        for b in range(wp.tid() / crew.width, bodies, crew.teams):
-            home = home_of(given, b, crew)
+    def launched(
+        given: argument,
+        bodies: int,
+        group: CooperativeGroup,
+        substep: int,
+        iteration: int,
+        store: int,
+        last: int,
+    ):
+        t = number_of(wp.tid(), group)
+        for b in range(wp.tid() / group.width, bodies, group.teams):
+            home = home_of(given, b, group)
             if wp.static(features.redoes):
-                if home.state.rejected[home.body.index] == 0:
+                if home.state.trial.rejected[home.body.index] == 0:
                     continue
-            here = enter(home, substep)
-            here.step.first = iteration == 0
-            here.step.store = store != 0
-            here.last = last != 0
-            here.step.repeats = here.frame.iterations > 1
-            run(t, crew.width, give_spans(here))
+            ctx = enter(home, substep)
+            ctx.step.first = iteration == 0
+            ctx.step.store = store != 0
+            ctx.last = last != 0
+            ctx.step.repeats = ctx.frame.iterations > 1
+            run(t, group.width, give_spans(ctx))
 
     launched.__qualname__ = f"launch_{part}"
     return compiled(launched, module=module, launch_bounds=block)

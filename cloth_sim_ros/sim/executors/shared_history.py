@@ -3,25 +3,25 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load_row, store_row
-from cloth_sim_ros.sim.model import Body
-from cloth_sim_ros.sim.state import State
+from cloth_sim_ros.sim.arrays.model import Body
+from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row
 
 
 @wp.func
 def with_history_at(begin: wp.uint64, capacity: int, body: Body, s: State) -> State:
     """The state whose velocities, last velocities and last displacements, of the body alone, lie from address `begin`:
     10 floats for each of `capacity` particles. They count through the batch like those elsewhere."""
-    here = s
+    ctx = s
     end = body.particles + body.count
     skipped = wp.uint64(body.particles)
     room = wp.uint64(capacity)
-    here.velocities = wp.array(ptr=begin - wp.uint64(16) * skipped, shape=(end,), dtype=wp.vec4)
+    ctx.velocities = wp.array(ptr=begin - wp.uint64(16) * skipped, shape=(end,), dtype=wp.vec4)
     begin += wp.uint64(16) * room
-    here.last_velocities = wp.array(ptr=begin - wp.uint64(12) * skipped, shape=(end,), dtype=wp.vec3)
+    ctx.last_velocities = wp.array(ptr=begin - wp.uint64(12) * skipped, shape=(end,), dtype=wp.vec3)
     begin += wp.uint64(12) * room
-    here.last_displacements = wp.array(ptr=begin - wp.uint64(12) * skipped, shape=(end,), dtype=wp.vec3)
-    return here
+    ctx.last_displacements = wp.array(ptr=begin - wp.uint64(12) * skipped, shape=(end,), dtype=wp.vec3)
+    return ctx
 
 
 @wp.func

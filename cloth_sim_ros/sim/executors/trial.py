@@ -15,10 +15,10 @@ from collections.abc import Callable
 
 import warp as wp
 
+from cloth_sim_ros.sim.arrays.state import Arrays, ColliderMotion
 from cloth_sim_ros.sim.colliders.collider import STRETCHED
-from cloth_sim_ros.sim.compiled import compiled
-from cloth_sim_ros.sim.intrinsics import load_row, store_row, xyz
-from cloth_sim_ros.sim.state import Arrays, ColliderMotion
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
 
 STRAINED = wp.constant(0.5)
 GROWTH = wp.constant(1.5)  # of the largest strain, over a frame, or its inverse
@@ -31,11 +31,11 @@ def keep_start(given: wp.array(dtype=Arrays), particles: int):
     i = wp.tid()
     s = given[i / particles].state
     g = i % particles
-    store_row(s.start_positions, g, load_row(s.positions, g))
-    store_row(s.start_low, g, load_row(s.low, g))
-    store_row(s.start_velocities, g, load_row(s.velocities, g))
+    store_row(s.trial.start_positions, g, load_row(s.positions, g))
+    store_row(s.trial.start_position_lo, g, load_row(s.position_lo, g))
+    store_row(s.trial.start_velocities, g, load_row(s.velocities, g))
     if g < s.recoveries.shape[0]:
-        s.start_recoveries[g] = s.recoveries[g]
+        s.trial.start_recoveries[g] = s.recoveries[g]
 
 
 @compiled
@@ -49,7 +49,7 @@ def find_strain(given: wp.array(dtype=Arrays), b: int, first: int, slots: int):
     e = xyz(load_row(s.positions, q) - load_row(s.positions, p))
     strain = wp.abs(wp.length(e) / m.line_rests[k] - 1.0)
     if strain > STRAINED:
-        wp.atomic_max(s.strain_found, b, strain)
+        wp.atomic_max(s.trial.strain_found, b, strain)
 
 
 @wp.func
@@ -64,18 +64,18 @@ def judge(given: wp.array(dtype=Arrays), any_rejected: wp.array(dtype=int)):
     bodies = given[0].model.bodies.shape[0]
     s = given[i / bodies].state
     b = i % bodies
-    recovered = s.recoveries[b] != s.start_recoveries[b]
-    most, least = wp.max(s.strain_found[b], s.strain[b]), wp.min(s.strain_found[b], s.strain[b])
+    recovered = s.recoveries[b] != s.trial.start_recoveries[b]
+    most, least = wp.max(s.trial.strain_found[b], s.trial.strain[b]), wp.min(s.trial.strain_found[b], s.trial.strain[b])
     moves = bool(False)
     for c in range(given[0].colliders.shape[0]):
         moves = moves or is_moving(given[i / bodies].colliders[c])
     bad = recovered or most > TOO_STRAINED or (most > STRAINED and (most > GROWTH * least or moves))
-    s.rejected[b] = wp.where(bad, 1, 0)
-    s.strain[b] = s.strain_found[b]
-    s.strain_found[b] = 0.0
+    s.trial.rejected[b] = wp.where(bad, 1, 0)
+    s.trial.strain[b] = s.trial.strain_found[b]
+    s.trial.strain_found[b] = 0.0
     if bad:
-        s.recoveries[b] = s.start_recoveries[b]
-        s.redone[b] += 1
+        s.recoveries[b] = s.trial.start_recoveries[b]
+        s.trial.redone[b] += 1
         any_rejected[0] = 1
 
 
@@ -83,12 +83,12 @@ def judge(given: wp.array(dtype=Arrays), any_rejected: wp.array(dtype=int)):
 def restore_start(given: wp.array(dtype=Arrays), b: int, particles: int):
     i = wp.tid()
     s = given[i / particles].state
-    if s.rejected[b] == 0:
+    if s.trial.rejected[b] == 0:
         return
     g = given[i / particles].model.bodies[b].particles + i % particles
-    store_row(s.positions, g, load_row(s.start_positions, g))
-    store_row(s.low, g, load_row(s.start_low, g))
-    store_row(s.velocities, g, load_row(s.start_velocities, g))
+    store_row(s.positions, g, load_row(s.trial.start_positions, g))
+    store_row(s.position_lo, g, load_row(s.trial.start_position_lo, g))
+    store_row(s.velocities, g, load_row(s.trial.start_velocities, g))
     if i % particles == 0:
         s.history[b] = 0
 
@@ -99,9 +99,9 @@ def remember_strain(given: wp.array(dtype=Arrays)):
     bodies = given[0].model.bodies.shape[0]
     s = given[i / bodies].state
     b = i % bodies
-    if s.rejected[b] == 1:
-        s.strain[b] = s.strain_found[b]
-    s.strain_found[b] = 0.0
+    if s.trial.rejected[b] == 1:
+        s.trial.strain[b] = s.trial.strain_found[b]
+    s.trial.strain_found[b] = 0.0
 
 
 class Trial:
@@ -143,10 +143,10 @@ class Trial:
         with self._lock:
             self._safe = self._safe or self._make_safe()
 
-    def advance(self, substeps: int, outer: int, safe_substeps: int) -> None:
-        """Simulate one frame, with `outer` steps of slow forces; of XPBD it would take `safe_substeps`."""
+    def advance(self, substeps: int, safe_substeps: int) -> None:
+        """Simulate one frame; of XPBD it would take `safe_substeps`."""
         _run(self._before)
-        self.explicit.advance(substeps, 1, outer)
+        self.explicit.advance(substeps, 1)
         _run([*self._measure, self._judge])
         wp.capture_if(self._any, on_true=self._redo, substeps=safe_substeps)
 
@@ -154,7 +154,7 @@ class Trial:
         self._any.zero_()
         self.make_ready()
         _run(self._restore)
-        self._safe.advance(substeps, 1, 1)
+        self._safe.advance(substeps, 1)
         _run([*self._measure, self._remember])
 
 

@@ -18,7 +18,7 @@ float* slip_rate = slips.data + (size_t)8 * first;
 Lanes x[4], d[4], motion[4];
 auto moved_of = [&](const int* at, const Lanes* d, Lanes* to) {  // this substep's motion, as a dashpot sees it
     Lanes rows[4];
-    gather(low, at, rows);
+    gather(position_lo, at, rows);
     for (int k = 0; k < 4; ++k) to[k] = d[k] - rows[k];
     if (carried > 0.0f) {
         for (int k = 0; k < 4; ++k) {
@@ -130,12 +130,12 @@ auto push = [&](const int* at, const Lanes* by) {
         displacements[at[lane]] += change;
     }
 };
-// Adds the size of this family's force on a particle [N] to low.w, and raises `tautness` to its tension there.
+// Adds the size of this family's force on a particle [N] to position_lo.w, and raises `tautness` to its tension there.
 auto feel = [&](const int* at, const Lanes* impulse, Lanes pulls) {
     const Lanes force = weighs * __builtin_elementwise_sqrt(dot(impulse, impulse));
     const Lanes tension = 0.5f * weighs * (pulls > 0.0f ? pulls : Lanes(0.0f));
     for (int lane = 0; lane < lines; ++lane) {
-        ((Row*)low)[at[lane]][3] += force[lane];
+        ((Row*)position_lo)[at[lane]][3] += force[lane];
         float& most = tautness.data[particle + at[lane]];
         most = most > tension[lane] ? most : tension[lane];
     }

@@ -23,21 +23,16 @@ from functools import lru_cache
 
 import warp as wp
 
-from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.native import LANES, ROWS, on_cpu, source
-from cloth_sim_ros.sim.stages.here import Here
-from cloth_sim_ros.sim.state import compliance_of
-
-
-def scratch_of(slots: int) -> int:
-    """Floats that a CPU needs to solve rows of so many slots."""
-    return 7 * LANES * slots + 16
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import compliance_of
+from cloth_sim_ros.sim.kernels.native import ROWS, on_cpu, source
 
 
 @lru_cache
 def _source(slots: int) -> str:
-    here = source(__file__, "opening")
-    return here + on_cpu(ROWS + source(__file__, "lanes"), source(__file__, "warp", Slots=slots))
+    ctx = source(__file__, "opening")
+    return ctx + on_cpu(ROWS + source(__file__, "lanes"), source(__file__, "warp", Slots=slots))
 
 
 @lru_cache
@@ -71,7 +66,7 @@ def make_solve_row(slots_a_thread: int):
         keeps: bool,
         weighs: float,
         x_address: wp.uint64,
-        low: wp.uint64,
+        position_lo: wp.uint64,
         d_address: wp.uint64,
     ): ...
 
@@ -83,45 +78,45 @@ def make_solve_line_row(features: Features):
     solve_row = make_solve_row(features.line_slots)
 
     @wp.func
-    def solve_line_row(r: int, here: Here):
-        row = here.model.line_rows[r]
-        alpha = compliance_of(here.material, row[3]) * here.step.inverse_square
-        gamma = here.material.damping * here.step.inverse
+    def solve_line_row(r: int, ctx: Context):
+        row = ctx.model.line_rows[r]
+        alpha = compliance_of(ctx.material, row[3]) * ctx.step.inverse_square
+        gamma = ctx.material.damping * ctx.step.inverse
         carried = float(0.0)
         keeps = bool(False)
-        held = here.body.pinned
+        held = ctx.body.pinned
         if wp.static(features.handles):
-            held = held or here.state.held[here.body.index] > 0
-        weighs = wp.where(held and here.step.weighs and here.step.first, here.step.inverse_square, 0.0)
+            held = held or ctx.state.grasp.held[ctx.body.index] > 0
+        weighs = wp.where(held and ctx.step.weighs and ctx.step.first, ctx.step.inverse_square, 0.0)
         if wp.static(features.order == 2):
-            keeps = here.last and gamma > 0.0
-            if here.step.second:
+            keeps = ctx.last and gamma > 0.0
+            if ctx.step.second:
                 carried = wp.static(1.0 / 3.0)
         solve_row(
             row[0],
             row[1],
             row[2],
-            here.model.line_nodes,
-            here.model.line_rests,
-            here.model.line_scales,
-            here.state.line_multipliers,
-            here.state.line_scratch,
+            ctx.model.line_nodes,
+            ctx.model.line_rests,
+            ctx.model.line_scales,
+            ctx.state.lines.line_multipliers,
+            ctx.state.lines.line_scratch,
             alpha,
             gamma,
             carried,
-            here.body.particles,
-            here.state.last_displacements,
-            here.state.velocities,
-            here.state.line_slips,
-            here.state.tautness,
-            here.step.effective,
-            here.step.first,
-            here.step.store,
+            ctx.body.particles,
+            ctx.state.last_displacements,
+            ctx.state.velocities,
+            ctx.state.lines.line_slips,
+            ctx.state.lines.tautness,
+            ctx.step.effective,
+            ctx.step.first,
+            ctx.step.store,
             keeps,
             weighs,
-            here.x,
-            here.low,
-            here.d,
+            ctx.x,
+            ctx.position_lo,
+            ctx.d,
         )
 
     return solve_line_row

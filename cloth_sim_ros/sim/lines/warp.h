@@ -50,7 +50,7 @@ if (gamma > 0.0f) {
     #pragma unroll
     for (int j = 0; j < Slots; ++j) {
         const int i = node[j] < 0 ? 0 : node[j];
-        const float4 l = ((const float4*)low)[i];
+        const float4 l = ((const float4*)position_lo)[i];
         m[j] = make_float4(d[j].x - l.x, d[j].y - l.y, d[j].z - l.z, 0.0f);
         if (carried > 0.0f) {
             const wp::vec3 row = last.data[particle + i];
@@ -181,7 +181,7 @@ for (int j = 0; j < Slots; ++j) {
             const float nx = bx - fx, ny = by - fy, nz = bz - fz;
             float& most = tautness.data[particle + node[j]];
             most = fmaxf(most, -0.5f * weighs * (pull + R[j]));
-            ((float4*)low)[node[j]].w += weighs * sqrtf(nx * nx + ny * ny + nz * nz);
+            ((float4*)position_lo)[node[j]].w += weighs * sqrtf(nx * nx + ny * ny + nz * nz);
         }
     }
     bx = fx;

@@ -19,7 +19,7 @@ smoother (Sarkka and Garcia-Fernandez 2021), again by adding positive matrices a
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import larger, quick_inverse_root, quick_quotient
+from cloth_sim_ros.sim.kernels.intrinsics import larger, quick_inverse_root, quick_quotient
 
 
 @wp.func

@@ -9,6 +9,9 @@ triangle of a sheet that is curved at rest.
 
 import warp as wp
 
+# (omega h_e)^2 of the stiffest bending mode that XPBD takes. Beyond it, the sheet is computed as softer.
+MOST_BENDING = 0.6
+
 
 @wp.func
 def plate_force(rigidity: float, weight: float, difference: wp.vec3, slip: wp.vec3, damping: float) -> wp.vec3:

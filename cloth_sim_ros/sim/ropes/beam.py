@@ -18,14 +18,14 @@ from typing import NamedTuple
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import larger, load4, quotient, store4, xyz
-from cloth_sim_ros.sim.model import Body
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Body
+from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.features.winch.drum import joint_out
+from cloth_sim_ros.sim.kernels.intrinsics import larger, load4, quotient, store4, xyz
 from cloth_sim_ros.sim.physics.bending import rest_turn
-from cloth_sim_ros.sim.rope_state import BeamRow
+from cloth_sim_ros.sim.ropes.arrays import BeamRow
 from cloth_sim_ros.sim.ropes.beam_rotation import Sums, rotation_of, with_joint, with_particle
-from cloth_sim_ros.sim.ropes.drum import joint_out
-from cloth_sim_ros.sim.stages.here import Here
-from cloth_sim_ros.sim.state import State
 
 # Beyond this many times the particles' inertia float32 could not tell the one from the other: stiffer is as stiff.
 STIFFEST = wp.constant(1.0e5)
@@ -45,40 +45,40 @@ def make_joints(winch: bool) -> Joints:
     """The joints of ropes, or of ropes on a winch: what is on the drum has none."""
 
     @wp.func
-    def joint_of(j: int, here: Here) -> wp.vec4:
-        joint = here.model.joints[here.body.segments + j]
+    def joint_of(j: int, ctx: Context) -> wp.vec4:
+        joint = ctx.model.joints[ctx.body.segments + j]
         if wp.static(winch):
-            joint = joint_out(j, joint, here.state.winches[here.body.index])
+            joint = joint_out(j, joint, ctx.state.winch.winches[ctx.body.index])
         return joint
 
     @wp.func
-    def weights_at(j: int, here: Here) -> wp.vec3:
-        joint = joint_of(j, here)
+    def weights_at(j: int, ctx: Context) -> wp.vec3:
+        joint = joint_of(j, ctx)
         return wp.vec3(joint[2], -(joint[2] + joint[3]), joint[3])
 
     @wp.func
-    def stiffness_at(j: int, here: Here) -> float:
-        joint = joint_of(j, here)
+    def stiffness_at(j: int, ctx: Context) -> float:
+        joint = joint_of(j, ctx)
         middle = joint[2] + joint[3]
-        lightest = larger(load4(here.d, j)[3], larger(load4(here.d, j + 1)[3], load4(here.d, j + 2)[3]))
-        compliance = here.material.compliance[2] * joint[1] * here.step.inverse_square
+        lightest = larger(load4(ctx.d, j)[3], larger(load4(ctx.d, j + 1)[3], load4(ctx.d, j + 2)[3]))
+        compliance = ctx.material.compliance[2] * joint[1] * ctx.step.inverse_square
         return quotient(1.0, larger(compliance, lightest * middle * middle / STIFFEST))
 
     @wp.func
-    def turn_at(j: int, here: Here) -> wp.vec3:
-        joint = joint_of(j, here)
-        di = xyz(load4(here.d, j))
-        dj = xyz(load4(here.d, j + 1))
-        dk = xyz(load4(here.d, j + 2))
-        first = xyz(load4(here.x, j + 1) - load4(here.x, j)) + (dj - di)
-        last = xyz(load4(here.x, j + 2) - load4(here.x, j + 1)) + (dk - dj)
+    def turn_at(j: int, ctx: Context) -> wp.vec3:
+        joint = joint_of(j, ctx)
+        di = xyz(load4(ctx.d, j))
+        dj = xyz(load4(ctx.d, j + 1))
+        dk = xyz(load4(ctx.d, j + 2))
+        first = xyz(load4(ctx.x, j + 1) - load4(ctx.x, j)) + (dj - di)
+        last = xyz(load4(ctx.x, j + 2) - load4(ctx.x, j + 1)) + (dk - dj)
         return last * joint[3] - first * joint[2]
 
     @wp.func
-    def rest_at(j: int, here: Here) -> wp.vec3:
-        joint = joint_of(j, here)
-        first = xyz(load4(here.x, j + 1) - load4(here.x, j))
-        last = xyz(load4(here.x, j + 2) - load4(here.x, j + 1))
+    def rest_at(j: int, ctx: Context) -> wp.vec3:
+        joint = joint_of(j, ctx)
+        first = xyz(load4(ctx.x, j + 1) - load4(ctx.x, j))
+        last = xyz(load4(ctx.x, j + 2) - load4(ctx.x, j + 1))
         return rest_turn(last * joint[3] - first * joint[2], joint[0])
 
     return Joints(weights_at, stiffness_at, turn_at, rest_at)
@@ -93,23 +93,23 @@ def make_bend_by_moments(bent: bool, winch: bool):
     weights_at = make_joints(winch).weights
 
     @wp.func
-    def bend_by_moments(i: int, here: Here):
+    def bend_by_moments(i: int, ctx: Context):
         move = wp.vec3(0.0)
-        p = load4(here.d, i)
+        p = load4(ctx.d, i)
         if p[3] > 0.0:
-            joints = here.body.count - 2
+            joints = ctx.body.count - 2
             force = wp.vec3(0.0)
             for place in range(3):
                 j = i - place
                 if j >= 0 and j < joints:
-                    held = here.state.moments[here.body.segments + j]
+                    held = ctx.state.rope.moments[ctx.body.segments + j]
                     if wp.static(bent):
-                        held *= wp.where(here.model.joints[here.body.segments + j][0] > 0.0, 0.0, 1.0)
-                    force -= weights_at(j, here)[place] * held
-            move = (here.step.effective * here.step.effective * p[3]) * force
-            store4(here.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+                        held *= wp.where(ctx.model.joints[ctx.body.segments + j][0] > 0.0, 0.0, 1.0)
+                    force -= weights_at(j, ctx)[place] * held
+            move = (ctx.step.effective * ctx.step.effective * p[3]) * force
+            store4(ctx.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
         if wp.static(bent):
-            here.state.bend_moves[here.body.particles + i] = move
+            ctx.state.rope.bend_moves[ctx.body.particles + i] = move
 
     return bend_by_moments
 
@@ -126,16 +126,16 @@ def make_keep_moment(bent: bool, winch: bool = False):
     @wp.func
     def keep_moment(
         j: int,
-        here: Here,
+        ctx: Context,
         moves: wp.mat33,
         rotation: wp.mat33,
     ):
-        stiff = stiffness_at(j, here)
-        turn = turn_at(j, here) + _turned(moves, weights_at(j, here))
+        stiff = stiffness_at(j, ctx)
+        turn = turn_at(j, ctx) + _turned(moves, weights_at(j, ctx))
         if wp.static(bent):
-            rest = rest_at(j, here)
+            rest = rest_at(j, ctx)
             turn -= rest + rotation * rest
-        here.state.moments[here.body.segments + j] = (stiff * here.step.inverse_square) * turn
+        ctx.state.rope.moments[ctx.body.segments + j] = (stiff * ctx.step.inverse_square) * turn
 
     return keep_moment
 
@@ -143,16 +143,16 @@ def make_keep_moment(bent: bool, winch: bool = False):
 @wp.func
 def add_joint(
     j: int,
-    here: Here,
+    ctx: Context,
     u: wp.mat33,
     y: wp.mat33,
     sums: Sums,
 ) -> Sums:
     """The sums of beam_rotation.py with joint j, whose particles the rows of u and y move."""
-    weights = ALL.weights(j, here)
-    stiff = ALL.stiffness(j, here)
-    rest = ALL.rest(j, here)
-    lack = (ALL.turn(j, here) - rest) + _turned(u, weights)
+    weights = ALL.weights(j, ctx)
+    stiff = ALL.stiffness(j, ctx)
+    rest = ALL.rest(j, ctx)
+    lack = (ALL.turn(j, ctx) - rest) + _turned(u, weights)
     return with_joint(sums, stiff, _turned(y, weights) - rest, lack)
 
 
@@ -167,10 +167,10 @@ def _make_eliminations(bent: bool, winch: bool):
     weights_at, stiffness_at, turn_at, rest_at = make_joints(winch)
 
     @wp.func
-    def eliminate(here: Here):
+    def eliminate(ctx: Context):
         """From the first particle to the last: L D L^T, and what it makes of the pulls."""
-        square = here.step.effective * here.step.effective
-        joints = here.body.count - 2
+        square = ctx.step.effective * ctx.step.effective
+        joints = ctx.body.count - 2
         # The three joints around a particle, the one that it begins, is the middle of, and ends.
         near = wp.vec3(0.0)
         change_near = wp.vec3(0.0)
@@ -182,22 +182,22 @@ def _make_eliminations(bent: bool, winch: bool):
         stiff_far = float(0.0)
         one = BeamRow()
         two = BeamRow()
-        for i in range(here.body.count):
+        for i in range(ctx.body.count):
             weights = wp.vec3(0.0)
             change = wp.vec3(0.0)
             rest = wp.vec3(0.0)
             stiff = float(0.0)
             if i < joints:
-                weights = weights_at(i, here)
-                stiff = stiffness_at(i, here)
-                turn = turn_at(i, here)
+                weights = weights_at(i, ctx)
+                stiff = stiffness_at(i, ctx)
+                turn = turn_at(i, ctx)
                 if wp.static(bent):
-                    rest = rest_at(i, here)
+                    rest = rest_at(i, ctx)
                     change = stiff * (turn - rest)
                     rest *= stiff
                 else:
-                    change = stiff * turn + (-square) * here.state.moments[here.body.segments + i]
-            w = load4(here.d, i)[3]
+                    change = stiff * turn + (-square) * ctx.state.rope.moments[ctx.body.segments + i]
+            w = load4(ctx.d, i)[3]
             row = BeamRow()
             if w > 0.0:
                 below = stiff_near * near[1] * near[0] + stiff_far * far[2] * far[1]
@@ -211,12 +211,12 @@ def _make_eliminations(bent: bool, winch: bool):
                 row.inverse = quotient(1.0, row.pivot)
                 pull = -(weights[0] * change + near[1] * change_near + far[2] * change_far)
                 if wp.static(bent):
-                    pull -= quotient(1.0, w) * here.state.bend_moves[here.body.particles + i]
+                    pull -= quotient(1.0, w) * ctx.state.rope.bend_moves[ctx.body.particles + i]
                 row.move = pull - row.first * one.move - row.second * two.move
                 if wp.static(bent):
                     turning = weights[0] * rest + near[1] * rest_near + far[2] * rest_far
                     row.turn = turning - row.first * one.turn - row.second * two.turn
-            here.state.beam[here.body.particles + i] = row
+            ctx.state.rope.beam[ctx.body.particles + i] = row
             two = one
             one = row
             far = near
@@ -235,12 +235,12 @@ def _make_eliminations(bent: bool, winch: bool):
         two = BeamRow()
         for r in range(body.count):
             g = body.particles + body.count - 1 - r
-            row = s.beam[g]
+            row = s.rope.beam[g]
             # What couples a row to those behind it is theirs; all of a pinned one is 0.
             row.move = row.inverse * row.move - one.first * one.move - two.second * two.move
             if wp.static(bent):
                 row.turn = row.inverse * row.turn - one.first * one.turn - two.second * two.turn
-            s.beam[g] = row
+            s.rope.beam[g] = row
             two = one
             one = row
 
@@ -248,23 +248,23 @@ def _make_eliminations(bent: bool, winch: bool):
 
 
 @wp.func
-def _rotation(here: Here) -> wp.mat33:
+def _rotation(ctx: Context) -> wp.mat33:
     """By how much the rest shape turns, less 1, when rows tell how particles move."""
     sums = Sums()
-    for i in range(here.body.count):
-        row = here.state.beam[here.body.particles + i]
-        w = load4(here.d, i)[3]
+    for i in range(ctx.body.count):
+        row = ctx.state.rope.beam[ctx.body.particles + i]
+        w = load4(ctx.d, i)[3]
         if w > 0.0:
             sums = with_particle(
-                sums, quotient(1.0, w), here.state.bend_moves[here.body.particles + i] + row.move, row.turn
+                sums, quotient(1.0, w), ctx.state.rope.bend_moves[ctx.body.particles + i] + row.move, row.turn
             )
-    for j in range(here.body.count - 2):
-        first = here.state.beam[here.body.particles + j]
-        middle = here.state.beam[here.body.particles + j + 1]
-        last = here.state.beam[here.body.particles + j + 2]
+    for j in range(ctx.body.count - 2):
+        first = ctx.state.rope.beam[ctx.body.particles + j]
+        middle = ctx.state.rope.beam[ctx.body.particles + j + 1]
+        last = ctx.state.rope.beam[ctx.body.particles + j + 2]
         u = wp.matrix_from_rows(first.move, middle.move, last.move)
         y = wp.matrix_from_rows(first.turn, middle.turn, last.turn)
-        sums = add_joint(j, here, u, y, sums)
+        sums = add_joint(j, ctx, u, y, sums)
     return rotation_of(sums)
 
 
@@ -275,27 +275,27 @@ def make_solve_beam(bent: bool, winch: bool):
     eliminate, substitute = _make_eliminations(bent, winch)
 
     @wp.func
-    def solve_beam(here: Here):
-        eliminate(here)
-        substitute(here.state, here.body)
+    def solve_beam(ctx: Context):
+        eliminate(ctx)
+        substitute(ctx.state, ctx.body)
         rotation = wp.mat33(0.0)
         if wp.static(bent):
-            rotation = _rotation(here)
-            for i in range(here.body.count):
-                row = here.state.beam[here.body.particles + i]
+            rotation = _rotation(ctx)
+            for i in range(ctx.body.count):
+                row = ctx.state.rope.beam[ctx.body.particles + i]
                 row.move += rotation * row.turn
-                here.state.bend_moves[here.body.particles + i] += row.move
-                here.state.beam[here.body.particles + i] = row
-        for j in range(here.body.count - 2):
-            g = here.body.particles + j
+                ctx.state.rope.bend_moves[ctx.body.particles + i] += row.move
+                ctx.state.rope.beam[ctx.body.particles + i] = row
+        for j in range(ctx.body.count - 2):
+            g = ctx.body.particles + j
             moves = wp.matrix_from_rows(
-                here.state.beam[g].move, here.state.beam[g + 1].move, here.state.beam[g + 2].move
+                ctx.state.rope.beam[g].move, ctx.state.rope.beam[g + 1].move, ctx.state.rope.beam[g + 2].move
             )
-            keep_moment(j, here, moves, rotation)
-        for i in range(here.body.count):
-            p = load4(here.d, i)
+            keep_moment(j, ctx, moves, rotation)
+        for i in range(ctx.body.count):
+            p = load4(ctx.d, i)
             if p[3] > 0.0:
-                move = here.state.beam[here.body.particles + i].move
-                store4(here.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+                move = ctx.state.rope.beam[ctx.body.particles + i].move
+                store4(ctx.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
 
     return solve_beam

@@ -7,12 +7,12 @@ is little, and lies in shared memory.
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load4, quick_quotient, store4, sync, xyz
-from cloth_sim_ros.sim.rope_state import BeamRow
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.kernels.intrinsics import load4, quick_quotient, store4, sync, xyz
+from cloth_sim_ros.sim.ropes.arrays import BeamRow
 from cloth_sim_ros.sim.ropes.beam import ALL, add_joint, make_keep_moment
 from cloth_sim_ros.sim.ropes.beam_rotation import SUMS, Sums, rotation_of, sums_of_block, with_particle
 from cloth_sim_ros.sim.ropes.scan import scan_size
-from cloth_sim_ros.sim.stages.here import Here
 
 
 def rows_of(bent: bool) -> int:
@@ -40,18 +40,18 @@ def _make_joint_at(bent: bool):
     """A Warp function: joint j of a body before a solve."""
 
     @wp.func
-    def joint_at(j: int, here: Here) -> Joint:
+    def joint_at(j: int, ctx: Context) -> Joint:
         joint = Joint()
-        joint.weights = ALL.weights(j, here)
-        joint.stiff = ALL.stiffness(j, here)
-        turn = ALL.turn(j, here)
+        joint.weights = ALL.weights(j, ctx)
+        joint.stiff = ALL.stiffness(j, ctx)
+        turn = ALL.turn(j, ctx)
         if wp.static(bent):
-            rest = ALL.rest(j, here)
+            rest = ALL.rest(j, ctx)
             joint.change = joint.stiff * (turn - rest)
             joint.rest = joint.stiff * rest
         else:
-            square = here.step.effective * here.step.effective
-            joint.change = joint.stiff * turn - square * here.state.moments[here.body.segments + j]
+            square = ctx.step.effective * ctx.step.effective
+            joint.change = joint.stiff * turn - square * ctx.state.rope.moments[ctx.body.segments + j]
         return joint
 
     return joint_at
@@ -98,23 +98,23 @@ def _make_eliminations(bent: bool):
             after = width * wp.min(i + 1, count - 1)
             next_row = load4(rows, after)
             next_pull = load4(rows, after + 1)
-            here = BeamRow()
-            here.second = row[2] * two.inverse
-            here.first = (row[1] - here.second * two.pivot * one.first) * one.inverse
-            left = here.first * here.first * one.pivot + here.second * here.second * two.pivot
-            here.pivot = wp.max(row[0] - left, row[3])
-            here.inverse = wp.where(row[3] > 0.0, quick_quotient(1.0, wp.max(here.pivot, 1.0e-30)), 0.0)
-            here.move = xyz(pull) - here.first * one.move - here.second * two.move
-            move = here.inverse * here.move
-            store4(rows, width * i, wp.vec4(move[0], move[1], move[2], here.first))
+            ctx = BeamRow()
+            ctx.second = row[2] * two.inverse
+            ctx.first = (row[1] - ctx.second * two.pivot * one.first) * one.inverse
+            left = ctx.first * ctx.first * one.pivot + ctx.second * ctx.second * two.pivot
+            ctx.pivot = wp.max(row[0] - left, row[3])
+            ctx.inverse = wp.where(row[3] > 0.0, quick_quotient(1.0, wp.max(ctx.pivot, 1.0e-30)), 0.0)
+            ctx.move = xyz(pull) - ctx.first * one.move - ctx.second * two.move
+            move = ctx.inverse * ctx.move
+            store4(rows, width * i, wp.vec4(move[0], move[1], move[2], ctx.first))
             turn = wp.vec3(0.0)
             if wp.static(bent):
-                here.turn = xyz(turning) - here.first * one.turn - here.second * two.turn
-                turn = here.inverse * here.turn
+                ctx.turn = xyz(turning) - ctx.first * one.turn - ctx.second * two.turn
+                turn = ctx.inverse * ctx.turn
                 turning = load4(rows, after + 3)
-            store4(rows, width * i + 1, wp.vec4(here.second, turn[0], turn[1], turn[2]))
+            store4(rows, width * i + 1, wp.vec4(ctx.second, turn[0], turn[1], turn[2]))
             two = one
-            one = here
+            one = ctx
             row = next_row
             pull = next_pull
 
@@ -163,12 +163,12 @@ def make_solve_beam_together(threads: int, bent: bool):
     eliminate, substitute = _make_eliminations(bent)
 
     @wp.func
-    def shown(j: int, here: Here, rows: wp.uint64) -> Joint:
+    def shown(j: int, ctx: Context, rows: wp.uint64) -> Joint:
         """Joint j as a thread has shown it; without stiffness where there is none."""
         joint = Joint()
-        if j >= 0 and j < here.body.count - 2:
+        if j >= 0 and j < ctx.body.count - 2:
             row = load4(rows, width * j + 2)
-            joint.weights = ALL.weights(j, here)
+            joint.weights = ALL.weights(j, ctx)
             joint.change = xyz(row)
             joint.stiff = row[3]
             if wp.static(bent):
@@ -185,59 +185,59 @@ def make_solve_beam_together(threads: int, bent: bool):
     @wp.func
     def rotation(
         t: int,
-        here: Here,
+        ctx: Context,
         rows: wp.uint64,
     ) -> wp.mat33:
         """By how much the rest shape turns, less 1, when rows tell how particles move."""
         sums = Sums()
-        for i in range(t, here.body.count, threads):
-            w = load4(here.d, i)[3]
+        for i in range(t, ctx.body.count, threads):
+            w = load4(ctx.d, i)[3]
             if w > 0.0:
-                move = here.state.bend_moves[here.body.particles + i] + xyz(load4(rows, width * i))
+                move = ctx.state.rope.bend_moves[ctx.body.particles + i] + xyz(load4(rows, width * i))
                 sums = with_particle(sums, quick_quotient(1.0, w), move, xyz(load4(rows, width * i + 3)))
-        for j in range(t, here.body.count - 2, threads):
-            sums = add_joint(j, here, moved(j, 0, rows), moved(j, 3, rows), sums)
-        return rotation_of(sums_of_block(t, threads, sums, width * here.body.count, rows))
+        for j in range(t, ctx.body.count - 2, threads):
+            sums = add_joint(j, ctx, moved(j, 0, rows), moved(j, 3, rows), sums)
+        return rotation_of(sums_of_block(t, threads, sums, width * ctx.body.count, rows))
 
     @wp.func
     def solve_beam_together(
         t: int,
-        here: Here,
+        ctx: Context,
         rows: wp.uint64,
     ):
-        joints = here.body.count - 2
+        joints = ctx.body.count - 2
         for j in range(t, joints, threads):
-            joint = joint_at(j, here)
+            joint = joint_at(j, ctx)
             store4(rows, width * j + 2, wp.vec4(joint.change[0], joint.change[1], joint.change[2], joint.stiff))
             if wp.static(bent):
                 store4(rows, width * j + 4, wp.vec4(joint.rest[0], joint.rest[1], joint.rest[2], 0.0))
         sync()
-        for i in range(t, here.body.count, threads):
-            begun, near, far = shown(i, here, rows), shown(i - 1, here, rows), shown(i - 2, here, rows)
-            row, pull, turning = _row_of(load4(here.d, i)[3], begun, near, far)
+        for i in range(t, ctx.body.count, threads):
+            begun, near, far = shown(i, ctx, rows), shown(i - 1, ctx, rows), shown(i - 2, ctx, rows)
+            row, pull, turning = _row_of(load4(ctx.d, i)[3], begun, near, far)
             store4(rows, width * i, row)
             if wp.static(bent):
-                pull -= row[3] * here.state.bend_moves[here.body.particles + i]
+                pull -= row[3] * ctx.state.rope.bend_moves[ctx.body.particles + i]
             store4(rows, width * i + 1, wp.vec4(pull[0], pull[1], pull[2], 0.0))
             if wp.static(bent):
                 store4(rows, width * i + 3, wp.vec4(turning[0], turning[1], turning[2], 0.0))
         sync()
         if t == 0:
-            eliminate(here.body.count, rows)
-            substitute(here.body.count, rows)
+            eliminate(ctx.body.count, rows)
+            substitute(ctx.body.count, rows)
         sync()
         turned = wp.mat33(0.0)
         if wp.static(bent):
-            turned = rotation(t, here, rows)
-            for i in range(t, here.body.count, threads):
+            turned = rotation(t, ctx, rows)
+            for i in range(t, ctx.body.count, threads):
                 move = xyz(load4(rows, width * i)) + turned * xyz(load4(rows, width * i + 3))
                 store4(rows, width * i, wp.vec4(move[0], move[1], move[2], 0.0))
-                here.state.bend_moves[here.body.particles + i] += move
+                ctx.state.rope.bend_moves[ctx.body.particles + i] += move
             sync()
         for j in range(t, joints, threads):
-            keep_moment(j, here, moved(j, 0, rows), turned)
+            keep_moment(j, ctx, moved(j, 0, rows), turned)
         sync()
-        for i in range(t, here.body.count, threads):
-            store4(here.d, i, load4(here.d, i) + load4(rows, width * i))
+        for i in range(t, ctx.body.count, threads):
+            store4(ctx.d, i, load4(ctx.d, i) + load4(rows, width * i))
 
     return solve_beam_together

@@ -16,7 +16,7 @@ well as it knows a displacement.
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load4, store4, sum_of_warp, sync
+from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, sum_of_warp, sync
 
 SUMS = wp.constant(4)  # vec4 by which a warp hands on its sums
 STEPS = wp.constant(2)

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import warp as wp
 
-from cloth_sim_ros.sim.native import on_cpu, source
-from cloth_sim_ros.sim.ropes.elimination import NUMBERS
+from cloth_sim_ros.sim.kernels.native import on_cpu, source
+from cloth_sim_ros.sim.ropes.arrays import NUMBERS
 
 
 def _code(file: str, bent: bool, otherwise: str = "") -> str:

@@ -8,11 +8,11 @@ register.
 
 import warp as wp
 
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.ropes.beam import STIFFEST
 from cloth_sim_ros.sim.ropes.beam_rotation import Sums, rotation_of
 from cloth_sim_ros.sim.ropes.beam_simd import make_lanes
 from cloth_sim_ros.sim.ropes.elimination import FEWEST
-from cloth_sim_ros.sim.stages.here import Here
 
 
 def make_solve_beam_two_sided(bent: bool):
@@ -21,43 +21,43 @@ def make_solve_beam_two_sided(bent: bool):
     prepare, eliminate, add_up, move = make_lanes(bent)
 
     @wp.func
-    def solve_beam_two_sided(here: Here) -> bool:
-        if here.body.count <= FEWEST or here.state.ladder.shape[0] == 0:
+    def solve_beam_two_sided(ctx: Context) -> bool:
+        if ctx.body.count <= FEWEST or ctx.state.rope.ladder.shape[0] == 0:
             return False
-        p = here.body.particles
-        compliance = here.material.compliance[2]
+        p = ctx.body.particles
+        compliance = ctx.material.compliance[2]
         prepare(
             p,
-            here.body.segments,
-            here.body.count,
-            here.x,
-            here.d,
-            here.model.joints,
-            here.state.moments,
-            here.state.bend_moves,
-            here.state.ladder,
+            ctx.body.segments,
+            ctx.body.count,
+            ctx.x,
+            ctx.d,
+            ctx.model.joints,
+            ctx.state.rope.moments,
+            ctx.state.rope.bend_moves,
+            ctx.state.rope.ladder,
             compliance,
-            here.step.effective,
+            ctx.step.effective,
             STIFFEST,
         )
-        eliminate(p, here.body.count, here.x, here.d, here.state.ladder)
+        eliminate(p, ctx.body.count, ctx.x, ctx.d, ctx.state.rope.ladder)
         rotation = wp.mat33(0.0)
         if wp.static(bent):
-            found = add_up(p, here.body.count, here.x, here.d, here.state.ladder)
+            found = add_up(p, ctx.body.count, ctx.x, ctx.d, ctx.state.rope.ladder)
             sums = Sums()
             sums.inertia = wp.matrix_from_rows(found[0], found[1], found[2])
             sums.lag = wp.matrix_from_rows(found[3], found[4], found[5])
             rotation = rotation_of(sums)
         move(
             p,
-            here.body.segments,
-            here.body.count,
-            here.x,
-            here.d,
-            here.state.moments,
-            here.state.bend_moves,
-            here.state.ladder,
-            here.step.inverse_square,
+            ctx.body.segments,
+            ctx.body.count,
+            ctx.x,
+            ctx.d,
+            ctx.state.rope.moments,
+            ctx.state.rope.bend_moves,
+            ctx.state.rope.ladder,
+            ctx.step.inverse_square,
             rotation,
         )
         return True

@@ -3,13 +3,13 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import sync
-from cloth_sim_ros.sim.model import Features
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.features.twist.twist import make_find_twist, push_by_couples
+from cloth_sim_ros.sim.kernels.intrinsics import sync
 from cloth_sim_ros.sim.ropes.beam import make_bend_by_moments, make_solve_beam
 from cloth_sim_ros.sim.ropes.beam_parallel import make_solve_beam_together, most_together
 from cloth_sim_ros.sim.ropes.beam_two_sided import make_solve_beam_two_sided
-from cloth_sim_ros.sim.ropes.twist import make_find_twist, push_by_couples
-from cloth_sim_ros.sim.stages.here import Here
 
 
 def make_bend_before(features: Features, threads: int):
@@ -20,16 +20,16 @@ def make_bend_before(features: Features, threads: int):
     find_twist = make_find_twist(features.order, features.handles) if features.twist else None
 
     @wp.func
-    def bend_before(t: int, here: Here):
-        if here.step.first:
+    def bend_before(t: int, ctx: Context):
+        if ctx.step.first:
             if wp.static(features.twist):
                 if t == 0:
-                    find_twist(here)
+                    find_twist(ctx)
                 sync()
-            for i in range(t, here.body.count, threads):
-                bend_by_moments(i, here)
+            for i in range(t, ctx.body.count, threads):
+                bend_by_moments(i, ctx)
                 if wp.static(features.twist):
-                    push_by_couples(i, here)
+                    push_by_couples(i, ctx)
             sync()
 
     return bend_before
@@ -45,16 +45,16 @@ def make_bend_after(features: Features, threads: int):
     solve_beam_together = make_solve_beam_together(threads, bent) if threads > 1 else None
 
     @wp.func
-    def bend_after(t: int, here: Here, shared: wp.uint64):
+    def bend_after(t: int, ctx: Context, shared: wp.uint64):
         if wp.static(winch):
             if t == 0:
-                solve_beam(here)
+                solve_beam(ctx)
         elif wp.static(threads > 1):
-            if here.body.count <= wp.static(most_together(threads, bent)):
-                solve_beam_together(t, here, shared)
+            if ctx.body.count <= wp.static(most_together(threads, bent)):
+                solve_beam_together(t, ctx, shared)
             elif t == 0:
-                solve_beam(here)
-        elif not solve_beam_two_sided(here):
-            solve_beam(here)
+                solve_beam(ctx)
+        elif not solve_beam_two_sided(ctx):
+            solve_beam(ctx)
 
     return bend_after

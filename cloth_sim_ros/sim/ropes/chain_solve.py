@@ -11,53 +11,55 @@ from both ends of the chain, so that each knows what lies before its own and how
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load4, quick_quotient, store4, sync, sync_any, xyz
-from cloth_sim_ros.sim.model import Features
-from cloth_sim_ros.sim.rope_state import Segment
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.features.winch.drum import first_out
+from cloth_sim_ros.sim.kernels.intrinsics import load4, quick_quotient, store4, sync, sync_any, xyz
+from cloth_sim_ros.sim.ropes.arrays import Segment
 from cloth_sim_ros.sim.ropes.chain_bending import make_bend_after, make_bend_before
-from cloth_sim_ros.sim.ropes.drum import first_out
 from cloth_sim_ros.sim.ropes.newton_step import make_attempt
 from cloth_sim_ros.sim.ropes.partition import Share, make_share
 from cloth_sim_ros.sim.ropes.segment_simd import lack
 from cloth_sim_ros.sim.ropes.segments import NEWTON_STEPS, make_prepare
 from cloth_sim_ros.sim.ropes.two_sided import prepare_two_sided, solve_two_sided
-from cloth_sim_ros.sim.stages.here import Here
 
 
 @wp.func
-def missing_of(i: int, here: Here) -> wp.vec3:
+def missing_of(i: int, ctx: Context) -> wp.vec3:
     """How far particle i lies from where it would be without the chain [m].
 
     Whatever moved it since the last solve of the substep (bending, contact) counts as part of where it would be.
     """
-    if here.step.first and not here.step.store:
+    if ctx.step.first and not ctx.step.store:
         return wp.vec3(0.0)
-    g = here.body.particles + i
-    now = xyz(load4(here.d, i))
+    g = ctx.body.particles + i
+    now = xyz(load4(ctx.d, i))
     target = now
-    if not here.step.first:
-        target = here.state.targets[g] + (now - here.state.solved[g])
-    here.state.targets[g] = target
+    if not ctx.step.first:
+        target = ctx.state.rope.targets[g] + (now - ctx.state.rope.solved[g])
+    ctx.state.rope.targets[g] = target
     return target - now
 
 
 @wp.func
-def _keep(i: int, p: wp.vec4, here: Here):
+def _keep(i: int, p: wp.vec4, ctx: Context):
     """Keep what the chain did to particle i, which is at p now, for those who read it and for the next iteration."""
-    g = here.body.particles + i
-    if p[3] > 0.0 and here.step.store:
-        here.state.chain_forces[g] = (xyz(p) - here.state.targets[g]) * quick_quotient(here.step.inverse_square, p[3])
-    if here.step.repeats:
-        here.state.solved[g] = xyz(p)
+    g = ctx.body.particles + i
+    if p[3] > 0.0 and ctx.step.store:
+        ctx.state.rope.chain_forces[g] = (xyz(p) - ctx.state.rope.targets[g]) * quick_quotient(
+            ctx.step.inverse_square, p[3]
+        )
+    if ctx.step.repeats:
+        ctx.state.rope.solved[g] = xyz(p)
 
 
 @wp.func
-def _move(i: int, u: wp.vec3, here: Here):
-    p = load4(here.d, i)
+def _move(i: int, u: wp.vec3, ctx: Context):
+    p = load4(ctx.d, i)
     if p[3] > 0.0:
         p = p + wp.vec4(u[0], u[1], u[2], 0.0)
-        store4(here.d, i, p)
-    _keep(i, p, here)
+        store4(ctx.d, i, p)
+    _keep(i, p, ctx)
 
 
 @wp.func
@@ -80,13 +82,13 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
     attempt, move = make_attempt(threads, stored), _make_move(stored)
 
     @wp.func
-    def solve_chain(t: int, here: Here, shared: wp.uint64) -> bool:
+    def solve_chain(t: int, ctx: Context, shared: wp.uint64) -> bool:
         begin = int(0)
         if wp.static(winch):
-            begin = first_out(here.state, here.body)
-        share = share_of(t, begin, here.body.segments_end - here.body.segments - begin, here.body)
+            begin = first_out(ctx.state, ctx.body)
+        share = share_of(t, begin, ctx.body.segments_end - ctx.body.segments - begin, ctx.body)
         if wp.static(beam):
-            bend_before(t, here)
+            bend_before(t, ctx)
         segment = Segment()
         missing = wp.vec3(0.0)
         near = wp.vec3(0.0)
@@ -94,19 +96,19 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
         again = int(1)
         steps = int(0)
         if wp.static(threads == 1 and not winch):
-            if prepare_two_sided(here):
-                placed = _solve_two_sided(here)
+            if prepare_two_sided(ctx):
+                placed = _solve_two_sided(ctx)
                 again = 0
         while again > 0:
-            segment, first = find_tangent(share, steps, segment, here)
+            segment, first = find_tangent(share, steps, segment, ctx)
             if share.lane == 0 and share.count > 0:
                 if steps > 0:
                     missing -= near
                 else:
-                    missing = missing_of(share.start, here)
-            segment, near, eventful, overstretched, unsettled = attempt(t, share, segment, missing, first, here, shared)
+                    missing = missing_of(share.start, ctx)
+            segment, near, eventful, overstretched, unsettled = attempt(t, share, segment, missing, first, ctx, shared)
             placed = placed or overstretched
-            move(share, segment, near, here)
+            move(share, segment, near, ctx)
             steps += 1
             again = int(0)
             if eventful:
@@ -114,22 +116,22 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
                     again = sync_any(unsettled)
         if wp.static(beam):
             sync()
-            bend_after(t, here, shared)
+            bend_after(t, ctx, shared)
         return placed
 
     return solve_chain
 
 
 @wp.func
-def _solve_two_sided(here: Here) -> bool:
+def _solve_two_sided(ctx: Context) -> bool:
     """A whole chain by one thread of a CPU, from both its ends; whether it was overstretched."""
-    if here.step.store or not here.step.first:
-        for i in range(here.body.count):
-            lack(i, missing_of(i, here), here.body.particles, here.body.count - 1, here.state.ladder)
-    placed = solve_two_sided(here)
-    if here.step.store or here.step.repeats:
-        for i in range(here.body.count):
-            _keep(i, load4(here.d, i), here)
+    if ctx.step.store or not ctx.step.first:
+        for i in range(ctx.body.count):
+            lack(i, missing_of(i, ctx), ctx.body.particles, ctx.body.count - 1, ctx.state.rope.ladder)
+    placed = solve_two_sided(ctx)
+    if ctx.step.store or ctx.step.repeats:
+        for i in range(ctx.body.count):
+            _keep(i, load4(ctx.d, i), ctx)
     return placed
 
 
@@ -139,7 +141,7 @@ def _make_find_tangent(features: Features, threads: int, stored: bool):
     prepare = make_prepare(features.order, features.winch, threads > 1)
 
     @wp.func
-    def find_tangent(share: Share, steps: int, last: Segment, here: Here):
+    def find_tangent(share: Share, steps: int, last: Segment, ctx: Context):
         segment = last
         first = wp.mat33(0.0)
         for r in range(share.count):
@@ -148,15 +150,15 @@ def _make_find_tangent(features: Features, threads: int, stored: bool):
             if owns(share, r):
                 if steps > 0:
                     if wp.static(stored):
-                        segment = here.state.segments[here.body.segments + k]
+                        segment = ctx.state.rope.segments[ctx.body.segments + k]
                     lag = wp.transpose(segment.frame) * segment.missing - segment.moved
                 else:
-                    lag = missing_of(k + share.ahead, here)
-            segment = prepare(k, share.way, lag, here)
+                    lag = missing_of(k + share.ahead, ctx)
+            segment = prepare(k, share.way, lag, ctx)
             if r == 0:
                 first = segment.frame
             if wp.static(stored):
-                here.state.segments[here.body.segments + k] = segment
+                ctx.state.rope.segments[ctx.body.segments + k] = segment
         return segment, first
 
     return find_tangent
@@ -166,16 +168,16 @@ def _make_move(stored: bool):
     """A Warp function that moves a thread's particles as its segments say, and keeps the tensions."""
 
     @wp.func
-    def move(share: Share, last: Segment, near: wp.vec3, here: Here):
+    def move(share: Share, last: Segment, near: wp.vec3, ctx: Context):
         segment = last
         for r in range(share.count):
             k = share.first + r * share.way
             if wp.static(stored):
-                segment = here.state.segments[here.body.segments + k]
-            here.state.tensions[here.body.segments + k] = segment.held + segment.pull * here.step.inverse_square
+                segment = ctx.state.rope.segments[ctx.body.segments + k]
+            ctx.state.rope.tensions[ctx.body.segments + k] = segment.held + segment.pull * ctx.step.inverse_square
             if owns(share, r):
-                _move(k + share.ahead, segment.moved, here)
+                _move(k + share.ahead, segment.moved, ctx)
         if share.lane == 0 and share.count > 0:
-            _move(share.start, near, here)
+            _move(share.start, near, ctx)
 
     return move

@@ -22,9 +22,9 @@ forces, a product a segment, and displacements are what differences of forces do
 
 import warp as wp
 
-from cloth_sim_ros.sim.native import on_cpu, source
+from cloth_sim_ros.sim.kernels.native import on_cpu, source
+from cloth_sim_ros.sim.ropes.arrays import NUMBERS
 
-NUMBERS = 2 * 37  # a particle: planes of the larger layout, each up to twice as long as there are particles
 FEWEST = 5  # segments: they, and the joints between them, are told of four at a time
 
 PLANES = source(__file__, "chain_planes", NUMBERS=NUMBERS)

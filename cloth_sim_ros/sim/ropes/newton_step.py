@@ -3,13 +3,13 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load4, sync_any
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.kernels.intrinsics import load4, sync_any
 from cloth_sim_ros.sim.physics.chain import Span, turn_frame
-from cloth_sim_ros.sim.rope_state import Segment
+from cloth_sim_ros.sim.ropes.arrays import Segment
 from cloth_sim_ros.sim.ropes.partition import Share, make_gather, make_reach_back
 from cloth_sim_ros.sim.ropes.scan import make_scans
 from cloth_sim_ros.sim.ropes.segments import ATTEMPTS, backward, forward, settle
-from cloth_sim_ros.sim.stages.here import Here
 
 
 def make_attempt(threads: int, stored: bool):
@@ -21,7 +21,9 @@ def make_attempt(threads: int, stored: bool):
     sweep, settle_all = _make_sweep(threads, stored), _make_settle_all(threads, stored)
 
     @wp.func
-    def attempt(t: int, share: Share, last: Segment, missing: wp.vec3, first: wp.mat33, here: Here, shared: wp.uint64):
+    def attempt(
+        t: int, share: Share, last: Segment, missing: wp.vec3, first: wp.mat33, ctx: Context, shared: wp.uint64
+    ):
         segment = last
         near = wp.vec3(0.0)
         eventful = bool(False)
@@ -30,8 +32,8 @@ def make_attempt(threads: int, stored: bool):
         count = int(0)
         while count < ATTEMPTS:
             count += 1
-            segment, u, near, change = sweep(t, share, segment, missing, first, here, shared)
-            segment, near, found = settle_all(share, segment, u, near, change, here)
+            segment, u, near, change = sweep(t, share, segment, missing, first, ctx, shared)
+            segment, near, found = settle_all(share, segment, u, near, change, ctx)
             unsettled = found[2]
             # One vote, as long as nothing happens. It also holds back what is stored next for the others: what they
             # read of displacements, spans and meeting was before it.
@@ -55,17 +57,17 @@ def _make_sweep(threads: int, stored: bool):
     scan_forward, meet, scan_backward = make_scans(threads, stored) if threads > 1 else (None, None, None)
 
     @wp.func
-    def sweep(t: int, share: Share, last: Segment, missing: wp.vec3, first: wp.mat33, here: Here, shared: wp.uint64):
+    def sweep(t: int, share: Share, last: Segment, missing: wp.vec3, first: wp.mat33, ctx: Context, shared: wp.uint64):
         segment = last
         near = wp.vec3(0.0)
         # What lies before the thread's first segment, in that one's frame.
-        y = wp.identity(n=3, dtype=float) * load4(here.d, share.start)[3]
+        y = wp.identity(n=3, dtype=float) * load4(ctx.d, share.start)[3]
         q = missing
         if wp.static(threads > 1):
             start = Span()
             start.compliance = y
             start.free = first * q
-            own = gather(share, segment, here.state, here.body)
+            own = gather(share, segment, ctx.state, ctx.body)
             before = scan_forward(t, share, start, own, first, segment.frame, shared)
             y = before.compliance
             q = wp.transpose(first) * before.free
@@ -74,18 +76,18 @@ def _make_sweep(threads: int, stored: bool):
         for r in range(share.count):
             k = share.first + r * share.way
             if wp.static(stored):
-                segment = here.state.segments[here.body.segments + k]
+                segment = ctx.state.rope.segments[ctx.body.segments + k]
                 if r > 0:
                     y = turn_frame(y, frame, segment.frame)
                 frame = segment.frame
             segment, y, q, pull = forward(segment, y, q)
             if wp.static(stored):
-                here.state.segments[here.body.segments + k] = segment
+                ctx.state.rope.segments[ctx.body.segments + k] = segment
         u = q
         change = pull
         if wp.static(threads > 1):
             u = meet(share, segment, pull, shared)
-            reach, opening = reach_back(share, segment, pull, here.state, here.body)
+            reach, opening = reach_back(share, segment, pull, ctx.state, ctx.body)
             u, near, change = scan_backward(t, share, reach, opening, segment, u, shared)
         return segment, u, near, change
 
@@ -97,7 +99,7 @@ def _make_settle_all(threads: int, stored: bool):
     segment, how its near particle moves, and how many segments go too far, are overstretched, and are unsettled."""
 
     @wp.func
-    def settle_all(share: Share, last: Segment, far: wp.vec3, moved: wp.vec3, change: wp.vec3, here: Here):
+    def settle_all(share: Share, last: Segment, far: wp.vec3, moved: wp.vec3, change: wp.vec3, ctx: Context):
         segment = last
         u = far
         near = moved
@@ -105,15 +107,15 @@ def _make_settle_all(threads: int, stored: bool):
         for r in range(share.count):
             k = share.first + (share.count - 1 - r) * share.way
             if wp.static(stored):
-                segment = here.state.segments[here.body.segments + k]
+                segment = ctx.state.rope.segments[ctx.body.segments + k]
             if wp.static(threads > 1 and not stored):
-                segment = settle(segment, u, near, change, here.step.effective)
+                segment = settle(segment, u, near, change, ctx.step.effective)
             else:
-                segment, u = backward(segment, u, here.step.effective)
+                segment, u = backward(segment, u, ctx.step.effective)
                 near = u
             found += wp.vec3i(segment.too_far, segment.overstretched, segment.unsettled)
             if wp.static(stored):
-                here.state.segments[here.body.segments + k] = segment
+                ctx.state.rope.segments[ctx.body.segments + k] = segment
         return segment, near, found
 
     return settle_all

@@ -3,12 +3,12 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import quick_quotient
-from cloth_sim_ros.sim.model import Body
+from cloth_sim_ros.sim.arrays.model import Body
+from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.kernels.intrinsics import quick_quotient
 from cloth_sim_ros.sim.physics.chain import Span, inverse_beside, join, span_of, symmetric_product, turned_end
-from cloth_sim_ros.sim.rope_state import Segment
+from cloth_sim_ros.sim.ropes.arrays import Segment
 from cloth_sim_ros.sim.ropes.segments import pull_of, stiffness_across
-from cloth_sim_ros.sim.state import State
 
 
 @wp.struct
@@ -23,7 +23,7 @@ class Share:
     count: int  # of its segments
     start: int  # the particle at which its side begins, of the body
     ahead: int  # from a segment to its far particle
-    meets: bool  # whether there is another side
+    coupled: bool  # whether there is another side
     yields: bool  # whether its last particle is one of the other side
 
 
@@ -74,7 +74,7 @@ def make_share(threads: int, stored: bool):
             share.lanes = (side + each - 1) / each
             share.first += share.way * share.lane * each
             share.count = wp.clamp(side - share.lane * each, 0, each)
-            share.meets = out > 1
+            share.coupled = out > 1
             share.yields = t >= half and share.lane + 1 == share.lanes
         return share
 
@@ -90,7 +90,7 @@ def make_gather(stored: bool):
         frame = wp.mat33(0.0)
         for r in range(share.count):
             if wp.static(stored):
-                segment = s.segments[body.segments + share.first + r * share.way]
+                segment = s.rope.segments[body.segments + share.first + r * share.way]
             one = span_of(
                 segment.far, segment.along, stiffness_across(segment), segment.tension, segment.gap, segment.missing
             )
@@ -134,7 +134,7 @@ def make_reach_back(stored: bool):
             last = wp.where(share.lane + 1 == share.lanes, 1, 0)
             reach.passed = wp.identity(n=3, dtype=float)
             for r in range(last, share.count):
-                segment = s.segments[body.segments + share.first + (share.count - 1 - r) * share.way]
+                segment = s.rope.segments[body.segments + share.first + (share.count - 1 - r) * share.way]
                 one = reach_of(segment, pull_of(segment, segment.admittance, segment.free))
                 reach.force = one.passed * reach.force + one.force
                 reach.passed = one.passed * reach.passed

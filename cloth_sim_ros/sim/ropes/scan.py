@@ -10,7 +10,7 @@ at most half a warp, or a whole one, never waits for another warp.
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import load4, quick_quotient, store4, sync, sync_warp, xyz
+from cloth_sim_ros.sim.kernels.intrinsics import load4, quick_quotient, store4, sync, sync_warp, xyz
 from cloth_sim_ros.sim.physics.chain import (
     Span,
     close,
@@ -20,7 +20,7 @@ from cloth_sim_ros.sim.physics.chain import (
     turn_frame,
     turned_end,
 )
-from cloth_sim_ros.sim.rope_state import Segment
+from cloth_sim_ros.sim.ropes.arrays import Segment
 from cloth_sim_ros.sim.ropes.partition import Reach, Share
 from cloth_sim_ros.sim.ropes.segments import change_of, near_of
 
@@ -179,7 +179,7 @@ def make_scans(threads: int, stored: bool):
         if share.lane + 1 == share.lanes:
             place = wp.where(share.way > 0, meeting, meeting + MEETING)
             _post_side(place, segment, pull, shared)
-            if not share.meets:
+            if not share.coupled:
                 _post_side(meeting + MEETING, Segment(), wp.vec3(0.0), shared)
         # A vote of the whole block lies between this and the next meeting, or scan forward, which would store anew.
         sync()
@@ -204,11 +204,11 @@ def make_scans(threads: int, stored: bool):
         at = SLOTS * t
         ends = at + SLOTS * (wp.max(share.lanes, 1) - 1 - share.lane)
         for step in range(wp.static(steps)):
-            here = wp.static(copy) * (step % 2)
-            _post_reach(here + at, reach, shared)
+            ctx = wp.static(copy) * (step % 2)
+            _post_reach(ctx + at, reach, shared)
             sync_side()
             # A thread that reaches the end of its side follows nothing: what it takes from there counts for 0.
-            after = here + wp.min(at + SLOTS * (1 << step), ends)
+            after = ctx + wp.min(at + SLOTS * (1 << step), ends)
             behind = _reach_at(after, shared)
             reach.force += reach.passed * behind.force
             if wp.static(step + 1 < steps):

@@ -6,7 +6,7 @@ That is what no segment waits for; the rest is elimination.py.
 
 import warp as wp
 
-from cloth_sim_ros.sim.native import on_cpu, source
+from cloth_sim_ros.sim.kernels.native import on_cpu, source
 from cloth_sim_ros.sim.ropes.elimination import PLANES
 
 # What a linear solve cannot tell of a motion: that a segment turns too far, changes its length too much, or had better
@@ -27,7 +27,7 @@ def prepare_segments(
     segments: int,
     n: int,
     x: wp.uint64,
-    low: wp.uint64,
+    position_lo: wp.uint64,
     d: wp.uint64,
     rests: wp.array(dtype=float),
     tensions: wp.array(dtype=float),

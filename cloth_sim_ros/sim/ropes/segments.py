@@ -6,13 +6,13 @@ See physics/chain.py for the quantities, and chain_solve.py for the elimination.
 
 import warp as wp
 
-from cloth_sim_ros.sim.intrinsics import inverse_root, larger, load4, quick_quotient, root, xyz
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.features.winch.drum import make_fed, rest_of
+from cloth_sim_ros.sim.kernels.intrinsics import inverse_root, larger, load4, quick_quotient, root, xyz
 from cloth_sim_ros.sim.physics.chain import edge_frame, particle_compliance, series_admittance
 from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import carried
-from cloth_sim_ros.sim.rope_state import Segment
-from cloth_sim_ros.sim.ropes.drum import make_fed, rest_of
-from cloth_sim_ros.sim.stages.here import Here
+from cloth_sim_ros.sim.ropes.arrays import Segment
 
 # A segment whose correction turns it by more than the root of this [rad^2] left what a linear solve can tell.
 LARGEST_TURN = wp.constant(0.09)
@@ -35,9 +35,9 @@ MOST_STRETCHED = wp.constant(0.02)
 
 
 @wp.func
-def stiffest_of(here: Here) -> float:
+def stiffest_of(ctx: Context) -> float:
     """What the tangent of a segment yields along it at least [1/kg]."""
-    return STIFFEST * (here.material.largest_inverse_mass * here.body.yielding)
+    return STIFFEST * (ctx.material.largest_inverse_mass * ctx.body.yielding)
 
 
 @wp.func
@@ -59,34 +59,34 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
         k: int,
         way: int,
         missing: wp.vec3,
-        here: Here,
+        ctx: Context,
     ) -> Segment:
-        index = here.body.segments + k
-        g = here.body.particles + k
-        held = here.state.tensions[index]  # from afar: first
-        rest = here.model.segment_length[index]
-        p = load4(here.d, k)
-        q = load4(here.d, k + 1)
+        index = ctx.body.segments + k
+        g = ctx.body.particles + k
+        held = ctx.state.rope.tensions[index]  # from afar: first
+        rest = ctx.model.segment_length[index]
+        p = load4(ctx.d, k)
+        q = load4(ctx.d, k + 1)
         de = xyz(q) - xyz(p)
-        e = opened((xyz(load4(here.x, k + 1)) - xyz(load4(here.x, k))) + de, k)
+        e = opened((xyz(load4(ctx.x, k + 1)) - xyz(load4(ctx.x, k))) + de, k)
         square = wp.dot(e, e)
         length = root(square)  # as exact as can be: it is what the stretch is told from
         n = inverse_root(square) * e
         if wp.static(winch):
-            rest = rest_of(k, here)
-        alpha = here.material.compliance[0] * rest * here.step.inverse_square
-        gamma = here.material.damping * here.step.inverse
+            rest = rest_of(k, ctx)
+        alpha = ctx.material.compliance[0] * rest * ctx.step.inverse_square
+        gamma = ctx.material.damping * ctx.step.inverse
         segment = Segment()
         segment.held = held
-        segment.tension = segment.held * (here.step.effective * here.step.effective)
+        segment.tension = segment.held * (ctx.step.effective * ctx.step.effective)
         gap = length - rest - alpha * segment.tension
         if gamma > 0.0:
-            slip = elongation(e, de - xyz(load4(here.low, k + 1) - load4(here.low, k)))
+            slip = elongation(e, de - xyz(load4(ctx.position_lo, k + 1) - load4(ctx.position_lo, k)))
             if wp.static(order == 2):
-                if here.step.second:
-                    slip -= wp.dot(n, carried(here.state.last_displacements[g + 1] - here.state.last_displacements[g]))
+                if ctx.step.second:
+                    slip -= wp.dot(n, carried(ctx.state.last_displacements[g + 1] - ctx.state.last_displacements[g]))
             if wp.static(winch):
-                slip -= fed_to(k, length, here.state, here.body, here.step.second)
+                slip -= fed_to(k, length, ctx.state, ctx.body, ctx.step.second)
             gap += gamma * slip
         ahead = n
         near = p[3]
@@ -101,7 +101,7 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
         segment.gap = gap * eased
         # Between a rigid edge and a pinned particle nothing would be left to divide by, and rounding across the edge
         # reaches a tangent that is much stiffer: the rope trembles. Much softer than all that hangs on it, it lags.
-        segment.along = larger(alpha * eased, larger(1.0e-9 * larger(p[3], q[3]), stiffest_of(here)))
+        segment.along = larger(alpha * eased, larger(1.0e-9 * larger(p[3], q[3]), stiffest_of(ctx)))
         segment.across = quick_quotient(larger(segment.tension, 0.0), larger(length, 1.0e-3 * rest))
         segment.reach = larger(length, rest)
         segment.near = near

@@ -2,7 +2,7 @@
 // What segments are; the last four overlap those before.
 const Row* rows = (const Row*)d;
 for (int i = 0; i <= n; ++i) plane(WEIGHT)[i] = rows[i][3];
-const Row *places = (const Row*)x, *lost = (const Row*)low;
+const Row *places = (const Row*)x, *lost = (const Row*)position_lo;
 const double square = (double)effective * effective;
 bool lengths = true;
 for (int begin = 0; begin < n; begin += 4) {

@@ -3,6 +3,7 @@
 
 import warp as wp
 
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.ropes.elimination import FEWEST, eliminate
 from cloth_sim_ros.sim.ropes.segment_simd import (
@@ -23,69 +24,68 @@ from cloth_sim_ros.sim.ropes.segments import (
     SETTLED_SPEED,
     stiffest_of,
 )
-from cloth_sim_ros.sim.stages.here import Here
 
 
 @wp.func
-def prepare_two_sided(here: Here) -> bool:
+def prepare_two_sided(ctx: Context) -> bool:
     """What the segments of a chain are as they lie; False where this is no CPU, they are few or one has no length."""
-    n = here.body.segments_end - here.body.segments
-    if n < FEWEST or here.state.ladder.shape[0] == 0:
+    n = ctx.body.segments_end - ctx.body.segments
+    if n < FEWEST or ctx.state.rope.ladder.shape[0] == 0:
         return False
     return prepare_segments(
-        here.body.particles,
-        here.body.segments,
+        ctx.body.particles,
+        ctx.body.segments,
         n,
-        here.x,
-        here.low,
-        here.d,
-        here.model.segment_length,
-        here.state.tensions,
-        here.state.last_displacements,
-        here.state.ladder,
-        here.material.compliance[0],
-        here.material.damping * here.step.inverse,
-        here.step.effective,
-        here.step.inverse_square,
-        here.step.second and here.state.last_displacements.shape[0] > 0,
-        stiffest_of(here),
+        ctx.x,
+        ctx.position_lo,
+        ctx.d,
+        ctx.model.segment_length,
+        ctx.state.rope.tensions,
+        ctx.state.last_displacements,
+        ctx.state.rope.ladder,
+        ctx.material.compliance[0],
+        ctx.material.damping * ctx.step.inverse,
+        ctx.step.effective,
+        ctx.step.inverse_square,
+        ctx.step.second and ctx.state.last_displacements.shape[0] > 0,
+        stiffest_of(ctx),
         SHORTEST,
     )
 
 
 @wp.func
-def solve_two_sided(here: Here) -> bool:
+def solve_two_sided(ctx: Context) -> bool:
     """Newton steps along a prepared chain until it is settled, see chain_solve.py; whether it was overstretched."""
-    n = here.body.segments_end - here.body.segments
-    lacking = not here.step.first
+    n = ctx.body.segments_end - ctx.body.segments
+    lacking = not ctx.step.first
     overstretched = bool(False)
     steps = int(0)
     again = bool(True)
     while again:
         if steps > 0:
-            lack_more(here.body.particles, n, lacking, here.state.ladder)
+            lack_more(ctx.body.particles, n, lacking, ctx.state.rope.ladder)
             lacking = True
-            prepare_two_sided(here)
+            prepare_two_sided(ctx)
         events = int(TOO_FAR)
         attempt = int(0)
         while (events & TOO_FAR) != 0 and attempt < ATTEMPTS:
             if attempt > 0:
-                stiffen_segments(here.body.particles, n, here.state.ladder)
-            eliminate(here.body.particles, n, lacking, here.state.ladder)
-            settled = SETTLED_SPEED * here.step.effective
+                stiffen_segments(ctx.body.particles, n, ctx.state.rope.ladder)
+            eliminate(ctx.body.particles, n, lacking, ctx.state.rope.ladder)
+            settled = SETTLED_SPEED * ctx.step.effective
             events = judge_segments(
-                here.body.particles, n, lacking, here.state.ladder, LARGEST_TURN, settled, MOST_STRETCHED
+                ctx.body.particles, n, lacking, ctx.state.rope.ladder, LARGEST_TURN, settled, MOST_STRETCHED
             )
             overstretched = overstretched or (events & (TOO_FAR | OVERSTRETCHED)) != 0
             attempt += 1
         move_particles(
-            here.body.particles,
-            here.body.segments,
+            ctx.body.particles,
+            ctx.body.segments,
             n,
-            here.d,
-            here.state.tensions,
-            here.step.inverse_square,
-            here.state.ladder,
+            ctx.d,
+            ctx.state.rope.tensions,
+            ctx.step.inverse_square,
+            ctx.state.rope.ladder,
         )
         steps += 1
         again = (events & UNSETTLED) != 0 and steps < NEWTON_STEPS

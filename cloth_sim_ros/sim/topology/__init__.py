@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Object of a scene -> its particles and elements, in NumPy: one file a kind of object."""
 
-from cloth_sim_ros.sim.objects import Cloth, Rope
+from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 from cloth_sim_ros.sim.topology.elements import Topology
 from cloth_sim_ros.sim.topology.grid import of_grid
 from cloth_sim_ros.sim.topology.mesh import of_mesh

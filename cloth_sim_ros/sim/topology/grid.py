@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cloth_sim_ros.sim.objects import Cloth
+from cloth_sim_ros.sim.scene.objects import Cloth
 from cloth_sim_ros.sim.topology.elements import Topology
 from cloth_sim_ros.sim.topology.mesh import of_sheet
 from cloth_sim_ros.sim.topology.springs import Elements

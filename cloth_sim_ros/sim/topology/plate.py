@@ -60,7 +60,7 @@ def of_triangles(points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray, 
 
 def _needs(mesh: Mesh) -> np.ndarray:
     """(T, 13) triangles: itself, its neighbours and theirs."""
-    near = mesh.twin // 3
+    near = mesh.derived // 3
     return np.concatenate([np.arange(len(near))[:, None], near, near[near].reshape(len(near), -1)], axis=1)
 
 
@@ -90,14 +90,14 @@ def _correction(mesh: Mesh) -> np.ndarray:
     turn, error = _moments(mesh)
     result = np.zeros((*turn.shape[:2], 5))
     both = mesh.bends & mesh.beyond(mesh.bends)
-    first = both & (mesh.twin > np.arange(mesh.twin.size).reshape(-1, 3))
+    first = both & (mesh.derived > np.arange(mesh.derived.size).reshape(-1, 3))
     wrong = np.flatnonzero(first & (np.abs(error).max(axis=2) > _EXACT * mesh.length))
     if len(wrong) == 0:
         return result
-    twin = mesh.twin.ravel()[wrong]
+    derived = mesh.derived.ravel()[wrong]
     sign = np.where(mesh.turned.ravel()[wrong], -1.0, 1.0)
     known = [turn.reshape(-1, 3)[wrong]]
-    for half, flip, t_sign in ((wrong, 1.0, np.ones(len(wrong))), (twin, -1.0, sign)):
+    for half, flip, t_sign in ((wrong, 1.0, np.ones(len(wrong))), (derived, -1.0, sign)):
         for step in (1, 2):
             known.append(_seen_from(mesh, turn, half, step, t_sign, np.full(len(wrong), flip)))
     matrix = np.stack(known, axis=2)
@@ -106,7 +106,7 @@ def _correction(mesh: Mesh) -> np.ndarray:
     factors = -(matrix.transpose(0, 2, 1) @ (inverse @ error.reshape(-1, 3)[wrong][:, :, None]))[:, :, 0]
     result.reshape(-1, 5)[wrong] = factors
     # Seen from the neighbour, the slope has the other sign and the pairs of turns change places.
-    result.reshape(-1, 5)[twin] = -factors[:, [0, 3, 4, 1, 2]]
+    result.reshape(-1, 5)[derived] = -factors[:, [0, 3, 4, 1, 2]]
     return result
 
 
@@ -165,7 +165,7 @@ def _slopes(mesh: Mesh, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray]
             slopes[:, c, 3 + d] += factor * turns[:, d, 3]
         if size == 6:
             continue
-        there, corner = mesh.twin[:, c] // 3, mesh.twin[:, c] % 3
+        there, corner = mesh.derived[:, c] // 3, mesh.derived[:, c] % 3
         rows, turned = np.arange(count), mesh.turned[:, c]
         start = np.where(turned, LAST[c], NEXT[c])  # where the neighbour's edge begins and ends
         end = np.where(turned, NEXT[c], LAST[c])

@@ -33,7 +33,7 @@ class Mesh:
     length: np.ndarray
     height: np.ndarray
     foot: np.ndarray
-    twin: np.ndarray
+    derived: np.ndarray
     turned: np.ndarray
     bends: np.ndarray
     clamped: np.ndarray
@@ -57,10 +57,10 @@ class Mesh:
         along = np.stack([(unit * x[:, None]).sum(2), (unit * y[:, None]).sum(2)], axis=2)
         out = np.stack([along[:, :, 1], -along[:, :, 0]], axis=2)
         foot = ((corners - corners[:, NEXT]) * unit).sum(2) / length
-        twin = _twins(triangles, len(points))
-        start, other = triangles[:, NEXT], triangles[:, NEXT].ravel()[twin]
-        inner = twin != np.arange(twin.size).reshape(-1, 3)
-        there = twin // 3
+        derived = _twins(triangles, len(points))
+        start, other = triangles[:, NEXT], triangles[:, NEXT].ravel()[derived]
+        inner = derived != np.arange(derived.size).reshape(-1, 3)
+        there = derived // 3
         clamp = pinned[triangles].all(axis=1)
         bends = inner & (sound & ~clamp)[:, None] & sound[there]
         return cls(
@@ -72,7 +72,7 @@ class Mesh:
             length,
             double[:, None] / length,
             foot,
-            twin,
+            derived,
             start != other,
             bends,
             bends & clamp[there],
@@ -80,7 +80,7 @@ class Mesh:
 
     def beyond(self, values: np.ndarray) -> np.ndarray:
         """What the neighbours at the edges have of `values` (T, 3, ...)."""
-        return values.reshape(-1, *values.shape[2:])[self.twin]
+        return values.reshape(-1, *values.shape[2:])[self.derived]
 
 
 def _twins(triangles: np.ndarray, count: int) -> np.ndarray:
@@ -89,6 +89,6 @@ def _twins(triangles: np.ndarray, count: int) -> np.ndarray:
     key = ends[:, 0] * count + ends[:, 1]
     order = np.argsort(key, kind="stable")
     pair = np.flatnonzero(key[order[1:]] == key[order[:-1]])
-    twin = np.arange(len(key))
-    twin[order[pair]], twin[order[pair + 1]] = order[pair + 1], order[pair]
-    return twin.reshape(-1, 3)
+    derived = np.arange(len(key))
+    derived[order[pair]], derived[order[pair + 1]] = order[pair + 1], order[pair]
+    return derived.reshape(-1, 3)

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cloth_sim_ros.sim.objects import Rope
-from cloth_sim_ros.sim.quaternion import rotate
+from cloth_sim_ros.sim.physics.quaternion import rotate
+from cloth_sim_ros.sim.scene.objects import Rope
 from cloth_sim_ros.sim.topology.elements import Topology, pinned_particles
 from cloth_sim_ros.sim.topology.springs import Elements
 

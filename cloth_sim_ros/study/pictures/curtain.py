@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from cloth_sim_ros.drawing.camera import Camera, Surface, ball, paint
 from cloth_sim_ros.sim import Cloth, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.study.pictures.camera import Camera, Surface, ball, paint
 
 SIZE = (1.9, 1.5)  # [m] of the cloth, gathered to WIDTH on the rail
 WIDTH = 1.35

@@ -39,6 +39,7 @@ class LivePage(Page):
         self._asked = -np.inf  # when [s]
         self._calls: list[Any] = []
         self._content: Any = None
+        self._contents: list[Any] = []  # of nodes that have gone: hidden
         self.known: Known | None = None
         super().__init__(server)
 
@@ -93,12 +94,14 @@ class LivePage(Page):
             self._task = self._remote.node.executor.create_task(self._remote.know)
 
     def _show(self, known: Known) -> None:
+        while self._contents:
+            self._contents.pop().remove()  # now and not as they went, see Page.remove
         self.known = known
         self.scene = LiveScene(self.server, self.drawing, known)
         self.grasp = Grasp(self._remote, known, self.scene, self.tell)
         cut = partial(self._remote.cut, frame_id=known.values["frame_id"])
         self._scissors = Scissors(cut, self.tell)
-        self._content = self.gui.add_folder(None)
+        self._content = self.gui.add_folder(None, visible=False)  # until there is something that it acts on
         with self.folder, self._content:
             self._verdict = self.gui.add_markdown("")
             self.buttons(RUN, self.press)
@@ -109,17 +112,19 @@ class LivePage(Page):
             with tabs.add_tab("Curves"):
                 self._make_curves(known)
         self._begin = time.monotonic()
-        seen = Seen(self._cloud, self._topology, self._markers, self._report, self._load, self._changed)
+        seen = Seen(
+            self._cloud, self._topology, self._markers, self._report, self._load, self._changed, self.panel.blown
+        )
         self._remote.listen(known, seen)
         self._framed = False
-        self.tell(f"{self._remote.target} is there. " + ("" if known.names("objects") else "Its scene is empty."))
+        self.tell(f"{self._remote.target} is there and builds its scene ...")
 
     def _make_curves(self, known: Known) -> None:
         objects = known.names("objects")
         self.curves = {"pace": Curves(self.gui, "Real-time factor", ["real-time factor"])}
         if objects:
             self.curves["strain"] = Curves(self.gui, "Largest strain [%]", objects)
-            self.curves["error"] = Curves(self.gui, "Estimated error a frame [µm]", objects, log=True)
+            self.curves["error"] = Curves(self.gui, "Estimated error a frame [µm]", objects, log=(1e-3, 1e5))
         ends = [f"{rope}/{end}" for rope in known.ropes() for end in ENDS]
         if ends:
             self.curves["tension"] = Curves(self.gui, "Tension at the ends of ropes [N]", ends)
@@ -136,7 +141,8 @@ class LivePage(Page):
         self._remote.forget()
         self.scene.close()
         self.drawing.clear()
-        self._content.remove()
+        self._content.visible = False
+        self._contents.append(self._content)
         self.known, self._task, self._asked = None, None, -np.inf
         self.tell(why)
 
@@ -199,6 +205,13 @@ class LivePage(Page):
     def _report(self, message: str, values: dict[str, str]) -> None:
         now, objects = time.monotonic() - self._begin, self.known.names("objects")
         self._verdict.content = f"*{message}*"
+        if not values:  # nothing is simulated at this time
+            if not self._content.visible:
+                self.tell(f"{self._remote.target}: {message}")
+            return
+        if not self._content.visible:
+            self._content.visible = True
+            self.tell(f"{self._remote.target} is there." + ("" if objects else " Its scene is empty."))
         self.curves["pace"].add(now, [_number(values, "real_time_factor")])
         if objects:
             self.curves["strain"].add(now, [100.0 * _number(values, f"{name}.max_strain") for name in objects])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +13,8 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 
 from cloth_sim_ros.viewer.live.remote import Known, Remote
-from cloth_sim_ros.viewer.live.sliders import WIND, ParameterSlider, Scale, scale_of
+from cloth_sim_ros.viewer.live.sliders import WIND, ParameterSlider, scale_of
+from cloth_sim_ros.viewer.scale import Scale
 
 SOLVER = ("solver.error", "solver.budget", "solver.iterations", "solver.substeps", "solver.global_damping")
 OBJECT = (
@@ -21,6 +23,7 @@ OBJECT = (
 )  # fmt: skip
 COLLIDER = ("static_friction", "kinetic_friction")
 AXES = ("x", "y", "z")
+WIND_PERIOD = 0.2  # [s] between two winds by topic that are shown
 ANSWER_IN = 10.0  # [s] after which a parameter is set again, as an answer may be lost
 
 
@@ -36,6 +39,8 @@ class Panel:
         self._since: dict[str, float] = {}  # when [s]
         self._waiting: dict[str, Any] = {}
         self._switches: dict[str, Any] = {}
+        self._wind: tuple[float, float, float] | None = None  # by topic, to be shown [m/s]
+        self._shown = -math.inf  # when a wind by topic was [s]
         self.sliders: dict[str, list[ParameterSlider]] = {}
         with gui.add_folder("Wind"):
             self._switch(gui, "wind.enabled", "There is wind")
@@ -94,6 +99,9 @@ class Panel:
         for name, switch in self._switches.items():
             if switch.value != self._known.values[name] and name not in self._asked:
                 self._waiting[name] = switch.value
+        if self._wind is not None and time.monotonic() - self._shown > WIND_PERIOD:
+            self.changed("wind.velocity", list(self._wind))
+            self._wind, self._shown = None, time.monotonic()
         for name in [name for name, future in self._asked.items() if future.done()]:
             self._answered(name, self._asked.pop(name).result().results[0])
         for name in [name for name in self._asked if time.monotonic() - self._since[name] > ANSWER_IN]:
@@ -111,6 +119,10 @@ class Panel:
 
     def _put_back(self, name: str, future: Future) -> None:
         self.changed(name, parameter_value_to_python(future.result().values[0]))
+
+    def blown(self, velocity: tuple[float, float, float]) -> None:
+        """Somebody sends a wind [m/s] by topic, which acts in place of the parameter."""
+        self._wind = velocity
 
     def changed(self, name: str, value: Any) -> None:
         """The node says that a parameter has this value."""

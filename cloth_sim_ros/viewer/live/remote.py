@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, WrenchStamped
+from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Vector3Stamped, WrenchStamped
 from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -54,6 +54,7 @@ class Seen:
     report: Callable[[str, dict[str, str]], None]  # what the node says of itself, and its numbers
     load: Callable[[str, float], None]  # what feels it, its force [N]
     changed: Callable[[str, Any], None]  # a parameter, its new value
+    wind: Callable[[tuple[float, float, float]], None]  # that somebody sends [m/s]
 
 
 class Remote:
@@ -122,6 +123,7 @@ class Remote:
             heard = partial(self._load, each, seen)
             self._subscribe(WrenchStamped, f"{each}/wrench", heard, NEWEST_ONLY)
         self._subscribe(MarkerArray, "colliders", seen.markers, LATCHED)
+        self._subscribe(Vector3Stamped, "wind", partial(self._wind, known.values["frame_id"], seen), NEWEST_ONLY)
         subscribe = self.node.create_subscription
         self._subscriptions += [
             subscribe(DiagnosticArray, "/diagnostics", partial(self._report, seen), 10),
@@ -165,6 +167,10 @@ class Remote:
     def _load(self, name: str, seen: Seen, message: WrenchStamped) -> None:
         force = message.wrench.force
         seen.load(name, float(np.linalg.norm((force.x, force.y, force.z))))
+
+    def _wind(self, frame_id: str, seen: Seen, message: Vector3Stamped) -> None:
+        if message.header.frame_id in ("", frame_id):  # others would need /tf
+            seen.wind((message.vector.x, message.vector.y, message.vector.z))
 
     def _report(self, seen: Seen, message: DiagnosticArray) -> None:
         for status in message.status:

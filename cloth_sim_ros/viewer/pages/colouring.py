@@ -72,7 +72,7 @@ class Colouring(Page):
         self.pace = gui.add_slider("passes a second", 1, 30, 1, 2)
         self.buttons(("next pass", "a sweep", "start again"), self.press)
         self._numbers = gui.add_markdown("")
-        self._curve = Curves(gui, "Largest error [mm]", ["largest error"], log=True, span=1e9)
+        self._curve = Curves(gui, "Largest error [mm]", ["largest error"], log=(1e-3, 1e3), span=1e9)
         self._frames = 0
         self._chosen: tuple[str, str] = ("", "")
 

@@ -13,6 +13,7 @@ from cloth_sim_ros.study.implicit import implicit_step
 from cloth_sim_ros.study.springs import SpringSystem
 from cloth_sim_ros.viewer.curves import Curves
 from cloth_sim_ros.viewer.drawing import COLOURS, STEEL
+from cloth_sim_ros.viewer.scale import PowerSlider, powers
 from cloth_sim_ros.viewer.window import Page
 
 FRAME = 1.0 / 60.0  # [s]
@@ -91,21 +92,18 @@ class Integrators(Page):
     camera = ((0.0, -5.0, 1.7), (0.0, 0.0, 1.15))
 
     def build(self) -> None:
-        low, high = np.log10(STEPS)
-        self.exponent = self.gui.add_slider(
-            "step 10^ ms", round(low, 2), round(high, 2), 0.02, round(np.log10(BEGIN), 2), hint="As a power of ten."
-        )
+        self.length = PowerSlider(self.gui, "step", powers(*STEPS), BEGIN, " ms", "Length of a step.")
         self.button("Start again", self.start)
         self._numbers = self.gui.add_markdown("")
         colours = COLOURS[: len(METHODS)]
-        self._oscillators = Curves(self.gui, "Energy of the oscillators [1]", METHODS, log=True, colours=colours)
+        self._oscillators = Curves(self.gui, "Energy of the oscillators [1]", METHODS, (1e-3, 1e3), colours=colours)
         self._cloths = Curves(self.gui, "Energy of the cloths [J]", METHODS, colours=colours)
         self.start()
 
     @property
     def h(self) -> float:
         """The step [s]."""
-        return 1e-3 * 10.0**self.exponent.value
+        return 1e-3 * self.length.value
 
     def start(self) -> None:
         """Lets go of everything at the beginning."""

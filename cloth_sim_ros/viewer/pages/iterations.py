@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from viser import uplot
 
 from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation
 from cloth_sim_ros.study.closed_forms.ropes import hanging_extensions
-from cloth_sim_ros.viewer.curves import Curves
+from cloth_sim_ros.viewer.curves import Curves, make_chart
 from cloth_sim_ros.viewer.drawing import COLOURS, STEEL, Drag
 from cloth_sim_ros.viewer.pages.relaxation import HangingRope
+from cloth_sim_ros.viewer.scale import PowerSlider, powers
 from cloth_sim_ros.viewer.window import Page
 
 SEGMENTS, LENGTH, RADIUS = 24, 1.2, 0.012  # -, [m], [m]
@@ -62,21 +62,13 @@ class Iterations(Page):
         gui = self.gui
         self.iterations = gui.add_slider("iterations", 1, 64, 1, 4, hint="Sweeps of PBD and XPBD in a step.")
         self.substeps = gui.add_slider("substeps", 1, 20, 1, 1, hint="Steps a frame.")
-        self.exponent = gui.add_slider("compliance 10^ 1/N", -5.0, -0.5, 0.1, -1.5, hint="1/EA, as a power of ten.")
+        self.compliance = PowerSlider(gui, "compliance", powers(1e-5, 0.3), 0.03, " 1/N", "1/EA")
         self.swing = gui.add_checkbox("Swing", True)
         self.button("Measure over iterations", self._measure)
         self._numbers = gui.add_markdown("")
         self._curves = Curves(gui, "Stretch [%]", NAMES, span=10.0)
         labels = (*NAMES[:2], "closed form")
-        lines = [
-            uplot.Series(label=label, stroke="rgb({},{},{})".format(*COLOURS[k]), width=2)
-            for k, label in enumerate(labels)
-        ]
-        empty = tuple(np.array([1.0]) for _ in range(4))
-        self._chart = gui.add_uplot(
-            empty, (uplot.Series(label="iterations"), *lines), title="Stretch at rest over iterations [%]",
-            scales={"x": uplot.Scale(time=False)}, height=190,
-        )  # fmt: skip
+        self._chart = make_chart(gui, "Stretch at rest over iterations [%]", "iterations", labels)
         self._measuring: Iterator[None] | None = None
         self.measured: list[tuple[int, float, float]] = []
         self._hand = np.zeros(3)  # [m] by how much the tops are away from their places
@@ -85,7 +77,7 @@ class Iterations(Page):
         self._draw_first()
 
     def _start(self) -> None:
-        compliance = 10.0**self.exponent.value
+        compliance = self.compliance.value
         tops = {name: place + self._hand for name, place in PLACES.items()}
         self._ropes = {"PBD": hanging(None, tops["PBD"]), "XPBD": hanging(compliance, tops["XPBD"])}
         top = tops["this package"]
@@ -121,7 +113,7 @@ class Iterations(Page):
         return self._sim.positions("rope") if name == NAMES[2] else self._ropes[name].springs.x
 
     def frame(self) -> None:
-        if 10.0**self.exponent.value != self._compliance:
+        if self.compliance.value != self._compliance:
             self._start()
         if self._measuring is not None and next(self._measuring, "done") == "done":
             self._measuring = None

@@ -8,6 +8,7 @@ import numpy as np
 from cloth_sim_ros.sim import Cloth, Plane, Scene, Settings, Sphere
 from cloth_sim_ros.viewer.drawing import Drag
 from cloth_sim_ros.viewer.pages.stage import Stage
+from cloth_sim_ros.viewer.scale import PowerSlider, powers
 from cloth_sim_ros.viewer.window import Page
 
 SIDE = 16  # particles along an edge
@@ -50,10 +51,8 @@ class SpringNetwork(Page):
         self.switches, self.sliders = {}, {}
         for kind, (_, compliance, _, text) in KINDS.items():
             self.switches[kind] = self.gui.add_checkbox(f"{kind} springs", True, hint=text)
-            exponent = float(np.log10(compliance))
-            self.sliders[kind] = self.gui.add_slider(
-                "compliance 10^ m/N", -5.0, 1.0, 0.1, round(exponent, 1), hint="1 / spring constant, as a power of ten"
-            )
+            hint = "1 / spring constant"
+            self.sliders[kind] = PowerSlider(self.gui, "compliance", powers(1e-5, 10.0), compliance, " m/N", hint)
         self.pins = self.gui.add_dropdown("Held at", PINS)
         self.lines = self.gui.add_checkbox("Show the springs", True)
         self.button("Start again", self._reset)
@@ -67,7 +66,7 @@ class SpringNetwork(Page):
 
     def frame(self) -> None:
         for kind, (parameter, _, _, _) in KINDS.items():
-            value = 10.0 ** self.sliders[kind].value if self.switches[kind].value else OFF
+            value = self.sliders[kind].value if self.switches[kind].value else OFF
             self.stage.apply(f"sheet.{parameter}", value)
         self.stage.apply("sheet.pins", self.pins.value)
         self.stage.step()

@@ -8,6 +8,7 @@ import numpy as np
 from cloth_sim_ros.sim import Cloth, Plane, Readback, Scene, Sphere, Wind
 from cloth_sim_ros.viewer.drawing import Click, Drag
 from cloth_sim_ros.viewer.pages.stage import Stage
+from cloth_sim_ros.viewer.scale import PowerSlider, powers
 from cloth_sim_ros.viewer.scissors import Scissors
 from cloth_sim_ros.viewer.window import Page
 
@@ -53,9 +54,8 @@ class WholeCloth(Page):
         self.friction = self.gui.add_slider(
             "friction", 0.0, 1.5, 0.01, 0.5, hint="Coulomb coefficient of cloth and ball."
         )
-        self.stretch = self.gui.add_slider(
-            "compliance 10^ m/N", -5.0, 0.0, 0.1, -3.0, hint="1 / spring constant in stretch, as a power of ten"
-        )
+        hint = "1 / spring constant in stretch"
+        self.stretch = PowerSlider(self.gui, "compliance", powers(1e-5, 1.0), 1e-3, " m/N", hint)
         self.pins = self.gui.add_dropdown("Held at", PINS, initial_value="none")
         self.normals = self.gui.add_checkbox(
             "Show normals", False, hint="Computed on the device, from its own positions."
@@ -80,7 +80,7 @@ class WholeCloth(Page):
         for name in ("cloth", "ball", "floor"):
             for kind in ("static_friction", "kinetic_friction"):
                 self.stage.apply(f"{name}.{kind}", self.friction.value)
-        self.stage.apply("cloth.stretch_compliance", 10.0**self.stretch.value)
+        self.stage.apply("cloth.stretch_compliance", self.stretch.value)
         self.stage.apply("cloth.pins", self.pins.value)
         self.stage.step()
         self._draw_normals()

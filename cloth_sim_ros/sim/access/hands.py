@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What handles do between frames: grasp, let go, and tell what they feel. Within a frame see stages/grasp.py."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.access.loads import Loads
+from cloth_sim_ros.sim.arrays.state import Arrays, HandleMotion
+from cloth_sim_ros.sim.arrays.writing import clear
+from cloth_sim_ros.sim.engine.batch import Batch
+from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, names_of, worlds_of
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
+from cloth_sim_ros.sim.scene.handles import checked_reach, extents
+
+
+@compiled
+def grasp(given: wp.array(dtype=Arrays), b: int, h: int, chosen: wp.array(dtype=int), count: int):
+    arrays = given[chosen[wp.tid() / count]]
+    s = arrays.state
+    g = arrays.model.bodies[b].particles + wp.tid() % count
+    position = load_row(s.positions, g)
+    if position[3] == 0.0 or load_row(s.grasp.grips, g)[3] > 0.0:
+        return
+    handle = arrays.handles[h]
+    offset = (xyz(position) - handle.end_position) + xyz(load_row(s.position_lo, g))
+    place = wp.quat_rotate_inv(handle.end_orientation, offset)
+    size, far = wp.abs(place), wp.length(place)
+    if size[0] <= handle.reach[0] and size[1] <= handle.reach[1] and size[2] <= handle.reach[2]:
+        if far <= handle.reach[3]:
+            store_row(s.grasp.grips, g, wp.vec4(place[0], place[1], place[2], float(h + 1)))
+            store_row(s.grasp.grip_pulls, g, wp.vec4(0.0))
+            store_row(s.grasp.grip_forces, g, wp.vec4(0.0))
+            wp.atomic_add(s.grasp.held, b, 1)
+            wp.atomic_add(arrays.handle_counts, h, 1)
+
+
+@compiled
+def let_go(given: wp.array(dtype=Arrays), b: int, leaves: wp.array2d(dtype=int), count: int):
+    w = wp.tid() / count
+    arrays = given[w]
+    s = arrays.state
+    g = arrays.model.bodies[b].particles + wp.tid() % count
+    h = int(load_row(s.grasp.grips, g)[3]) - 1
+    if h >= 0:
+        if leaves[w, h] > 0:
+            store_row(s.grasp.grips, g, wp.vec4(0.0))
+            store_row(s.grasp.grip_forces, g, wp.vec4(0.0))
+            wp.atomic_sub(s.grasp.held, b, 1)
+            wp.atomic_sub(arrays.handle_counts, h, 1)
+
+
+@compiled
+def find_broken(
+    handles: wp.array2d(dtype=HandleMotion),
+    loads: wp.array2d(dtype=wp.spatial_vector),
+    leaves: wp.array2d(dtype=int),
+    breaks: wp.array2d(dtype=int),
+):
+    w, h = wp.tid()
+    most = handles[w, h].break_force
+    broken = most > 0.0 and wp.length(wp.spatial_top(loads[w, h])) > most
+    leaves[w, h] = wp.where(broken, 1, 0)
+    breaks[w, h] += leaves[w, h]
+
+
+class Hands:
+    """The handles of a simulation. Raises ValueError for a name, a world or a value that cannot be.
+
+    objects: handle -> the one object that it grasps, "" is any. breaks: how often each let go, (worlds, H). loads: what
+    they feel.
+    """
+
+    def __init__(self, bodies: Bodies) -> None:
+        self._bodies = bodies
+        shape, device = (bodies.worlds, len(bodies.scene.handles)), bodies.warp_device
+        self.loads = Loads(bodies, "handles", shape[1])
+        self._leaves, self.breaks = (wp.zeros(shape, dtype=int, device=device) for _ in range(2))
+        self.objects = {name: handle.object for name, handle in bodies.scene.handles.items()}
+        self._breakable = False
+
+    def write_scene(self) -> None:
+        """All handles as the scene has them."""
+        for name, handle in self._bodies.scene.handles.items():
+            self.place(name, None)
+            self._write(name, None, reach=extents(handle.reach), compliance=handle.compliance)
+            self._write(name, None, break_force=handle.break_force)
+
+    def _write(self, name: str, world: WorldSelection, **numbers: Any) -> None:
+        self._bodies.handles.write(self._row(name), world, **numbers)
+        self.find_breakable()
+
+    def find_breakable(self) -> None:
+        """Note whether any handle lets go where its load is too large."""
+        self._breakable = bool((self._bodies.handles.mirrors()["rows"]["break_force"] > 0.0).any())
+
+    def place(self, name: str, world: WorldSelection) -> None:
+        """Where the scene puts it."""
+        handle = self._bodies.scene.handles[name]
+        self._bodies.handles.place(self._bodies.handle_row[name], world, handle.position, handle.orientation)
+
+    def set_handle_pose(
+        self,
+        name: str,
+        position: Any,
+        orientation: Any = (0.0, 0.0, 0.0, 1.0),
+        sweep: bool = True,
+        world: Any = None,
+    ) -> None:
+        """See Simulation.set_handle_pose."""
+        some = self._bodies.some(world)
+        self._bodies.handles.reach(self._row(name), some, name, (position, orientation), sweep)
+
+    def set(self, name: str, field: str, value: Any, world: WorldSelection) -> None:
+        """Set a live parameter of a handle; `attached` grasps or lets go."""
+        try:
+            row = table.row(table.HANDLE, field)
+        except KeyError:
+            live = names_of(row.name for row in table.HANDLE if row.live)
+            raise ValueError(f"there is no parameter '{name}.{field}'; allowed is one of {live}") from None
+        where = f"{name}.{field}"
+        if field == "reach":
+            self._write(name, world, reach=extents(checked_reach(value, where)))
+            return
+        value = check_worlds(row, value, where, self._bodies.worlds, world)
+        if field == "attached":
+            (self._grasp if value else self._let_go)(name, world)
+        elif field == "object":
+            if value not in ("", *self._bodies.scene.objects):
+                raise ValueError(
+                    f"{where} is {value!r}; allowed is '' or one of {names_of(self._bodies.scene.objects)}"
+                )
+            self.objects[name] = value
+        elif field in ("compliance", "break_force"):
+            self._write(name, world, **{field: value})
+        else:
+            raise ValueError(f"{where} is not set while running; allowed is set_handle_pose")
+
+    def attach(self, name: str, world: Any = None) -> int | np.ndarray:
+        """See Simulation.attach."""
+        self._grasp(name, self._bodies.some(world))
+        return self.held(name, world)
+
+    def _grasp(self, name: str, some: WorldSelection) -> None:
+        h, chosen = self._row(name), self._bodies.chosen(some)
+        self._bodies.handles.upload()
+        for body, (batch, given, b, count) in self._each().items():
+            if self.objects[name] in ("", body) and len(chosen):
+                inputs = [given, b, h, chosen, count]
+                wp.launch(grasp, dim=len(chosen) * count, inputs=inputs, device=batch.device)
+
+    def release(self, name: str, world: Any = None) -> None:
+        """See Simulation.release."""
+        self._let_go(name, self._bodies.some(world))
+
+    def _let_go(self, name: str, some: WorldSelection) -> None:
+        leaves = np.zeros(self._leaves.shape, dtype=np.int32)
+        leaves[worlds_of(some), self._row(name)] = 1
+        self._leaves.assign(leaves)
+        self._drop()
+
+    def held(self, name: str, world: Any = None) -> int | np.ndarray:
+        """See Simulation.held."""
+        h, some = self._row(name), self._bodies.some(world)
+        counts = self._bodies.handle_counts.numpy()[worlds_of(some), h]
+        return int(counts[0]) if isinstance(some, int) or self._bodies.worlds == 1 else counts.copy()
+
+    def broken(self, name: str, world: int = 0) -> int:
+        """See Simulation.broken."""
+        return int(self.breaks.numpy()[self._bodies.one(world), self._row(name)])
+
+    def handle_position(self, name: str, world: int = 0) -> np.ndarray:
+        """See Simulation.handle_position."""
+        return self._bodies.handles.read(self._row(name), self._bodies.one(world))["end_position"][0].copy()
+
+    def handle_wrench(self, name: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """See Simulation.handle_wrench."""
+        load = self.handle_wrenches(world)[self._row(name)].astype(np.float64)
+        return load[:3], load[3:]
+
+    def handle_wrenches(self, world: int = 0) -> np.ndarray:
+        """See Simulation.handle_wrenches."""
+        return self.loads.read(world)
+
+    @property
+    def ending(self) -> Callable[[], None] | None:
+        """What a frame ends with, on the device alone: handles whose load is too large let go. None where none can."""
+        return self._judge if self._breakable else None
+
+    def _judge(self) -> None:
+        inputs = [self._bodies.handles.array, self.loads.measure(), self._leaves, self.breaks]
+        wp.launch(find_broken, dim=self._leaves.shape, inputs=inputs, device=self._bodies.warp_device)
+        self._drop()
+
+    def reset(self, some: WorldSelection) -> None:
+        """Back to where the scene put them, holding what it says of objects that started anew, which nothing holds."""
+        if not self._bodies.scene.handles:
+            return
+        counts = self._bodies.handle_counts
+        clear(counts, slice(0, counts.shape[1]), self._bodies.chosen(some))
+        for name, handle in self._bodies.scene.handles.items():
+            self.place(name, some)
+            if handle.attached:
+                self._grasp(name, some)
+
+    def take_over(self, name: str, other: Hands) -> None:
+        """Handles hold an object, in all worlds, as those of the same names do in the first world of another
+        simulation."""
+        theirs = other._bodies
+        renamed = np.zeros(1 + len(theirs.handle_row), dtype=np.float32)
+        for handle, row in theirs.handle_row.items():
+            renamed[1 + row] = 1 + self._bodies.handle_row.get(handle, -1)
+        rows = theirs.batch[name].read_rows("grips", name)[0]
+        rows[:, 3] = renamed[rows[:, 3].astype(int)]
+        self._bodies.batch[name].write_rows("grips", name, rows)
+        self._count()
+
+    def _count(self) -> None:
+        """Say anew how many particles each handle holds, and of each body, in every world."""
+        counts = np.zeros(self._bodies.handle_counts.shape, dtype=np.int32)
+        for name, batch in self._bodies.batch.items():
+            numbers = batch.read_rows("grips", name)[..., 3].astype(int)
+            batch.write_count("held", name, (numbers > 0).sum(axis=1))
+            for h in range(counts.shape[1]):
+                counts[:, h] += (numbers == h + 1).sum(axis=1)
+        self._bodies.handle_counts.assign(counts)
+
+    def _row(self, name: str) -> int:
+        if name not in self._bodies.handle_row:
+            raise ValueError(f"there is no handle {name!r}; allowed is {names_of(self._bodies.handle_row)}")
+        return self._bodies.handle_row[name]
+
+    def _each(self) -> dict[str, tuple[Batch, wp.array, int, int]]:
+        """Object -> its batch, the arrays of all worlds, its number in the batch and its count of particles."""
+        found = {}
+        arrays = dict(zip(map(id, self._bodies.batches), self._bodies.arrays(), strict=True))
+        for name, batch in self._bodies.batch.items():
+            b = batch.index[name]
+            found[name] = (batch, arrays[id(batch)], b, batch.counts[b])
+        return found
+
+    def _drop(self) -> None:
+        for batch, given, b, count in self._each().values():
+            dim = self._bodies.worlds * count
+            wp.launch(let_go, dim=dim, inputs=[given, b, self._leaves, count], device=batch.device)

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Live numbers: checked, and written where the next frame finds them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.access.hands import Hands
+from cloth_sim_ros.sim.access.live_values import COMPLIANCES, OF_FRAME
+from cloth_sim_ros.sim.access.rope_queries import Ropes
+from cloth_sim_ros.sim.access.scales import set_scale
+from cloth_sim_ros.sim.arrays.masses import MASSES
+from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
+from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.engine.sizes import write_size
+from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, names_of
+from cloth_sim_ros.sim.scene.objects import Cloth, Rope
+from cloth_sim_ros.sim.substeps.choose import distinct
+from cloth_sim_ros.sim.substeps.limits import check_explicit
+
+_FAR_AWAY = 1e30  # [m]
+
+
+class Live:
+    """What a simulation is told while it runs."""
+
+    def __init__(self, bodies: Bodies, ropes: Ropes, hands: Hands) -> None:
+        self._bodies, self._ropes, self._hands = bodies, ropes, hands
+
+    def set_collider_pose(
+        self,
+        name: str,
+        position: Any,
+        orientation: Any = (0.0, 0.0, 0.0, 1.0),
+        sweep: bool = True,
+        world: Any = None,
+    ) -> None:
+        """See Simulation.set_collider_pose."""
+        if name not in self._bodies.collider_row:
+            raise ValueError(f"there is no collider {name!r}; allowed is {names_of(self._bodies.collider_row)}")
+        row, some = self._bodies.collider_row[name], self._bodies.some(world)
+        self._bodies.colliders.reach(row, some, name, (position, orientation), sweep)
+
+    def add_collider(self, name: str, collider: Collider) -> None:
+        """See Simulation.add_collider."""
+        bodies, named = self._bodies, self._bodies.scene
+        if not isinstance(collider, Collider) or shape_of(collider) not in SPARE_SHAPES:
+            raise ValueError(f"{name} is {collider!r}; allowed is a {', '.join(SPARE_SHAPES)}")
+        if name in {*named.objects, *named.handles} or bodies.collider_row.get(name, bodies.fixed) < bodies.fixed:
+            raise ValueError(f"{name} is added as a collider; allowed is a name that the scene has not given")
+        free = sorted(set(range(bodies.fixed, bodies.colliders.array.shape[1])) - set(bodies.collider_row.values()))
+        row = bodies.collider_row.get(name, free[0] if free else None)
+        if row is None:
+            raise ValueError(
+                f"{name} is one collider too many; allowed are {named.spare_colliders} added ones, spare_colliders"
+            )
+        bodies.name_collider(name, row, collider)
+        self._write_collider(row, collider)
+
+    def remove_collider(self, name: str) -> None:
+        """See Simulation.remove_collider."""
+        bodies = self._bodies
+        if bodies.collider_row.get(name, -1) < bodies.fixed:
+            added = [each for each, row in bodies.collider_row.items() if row >= bodies.fixed]
+            raise ValueError(f"{name!r} is no collider that was added; allowed is {names_of(added)}")
+        self._write_none(bodies.forget_collider(name))
+
+    def set_wind(self, velocity: Any, world: Any = None) -> None:
+        """See Simulation.set_wind."""
+        self.set("wind.velocity", velocity, world)
+
+    def set(self, name: str, value: Any, world: Any = None) -> None:
+        """See Simulation.set."""
+        if not isinstance(name, str):
+            raise ValueError(f"set is given the name {name!r}; allowed is text such as 'gravity' or 'cloth.mass'")
+        owner, _, field = name.rpartition(".")
+        world = self._bodies.some(world)
+        if name == "gravity":
+            self._set_frame(table.GRAVITY, name, value, world)
+        elif owner == "solver":
+            if world is not None:
+                raise ValueError(f"{name} is set in world {world} alone; allowed is to set it in all of them")
+            self._set_solver(_live(table.SOLVER, field, name), name, value)
+        elif owner == "wind":
+            if self._bodies.scene.wind is None:
+                raise ValueError(f"{name} is set but the scene has no wind; allowed is a scene built with one")
+            self._set_frame(_live(table.WIND, field, name), name, value, world)
+        elif owner.endswith(".winch") and owner.removesuffix(".winch") in self._bodies.scene.objects:
+            self._ropes.set_winch(owner.removesuffix(".winch"), _live(table.WINCH, field, name), name, value, world)
+        elif owner in self._bodies.scene.handles:
+            self._hands.set(owner, field, value, world)
+        elif owner in self._bodies.scene.objects:
+            self._set_material(owner, field, name, value, world)
+        elif owner in self._bodies.scene.colliders:
+            self._set_collider(owner, field, name, value, world)
+        else:
+            scene = self._bodies.scene
+            known = [*scene.objects, *scene.colliders, *scene.handles, "solver", "wind"]
+            raise ValueError(f"there is no parameter {name!r}; allowed are 'gravity' and those of {names_of(known)}")
+
+    def _checked(self, row: table.Parameter, value: Any, name: str, world: WorldSelection) -> Any:
+        return check_worlds(row, value, name, self._bodies.worlds, world)
+
+    def _set_frame(self, row: table.Parameter, name: str, value: Any, world: WorldSelection) -> None:
+        value = self._checked(row, value, name, world)
+        self._bodies.frame.write(0, world, **{OF_FRAME.get(row.name, row.name): value})
+
+    def _set_collider(self, owner: str, field: str, name: str, value: Any, world: WorldSelection) -> None:
+        collider, number = self._bodies.scene.colliders[owner], self._bodies.collider_row[owner]
+        row = _live((*table.COLLIDER, *collider.dimensions), field, name)
+        value, rows = self._checked(row, value, name, world), self._bodies.colliders
+        if row not in collider.dimensions:
+            rows.write(number, world, **{field: value})
+            return
+        write_size(rows, number, collider, field, value, world)
+        self._bodies.find_sharpest([owner])
+        self._bodies.choose_again()
+
+    def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
+        value = table.check(row, value, name)
+        if row.name == "substeps" and self._bodies.settings.method == "verlet":
+            for owner in self._bodies.scene.objects:
+                rows = self._bodies.effective_materials(owner, self._bodies.materials_of(owner, None), None)
+                self._check_explicit(owner, rows, substeps=value)
+        self._bodies.change_setting(row.name, value)
+        self.write_settings()
+        self._bodies.choose_again()
+
+    def _check_explicit(self, owner: str, rows: np.ndarray, **changed: Any) -> None:
+        """Raise ValueError where explicit steps could not hold an object with these rows of Material."""
+        bodies = self._bodies
+        settings = dataclasses.replace(bodies.settings, **changed)
+        check_explicit(bodies.scene, settings, owner, bodies.elastic[owner], distinct(rows))
+
+    def _set_material(self, owner: str, field: str, name: str, value: Any, world: WorldSelection) -> None:
+        thing = self._bodies.scene.objects[owner]
+        if field == "pins":
+            self._set_pins(owner, value, world)
+            return
+        rows = table.CLOTH if isinstance(thing, Cloth) else (*table.ROPE, *table.TWIST)
+        row = _live((*rows, table.SCALE), field, name)
+        needed = "twist_compliance" if field == "end_turn" else field
+        if needed in ("shear_compliance", "bend_compliance", "twist_compliance") and getattr(thing, needed) is None:
+            raise ValueError(f"{name} is set but {owner} was built without; allowed is an object built with {needed}")
+        value = self._checked(row, value, name, world)
+        if field == "end_turn":
+            self._bodies.batch[owner].ends.write(self._bodies.batch[owner].index[owner], world, turn=value)
+            return
+        if field in MASSES:
+            self._set_mass(owner, field, value, world)
+            return
+        if field == "scale":
+            set_scale(self._bodies, owner, value, world)
+            return
+        materials = self._bodies.materials_of(owner, world)
+        if field in COMPLIANCES:
+            materials["compliance"][:, COMPLIANCES[field]] = value
+            field = "compliance"
+        else:
+            field = "thickness" if field == "radius" else field
+            materials[field] = value
+        if field in ("compliance", "damping") and self._bodies.settings.method == "verlet":
+            rows = self._bodies.effective_materials(owner, materials, world)
+            self._check_explicit(owner, rows)
+        batch = self._bodies.batch[owner]
+        batch.materials.write(batch.index[owner], world, **{field: materials[field]})
+        if field in ("compliance", "damping", "thickness"):
+            self._bodies.choose_again()
+
+    def _set_mass(self, owner: str, field: str, value: Any, world: WorldSelection) -> None:
+        """All particles that are not pinned go on with the velocities that they have."""
+        batch = self._bodies.batch[owner]
+        kg = batch.masses.read(batch.index[owner], world)
+        kg[:, MASSES[field]] = value
+        if self._bodies.settings.method == "verlet":
+            rows = self._bodies.effective_materials(owner, self._bodies.materials_of(owner, world), world, kg=kg)
+            self._check_explicit(owner, rows)
+        batch.write_masses(owner, kg, world)
+        self._bodies.choose_again()
+
+    def _set_pins(self, owner: str, value: Any, world: WorldSelection) -> None:
+        """Other particles are fixed where they are, those that were go on from there."""
+        if world is not None:
+            raise ValueError(f"{owner}.pins is set in world {world} alone; allowed is to set it in all of them")
+        thing = self._bodies.scene.objects[owner]
+        try:
+            thing = dataclasses.replace(thing, pins=value)
+        except ValueError as error:
+            raise ValueError(str(error).replace(f"{type(thing).__name__}.pins", f"{owner}.pins")) from None
+        self._bodies.describe_again(owner, thing)
+
+    # -- host mirrors of the device's structs --------------------------------------------------------------------
+
+    def write_settings(self) -> None:
+        self._bodies.frame.write(0, None, global_damping=self._bodies.settings.global_damping)
+
+    def write_scene(self) -> None:
+        self._bodies.frame.write(0, None, gravity=self._bodies.scene.gravity)
+        if self._bodies.scene.wind is not None:
+            for row in table.WIND:
+                if row.live:
+                    self._set_frame(row, f"wind.{row.name}", getattr(self._bodies.scene.wind, row.name), None)
+        for name, thing in self._bodies.scene.objects.items():
+            self._write_material(name, thing)
+            if isinstance(thing, Rope):
+                self._ropes.write_rope(name, thing)
+        self._place_colliders()
+        self._hands.write_scene()
+
+    def _write_material(self, name: str, thing: Cloth | Rope) -> None:
+        batch = self._bodies.batch[name]
+        batch.materials.write(
+            batch.index[name],
+            None,
+            compliance=compliances_of(thing),
+            damping=thing.damping,
+            thickness=thing.radius if isinstance(thing, Rope) else thing.thickness,
+            static_friction=thing.static_friction,
+            kinetic_friction=thing.kinetic_friction,
+        )
+        kg = np.array([thing.mass, getattr(thing, "end_mass", 0.0)])
+        batch.masses.write(batch.index[name], None, kg)
+
+    def _place_colliders(self) -> None:
+        self._bodies.write_data()
+        colliders = self._bodies.scene.colliders
+        for row in range(len(colliders), self._bodies.colliders.array.shape[1]):
+            self._write_none(row)
+        for name, collider in colliders.items():
+            self._write_collider(self._bodies.collider_row[name], collider)
+
+    def _write_collider(self, row: int, collider: Collider) -> None:
+        self._bodies.colliders.write(
+            row,
+            None,
+            shape=number_of(shape_of(collider)),
+            size=collider.size(),
+            reach=collider.reach(),
+            roundness=collider.roundness(),
+            compliance=collider.compliance,
+            static_friction=collider.static_friction,
+            kinetic_friction=collider.kinetic_friction,
+        )
+        self._bodies.colliders.place(row, None, collider.position, collider.orientation)
+
+    def _write_none(self, row: int) -> None:
+        """Nothing is there that anything could touch."""
+        self._bodies.colliders.write(row, None, shape=-1, reach=-_FAR_AWAY)
+        self._bodies.colliders.place(row, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def compliances_of(thing: Cloth | Rope) -> list[float]:
+    """Structural, shear (of a rope: twist) and bending compliance, 0 for a kind that does not exist."""
+    found = [0.0, 0.0, 0.0]
+    for field, place in COMPLIANCES.items():
+        found[place] += getattr(thing, field, None) or 0.0
+    return found
+
+
+def _live(group: tuple[table.Parameter, ...], field: str, name: str) -> table.Parameter:
+    try:
+        row = table.row(group, field)
+    except KeyError:
+        live = ", ".join(parameter.name for parameter in group if parameter.live)
+        raise ValueError(f"there is no parameter {name!r}; allowed is one of {live}") from None
+    if not row.live:
+        raise ValueError(f"{name} is fixed when a Simulation is built; allowed is a new Simulation with another value")
+    return row

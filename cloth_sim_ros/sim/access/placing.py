@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where objects are put: positions and velocities that somebody gives, or that another simulation has."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.access.hands import Hands
+from cloth_sim_ros.sim.access.queries import Queries
+from cloth_sim_ros.sim.access.starts import Depth, is_strained, off_symmetry, way_out
+from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.input.checks import WorldSelection, finite_array, worlds_of
+from cloth_sim_ros.sim.topology import Topology
+
+_FAR = 1e6  # [m] the largest coordinate that positions may be given in
+_FAST = 1e6  # [m/s] the same of velocities
+_INSIDE = 1.01  # of the thickness: a surface that lies deeper is inside of a collider, as the node's log says
+
+
+class Placing:
+    """Puts the objects of a simulation elsewhere, while it runs."""
+
+    def __init__(self, bodies: Bodies, queries: Queries, hands: Hands) -> None:
+        self._bodies, self._queries, self._hands = bodies, queries, hands
+
+    def leave_colliders(self) -> dict[str, tuple[float, float]]:
+        """Let objects that start inside of rigid colliders start outside of them from the next restart on.
+
+        Returns name -> how deep it lay and how far it was moved [m]. Objects that are kept apart from one another stay
+        where they are, as one could be moved into another. See starts.way_out.
+        """
+        bodies, found = self._bodies, {}
+        rows = bodies.colliders.mirrors()["rows"][0]
+        rigid = rows[(rows["shape"] >= 0) & (rows["compliance"] == 0.0)]
+        if not len(rigid) or (bodies.scene.object_contact and len(bodies.batch) > 1):
+            return found
+        colliders = wp.array(rigid, dtype=ColliderMotion, device=bodies.warp_device)
+        for name, topology in bodies.elastic.items():
+            depth = Depth(bodies.batch[name], name, colliders)
+            deep, thickness = depth.at(topology.rest), float(bodies.materials_of(name, 0)["thickness"][0])
+            way = way_out(topology.rest, depth, -np.array(bodies.scene.gravity)) if deep > _INSIDE * thickness else None
+            if way is not None:
+                found[name] = (deep, way[1])
+                bodies.start_elsewhere(name, way[0])
+        return found
+
+    def set_positions(self, name: str, positions: Any, world: Any = None) -> None:
+        """See Simulation.set_positions."""
+        rows, some = self._rows(name, positions, "positions", _FAR), self._bodies.some(world)
+        topology = self._bodies.elastic[name]
+        if topology.winch is None and self._are_strained(name, rows, some):  # what is on a drum stays there
+            rows = off_symmetry(topology, rows, topology.scales_in(worlds_of(some)).min())
+        self._write_positions(name, rows, some)
+
+    def _write_positions(self, name: str, rows: np.ndarray, some: WorldSelection) -> None:
+        values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
+        self._bodies.batch[name].write_positions(name, values, self._bodies.chosen(some))
+
+    def _are_strained(self, name: str, rows: np.ndarray, some: WorldSelection) -> bool:
+        """Whether positions strain a spring by more than half in some worlds."""
+        torn = self._queries.torn(name) if self._queries.tears(name) else {}
+        topology = self._bodies.elastic[name]
+        scales = np.unique(topology.scales_in(worlds_of(some)))
+        # Of each spring, the smallest or the largest of its rest lengths is strained most.
+        return any(is_strained(topology, rows / scale, torn) for scale in {*scales[:1], *scales[-1:]})
+
+    def set_velocities(self, name: str, velocities: Any, world: Any = None) -> None:
+        """See Simulation.set_velocities."""
+        rows, some = self._rows(name, velocities, "velocities", _FAST), self._bodies.some(world)
+        values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
+        self._bodies.batch[name].write_velocities(name, values, self._bodies.chosen(some))
+
+    def _rows(self, name: str, values: Any, what: str, limit: float) -> np.ndarray:
+        """`values` as an array (N, 3), a row a particle. Raises ValueError for another shape or beyond `limit`."""
+        count = len(self._bodies.topology(name).masses)
+        rows = finite_array(values, 3, f"{name} {what}")
+        if len(rows) != count or np.abs(rows).max() > limit:
+            raise ValueError(
+                f"{name} {what} have {len(rows)} rows up to {np.abs(rows).max():g}; "
+                f"allowed are {count} rows up to {limit:g}"
+            )
+        return rows
+
+    def take_over(self, name: str, other: Placing) -> None:
+        """See Simulation.take_over."""
+        ours, theirs = self._bodies.topology(name), other._bodies.topology(name)
+        as_ours, as_theirs = _structure_of(ours), _structure_of(theirs)
+        if as_ours != as_theirs or not np.array_equal(ours.triangles, theirs.triangles):
+            allowed = f"allowed is {as_ours} with the same triangles"
+            raise ValueError(f"{name} is {as_theirs} in the other simulation; {allowed}")
+        batch, source = self._bodies.batch[name], other._bodies.batch[name]
+        if batch.features.winch:
+            batch.write_body("winches", name, source.read_body("winches", name, 0))
+        self._write_positions(name, other._queries.positions(name), None)
+        self.set_velocities(name, other._queries.velocities(name))
+        if batch.torn is not None and source.torn is not None:
+            batch.torn.write(batch.index[name], source.torn.read(source.index[name], 0))
+        if batch.features.twist and source.features.twist:
+            batch.write_body("twists", name, source.read_body("twists", name, 0))
+        if batch.features.handles and source.features.handles:
+            self._hands.take_over(name, other._hands)
+
+
+def _structure_of(topology: Topology) -> str:
+    """What has to agree where an object goes on from another simulation, in words."""
+    kind = "a sheet" if len(topology.triangles) else "a rope" if topology.winch is None else "a rope on a winch"
+    return f"{kind} of {len(topology.masses)} particles"

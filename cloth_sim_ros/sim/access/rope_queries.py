@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is about ropes alone: tension, loads on what holds their ends, twist and winches."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.access.queries import Queries
+from cloth_sim_ros.sim.access.tension import Tensions, read_tensions
+from cloth_sim_ros.sim.access.twist import directors, measure_twist, read_twist
+from cloth_sim_ros.sim.access.winch import measure_winch, set_winch, write_winch
+from cloth_sim_ros.sim.access.wrench import EndWrenches, read_wrenches
+from cloth_sim_ros.sim.engine.batch import Batch
+from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds
+from cloth_sim_ros.sim.scene.objects import Rope
+
+
+class Ropes:
+    """What can be asked of ropes alone."""
+
+    def __init__(self, bodies: Bodies, queries: Queries) -> None:
+        self._bodies, self._queries = bodies, queries
+        self._pulls: dict[str, tuple[Tensions, wp.array]] = {}  # of all worlds, while `builds` is that
+        self._builds = 0
+
+    def drum(self, name: str, world: int) -> int:
+        """The first segment of a rope that is out."""
+        batch = self._bodies.batch[name]
+        return int(batch.read_body("winches", name, world)["index"][0, 0]) if batch.features.winch else 0
+
+    def tensions(self, name: str, world: int = 0) -> np.ndarray:
+        """See Simulation.tensions."""
+        return read_tensions(self._rope_batch(name), name, self._bodies.one(world))
+
+    def tensions_into(self, out: wp.array, column: int, name: str, world: int = 0) -> Tensions:
+        """See Simulation.tensions_into."""
+        return Tensions(self._rope_batch(name), name, self._bodies.one(world), out.reshape((1, *out.shape)), column)
+
+    def tensions_of_all(self, name: str) -> wp.array:
+        """Tensions (worlds, S) float [N], which stay on the device. Raises ValueError for a cloth."""
+        batch = self._rope_batch(name)
+        if self._builds != self._bodies.builds:
+            self._pulls, self._builds = {}, self._bodies.builds
+        if name not in self._pulls:
+            count = len(self._bodies.topology(name).masses)
+            out = wp.zeros((self._bodies.worlds, count, 1), dtype=float, device=batch.device)
+            self._pulls[name] = Tensions(batch, name, None, out), out
+        tensions, out = self._pulls[name]
+        tensions.launch()
+        return out[:, :-1, 0]
+
+    def directors(self, name: str, world: int = 0) -> np.ndarray:
+        """See Simulation.directors."""
+        if getattr(self._bodies.scene.objects.get(name), "twist_compliance", None) is None:
+            raise ValueError(f"{name} does not resist twist; allowed is a rope with twist_compliance")
+        row = read_twist(self._bodies.batch[name], name, self._bodies.one(world))
+        return directors(
+            self._queries.positions(name, world).astype(np.float64), self._bodies.topology(name).chain.rest, row
+        )
+
+    def end_wrenches(self, name: str, world: int = 0) -> np.ndarray:
+        """See Simulation.end_wrenches."""
+        return read_wrenches(self._rope_batch(name), name, self._bodies.one(world))
+
+    def end_wrenches_into(self, out: wp.array, name: str, world: int = 0) -> EndWrenches:
+        """See Simulation.end_wrenches_into."""
+        return EndWrenches(self._rope_batch(name), name, self._bodies.one(world), out)
+
+    def _rope_batch(self, name: str) -> Batch:
+        """The batch of a rope. Raises ValueError for a cloth."""
+        self._bodies.topology(name)
+        if not isinstance(self._bodies.scene.objects[name], Rope):
+            raise ValueError(f"{name} is a cloth, which has no tension along it and no ends; allowed is a rope")
+        return self._bodies.batch[name]
+
+    def measure_rope(self, name: str, thing: Rope, world: int) -> dict[str, float]:
+        """What `report` says of ropes alone."""
+        pull = self.tensions(name, world)
+        found = {
+            "max_tension": float(pull.max()),
+            "start_tension": float(pull[self.drum(name, world)]),
+            "end_tension": float(pull[-1]),
+        }
+        if thing.winch is not None:
+            found |= measure_winch(self._bodies.batch[name], name, world)
+        if thing.twist_compliance is not None:
+            found |= measure_twist(self._bodies.batch[name], name, world)
+        return found
+
+    def write_rope(self, name: str, thing: Rope) -> None:
+        """The live numbers of a rope as the scene has them, in all worlds."""
+        batch = self._bodies.batch[name]
+        if thing.winch is not None:
+            write_winch(batch, name, thing.winch)
+        if thing.twist_compliance is not None:
+            batch.ends.write(batch.index[name], None, turn=thing.end_turn)
+
+    def set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: WorldSelection) -> None:
+        if getattr(self._bodies.scene.objects[owner], "winch", None) is None:
+            raise ValueError(f"{name} is set but {owner} was built without; allowed is a rope built with a winch")
+        value = check_worlds(row, value, name, self._bodies.worlds, world)
+        set_winch(self._bodies.batch[owner], owner, row, value, world)

@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulation's whole state into a file, and back to the same bits.
+
+What varies lies in arrays: those of every batch, and the live numbers that all share. They are kept by name, all of
+them, also those that are only scratch: nobody has to know which. The header says what chooses and sizes them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import os
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.access.hands import Hands
+from cloth_sim_ros.sim.access.saved_file import (
+    ALLOWED,
+    SavedFile,
+    finite,
+    is_finite,
+    path_of,
+    reason,
+    write_file,
+)
+from cloth_sim_ros.sim.arrays.live_array import LiveArray
+from cloth_sim_ros.sim.arrays.masses import Masses
+from cloth_sim_ros.sim.colliders import SHAPES, shape_of
+from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.input.checks import check_worlds
+from cloth_sim_ros.sim.scene.forces import name_of
+from cloth_sim_ros.sim.substeps.choose import Choice
+
+_LIVE_OF_OBJECTS = {row.name for row in (*table.CLOTH, *table.ROPE, *table.TWIST, *table.WINCH) if row.live}
+_LIVE_OF_COLLIDERS = {"position", "orientation", "file", *(row.name for row in table.COLLIDER if row.live)}
+_LIVE_SETTINGS = tuple(row.name for row in table.SOLVER if row.live)
+_FIXED_SETTINGS = ("frame_dt", *(row.name for row in table.SOLVER if not row.live))
+_TYPES = {"bool": (bool,), "int": (int,), "float": (int, float), "str": (str,)}  # of fields, as JSON has them
+_MOST_SUBSTEPS = 100_000  # a frame: beyond that one takes seconds
+
+
+class Saving:
+    """Saves and loads what `bodies` and `hands` hold."""
+
+    def __init__(self, bodies: Bodies, hands: Hands) -> None:
+        self._bodies, self._hands = bodies, hands
+
+    def save(self, path: str | os.PathLike, frames: int, notes: Any) -> None:
+        """Write all that there is, the number of frames so far and `notes`. Raises ValueError."""
+        bodies = self._bodies
+        added = {name: row for name, row in bodies.collider_row.items() if row >= bodies.fixed}
+        header = {
+            "frames": frames,
+            "notes": notes,
+            "structure": structure_of(bodies),
+            "batches": _names(bodies),
+            "settings": {name: getattr(bodies.settings, name) for name in _LIVE_SETTINGS},
+            "choices": {name: dataclasses.asdict(choice) for name, choice in bodies.choices.items()},
+            "scales": {name: rows.tolist() for name, rows in bodies.scales.items()},
+            "pins": {name: thing.pins for name, thing in bodies.scene.objects.items()},
+            "grasps": self._hands.objects,
+            "added": {name: (row, *_described(bodies.scene.colliders[name])) for name, row in added.items()},
+        }
+        path, arrays = path_of(path), _on_host(self._arrays(bodies))
+        for name, rows in arrays.items():
+            if not is_finite(rows):
+                if name.rpartition("/")[2] in ("positions", "position_lo", "velocities"):
+                    raise ValueError(f"{path} cannot be written: {name} are not finite; allowed are states that are")
+                arrays[name] = finite(rows)
+        write_file(path, header, arrays)
+
+    def load(self, path: str | os.PathLike) -> tuple[int, Any]:
+        """Put back what a file holds: the number of frames, and the notes. Raises ValueError; nothing changes then."""
+        path = path_of(path)
+        with SavedFile(path) as file:
+            header = file.header
+            try:
+                self._check_structure(path, header["structure"])
+                derived = self._derived(header)
+                targets = self._arrays(derived)
+                if header["batches"] != _names(derived):
+                    raise ValueError("its objects are not computed as its header says")
+                frames, notes, grasps = _whole(header["frames"]), header["notes"], self._grasps(header["grasps"])
+            except _AnotherScene:
+                raise
+            except Exception as error:  # odd entries lead to anything
+                raise ValueError(f"{path} cannot be used: {reason(error)}; {ALLOWED}") from None
+            arrays = file.arrays(_on_host(targets))
+        _check_indices(path, derived, arrays)
+        self._bodies.adopt(derived)
+        for name, rows in targets.items():
+            if isinstance(rows, wp.array):
+                rows.assign(arrays[name])
+            else:
+                rows[...] = arrays[name]
+        for rows in _live_arrays(self._bodies).values():
+            rows.touch()
+        self._bodies.find_sharpest(self._bodies.scene.colliders)
+        self._bodies.write_data()  # addresses of another process mean nothing here
+        self._hands.objects = grasps
+        self._hands.find_breakable()
+        return frames, notes
+
+    def _check_structure(self, path: Path, theirs: dict[str, str]) -> None:
+        """Raise ValueError where a file is of a scene of another structure, or of another kind of device."""
+        ours = structure_of(self._bodies)
+        for name in (*ours, *theirs):
+            if ours.get(name) != theirs.get(name):
+                there, here = (words.get(name, "not there") for words in (theirs, ours))
+                raise _AnotherScene(
+                    f"{path} is of another scene: {name} is {there} in it and {here} here; allowed is a file of a "
+                    f"scene of the same structure"
+                )
+        if list(ours) != list(theirs):
+            raise _AnotherScene(
+                f"{path} is of another scene: it has {', '.join(theirs)}; allowed are the same names in the order "
+                f"{', '.join(ours)}"
+            )
+
+    def _derived(self, header: dict[str, Any]) -> Bodies:
+        """The bodies as the header describes them, on the device, without their state."""
+        bodies, objects = self._bodies, {}
+        for name, thing in bodies.scene.objects.items():
+            pins = header["pins"][name]
+            pins = tuple(pins) if isinstance(pins, list) else pins
+            objects[name] = thing if pins == thing.pins else dataclasses.replace(thing, pins=pins)
+        colliders = dict(list(bodies.scene.colliders.items())[: bodies.fixed])
+        rows = {name: bodies.collider_row[name] for name in colliders}
+        scales = header["scales"]
+        if {*scales} - {*objects}:
+            raise ValueError(f"it has objects {table.shown(sorted({*scales} - {*objects}))}")
+        spare = range(bodies.fixed, bodies.fixed + bodies.scene.spare_colliders)
+        for name, (row, shape, fields) in header["added"].items():
+            if row not in spare or row in rows.values():
+                raise ValueError(f"its collider {name} has row {row!r}")
+            rows[name], colliders[name] = row, SHAPES[shape][0](**fields)
+        return bodies.derived(
+            {name: _choice(header["choices"][name]) for name in objects},
+            scene=dataclasses.replace(bodies.scene, objects=objects, colliders=colliders),
+            settings=dataclasses.replace(bodies.settings, **header["settings"]),
+            collider_row=rows,
+            scales={
+                name: check_worlds(table.SCALE, np.atleast_1d(each), f"{name}.scale", bodies.worlds, None)
+                for name, each in scales.items()
+            },
+        )
+
+    def _grasps(self, grasps: dict[str, str]) -> dict[str, str]:
+        """The object that each handle grasps, if it is there. Raises ValueError."""
+        if grasps.keys() != self._hands.objects.keys() or {*grasps.values()} - {"", *self._bodies.scene.objects}:
+            raise ValueError(f"its handles grasp {table.shown(grasps)}")
+        return grasps
+
+    def _arrays(self, bodies: Bodies) -> dict[str, wp.array | np.ndarray]:
+        """Name -> array of all that varies, as it lies on the device or, of live numbers, on the host."""
+        found = {"handles/counts": bodies.handle_counts, "handles/breaks": self._hands.breaks}
+        for k, batch in enumerate(bodies.batches):
+            found |= {f"batch{k}/{name}": rows for name, rows in batch.states.items()}
+        for name, live in _live_arrays(bodies).items():
+            found |= {f"{name}/{part}": rows for part, rows in live.mirrors().items()}
+        return {name: rows for name, rows in found.items() if rows.size}
+
+
+class _AnotherScene(ValueError):
+    """A file is whole, but of a scene of another structure."""
+
+
+def _whole(number: Any) -> int:
+    """A count from a header. Raises ValueError."""
+    if type(number) is not int or not 0 <= number < 1 << 53:
+        raise ValueError(f"its frames are {table.shown(number)}")
+    return number
+
+
+def _choice(fields: dict[str, Any]) -> Choice:
+    """How an object is computed. Raises ValueError where that cannot be."""
+    choice = Choice(**fields)
+    for field in dataclasses.fields(choice):
+        value = getattr(choice, field.name)
+        if type(value) not in _TYPES[field.type] or (field.type == "int" and not 1 <= value <= _MOST_SUBSTEPS):
+            raise ValueError(f"it has {field.name} {table.shown(value)}")
+    if choice.method not in ("verlet", "xpbd") or choice.order > 2:
+        raise ValueError(f"it has the method {table.shown(choice.words)}")
+    return choice
+
+
+def _check_indices(path: Path, bodies: Bodies, arrays: dict[str, np.ndarray]) -> None:
+    """Raise ValueError where one of `arrays` names what `bodies` do not have: kernels read there without asking."""
+    for k, batch in enumerate(bodies.batches):
+        segments, handles = np.array(batch.counts) - 1, len(bodies.scene.handles)
+        for name, field, most in (
+            ("grips", (..., 3), handles + 1),
+            ("panels", ..., sum(batch.counts)),
+            ("panel_parts", (..., 0), len(segments)),
+            ("winches", "index", segments),
+            ("good_winches", "index", segments),
+        ):
+            rows = arrays.get(f"batch{k}/{name}")
+            if rows is not None and not ((rows[field] >= 0) & (rows[field] < most)).all():
+                raise ValueError(f"{path} cannot be used: {name} names what is not there; {ALLOWED}")
+
+
+def structure_of(bodies: Bodies) -> dict[str, str]:
+    """What arrays and kernels depend on and no live change touches: name -> words that differ where it differs.
+
+    It follows from the descriptions alone, which are the same on every machine.
+    """
+    scene, settings = bodies.scene, bodies.settings
+    found = {
+        "device": "a CPU" if bodies.warp_device.is_cpu else "a GPU",
+        "worlds": str(bodies.worlds),
+        "wind": "there" if scene.wind is not None else "not there",
+        "spare_colliders": str(scene.spare_colliders),
+        "object_contact": str(scene.object_contact),
+        **{f"solver.{name}": repr(getattr(settings, name)) for name in _FIXED_SETTINGS},
+    }
+    for name, thing in scene.objects.items():
+        count = len(bodies.elastic[name].masses)
+        found[f"object {name}"] = f"a {type(thing).__name__} of {count} particles ({_digest(thing, _LIVE_OF_OBJECTS)})"
+    for name, collider in list(scene.colliders.items())[: bodies.fixed]:
+        found[f"collider {name}"] = f"a {type(collider).__name__} ({_digest(collider, _LIVE_OF_COLLIDERS)})"
+    found |= {f"handle {name}": "there" for name in scene.handles}
+    found |= {f"force {name}": f"{name_of(force)} {force.numbers()}" for name, force in scene.forces.items()}
+    return found
+
+
+def _digest(thing: Any, live: Collection[str]) -> str:
+    """A short hash of the fields of a description but its pins; of the `live` ones only whether they are None."""
+    found = hashlib.sha256()
+    for field in dataclasses.fields(thing):
+        value = getattr(thing, field.name)
+        if field.name == "pins":
+            continue
+        if field.name in live:
+            value = value is None
+        elif isinstance(value, np.ndarray):
+            found.update(np.ascontiguousarray(value).tobytes())
+            value = (value.shape, value.dtype.str)
+        elif dataclasses.is_dataclass(value):
+            value = _digest(value, live)
+        found.update(f"{field.name}={value!r};".encode())
+    return found.hexdigest()[:8]
+
+
+def _described(collider: Any) -> tuple[str, dict[str, Any]]:
+    """The shape and the fields of a collider."""
+    return shape_of(collider), {field.name: getattr(collider, field.name) for field in dataclasses.fields(collider)}
+
+
+def _names(bodies: Bodies) -> list[list[str]]:
+    """The objects in each batch."""
+    return [list(batch.index) for batch in bodies.batches]
+
+
+def _on_host(arrays: dict[str, wp.array | np.ndarray]) -> dict[str, np.ndarray]:
+    """The same arrays for NumPy: those of a GPU are copied."""
+    return {name: rows.numpy() if isinstance(rows, wp.array) else rows for name, rows in arrays.items()}
+
+
+def _live_arrays(bodies: Bodies) -> dict[str, LiveArray | Masses]:
+    """Name -> live numbers, those of all objects and those of each batch."""
+    found = {"frame": bodies.frame, "colliders": bodies.colliders, "handles": bodies.handles}
+    for k, batch in enumerate(bodies.batches):
+        each = {"materials": batch.materials, "drives": batch.drives, "ends": batch.ends}
+        found |= {f"batch{k}/{name}": rows for name, rows in each.items()}
+        found[f"batch{k}/masses"] = batch.masses
+    return found

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All worlds at once, as arrays whose first axis is the world: views of the state on the device, and writing of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.access.loads import Loads
+from cloth_sim_ros.sim.access.rope_queries import Ropes
+from cloth_sim_ros.sim.arrays.poses import Motions, checked_poses
+from cloth_sim_ros.sim.arrays.writing import are_bad
+from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.input.checks import names_of, on_host
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.scene.objects import Rope
+
+_MOST = {"positions": 1e6, "velocities": 1e6}  # [m], [m/s] the largest coordinate that can be written
+_OF_OBJECTS, _OF_POSES = (*_MOST, "contact_forces", "recoveries"), ("pose", "wrench")
+
+
+@compiled
+def add_contacts(pushes: wp.array2d(dtype=wp.vec4), first: int, colliders: int, out: wp.array3d(dtype=float)):
+    """What all colliders together do to each particle from `first` on."""
+    w, i = wp.tid()
+    total = wp.vec4(0.0)
+    for k in range(colliders):
+        total += pushes[w, (first + i) * colliders + k]
+    for c in range(3):
+        out[w, i, c] = total[c]
+
+
+class Tensors:
+    """The tensors of a simulation. Raises ValueError for a name, a word or an array that cannot be."""
+
+    def __init__(self, bodies: Bodies, collider_loads: Loads, handle_loads: Loads, ropes: Ropes) -> None:
+        self._bodies, self._loads, self._ropes = bodies, (collider_loads, handle_loads), ropes
+        self._pushes: dict[str, wp.array] = {}
+
+    def tensor(self, name: str, what: str) -> wp.array:
+        """See Simulation.tensor."""
+        if name in self._bodies.scene.objects:
+            rope = isinstance(self._bodies.scene.objects[name], Rope)
+            _check_word(name, what, (*_OF_OBJECTS, "tensions") if rope else _OF_OBJECTS)
+            if what == "tensions":
+                return self._ropes.tensions_of_all(name)
+            if what == "contact_forces":
+                return self._contact_forces(name)
+            batch = self._bodies.batch[name]
+            if what == "recoveries":
+                return _view(batch.states[what], 4 * batch.index[name], (), wp.int32)
+            rows, span = batch.states[what], batch.span(name)
+            return _view(rows, span.start * rows.strides[1], (span.stop - span.start, 3), wp.float32, rows.strides[1])
+        motions, row, loads = self._mover(name)
+        _check_word(name, what, _OF_POSES)
+        if what == "wrench":
+            rows = loads.measure()
+            return _view(rows, row * rows.strides[1], (6,), wp.float32)
+        motions.upload()
+        rows = motions.array
+        return _view(rows, row * rows.strides[1] + motions.pose_offset, (7,), wp.float32)
+
+    def _contact_forces(self, name: str) -> wp.array:
+        """A view of those of one collider; the sum over several, or none."""
+        batch = self._bodies.batch[name]
+        rows, span, colliders = batch.states["contact_forces"], batch.span(name), self._bodies.colliders.array.shape[1]
+        count = span.stop - span.start
+        if colliders == 1:
+            return _view(rows, span.start * rows.strides[1], (count, 3), wp.float32, rows.strides[1])
+        if name not in self._pushes:
+            shape = (self._bodies.worlds, count, 3)
+            self._pushes[name] = wp.zeros(shape, dtype=float, device=self._bodies.warp_device)
+        if colliders:
+            inputs = [rows, span.start, colliders, self._pushes[name]]
+            dim = (self._bodies.worlds, count)
+            wp.launch(add_contacts, dim=dim, inputs=inputs, device=self._bodies.warp_device)
+        return self._pushes[name]
+
+    def write(self, name: str, what: str, array: Any, mask: Any = None, sweep: bool = True) -> None:
+        """See Simulation.write."""
+        some = self._bodies.some(mask)
+        if name not in self._bodies.scene.objects:
+            motions, row, _ = self._mover(name)
+            _check_word(name, what, _OF_POSES[:1])
+            poses = self._shaped(_numbers, array, name, what, (7,))
+            motions.reach(row, some, name, (poses[:, :3], poses[:, 3:]), sweep)
+            return
+        _check_word(name, what, (*_MOST, "pose"))
+        if what == "pose":
+            poses = checked_poses(self._shaped(_numbers, array, name, what, (7,)), name)
+            self._bodies.batch[name].write_pose(name, poses, self._bodies.chosen(some))
+            return
+        values = self._shaped(self._on_device, array, name, what, (len(self._bodies.topology(name).masses), 3))
+        chosen = self._bodies.chosen(some)
+        if not len(chosen):
+            return
+        if are_bad(values, _MOST[what], chosen):
+            raise ValueError(
+                f"{name} {what} hold a number that is not finite or too large; allowed is up to {_MOST[what]:g}"
+            )
+        batch = self._bodies.batch[name]
+        (batch.write_positions if what == "positions" else batch.write_velocities)(name, values, chosen)
+
+    def recovered(self) -> np.ndarray:
+        """See Simulation.recovered."""
+        found = np.zeros(self._bodies.worlds, dtype=bool)
+        for batch in self._bodies.batches:
+            found |= (batch.states["relapses"].numpy() > 0).any(axis=1)
+        return found
+
+    def _mover(self, name: str) -> tuple[Motions, int, Loads]:
+        """The motions among which a collider or handle is, its row in them, and what they feel."""
+        bodies = self._bodies
+        for motions, rows, loads in zip(
+            (bodies.colliders, bodies.handles), (bodies.collider_row, bodies.handle_row), self._loads, strict=True
+        ):
+            if name in rows:
+                return motions, rows[name], loads
+        known = [*bodies.scene.objects, *bodies.collider_row, *bodies.handle_row]
+        raise ValueError(f"there is no object {name!r}, nor a collider or handle; allowed is {names_of(known)}")
+
+    def _on_device(self, array: Any) -> wp.array:
+        """`array` as float32 or float64 on the device of the simulation; one that is there is not copied."""
+        device = self._bodies.warp_device
+        if not isinstance(array, wp.array):
+            array = wp.from_dlpack(array) if _is_foreign(array) else np.asarray(array, dtype=np.float64)
+        if isinstance(array, np.ndarray):
+            return wp.array(array, dtype=wp.float64, device=device)
+        if array.dtype not in (wp.float32, wp.float64):
+            array = wp.array(array.numpy(), dtype=wp.float64, device=device)
+        return array.to(device)
+
+    def _shaped(self, convert: Callable, array: Any, name: str, what: str, shape: tuple[int, ...]) -> Any:
+        wanted = (self._bodies.worlds, *shape)
+        try:
+            array = convert(array)
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"{name} {what} are {str(array)[:60]!r}; allowed is an array of numbers of shape {wanted}"
+            ) from None
+        if tuple(array.shape) != wanted:
+            raise ValueError(f"{name} {what} have shape {tuple(array.shape)}; allowed is {wanted}, a row a world")
+        return array
+
+
+def _numbers(array: Any) -> np.ndarray:
+    return np.asarray(on_host(array), dtype=np.float64)
+
+
+def _is_foreign(array: Any) -> bool:
+    """Whether an array is of another library than NumPy, which DLPack brings without a copy."""
+    return hasattr(array, "__dlpack__") and not isinstance(array, np.ndarray)
+
+
+def _check_word(name: str, what: Any, allowed: tuple[str, ...]) -> None:
+    if what not in allowed:
+        raise ValueError(f"what is {what!r}; allowed of {name} is {' or '.join(allowed)}")
+
+
+def _view(rows: wp.array, offset: int, shape: tuple[int, ...], dtype: type, inner: int = 0) -> wp.array:
+    """(worlds, *shape) of `dtype`, from `offset` bytes on in each row of an array; `inner`: bytes from one (3,) of
+    several to the next."""
+    number = wp.types.type_size_in_bytes(dtype)
+    strides = {0: (), 1: (number,), 2: (inner, number)}[len(shape)]
+    view = wp.array(
+        ptr=rows.ptr + offset,
+        shape=(rows.shape[0], *shape),
+        strides=(rows.strides[0], *strides),
+        dtype=dtype,
+        device=rows.device,
+    )
+    view._ref = rows  # keeps its memory
+    return view

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every stage of a substep is given."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.model import Body, Model
+from cloth_sim_ros.sim.arrays.state import ColliderMotion, Frame, HandleMotion, Material, State
+from cloth_sim_ros.sim.features.winch.arrays import Drive
+from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup
+from cloth_sim_ros.sim.physics.integrate import Step
+
+
+@wp.struct
+class Context:
+    """A body in a substep. x, low, d, p: addresses of rows of four numbers for each of its particles.
+
+    x: positions [m] and inverse masses [1/kg]. low: what float32 lost of the positions [m]. d: displacements plus low
+    [m], and effective inverse masses. p: where predictions go, which is d but in sheets that bend as plates.
+    """
+
+    model: Model
+    state: State
+    body: Body
+    material: Material
+    frame: Frame
+    step: Step
+    x: wp.uint64
+    position_lo: wp.uint64
+    d: wp.uint64
+    p: wp.uint64
+    spans: wp.uint64  # where the threads of a block show one another spans of a chain
+    cooperative_group: CooperativeGroup  # of the blocks that have the body together
+    colliders: wp.array(dtype=ColliderMotion)
+    handles: wp.array(dtype=HandleMotion)
+    handle_counts: wp.array(dtype=int)
+    forces: wp.array(dtype=wp.vec4)  # numbers of the scene's own forces
+    drive: Drive  # of a winch
+    turn: float  # of the end of a rope [rad]
+    substep: int
+    sweep: int  # where the motion of its first collider in this substep lies in State.sweeps
+    group: int  # round of lines
+    last: bool  # last iteration

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the bodies of a batch weigh in each world: live numbers, and the masses of particles that follow from them."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.live_array import LiveArray
+from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.topology import Topology
+
+_SAME = 1e-12  # masses that differ by less, relative to them, are those of the topology to the bit
+BYTES_A_PARTICLE = 8  # of a world: a mass and its inverse
+MASSES = {"mass": 0, "end_mass": 1}  # where each live number lies
+
+
+@compiled
+def weigh(
+    whole: wp.array(dtype=wp.float64),
+    own: wp.array(dtype=wp.float64),
+    shares: wp.array2d(dtype=wp.float64),
+    chosen: wp.array(dtype=int),
+    first: int,
+    masses: wp.array2d(dtype=float),
+    inverse: wp.array2d(dtype=float),
+):
+    """Of particle i of a body in world chosen[k]: its mass and, unless it is pinned, the inverse.
+
+    whole: of the topology [kg], below 0 of what is pinned; own: the same without the load. shares: rows of how much of
+    the own masses there is, the load [kg], and whether both are as in the topology.
+    """
+    k, i = wp.tid()
+    w = chosen[k]
+    mass = wp.abs(whole[i])
+    if shares[k, 2] == wp.float64(0.0):
+        mass = own[i] * shares[k, 0]
+        if i == whole.shape[0] - 1:
+            mass += shares[k, 1]
+    masses[w, first + i] = float(mass)
+    inverse[w, first + i] = wp.where(whole[i] < wp.float64(0.0), 0.0, float(wp.float64(1.0) / mass))
+
+
+@compiled
+def put_inverse(inverse: wp.array2d(dtype=float), chosen: wp.array(dtype=int), positions: wp.array2d(dtype=wp.vec4)):
+    """Particle i of world chosen[k] weighs as it should, if it is free."""
+    k, i = wp.tid()
+    w = chosen[k]
+    p = positions[w, i]
+    if p[3] > 0.0:
+        positions[w, i] = wp.vec4(p[0], p[1], p[2], inverse[w, i])
+
+
+class Masses:
+    """Mass and end mass [kg] of the bodies of a batch in every world, and what follows from them on the device.
+
+    spans: where the particles of each body lie. masses, inverse: (worlds, N) float32 [kg] and [1/kg], of what is pinned
+    0; particles of all bodies. `materials` gets what kernels know of it besides.
+    """
+
+    def __init__(
+        self, topologies: list[Topology], spans: list[slice], materials: LiveArray, worlds: int, device: wp.Device
+    ) -> None:
+        self._materials, self._device = materials, device
+        self._topologies, self._spans = topologies, spans
+        self._kg = np.zeros((worlds, len(topologies), len(MASSES)))
+        self.masses, self.inverse = (wp.zeros((worlds, spans[-1].stop), dtype=float, device=device) for _ in range(2))
+        self._given = [tuple(wp.array(rows, dtype=wp.float64, device=device) for rows in _given(t)) for t in topologies]
+        for b, topology in enumerate(topologies):
+            self.write(b, None, np.array([_mass(topology), topology.load]))
+
+    def read(self, b: int, world: WorldSelection) -> np.ndarray:
+        """Mass and end mass (k, 2) [kg] of a body in some worlds."""
+        return self._kg[worlds_of(world), b].copy()
+
+    def of(self, b: int, world: int) -> np.ndarray:
+        """The masses (N,) float64 of a body in one world [kg]."""
+        topology, (mass, load) = self._topologies[b], self._kg[world, b]
+        if self._same(b, self._kg[world : world + 1, b])[0]:
+            return topology.masses.copy()
+        masses = _own(topology) * (mass / _mass(topology))
+        masses[-1] += load
+        return masses
+
+    def _same(self, b: int, kg: np.ndarray) -> np.ndarray:
+        """Of rows (k, 2), whether a body weighs as it does in the topology."""
+        topology = self._topologies[b]
+        return (np.abs(kg[:, 0] / _mass(topology) - 1.0) < _SAME) & (kg[:, 1] == topology.load)
+
+    def of_pinned(self, b: int) -> np.ndarray:
+        """Which particles (N,) of a body are pinned."""
+        return self._topologies[b].pinned
+
+    def effective_materials(self, b: int, rows: np.ndarray, kg: np.ndarray) -> np.ndarray:
+        """Rows (k,) of Material of a body whose masses in these worlds are `kg` (k, 2), with compliances at which the
+        masses of the topology would shake as fast: what chooses and checks methods knows these alone.
+
+        Where a load makes the particles of a rope differ from it each by another factor, the least tells, to be safe.
+        """
+        topology, rows = self._topologies[b], rows.copy()
+        factor, last = kg[:, 0] / _mass(topology), topology.masses[-1]
+        least = np.minimum(factor, (factor * (last - topology.load) + kg[:, 1]) / last)
+        rows["compliance"] *= np.where(self._same(b, kg), 1.0, least)[:, None]
+        return rows
+
+    def write(self, b: int, world: WorldSelection, kg: np.ndarray) -> None:
+        """Give a body masses (2,) or (k, 2) in some worlds; particles that are free now have those from `put` on."""
+        topology, numbers = self._topologies[b], np.arange(len(self._kg), dtype=np.int32)[worlds_of(world)]
+        self._kg[numbers, b] = kg
+        rows = self._kg[numbers, b]
+        same, factor = self._same(b, rows), rows[:, 0] / _mass(topology)
+        shares = wp.array(np.column_stack([factor, rows[:, 1], same]), dtype=wp.float64, device=self._device)
+        chosen = wp.array(numbers, dtype=int, device=self._device)
+        inputs = [*self._given[b], shares, chosen, self._spans[b].start, self.masses, self.inverse]
+        wp.launch(weigh, dim=(len(numbers), len(topology.masses)), inputs=inputs, device=self._device)
+        total = topology.masses.sum()
+        self._materials.write(b, world, largest_inverse_mass=np.where(same, 1.0, total / rows.sum(axis=1)))
+
+    def put(self, b: int, world: WorldSelection, positions: list[wp.array]) -> None:
+        """Bring the masses of a body to its particles that are free, in rows (worlds, N) of inverse masses."""
+        numbers = np.arange(len(self._kg), dtype=np.int32)[worlds_of(world)]
+        chosen = wp.array(numbers, dtype=int, device=self._device)
+        for rows in positions:
+            inputs = [self.inverse[:, self._spans[b]], chosen, rows]
+            wp.launch(put_inverse, dim=(len(numbers), rows.shape[1]), inputs=inputs, device=self._device)
+
+    def mirrors(self) -> dict[str, np.ndarray]:
+        """Name -> the array on the host that says what all weigh; see `touch`."""
+        return {"kg": self._kg}
+
+    def touch(self) -> None:
+        """To be called when what `mirrors` gave has been written to. Particles keep the masses that they have."""
+        for b in range(len(self._topologies)):
+            self.write(b, None, self.read(b, None))
+
+
+def _mass(topology: Topology) -> float:
+    """The mass of a body without its load [kg]."""
+    return float(_own(topology).sum())
+
+
+def _own(topology: Topology) -> np.ndarray:
+    """Masses (N,) of its particles without the load [kg]."""
+    own = topology.masses.copy()
+    own[-1] -= topology.load
+    return own
+
+
+def _given(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
+    """What `weigh` takes of a body: whole and own (N,)."""
+    return np.where(topology.pinned, -topology.masses, topology.masses), _own(topology)

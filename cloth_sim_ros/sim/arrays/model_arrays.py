@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Topologies -> the constant arrays of a batch, in NumPy body by body, brought to the device once.
+
+What they hold is said where kernels see them, in model.py.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.model import Body, Model, Seams
+from cloth_sim_ros.sim.topology import KINDS, Topology
+from cloth_sim_ros.sim.topology.elements import Plate
+from cloth_sim_ros.sim.topology.line_layout import Rows, in_lanes, in_warps, packed
+from cloth_sim_ros.sim.topology.tears import at_triangles, under_bends
+
+_NOT_ROWS = ("bodies", "groups", "plate_strides", "curve_width", "seams")
+
+
+class ModelArrays:
+    """Collects the NumPy parts of a batch, body by body, and uploads them once.
+
+    bodies[b]: the fields of Body; groups: the rows of Model.groups; size: name of an array in Model -> rows so far;
+    particles: of all bodies so far. lines[b]: (kind, first, end) of the slots of every family of body b.
+    With `incident_springs` every particle knows its springs. Lines lie as a CPU's `lanes` take them, or a GPU's warps,
+    of which each thread holds `slots` particles.
+    spring_slots[b]: kind -> (S,) the slots of the springs of body b.
+    """
+
+    def __init__(self, incident_springs: bool, lanes: bool, slots: int) -> None:
+        self._with_incident_springs, self._lanes, self._slots = incident_springs, lanes, slots
+        self.bodies: list[dict[str, Any]] = []
+        self.groups: list[tuple[int, int, int]] = []
+        self._rows: dict[str, list[np.ndarray]] = {name: [] for name in Model.vars if name not in _NOT_ROWS}
+        self.particles, self.size = 0, dict.fromkeys(self._rows, 0)
+        self.lines: list[list[tuple[int, int, int]]] = []
+        self.spring_slots: list[dict[str, np.ndarray]] = []
+        self._seams: list[tuple] = []
+        self.longest_row = 0  # slots
+        self.curve_width = 0
+
+    def _append(self, name: str, rows: np.ndarray) -> int:
+        start = self.size[name]
+        self._rows[name].append(rows)
+        self.size[name] += len(rows)
+        return start
+
+    def add(self, topology: Topology) -> None:
+        """Append one body."""
+        first = self.particles
+        self.particles += len(topology.masses)
+        self._append("rest", topology.rest)
+        groups = len(self.groups)
+        self._add_lines(topology)
+        groups_end = len(self.groups)
+        segments = self._add_chain(topology)
+        panels = self._add_panels(topology)
+        incident_springs, incident_width = (
+            self._add_incident_springs(topology) if self._with_incident_springs else (0, 0)
+        )
+        curves = self.size["curve_corners"]
+        plate, plate_width = self._add_plate(topology, first)
+        if topology.tear_strain > 0.0:
+            self._add_seams(topology, panels)
+        body = {
+            "index": len(self.bodies),
+            "spacing": _spacing(topology),
+            "particles": first,
+            "count": len(topology.masses),
+            "groups": groups,
+            "groups_end": groups_end,
+            "segments": segments,
+            "segments_end": self.size["segment_length"],
+            "panels": panels,
+            "panels_end": self.size["panels"],
+            "incident_springs": incident_springs,
+            "incident_width": incident_width,
+            "plate": plate,
+            "plate_width": plate_width,
+            "plate_rate": topology.plate_rate,
+            "curves": curves,
+            "curves_end": self.size["curve_corners"],
+            "yielding": 1.0 / float(topology.masses.sum()),
+            "is_rope": not len(topology.triangles),
+            "pinned": bool(topology.pinned.any()),
+            "gap": topology.widest_gap,
+        }
+        self.bodies.append(body)
+
+    def _add_lines(self, topology: Topology) -> None:
+        """The springs of a sheet, and of a rope that is not solved as a whole, family by family."""
+        self.lines.append([])
+        self.spring_slots.append({kind: np.full(len(e.rest), -1) for kind, e in topology.springs.items()})
+        tables: list[np.ndarray] = []
+        for family, rows in zip(topology.families, self._rows_of(topology), strict=True):
+            kind, first, numbers = KINDS.index(family.kind), self.size["line_nodes"], rows.numbers.ravel()
+            self.spring_slots[-1][family.kind][numbers[numbers >= 0]] = first + np.flatnonzero(numbers >= 0)
+            for name in ("nodes", "others", "rests", "scales"):
+                self._append(f"line_{name}", getattr(rows, name).ravel())
+            table = rows.table + [first // rows.nodes.shape[1], 0, 0]
+            tables.append(np.column_stack([table, np.full(len(table), kind)]))
+            self.longest_row = max(self.longest_row, int(rows.table[:, 1].max()))
+            self.lines[-1].append((kind, first, self.size["line_nodes"]))
+        for some in topology.rounds:
+            parts = [tables[number] for number, _ in some]
+            # A warp takes the rows of a round that belong together one after the other; a core takes all in order.
+            joined = np.concatenate(parts) if self._lanes else np.stack(parts, axis=1).reshape(-1, 4)
+            start = self._append("line_rows", joined)
+            self.groups.append((start, start + len(joined), 1 if self._lanes else len(parts)))
+
+    def _rows_of(self, topology: Topology) -> list[Rows]:
+        """How each family lies; in warps, what lies within a line is in the row of the same number as that line."""
+        families, found = topology.families, {}
+        if self._lanes:
+            return [in_lanes(family, topology.springs[family.kind]) for family in families]
+        for some in topology.rounds:
+            last = packed(families[some[-1][0]], self._slots)
+            for number, around in some:
+                family = families[number]
+                lines = last if around is None else [np.flatnonzero(np.isin(around, row)).tolist() for row in last]
+                found[number] = in_warps(family, topology.springs[family.kind], self._slots, lines)
+        return [found[number] for number in range(len(families))]
+
+    def _add_seams(self, topology: Topology, first_panel: int) -> None:
+        """What goes with a spring that fails, of a body whose panels begin at `first_panel`."""
+        slots_of, lines = self.spring_slots[-1], self.lines[-1]
+        bending = KINDS.index("bending")
+        others = next(first for kind, first, _ in lines if kind != bending)
+        bends = lines[0][1]
+        under = under_bends(topology)
+        needs = np.full((others - bends, under.shape[1]), -1)
+        if len(under):
+            needs[slots_of["bending"] - bends] = np.where(under >= 0, slots_of["structural"][under], -1)
+        start = self._append("line_needs", needs.ravel())
+        self._seams.append((bends, others, lines[-1][2], start, under.shape[1], topology.tear_strain))
+        structural, shear = at_triangles(topology)
+        sides = np.where(structural >= 0, slots_of["structural"][structural], -1)
+        if "shear" in slots_of:
+            sides = np.where(shear >= 0, slots_of["shear"][shear], sides)
+        self._append("panel_sides", sides)
+        if topology.plate is not None:
+            parts, rows = topology.plate.parts, self.size["plate_parts"]
+            sums = parts.sums if self._lanes else parts.sums.T
+            self._append("plate_sums", np.where(sums >= 0, sums + self.size["plate_starts"], -1).ravel())
+            self._append("plate_starts", parts.start + rows)
+            self._append("plate_part_panels", parts.triangles + first_panel)
+            self._append("plate_parts", parts.weights)
+            self._append("panel_needs", (parts.needs + first_panel).ravel())
+            self._append("curve_panels", parts.curves + first_panel)
+
+    def _add_plate(self, topology: Topology, first: int) -> tuple[int, int]:
+        """Where the plate operator of a body begins, whose first particle is `first`, and its neighbours a particle."""
+        plate = topology.plate
+        if plate is None:
+            return 0, 0
+        rows = (plate.neighbours, plate.weights) if self._lanes else (plate.neighbours.T, plate.weights.T)
+        self._append("plate_neighbours", rows[0].ravel())
+        if plate.stencil is not None:
+            self._add_curves(plate, first, len(topology.masses))
+        return self._append("plate_weights", rows[1].ravel()), plate.neighbours.shape[1]
+
+    def _add_curves(self, plate: Plate, first: int, count: int) -> None:
+        """The triangles of a body that are curved at rest, and which of them each of its particles is part of."""
+        triangle = self._append("curve_corners", plate.stencil[:, :3])
+        self.curve_width = plate.stencil.shape[1]
+        self._append("curve_stencil", plate.stencil.ravel())
+        self._append("curve_stencil_gradients", plate.gradients.ravel())
+        corner = np.where(np.arange(self.curve_width) < 3, np.arange(self.curve_width), 3)
+        entries = np.stack(
+            [
+                np.repeat(triangle + np.arange(len(plate.stencil)), self.curve_width),
+                np.tile(corner, len(plate.stencil)),
+            ],
+            axis=1,
+        )
+        order = np.argsort(plate.stencil.ravel(), kind="stable")
+        offset = self._append("curve_entries", entries[order])
+        self._append("curve_gradients", plate.gradients.ravel()[order])
+        counts = np.bincount(plate.stencil.ravel(), minlength=count)
+        self._append("curve_start", np.zeros(first - self.size["curve_start"], int) + offset)
+        self._append("curve_start", offset + np.cumsum(counts) - counts)
+
+    def _add_chain(self, topology: Topology) -> int:
+        """The segments of a rope that is solved directly and its joints, and where the segments begin."""
+        start = self.size["segment_length"]
+        if topology.chain is not None:
+            self._append("segment_length", topology.chain.rest)
+            if topology.bends is not None:
+                bends = topology.bends
+                joints = np.column_stack([bends.rest, bends.scale, topology.bend_weights])
+                self._append("joints", np.concatenate([joints, np.zeros((1, 4))]))
+        return start
+
+    def _add_panels(self, topology: Topology) -> int:
+        start = self._append("panels", topology.panels)
+        parts = np.full((len(topology.panels), 2), len(self.bodies))
+        parts[:, 1] = _own_parts(topology.panels)
+        self._append("panel_parts", parts)
+        corner = topology.panels.ravel()
+        panel = np.repeat(np.arange(len(topology.panels)), 3) + start
+        order = np.argsort(corner, kind="stable")
+        order = order[corner[order] >= 0]
+        counts = np.bincount(corner[order], minlength=len(topology.masses))
+        offset = self._append("particle_panels", panel[order])
+        self._append("panel_start", offset + np.concatenate([[0], np.cumsum(counts)[:-1]]))
+        return start
+
+    def _add_incident_springs(self, topology: Topology) -> tuple[int, int]:
+        """IncidentSprings of one body: where they begin, and the most springs around one particle of it."""
+        count, springs = len(topology.masses), topology.springs
+        pairs = np.concatenate([e.particles for e in springs.values()])
+        # Rest lengths that differ by rounding are one type, so that the few types of a grid stay in the nearest cache.
+        kinds = [
+            (np.round(e.rest, 12), np.round(1.0 / e.scale, 9), np.full(len(e.rest), KINDS.index(k)))
+            for k, e in springs.items()
+        ]
+        table, types = np.unique(np.concatenate([np.stack(k, 1) for k in kinds]), axis=0, return_inverse=True)
+        lost = 1.0 - table[:, 0].astype(np.float32) / table[:, 0]
+        start = self._append("spring_types", np.concatenate([np.zeros((1, 4)), np.column_stack([table, lost])]))
+        hub, rim = pairs.ravel(), pairs[:, ::-1].ravel()
+        types = np.repeat(types.ravel() + start + 1, 2)
+        order = np.argsort(hub, kind="stable")
+        hub, rim, types = hub[order], rim[order], types[order]
+        degree = np.bincount(hub, minlength=count)
+        slot = np.arange(len(hub)) - np.repeat(np.cumsum(degree) - degree, degree)
+        incident_springs = np.full((degree.max(), count, 2), start)
+        incident_springs[:, :, 0] = np.arange(count)
+        incident_springs[slot, hub] = np.stack([rim, types], 1)
+        return self._append("incident_springs", incident_springs.reshape(-1, 2)), int(degree.max())
+
+    def joined(self, name: str) -> np.ndarray:
+        """The rows of an array in Model of all bodies, in NumPy."""
+        return np.concatenate(self._rows[name]) if self._rows[name] else np.zeros(0)
+
+    def upload(self, device: wp.Device) -> Model:
+        """The arrays on `device`. An absent kind is an array of no element."""
+        model = Model()
+        self._append("panel_start", np.array([self.size["particle_panels"]]))
+        if self.curve_width:
+            self._append("curve_start", np.array([self.size["curve_entries"]]))
+        for name in self._rows:
+            setattr(model, name, wp.array(self.joined(name), dtype=Model.vars[name].type.dtype, device=device))
+        model.plate_strides = wp.vec2i(1, 0) if self._lanes else wp.vec2i(0, 1)
+        model.curve_width = self.curve_width
+        seams = np.array(self._seams, dtype=Seams.numpy_dtype())
+        model.seams = wp.array(seams, dtype=Seams, device=device)
+        bodies = [tuple(body[name] for name in Body.vars) for body in self.bodies]
+        model.bodies = wp.array(np.array(bodies, dtype=Body.numpy_dtype()), dtype=Body, device=device)
+        model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 3), dtype=wp.vec3i, device=device)
+        return model
+
+
+def _own_parts(panels: np.ndarray) -> np.ndarray:
+    """Bits (P,) of the corners and sides of each panel that no panel before it has; see Model.panel_parts."""
+    bits = np.zeros((len(panels), 6), dtype=bool)
+    sides = np.sort(np.stack([panels, np.roll(panels, -1, axis=1)], axis=-1), axis=-1)
+    for parts, columns in ((panels[..., None], slice(0, 3)), (sides, slice(3, 6))):
+        rows = parts.reshape(-1, parts.shape[-1])
+        first = np.zeros(len(rows), dtype=bool)
+        first[np.unique(rows, axis=0, return_index=True)[1]] = True
+        bits[:, columns] = (first & (rows[:, 0] >= 0)).reshape(-1, 3)  # -1 is no particle
+    return bits @ (1 << np.arange(6))
+
+
+def _spacing(topology: Topology) -> float:
+    """The mean rest length of all springs and segments [m], 1 where there are none."""
+    kinds = [*topology.springs.values(), *([] if topology.chain is None else [topology.chain])]
+    return float(np.concatenate([elements.rest for elements in kinds]).mean()) if kinds else 1.0

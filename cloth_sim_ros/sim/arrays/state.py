@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What varies, as kernels see it: the structs of a batch's state and of the live numbers that are read every frame.
+
+What ropes have besides is in rope_state.py. State arrays are made in state_arrays.py. Live numbers lie in arrays of one
+row a thing (live_array.py).
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.model import Features, Model
+from cloth_sim_ros.sim.executors.arrays import TrialState
+from cloth_sim_ros.sim.features.air.arrays import AirState
+from cloth_sim_ros.sim.features.collider_contact.arrays import ContactState
+from cloth_sim_ros.sim.features.grasp.arrays import GraspState
+from cloth_sim_ros.sim.features.plate.arrays import PlateState
+from cloth_sim_ros.sim.features.self_contact.arrays import SelfContactState
+from cloth_sim_ros.sim.features.tearing.arrays import TearingState
+from cloth_sim_ros.sim.features.twist.arrays import EndTurn, TwistState
+from cloth_sim_ros.sim.features.winch.arrays import Drive, WinchArrays
+from cloth_sim_ros.sim.lines.arrays import LineState
+from cloth_sim_ros.sim.ropes.arrays import RopeState
+
+
+@wp.struct
+class Material:
+    """One body. compliance: structural, shear (a rope's: twist), bending in units of the scene; lengths [m], damping
+    [s]. largest_inverse_mass: its mass in Model over what it weighs here."""
+
+    compliance: wp.vec3
+    damping: float
+    thickness: float
+    static_friction: float
+    kinetic_friction: float
+    largest_inverse_mass: float
+
+
+@wp.func
+def compliance_of(material: Material, kind: int) -> float:
+    """The compliance of a kind of topology.KINDS, by selection: an index would put the struct into local memory."""
+    return wp.where(
+        kind == 0, material.compliance[0], wp.where(kind == 1, material.compliance[1], material.compliance[2])
+    )
+
+
+@wp.struct
+class Frame:
+    """One batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], wind [m/s],
+    air_density [kg/m^3]. moves: 1 while a collider or handle moves."""
+
+    gravity: wp.vec3
+    dt: float
+    substeps: int
+    iterations: int
+    global_damping: float
+    wind: wp.vec3
+    air_density: float
+    drag: float
+    lift: float
+    moves: int
+
+
+@wp.struct
+class ColliderMotion:
+    """One collider: shape, size, reach [m] of it around its origin, friction, and poses at both ends of the frame.
+
+    data: the address of what a shape has beside its size, of one that three numbers do not describe; 0 for others.
+    roundness: the smallest radius of curvature of its surface, as far as is known [m]. compliance: of each point of
+    contact [m/N].
+    """
+
+    shape: int
+    size: wp.vec3
+    data: wp.uint64
+    reach: float
+    roundness: float
+    compliance: float
+    static_friction: float
+    kinetic_friction: float
+    start_position: wp.vec3
+    start_orientation: wp.quat
+    end_position: wp.vec3
+    end_orientation: wp.quat
+    filler: int  # the struct is of whole words of eight bytes, so that equal colliders are equal bytes in a file
+
+
+@wp.struct
+class HandleMotion:
+    """One handle: its reach as a box and a ball around its origin [m], how it holds, and poses at both ends of the
+    frame.
+
+    reach: half the edges of the box, and the radius of the ball; what is grasped lies in both.
+    """
+
+    reach: wp.vec4
+    compliance: float  # of the whole hold [m/N]
+    break_force: float  # [N], 0 is never
+    start_position: wp.vec3
+    start_orientation: wp.quat
+    end_position: wp.vec3
+    end_orientation: wp.quat
+
+
+@wp.struct
+class State:
+    """Arrays of one batch. The arrays of a feature lie in a struct of its own, see its file arrays.py.
+
+    N particles, S slots of lines, C segments, P panels, K colliders, B bodies.
+    """
+
+    positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m] and inverse mass [1/kg], 0 is pinned
+    # (N,) what float32 lost of the positions [m], and the sum of the sizes of line forces [N]
+    position_lo: wp.array(dtype=wp.vec4)
+    displacements: wp.array(dtype=wp.vec4)  # (N,) of the substep, and the effective inverse mass [1/kg]
+    velocities: wp.array(dtype=wp.vec4)  # (N,) [m/s]
+    last_velocities: wp.array(dtype=wp.vec3)  # (N,) one substep ago, order 2 alone
+    last_displacements: wp.array(dtype=wp.vec3)  # (N,) of the last substep [m], order 2 alone
+    good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see fault_recovery.py
+    faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
+    recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
+    relapses: wp.array(dtype=int)  # (B,) how many frames in a row ended so
+    history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet
+    events: wp.array(dtype=int)  # (2 B,) 1 + the last even and odd substep that was not smooth, as a graph
+    lines: LineState
+    plate: PlateState
+    rope: RopeState
+    twist: TwistState
+    air: AirState
+    contact: ContactState
+    self_contact: SelfContactState
+    grasp: GraspState
+    tearing: TearingState
+    winch: WinchArrays
+    trial: TrialState
+
+
+@wp.struct
+class Arrays:
+    """Everything a kernel reads or writes in one world: the one argument that every executor passes.
+
+    Many worlds are an array of these: they share the model, and each has its own part of everything that varies.
+    """
+
+    model: Model
+    state: State
+    frames: wp.array(dtype=Frame)  # (1,)
+    materials: wp.array(dtype=Material)  # (B,)
+    colliders: wp.array(dtype=ColliderMotion)  # (K,)
+    handles: wp.array(dtype=HandleMotion)  # (H,)
+    handle_counts: wp.array(dtype=int)  # (H,) particles that each holds
+    drives: wp.array(dtype=Drive)  # (B,) of ropes that a winch feeds
+    forces: wp.array(dtype=wp.vec4)  # (F,) numbers of the scene's own forces
+    ends: wp.array(dtype=EndTurn)  # (B,) of ropes that resist twist
+
+
+def given_type(features: Features) -> type:
+    """The type of the argument that a kernel gets: the Arrays of its world, or of many an array of them."""
+    return wp.array(dtype=Arrays) if features.worlds else Arrays
+
+
+def gathered(worlds: list[Arrays], device: wp.Device) -> Arrays | wp.array:
+    """The argument for kernels that run `worlds` (see `given_type`)."""
+    return worlds[0] if len(worlds) == 1 else wp.array(worlds, dtype=Arrays, device=device)

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parallel grippers: two boxes that close on what is between them, to an opening or with a force.
+
+A gripper is made of two ordinary colliders, which its driver moves a little in every frame. So the core knows nothing
+of it, and what it pinches it holds by friction alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.colliders.box import Box
+from cloth_sim_ros.sim.input.checks import check_fields
+from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector, rotate, unit_quaternion
+from cloth_sim_ros.sim.simulation import Simulation
+
+SIDES = {"left": 1.0, "right": -1.0}  # finger -> on which side along the gripper's y axis
+_LOOSE = 0.01  # of the wanted force, below which the fingers count as not touching
+_MANY = 64  # points of contact
+_SHARE = 0.5  # of the way to the opening at which the force would be right, that the fingers go in a frame
+_TOLD = 0.05  # change of the force, over it, that tells where the fingers touch
+_FORGETS = 0.8  # what is left of the known stiffness after a frame in which the fingers touch nothing
+
+Pose = tuple[tuple[float, ...], tuple[float, ...]]  # position [m], orientation x y z w
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """Two fingers that open along local y, at a pose halfway between their faces. Raises ValueError for what cannot be.
+
+    finger_size: x y z [m] of each. opening [m] is the gap between their faces, at most max_opening. With a force [N]
+    above 0 they close until each finger presses as hard; else they go to `opening`. speed [m/s] is how fast the opening
+    changes at most. compliance [m/N] of each point of contact is what the force comes from, so it is above 0.
+    """
+
+    position: Vector = (0.0, 0.0, 0.0)
+    orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    finger_size: Vector = (0.02, 0.01, 0.04)
+    max_opening: float = 0.08
+    opening: float = 0.08
+    force: float = 0.0
+    speed: float = 0.1
+    compliance: float = 0.01
+    static_friction: float = 0.8
+    kinetic_friction: float = 0.8
+
+    def __post_init__(self) -> None:
+        check_fields(self, table.GRIPPER)
+        self.check_opening(self.opening, "Gripper.opening")
+
+    def check_opening(self, opening: Any, name: str) -> float:
+        """An opening [m]. Raises ValueError where it is none, or wider than the gripper opens."""
+        opening = table.check(table.row(table.GRIPPER, "opening"), opening, name)
+        if opening > self.max_opening:
+            raise ValueError(f"{name} is {opening:g}; allowed is at most max_opening, {self.max_opening:g} m")
+        return opening
+
+    def fingers(self, name: str) -> dict[str, Box]:
+        """The colliders of a gripper called `name`, <name>_left and <name>_right, for Scene.colliders."""
+        shape = {field: getattr(self, field) for field in ("compliance", "static_friction", "kinetic_friction")}
+        half = tuple(0.5 * edge for edge in self.finger_size)
+        return {
+            f"{name}_{side}": Box(half_extents=half, position=position, orientation=orientation, **shape)
+            for side, (position, orientation) in self.poses(self.opening).items()
+        }
+
+    def poses(self, opening: float) -> dict[str, Pose]:
+        """Where the fingers are at an opening [m], by side."""
+        away = 0.5 * (opening + self.finger_size[1])
+        offsets = rotate(self.orientation, np.array([(0.0, way * away, 0.0) for way in SIDES.values()]))
+        places = np.asarray(self.position) + offsets
+        return {side: (tuple(place.tolist()), self.orientation) for side, place in zip(SIDES, places, strict=True)}
+
+
+class GripperDriver:
+    """Drives the fingers of a gripper called `name` in one world of a simulation: `advance` before each step.
+
+    opening [m]: between the fingers now. speed [m/s]: at which it changed last. felt [N]: with which each finger
+    pressed in the last frame. gripper: where it is and what is wanted of it.
+    """
+
+    def __init__(self, name: str, gripper: Gripper) -> None:
+        self.name, self.gripper = name, gripper
+        self.opening, self.speed, self.felt = gripper.opening, 0.0, 0.0
+        self._step = 0.0  # of the opening in the last frame [m]
+        self._touched = gripper.opening  # the opening at which the fingers touch what is between them [m]
+        self._stiffness = 0.0  # how much the force grows as they close from there [N/m]; 0 is not known
+        self._before: tuple[float, float] | None = None  # opening [m] and force [N] of the frame before
+
+    def move(self, position: Any, orientation: Any = (0.0, 0.0, 0.0, 1.0)) -> None:
+        """Have the gripper at a pose [m], x y z w, at the end of the next frame."""
+        turned = tuple(float(each) for each in unit_quaternion(orientation, f"{self.name}.orientation"))
+        self.gripper = replace(self.gripper, position=tuple(map(float, position)), orientation=turned)
+
+    def open_to(self, opening: float) -> None:
+        """Have the fingers go to an opening [m], whatever is between them."""
+        self.gripper.check_opening(opening, f"{self.name}.opening")
+        self.gripper = replace(self.gripper, opening=opening, force=0.0)
+
+    def press(self, force: float) -> None:
+        """Have the fingers close until each presses with a force [N]; with 0 they go to the opening set last."""
+        force = table.check(table.row(table.GRIPPER, "force"), force, f"{self.name}.force")
+        self.gripper = replace(self.gripper, force=force)
+
+    def set_speed(self, speed: float) -> None:
+        """How fast the opening changes at most from now on [m/s]."""
+        self.gripper = replace(self.gripper, speed=speed)
+
+    def measure(self, sim: Simulation, world: int = 0) -> float:
+        """With which force [N] each finger pressed in the last frame: the mean of both."""
+        along = rotate(self.gripper.orientation, np.array([(0.0, 1.0, 0.0)]))[0]
+        loads = {side: sim.wrench(f"{self.name}_{side}", world)[0] @ along for side in SIDES}
+        self.felt = 0.5 * float(sum(way * loads[side] for side, way in SIDES.items()))
+        return self.felt
+
+    def poses(self, frame_dt: float) -> dict[str, Pose]:
+        """Where each finger, by the name of its collider, is to be at the end of the next frame [s]."""
+        most = self.gripper.speed * frame_dt
+        step = float(np.clip(self._wanted() - self.opening, -most, most))
+        before = self.opening
+        self.opening = float(np.clip(self.opening + step, 0.0, self.gripper.max_opening))
+        self._step = self.opening - before
+        self.speed = self._step / frame_dt
+        return self.places()
+
+    def places(self) -> dict[str, Pose]:
+        """Where each finger is at the present opening, by the name of its collider."""
+        return {f"{self.name}_{side}": pose for side, pose in self.gripper.poses(self.opening).items()}
+
+    def _wanted(self) -> float:
+        """The opening to go to next: where the force would be right, if it grows evenly from where the fingers touch.
+
+        Openings that a force belongs to are those in the middle of a frame, as forces are means over one.
+        """
+        at, wanted = self.opening - 0.5 * self._step, self.gripper.force
+        if wanted <= 0.0:
+            self._touched, self._stiffness, self._before = self.opening, 0.0, None
+            return self.gripper.opening
+        if self.felt <= _LOOSE * wanted:
+            self._touched, self._before = min(self._touched, at), None
+            self._stiffness *= _FORGETS  # what it held may be gone
+        else:
+            self._find_line(at)
+        goal = self._touched - wanted / self._stiffness if self._stiffness > 0.0 else 0.0
+        return self.opening + _SHARE * (goal - self.opening) if self._stiffness > 0.0 else goal
+
+    def _find_line(self, at: float) -> None:
+        """The force grows from 0 where the fingers touch to what they feel at an opening [m]."""
+        if self._before is not None:
+            closed, more = self._before[0] - at, self.felt - self._before[1]
+            if closed * more > 0.0 and abs(more) > _TOLD * self.felt:
+                self._touched = at + self.felt * closed / more
+        # No stiffer than many points: something may have been between them from the start, or moved in between.
+        self._touched = max(self._touched, at + self.felt * self.gripper.compliance / _MANY)
+        self._before, self._stiffness = (at, self.felt), self.felt / (self._touched - at)
+
+    def advance(self, sim: Simulation, world: int = 0) -> None:
+        """Move the fingers in the next frame of a simulation whose scene has them."""
+        if self.gripper.force > 0.0:
+            self.measure(sim, world)
+        for name, (position, orientation) in self.poses(sim.settings.frame_dt).items():
+            sim.set_collider_pose(name, position, orientation, world=world)

@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The device side of all objects that share a kernel: their arrays, their state and the executor that advances them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.arrays import writing
+from cloth_sim_ros.sim.arrays.live_array import LiveArray
+from cloth_sim_ros.sim.arrays.masses import Masses
+from cloth_sim_ros.sim.arrays.model import Features, Model
+from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
+from cloth_sim_ros.sim.arrays.state import Arrays, Material
+from cloth_sim_ros.sim.engine.batch_frame import BatchFrame
+from cloth_sim_ros.sim.engine.scaled import Scaled
+from cloth_sim_ros.sim.engine.state_arrays import make_states, row_of, rows_by_array, state_of
+from cloth_sim_ros.sim.engine.torn import Torn
+from cloth_sim_ros.sim.executors.choose import make_executor, make_safe_executor
+from cloth_sim_ros.sim.executors.trial import Trial
+from cloth_sim_ros.sim.features.tearing.arrays import LEFT
+from cloth_sim_ros.sim.features.twist.arrays import EndTurn
+from cloth_sim_ros.sim.features.winch.arrays import Drive, WinchState
+from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
+from cloth_sim_ros.sim.topology import Topology
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What all bodies of a simulation meet: colliders, handles, how many particles each of these holds (worlds, H), and
+    the numbers of the scene's own forces (F,)."""
+
+    colliders: LiveArray
+    handles: LiveArray
+    handle_counts: wp.array
+    forces: wp.array
+
+
+class Batch:
+    """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
+
+    The model is there once, but for what is `scaled`, which is alone in its batch. `states` has a row a world, and
+    `worlds[w]` is what kernels know of world w. rest: name -> as `write_positions` takes it.
+    """
+
+    def __init__(
+        self,
+        topologies: dict[str, Topology],
+        features: Features,
+        frame: LiveArray,
+        shared: Shared,
+        worlds: int,
+        device: wp.Device,
+        executor: str | None = None,
+    ):
+        self.features, self.device = features, device
+        self.index = {name: b for b, name in enumerate(topologies)}
+        self._local, self.rest = (
+            {name: wp.array(getattr(t, part)[None], dtype=wp.float64, device=device) for name, t in topologies.items()}
+            for part in ("layout", "rest")
+        )
+        self._winches = {name: _wound(topology) for name, topology in topologies.items() if topology.winch is not None}
+        collected = ModelArrays(features.method == "verlet", device.is_cpu, features.line_slots)
+        for topology in topologies.values():
+            collected.add(topology)
+        self.lines = collected.lines
+        self._bodies = collected.bodies
+        self.counts = [row["count"] for row in self._bodies]
+        self._spans = [slice(row["particles"], row["particles"] + row["count"]) for row in self._bodies]
+        self.materials = LiveArray(Material, len(topologies), worlds, device)
+        self.drives = LiveArray(Drive, len(topologies) if features.winch else 0, worlds, device)
+        self.ends = LiveArray(EndTurn, len(topologies) if features.twist else 0, worlds, device)
+        name, topology = next(iter(topologies.items()))
+        self.scaled = Scaled(topology, collected, device) if topology.world_scales is not None else None
+        if self.scaled is not None:
+            self._local[name], self.rest[name] = self.scaled.layout, self.scaled.rest
+        self.frame = BatchFrame(frame, worlds, device)
+        self.live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
+        self.states = make_states(collected, features, shared.colliders.array.shape[1], worlds, device)
+        self.masses = Masses(list(topologies.values()), self._spans, self.materials, worlds, device)
+        model = collected.upload(device)
+        self.worlds = [self._world(w, model, shared) for w in range(worlds)]
+        self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None
+        self._saved: dict[str, wp.array] | None = None
+        # What meets advances together, see meeting/together.py.
+        self.executor = None
+        if not features.coupled:
+            self.executor = make_executor(features, self.worlds, self.counts, device, executor)
+        self._trial = None
+        if features.method == "verlet":
+            safe = partial(make_safe_executor, features, self.worlds, self.frame.safe_rows.array, self.counts, device)
+            self._trial = Trial(self.executor, safe, self.worlds, self.counts, self.lines)
+        self.restart(wp.array(np.arange(worlds), dtype=int, device=device))
+
+    def _world(self, w: int, model: Model, shared: Shared) -> Arrays:
+        arrays = Arrays()
+        arrays.state = state_of(self.states, w)
+        own = {name: getattr(arrays.state.tearing, name) for name in LEFT} if self.features.tears else {}
+        if self.features.winch:
+            own = {"particle_masses": self.masses.masses[w]}
+        if self.scaled is not None:
+            own = {name: rows[w] for name, rows in self.scaled.own.items()}
+        arrays.model = _with_own(model, own) if own else model
+        arrays.frames, arrays.materials = self.frame.rows.array[w], self.materials.array[w]
+        arrays.colliders, arrays.drives = row_of(shared.colliders.array, w), row_of(self.drives.array, w)
+        arrays.handles, arrays.handle_counts = row_of(shared.handles.array, w), row_of(shared.handle_counts, w)
+        arrays.forces = shared.forces
+        arrays.ends = row_of(self.ends.array, w)
+        return arrays
+
+    def span(self, name: str) -> slice:
+        """Where the particles of a body lie."""
+        return self._spans[self.index[name]]
+
+    def panels(self, name: str) -> slice:
+        """Where the triangles of a sheet, or the segments of a rope, lie in Model.panels."""
+        row = self._bodies[self.index[name]]
+        return slice(row["panels"], row["panels_end"])
+
+    def segments(self, name: str) -> slice:
+        """Where the chain segments of a rope lie; of what has no chain, nowhere."""
+        row = self._bodies[self.index[name]]
+        return slice(row["segments"], row["segments_end"])
+
+    def write_masses(self, name: str, kg: np.ndarray, world: WorldSelection) -> None:
+        """Give a body mass and end mass (k, 2) [kg] in some worlds; what is pinned, or on a drum, stays held."""
+        b, span = self.index[name], self.span(name)
+        self.masses.write(b, world, kg)
+        self.masses.put(b, world, [self.part(array, span, None) for array in ("positions", "good_positions")])
+
+    def restart(self, chosen: wp.array) -> None:
+        """All bodies to the rest shape, at rest, in the worlds of these numbers; nothing of what was before is left."""
+        for rows in self.states.values():
+            writing.clear(rows, slice(0, rows.shape[1]), chosen)
+        if self.torn is not None:
+            self.torn.mend(chosen)
+        for name, winch in self._winches.items():
+            for array in ("winches", "good_winches"):
+                writing.put(self.states[array], self.index[name], winch, chosen)
+        for name, rest in self.rest.items():
+            self._put_positions(name, rest, chosen)
+
+    def write_positions(self, name: str, positions: wp.array, chosen: wp.array) -> None:
+        """Positions (worlds, N, 3) [m], or (1, N, 3) for each, into worlds of these numbers; of float64 more digits are
+        kept than float32 has. History and multipliers start anew.
+
+        What is on a drum stays there, where the first particle is put.
+        """
+        self._put_positions(name, positions, chosen)
+        self._forget(name, chosen)
+
+    def _put_positions(self, name: str, positions: wp.array, chosen: wp.array) -> None:
+        parts = [self.part(array, self.span(name), None) for array in ("positions", "good_positions", "position_lo")]
+        inverse = self.masses.inverse[:, self.span(name)]
+        inputs = [positions, inverse, chosen, self.states["winches"], self.index[name], *parts]
+        dim = (len(chosen), positions.shape[1])
+        wp.launch(writing.put_positions, dim=dim, inputs=inputs, device=self.device)
+
+    def write_pose(self, name: str, poses: np.ndarray, chosen: wp.array) -> None:
+        """A body in its rest shape at poses (worlds, 7), x y z [m] and a unit x y z w, at rest, in these worlds."""
+        points, poses = self._local[name], wp.array(poses, dtype=wp.float64, device=self.device)
+        values = wp.zeros((poses.shape[0], *points.shape[1:]), dtype=wp.float64, device=self.device)
+        dim = (len(chosen), points.shape[1])
+        wp.launch(writing.place, dim=dim, inputs=[points, poses, chosen, values], device=self.device)
+        self.write_positions(name, values, chosen)
+        writing.clear(self.states["velocities"], self.span(name), chosen)
+
+    def write_velocities(self, name: str, velocities: wp.array, chosen: wp.array) -> None:
+        """Velocities [m/s] likewise; pinned particles stay at rest."""
+        inverse = self.masses.inverse[:, self.span(name)]
+        inputs = [velocities, inverse, chosen, self.part("velocities", self.span(name), None)]
+        dim = (len(chosen), velocities.shape[1])
+        wp.launch(writing.put_velocities, dim=dim, inputs=inputs, device=self.device)
+        self._forget(name, chosen)
+
+    def read_rows(self, array: str, name: str, world: int | None = None) -> np.ndarray:
+        """A copy of a body's rows (worlds, N, 4) of an array of particles, of one world (1, N, 4) or of all."""
+        return self.part(array, self.span(name), world).numpy().copy()
+
+    def write_rows(self, array: str, name: str, rows: np.ndarray) -> None:
+        """Put rows (N, 4) there in all worlds."""
+        part = self.part(array, self.span(name), None)
+        part.assign(np.broadcast_to(rows, (part.shape[0], *rows.shape)))
+
+    def write_count(self, array: str, name: str, counts: np.ndarray) -> None:
+        """Put a count (worlds,) of a body into an array of bodies."""
+        b = self.index[name]
+        self.part(array, slice(b, b + 1), None).assign(counts.reshape(-1, 1).astype(np.int32))
+
+    def read_body(self, array: str, name: str, world: int | None) -> np.ndarray:
+        """The row of "winches" or "twists" of a rope, (worlds, 1), of one world or, for None, of all."""
+        b = self.index[name]
+        return self.part(array, slice(b, b + 1), world).numpy()
+
+    def write_body(self, array: str, name: str, rows: np.ndarray) -> None:
+        """Put a winch or a twist where another was in all worlds, (worlds, 1) or (1, 1) rows.
+
+        Positions are to be written after a winch, and forget a twist, which is to be written after them.
+        """
+        b = self.index[name]
+        for each in (array, f"good_{array}"):
+            part = self.part(each, slice(b, b + 1), None)
+            part.assign(np.ascontiguousarray(np.broadcast_to(rows, part.shape)))
+
+    def set_substeps(self, substeps: int, iterations: int, safe_substeps: int) -> None:
+        """How many of each a frame has from now on, and one that is done again; other substeps have no history."""
+        frame = self.frame
+        if substeps != frame.substeps:
+            self.forget_steps()
+        frame.substeps, frame.iterations, frame.safe_substeps = substeps, iterations, safe_substeps
+
+    def make_ready(self) -> None:
+        """Compile what only a rejected frame needs; another thread may do so meanwhile."""
+        if self._trial is not None:
+            self._trial.make_ready()
+
+    def advance(self, finer: int = 1) -> None:
+        """Simulate one frame, as `frame.write` was told last."""
+        frame = self.frame
+        if self._trial is None:
+            self.executor.advance(finer * frame.substeps, frame.iterations)
+        else:
+            self._trial.advance(finer * frame.substeps, finer * frame.safe_substeps)
+
+    def upload(self) -> None:
+        """Bring changed live numbers to the device."""
+        self.frame.upload()
+        for rows in self.live:
+            rows.upload()
+
+    def save(self) -> None:
+        """Keep the whole state aside, on the device; the room for it is taken once."""
+        if self._saved is None:
+            self._saved = {name: wp.empty_like(rows) for name, rows in self.states.items()}
+        for name, rows in self.states.items():
+            if rows.size:
+                wp.copy(self._saved[name], rows)
+
+    def restore(self) -> None:
+        """The state as it was saved."""
+        for name, rows in self.states.items():
+            if rows.size:
+                wp.copy(rows, self._saved[name])
+
+    def forget_steps(self) -> None:
+        """The length of a substep changed: order 2 starts from its first-order substep again."""
+        self.states["history"].zero_()
+
+    def part(self, array: str, span: slice, world: int | None) -> wp.array:
+        """(worlds, n) elements `span` of an array of the state, of one world or of all."""
+        return self.states[array][worlds_of(world), span]
+
+    def _forget(self, name: str, chosen: wp.array) -> None:
+        b = self.index[name]
+        spans = {
+            "particle": [self.span(name)],
+            "segment": [self.segments(name)],
+            "body": [slice(b, b + 1)],
+            "line": [slice(first, end) for _, first, end in self.lines[b]],
+        }
+        # The first substep is smooth or not by the one before it: none, from rest.
+        core = {"history": "body", "last_displacements": "particle", "last_velocities": "particle"}
+        for array, row in (core | rows_by_array("FORGOTTEN")).items():
+            for span in spans[row] if self.states[array].size else ():
+                writing.clear(self.states[array], span, chosen)
+
+
+def _with_own(model: Model, own: dict[str, wp.array]) -> Model:
+    """The model of one world, which has some arrays of its own."""
+    found = Model()
+    for name in Model.vars:
+        setattr(found, name, own.get(name, getattr(model, name)))
+    return found
+
+
+def _wound(topology: Topology) -> np.ndarray:
+    """The row (1, 1) of WinchState of a winch at rest."""
+    row = np.zeros((1, 1), dtype=WinchState.numpy_dtype())
+    index, length = topology.winch
+    row["index"], row["length"] = index, length
+    row["behind"], row["total"] = topology.chain.rest[index + 1 :].sum(), topology.chain.rest.sum()
+    return row

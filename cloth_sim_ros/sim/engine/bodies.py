@@ -1,0 +1,349 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The objects of a simulation: how each is computed, and what lies on the device for that."""
+
+from __future__ import annotations
+
+import copy
+import logging
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.live_array import LiveArray
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.poses import Motions
+from cloth_sim_ros.sim.arrays.state import Arrays, ColliderMotion, Frame, HandleMotion
+from cloth_sim_ros.sim.colliders import shapes_of
+from cloth_sim_ros.sim.colliders.collider import FASTEST, STRETCHED, Collider
+from cloth_sim_ros.sim.engine.batch import Batch, Shared
+from cloth_sim_ros.sim.engine.body_state import give, take
+from cloth_sim_ros.sim.engine.coupled_bodies import CoupledBodies
+from cloth_sim_ros.sim.engine.frames import LONGEST, Frames
+from cloth_sim_ros.sim.engine.scaled import at_scales
+from cloth_sim_ros.sim.engine.sizes import sharpest
+from cloth_sim_ros.sim.executors.choose import EXECUTORS
+from cloth_sim_ros.sim.features.collider_contact.broad_phase import FEW
+from cloth_sim_ros.sim.input.checks import WorldSelection, names_of, on_host, worlds_of
+from cloth_sim_ros.sim.kernels.device import find_device
+from cloth_sim_ros.sim.physics.quaternion import Motion, moved
+from cloth_sim_ros.sim.scene.forces import name_of
+from cloth_sim_ros.sim.scene.objects import Cloth, Rope
+from cloth_sim_ros.sim.scene.scene import Scene
+from cloth_sim_ros.sim.scene.settings import Settings
+from cloth_sim_ros.sim.substeps import choose as choosing
+from cloth_sim_ros.sim.substeps.choose import Choice, distinct
+from cloth_sim_ros.sim.substeps.prices import Surroundings
+from cloth_sim_ros.sim.topology import Topology
+from cloth_sim_ros.sim.topology import build as build_topology
+from cloth_sim_ros.sim.topology.line_layout import CROWDED
+
+_LOG = logging.getLogger(__name__)
+_MOST_WORLDS = 65536
+
+
+class Bodies:
+    """The objects of `scene` in batches of those that share a kernel, built again where method auto changes its choice.
+
+    builds: how often they were built; what comes of `device_arrays` holds until it changes. moves: name -> by what an
+    object starts elsewhere than in the scene. scales: name -> Topology.world_scales. Raises ValueError for a number of
+    worlds or a device that cannot be, and for a mesh that is not manifold.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, device: str, worlds: int, executor: str | None) -> None:
+        if isinstance(worlds, bool) or not isinstance(worlds, int) or not 1 <= worlds <= _MOST_WORLDS:
+            raise ValueError(f"worlds is {worlds!r}; allowed is a whole number from 1 to {_MOST_WORLDS}")
+        if executor not in (None, *EXECUTORS):
+            raise ValueError(f"executor is {executor!r}; allowed is {' or '.join(EXECUTORS)}, or None to choose")
+        self.scene, self.settings, self.worlds, self.builds = scene, settings, worlds, 0
+        self._executor = executor
+        self.warp_device = find_device(device)
+        self.frame = LiveArray(Frame, 1, worlds, self.warp_device)
+        rows = len(scene.colliders) + scene.spare_colliders
+        self.shapes = shapes_of(scene.colliders.values(), scene.spare_colliders > 0)
+        self.colliders = Motions(ColliderMotion, rows, worlds, self.warp_device)
+        self.handles = Motions(HandleMotion, len(scene.handles), worlds, self.warp_device)
+        self.handle_counts = wp.zeros((worlds, len(scene.handles)), dtype=int, device=self.warp_device)
+        self.handle_row = {name: row for row, name in enumerate(scene.handles)}
+        self._data = [collider.data(self.warp_device) for collider in scene.colliders.values()]  # kept alive
+        self.fixed = len(scene.colliders)  # rows of colliders before those that are added
+        self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
+        self.moves: dict[str, Motion] = {}
+        self.scales: dict[str, np.ndarray] = {}
+        self.elastic = {name: self._topology(name, thing, False) for name, thing in scene.objects.items()}
+        self._sharpest: dict[str, Collider] = {}
+
+    def find_sharpest(self, names: Iterable[str]) -> None:
+        """Look through the sizes of these colliders, which changed; all count as sharp where some can be added."""
+        found = {name: sharpest(self.colliders, self.collider_row[name], self.scene.colliders[name]) for name in names}
+        self._sharpest = {**self._sharpest, **found} if self.scene.spare_colliders == 0 else {}
+
+    def write_data(self) -> None:
+        """Colliders find on the device what they read there; those that are added have nothing."""
+        addresses = self.colliders.edit()["data"]
+        addresses[:] = 0
+        addresses[:, : self.fixed] = [data.id if data else 0 for data in self._data]
+
+    def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]], thickness: float) -> Choice:
+        """How an object with these pairs of compliances and damping, and this least thickness, is to be computed."""
+        topology, rows = self.elastic[name], self.colliders.array.shape[1]
+        wind, coupled, tears = self.scene.wind is not None, self._is_coupled(name), topology.tear_strain > 0.0
+        device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
+        around = Surroundings(device, wind, rows, self.worlds, self.scene.spare_colliders > 0, coupled, tears, gravity)
+        choose = partial(choosing.choose, self.settings, topology, list(materials))
+        choice = choose(around)
+        if not choice.surface and self._enter(topology, thickness, self.settings.frame_dt / choice.substeps):
+            choice = choose(replace(around, surface=True))
+        if choice.surface:
+            choice = replace(choice, reason=f"{choice.reason}; colliders touch it between its particles too")
+        scaled = "; its scale may differ between worlds" if name in self.scales else ""
+        return replace(choice, reason=choice.reason + scaled)
+
+    def _enter(self, topology: Topology, thickness: float, substep: float) -> bool:
+        """Whether a collider comes between particles that it touches, in substeps of so many seconds."""
+        gap = topology.widest_gap * topology.scales_in().max()
+        if len(topology.triangles):
+            # The fastest pushes one ahead of the others before these follow, and no point of a triangle lies farther
+            # from its corners than its longest side over the root of 3.
+            gap = max(gap, (gap + FASTEST * substep / math.sqrt(3.0)) / STRETCHED)
+        return any(each.enters(gap, thickness) for each in {**self.scene.colliders, **self._sharpest}.values())
+
+    def _choose_now(self, name: str) -> Choice:
+        """The same for an object as its materials and masses are now."""
+        rows = self.effective_materials(name, self.materials_of(name, None), None)
+        return self.choose(name, distinct(rows), float(rows["thickness"].min()))
+
+    def effective_materials(
+        self,
+        name: str,
+        rows: np.ndarray,
+        world: WorldSelection,
+        kg: np.ndarray | None = None,
+        topology: Topology | None = None,
+    ) -> np.ndarray:
+        """Rows of Material of an object in some worlds, as the choice of substeps takes them: at the masses and scale
+        of the scene. kg (k, 2): masses, see Masses, in place of its own; topology: in place of its own."""
+        masses, b = self.batch[name].masses, self.batch[name].index[name]
+        topology = self.elastic[name] if topology is None else topology
+        rows = masses.effective_materials(b, rows, masses.read(b, world) if kg is None else kg)
+        return at_scales(topology, rows, topology.scales_in(worlds_of(world)))
+
+    def name_collider(self, name: str, row: int, collider: Collider) -> None:
+        """A collider that was added has this row."""
+        self.scene = replace(self.scene, colliders={**self.scene.colliders, name: collider})
+        self.collider_row[name] = row
+
+    def forget_collider(self, name: str) -> int:
+        """A collider that was added is gone; returns the row that it had."""
+        others = {each: collider for each, collider in self.scene.colliders.items() if each != name}
+        self.scene = replace(self.scene, colliders=others)
+        return self.collider_row.pop(name)
+
+    def change_setting(self, name: str, value: Any) -> None:
+        """A live setting of the solver has another value."""
+        self.settings = replace(self.settings, **{name: value})
+
+    def start_elsewhere(self, name: str, motion: Motion) -> None:
+        """An object starts after this motion from where the scene has it."""
+        self.moves[name] = motion
+        self.describe_again(name, self.scene.objects[name])
+
+    def give_scales(self, name: str, scales: np.ndarray, world: WorldSelection) -> None:
+        """An object has these scales (worlds,), of which those of some worlds are new."""
+        if name in self.scales:
+            self.scales[name][:] = scales
+            self.batch[name].scaled.write(self.chosen(world))
+            self.choose_again()
+        elif (scales != 1.0).any():
+            self.scales[name] = scales
+            self.describe_again(name, self.scene.objects[name])
+
+    def build(self, choices: dict[str, Choice]) -> None:
+        """Everything on the device, for these methods."""
+        self._choices = choices
+        self.topologies = {
+            name: self._topology(name, thing, True)
+            if choices[name].method == "xpbd" and isinstance(thing, Rope)
+            else self.elastic[name]
+            for name, thing in self.scene.objects.items()
+        }
+        self.batches = self._make_batches()
+        self.batch = {name: batch for batch in self.batches for name in batch.index}
+        coupled = [batch for batch in self.batches if batch.features.coupled]
+        itself = [name for name, thing in self.scene.objects.items() if thing.self_contact]
+        self.coupled = CoupledBodies(coupled, self.topologies, itself, self.scene.object_contact) if coupled else None
+        self._arrays: list[wp.array] = []
+        self.frames = Frames(self.batches, self.coupled, self.warp_device)
+        self._write_substeps()
+        self.builds += 1
+
+    def _is_coupled(self, name: str) -> bool:
+        """Whether an object is kept apart from itself or from others."""
+        return self.scene.objects[name].self_contact or (self.scene.object_contact and len(self.scene.objects) > 1)
+
+    def advance(self) -> None:
+        """Begin a frame: colliders and handles go to where they are wanted, and kernels are told in which worlds."""
+        still = self.colliders.are_still and self.handles.are_still
+        self.colliders.advance()
+        self.handles.advance()
+        if not still:
+            moves = self.colliders.moves() | self.handles.moves()
+            if (moves != self.frame.read(0, None)["moves"]).any():
+                self.frame.write(0, None, moves=moves)
+
+    def alike(self, most: int) -> int:
+        """How many of the next `most` frames can be run as one, because the host has nothing to do between them."""
+        still = self.colliders.are_still and self.handles.are_still
+        return min(most, LONGEST) if still and self.coupled is None else 1
+
+    def _write_substeps(self) -> None:
+        """Every batch takes the most substeps and iterations that are chosen for an object in it; of those that advance
+        together, for an object of any."""
+        coupled = [name for name in self.batch if self._is_coupled(name)]
+        for batch in self.batches:
+            chosen = [self._choices[name] for name in (coupled if batch.features.coupled else batch.index)]
+            needed = zip(*((c.substeps, c.iterations, c.safe_substeps) for c in chosen), strict=True)
+            batch.set_substeps(*map(max, needed))
+            batch.frame.refresh(self.settings.frame_dt)
+
+    def choose_again(self) -> None:
+        """Where method auto now takes another for an object, the device's side is built anew around the state."""
+        chosen = {name: self._choose_now(name) for name in self.batch}
+        changed = [name for name, choice in chosen.items() if choice.kernels != self._choices[name].kernels]
+        if not changed:
+            self._choices = chosen
+            self._write_substeps()
+            return
+        self._build_around(chosen)
+        for name in changed:
+            _LOG.info("%s now %s", name, chosen[name].reason)
+
+    def describe_again(self, name: str, thing: Cloth | Rope) -> None:
+        """An object of as many particles takes the place of `name`, and goes on from where it is."""
+        self.elastic[name] = self._topology(name, thing, False)
+        self.scene = replace(self.scene, objects={**self.scene.objects, name: thing})
+        self._build_around({each: self._choose_now(each) for each in self.batch})
+
+    def _topology(self, name: str, thing: Cloth | Rope, direct_ropes: bool) -> Topology:
+        found = build_topology(thing, name, direct_ropes).at(self.scales.get(name))
+        places = ("rest", "origin") if name in self.moves else ()
+        return replace(found, **{place: moved(getattr(found, place), self.moves[name]) for place in places})
+
+    def _build_around(self, choices: dict[str, Choice]) -> None:
+        """Everything on the device anew, with the state that there is."""
+        kept = {name: take(self.batch[name], name) for name in self.batch}
+        self.build(choices)
+        for name, state in kept.items():
+            give(self.batch[name], name, state)
+        self._write_substeps()
+
+    def derived(self, choices: dict[str, Choice], **parts: Any) -> Bodies:
+        """Bodies of the same structure with other choices, and `parts` scene, settings, collider_row, scales.
+
+        They share with these all arrays that can stay. Nothing here changes, until `adopt`.
+        """
+        other = copy.copy(self)
+        vars(other).update(parts)
+        scaled, things = bool(other.scales or self.scales), other.scene.objects
+        changed = {name: thing for name, thing in things.items() if scaled or thing is not self.scene.objects[name]}
+        other.elastic = {**self.elastic, **{name: other._topology(name, changed[name], False) for name in changed}}
+        if changed or any(choices[name].kernels != self._choices[name].kernels for name in choices):
+            other.build(choices)
+        other._choices = choices
+        return other
+
+    def adopt(self, other: Bodies) -> None:
+        """Go on as a twin of these; the state is left to whoever asks."""
+        vars(self).update(vars(other))
+        self._write_substeps()
+
+    def _make_batches(self) -> list[Batch]:
+        """A batch of each group of objects with the same features."""
+        wind = self.scene.wind is not None
+        numbers = np.array([force.numbers() for force in self.scene.forces.values()]).reshape(-1, 4)
+        forces = wp.array(numbers, dtype=wp.vec4, device=self.warp_device)
+        shared = Shared(self.colliders, self.handles, self.handle_counts, forces)
+        crowded = self.warp_device.is_cuda and self.worlds * len(self.topologies) > self.warp_device.sm_count
+        alike: dict[tuple[Features, str], dict[str, Topology]] = {}
+        for name, topo in self.topologies.items():
+            choice = self._choices[name]
+            features = Features.of(topo, wind, self.shapes, choice.order, choice.method, self.worlds > 1)
+            features = replace(
+                features,
+                forces=tuple(map(name_of, self.scene.forces.values())),
+                handles=bool(self.scene.handles),
+                surface=choice.surface,
+                coupled=self._is_coupled(name),
+                listed=self.colliders.array.shape[1] > FEW,
+                line_slots=max(features.line_slots, CROWDED if crowded else 1),
+            )
+            alike.setdefault((features, name if name in self.scales else ""), {})[name] = topo
+        return [
+            Batch(bodies, features, self.frame, shared, self.worlds, self.warp_device, self._executor)
+            for (features, _), bodies in alike.items()
+        ]
+
+    def arrays(self) -> list[wp.array]:
+        """The arrays of all worlds (worlds,) of Arrays, batch by batch."""
+        if not self._arrays:
+            self._arrays = [wp.array(batch.worlds, dtype=Arrays, device=batch.device) for batch in self.batches]
+        return self._arrays
+
+    def materials_of(self, name: str, world: WorldSelection) -> np.ndarray:
+        """The rows of Material of an object as they are now, of some worlds."""
+        batch = self.batch[name]
+        return batch.materials.read(batch.index[name], world)
+
+    @property
+    def device(self) -> str:
+        """The device's name, such as "cpu" or "cuda:0"."""
+        return self.warp_device.alias
+
+    @property
+    def method(self) -> str:
+        """Methods, orders and executors in words, for diagnostics."""
+        kinds = {
+            f"{self._choices[name].words}, {type(batch.executor).__module__.rpartition('.')[2].replace('_', ' ')}"
+            for batch in self.batches
+            for name in batch.index
+        }
+        words = ("auto: " if self.settings.method == "auto" else "") + (" and ".join(sorted(kinds)) or "empty scene")
+        return words + (f", {self.worlds} worlds" if self.worlds > 1 else "")
+
+    @property
+    def choices(self) -> dict[str, Choice]:
+        """Name -> how the object is computed now, in all worlds, and why."""
+        return dict(self._choices)
+
+    def one(self, world: int) -> int:
+        """`world` if there is one of that number, else ValueError."""
+        if isinstance(world, bool) or not isinstance(world, int) or not 0 <= world < self.worlds:
+            raise ValueError(f"world is {world!r}; allowed is a whole number from 0 to {self.worlds - 1}")
+        return world
+
+    def some(self, world: Any) -> WorldSelection:
+        """`world` if it is None, for all, or there is one of that number; the numbers of those that a mask (worlds,) of
+        bool tells. Else ValueError."""
+        if world is None or not (len(world.shape) if hasattr(world, "shape") else np.ndim(world)):
+            return None if world is None else self.one(world)
+        mask = on_host(world)
+        if mask.shape != (self.worlds,) or mask.dtype != bool:
+            raise ValueError(
+                f"the mask of worlds has shape {mask.shape} of {mask.dtype}; allowed is ({self.worlds},) of bool"
+            )
+        return np.flatnonzero(mask)
+
+    def chosen(self, some: WorldSelection) -> wp.array:
+        """The numbers of some worlds on the device, (k,) int32."""
+        numbers = np.arange(self.worlds)[worlds_of(some)]
+        return wp.array(numbers, dtype=int, device=self.warp_device)
+
+    def topology(self, name: str) -> Topology:
+        """The topology of an object, as it is computed now. Raises ValueError where there is none of that name."""
+        if name not in self.topologies:
+            raise ValueError(f"there is no object {name!r}; allowed is {names_of(self.topologies)}")
+        return self.topologies[name]

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The arrays of a batch's state: how large each has to be for what the batch holds, and what one world sees of them.
+
+What they hold is said where kernels see them: in arrays/state.py, and in the file arrays.py of each feature.
+"""
+
+from __future__ import annotations
+
+import os
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.masses import BYTES_A_PARTICLE
+from cloth_sim_ros.sim.arrays.model import Counts, Features
+from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
+from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.executors import arrays as trial
+from cloth_sim_ros.sim.features.air import arrays as air
+from cloth_sim_ros.sim.features.collider_contact import arrays as contact
+from cloth_sim_ros.sim.features.grasp import arrays as grasp
+from cloth_sim_ros.sim.features.plate import arrays as plate
+from cloth_sim_ros.sim.features.self_contact import arrays as self_contact
+from cloth_sim_ros.sim.features.tearing import arrays as tearing
+from cloth_sim_ros.sim.features.twist import arrays as twist
+from cloth_sim_ros.sim.features.winch import arrays as winch
+from cloth_sim_ros.sim.lines import arrays as lines
+from cloth_sim_ros.sim.ropes import arrays as rope
+
+# Field of State -> the module that owns its arrays.
+OWNERS = {
+    "lines": lines, "plate": plate, "rope": rope, "twist": twist, "air": air, "contact": contact,
+    "self_contact": self_contact, "grasp": grasp, "tearing": tearing, "winch": winch, "trial": trial,
+}  # fmt: skip
+
+
+def rows_by_array(table: str) -> dict[str, str]:
+    """Array -> what it has a row of, "particle", "segment", "line" or "body", from the tables FORGOTTEN or KEPT of all
+    that own arrays."""
+    return {name: row for owner in OWNERS.values() for name, row in getattr(owner, table, {}).items()}
+
+
+def _core_sizes(features: Features, n: Counts) -> dict[str, int]:
+    """Elements of the arrays that every body has."""
+    second, looks_back = (n.particles if features.order == 2 else 0), (n.bodies if features.looks_back else 0)
+    always = ("positions", "position_lo", "displacements", "velocities", "good_positions")
+    return {
+        **dict.fromkeys(always, n.particles),
+        **dict.fromkeys(("last_velocities", "last_displacements"), second),
+        **dict.fromkeys(("faulty", "recoveries", "relapses"), n.bodies),
+        "history": looks_back,
+        "events": 2 * looks_back,
+    }
+
+
+def make_states(
+    arrays: ModelArrays, features: Features, colliders: int, worlds: int, device: wp.Device
+) -> dict[str, wp.array]:
+    """Name in State, or in a struct of it, -> zeroed (worlds, size) array, for the bodies in `arrays` in every world.
+
+    Arrays that `features` do not need have no element. Raises ValueError where the device has not the memory.
+    """
+    size = arrays.size
+    counts = Counts(
+        arrays.particles, len(arrays.bodies), colliders, size["line_nodes"], arrays.longest_row, size["segment_length"],
+        size["joints"], size["panels"], size["curve_corners"], device.is_cpu, size,
+    )  # fmt: skip
+    sizes, types = _core_sizes(features, counts), dict(State.vars)
+    for field, owner in OWNERS.items():
+        sizes |= owner.sizes(features, counts)
+        types |= State.vars[field].type.vars
+    dtypes = {name: types[name].type.dtype for name in sizes}
+    each = sum(size * wp.types.type_size_in_bytes(dtypes[name]) for name, size in sizes.items())
+    each += BYTES_A_PARTICLE * counts.particles
+    _check_memory(each, worlds, device)
+    return {name: wp.zeros((worlds, size), dtype=dtypes[name], device=device) for name, size in sizes.items()}
+
+
+def _check_memory(each: int, worlds: int, device: wp.Device) -> None:
+    """Raise ValueError where the state of `worlds` worlds of `each` bytes does not fit the device's free memory."""
+    free = device.free_memory if device.is_cuda else os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if worlds * each > free:
+        raise ValueError(
+            f"worlds is {worlds} of {each / 1e6:.3g} MB each, more than the {free / 1e6:.4g} MB that are free on "
+            f"{device.alias}; allowed are up to {free // each}"
+        )
+
+
+def state_of(states: dict[str, wp.array], world: int) -> State:
+    """The State of one world: its row of every array."""
+    state = State()
+    for name, variable in State.vars.items():
+        if name not in OWNERS:
+            setattr(state, name, row_of(states[name], world))
+            continue
+        part = variable.type()
+        for each in variable.type.vars:
+            setattr(part, each, row_of(states[each], world))
+        setattr(state, name, part)
+    return state
+
+
+def row_of(rows: wp.array, world: int) -> wp.array:
+    """Row `world` of a (worlds, size) array; an empty row is an array of its own, which Warp's indexing lacks."""
+    return rows[world] if rows.shape[1] else wp.zeros(0, dtype=rows.dtype, device=rows.device)

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which colliders a body may meet in a frame: looked for once, so that those out of reach cost no particle anything.
+
+A box around the body with a margin is where its particles should stay in the frame, and the margin is how far each
+should go in a substep. For a particle that does both, the test of contact.py skips every collider that is not listed. A
+particle that does not asks all of them, so that the list saves work and decides nothing. What it touches then is listed
+for the rest of the frame: friction so far and forces are 0 of all colliders that are not.
+
+Kernels of scenes with few colliders have none of this: there every particle asks all.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.features.collider_contact.arrays import EXTENT, WORD
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, lowest_bit, pack, store_row, xyz
+
+FEW = 8  # colliders that every particle may ask: a list of them would cost as much
+_ALL = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
+_NONE = 1 << 30
+_FAR = wp.constant(1.0e30)
+_ROUNDING = wp.constant(1.0e-5)  # of a coordinate
+_ARC = wp.constant(2.23)  # most of an angle up to pi over the distance of its two unit quaternions
+
+
+@wp.struct
+class Near:
+    """The colliders that a body may meet: bits in `count` words from place `first` on, and for whom that holds.
+
+    bits: the first word, as it was when the stage began. middle, half: the box [m]. margin: the farthest way in a
+    substep [m]. some: whether a collider is not listed.
+    """
+
+    words: wp.array(dtype=wp.uint64)
+    first: int
+    count: int
+    bits: wp.uint64
+    middle: wp.vec3
+    half: wp.vec3
+    margin: float
+    some: bool
+
+
+@wp.func
+def words_for(colliders: int) -> int:
+    """The same in a kernel."""
+    return (colliders + wp.static(WORD - 1)) / wp.static(WORD)
+
+
+@wp.func
+def moved_of(c: ColliderMotion, share: float) -> wp.vec2:
+    """Bounds of how far [m] and by which angle [rad] a collider moves in a share of the frame."""
+    q0 = c.start_orientation
+    q1 = c.end_orientation
+    apart = wp.min(wp.length(q1 - q0), wp.length(q1 + q0))
+    return wp.vec2(share * wp.length(c.end_position - c.start_position), share * _ARC * apart)
+
+
+def make_near_of(listed: bool):
+    """A Warp function: what is listed for a body, for which a thread asks once a stage; or that nothing is listed."""
+
+    @wp.func
+    def near_of(ctx: Context) -> Near:
+        near = Near()
+        if wp.static(listed):
+            near.words = ctx.state.contact.near
+            near.count = words_for(ctx.colliders.shape[0])
+            near.first = ctx.body.index * near.count
+            near.bits = near.words[near.first]
+            near.some = ctx.state.contact.extents[wp.static(EXTENT) * ctx.body.index + 7] > 0.0
+            if near.some:
+                box = load_row(ctx.state.contact.boxes, 2 * ctx.body.index)
+                near.middle = xyz(box)
+                near.margin = box[3]
+                near.half = xyz(load_row(ctx.state.contact.boxes, 2 * ctx.body.index + 1))
+        return near
+
+    return near_of
+
+
+@wp.func
+def everything(words: wp.array(dtype=wp.uint64), body: int, colliders: int) -> Near:
+    """What is listed for a body where nothing was looked for: every particle strays."""
+    near = Near()
+    near.words = words
+    near.count = words_for(colliders)
+    near.first = body * near.count
+    near.some = True
+    near.half = wp.vec3(-1.0)
+    return near
+
+
+@wp.func
+def strays(near: Near, at: wp.vec3, d: wp.vec3) -> bool:
+    """Whether the list does not hold for a particle that comes to `at` by `d`; one that is not finite strays."""
+    if not near.some:
+        return False
+    off = at - near.middle
+    inside = wp.abs(off[0]) <= near.half[0] and wp.abs(off[1]) <= near.half[1] and wp.abs(off[2]) <= near.half[2]
+    return not (inside and wp.length_sq(d) <= near.margin * near.margin)
+
+
+@wp.func
+def next_of(c: int, near: Near, stray: bool) -> int:
+    """The collider behind c that a particle asks; behind the last, one that is not there."""
+    behind = c + 1
+    if stray or not near.some:
+        return behind
+    q = behind / wp.static(WORD)
+    if q >= near.count:
+        return wp.static(_NONE)
+    bits = near.bits
+    if q > 0:
+        bits = near.words[near.first + q]
+    bits &= _ALL << wp.uint64(behind % wp.static(WORD))
+    while bits == wp.uint64(0):
+        q += 1
+        if q == near.count:
+            return wp.static(_NONE)
+        bits = near.words[near.first + q]
+    return wp.static(WORD) * q + lowest_bit(bits)
+
+
+@wp.func
+def note(c: int, near: Near):
+    """Collider c touches the body: it is listed from now on, if any is not."""
+    if near.some:
+        bit = wp.uint64(1) << wp.uint64(c % wp.static(WORD))
+        if near.words[near.first + c / wp.static(WORD)] & bit == wp.uint64(0):
+            wp.atomic_or(near.words, near.first + c / wp.static(WORD), bit)
+
+
+def make_forget_contacts(listed: bool):
+    """The stage that begins a frame: no collider has touched the body yet."""
+    near_of = make_near_of(listed)
+
+    @wp.func
+    def forget_contacts(t: int, width: int, ctx: Context):
+        colliders, near = ctx.colliders.shape[0], near_of(ctx)
+        near.some = wp.static(listed)  # the words say what was listed; the rest is of the frame before
+        c = next_of(-1, near, False)
+        while c < colliders:
+            for i in range(t, ctx.body.count, width):
+                entry = (ctx.body.particles + i) * colliders + c
+                store_row(ctx.state.contact.contact_forces, entry, wp.vec4(0.0))
+                store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0))
+            c = next_of(c, near, False)
+        if wp.static(listed):
+            if t == 0:
+                for k in range(wp.static(EXTENT)):
+                    ctx.state.contact.extents[wp.static(EXTENT) * ctx.body.index + k] = wp.where(
+                        k < 3, _FAR, wp.where(k < 6, -_FAR, 0.0)
+                    )
+
+    return forget_contacts
+
+
+@wp.func
+def measure_extent(t: int, width: int, ctx: Context):
+    """The stage after it: how large the body is and how fast its particles are; no collider is listed."""
+    first = wp.static(EXTENT) * ctx.body.index
+    lo, high, square = wp.vec3(_FAR), wp.vec3(-_FAR), float(0.0)
+    for i in range(t, ctx.body.count, width):
+        x = xyz(load4(ctx.x, i))
+        lo, high = wp.min(lo, x), wp.max(high, x)
+        square = wp.max(square, wp.length_sq(xyz(load_row(ctx.state.velocities, ctx.body.particles + i))))
+    for k in range(3):
+        if lo[k] < ctx.state.contact.extents[first + k]:
+            wp.atomic_min(ctx.state.contact.extents, first + k, lo[k])
+        if high[k] > ctx.state.contact.extents[first + 3 + k]:
+            wp.atomic_max(ctx.state.contact.extents, first + 3 + k, high[k])
+    if square > ctx.state.contact.extents[first + 6]:
+        wp.atomic_max(ctx.state.contact.extents, first + 6, square)
+    words = words_for(ctx.colliders.shape[0])
+    for q in range(t, words, width):
+        ctx.state.contact.near[ctx.body.index * words + q] = wp.uint64(0)
+
+
+@wp.func
+def list_colliders(t: int, width: int, ctx: Context):
+    """The stage after that: which colliders a particle may meet in this frame that stays within the box."""
+    first = wp.static(EXTENT) * ctx.body.index
+    lo, high = wp.vec3(0.0), wp.vec3(0.0)
+    for k in range(3):
+        lo[k] = ctx.state.contact.extents[first + k]
+        high[k] = ctx.state.contact.extents[first + 3 + k]
+    substeps = float(ctx.frame.substeps)
+    # Half as far again as the fastest goes, and a little for what is at rest.
+    margin = 1.5 * ctx.frame.dt * substeps * wp.sqrt(ctx.state.contact.extents[first + 6]) + 0.05 * wp.length(high - lo)
+    near = Near()
+    near.words = ctx.state.contact.near
+    near.count = words_for(ctx.colliders.shape[0])
+    near.first = ctx.body.index * near.count
+    near.middle = 0.5 * (lo + high)
+    near.margin = margin
+    near.half = 0.5 * (high - lo) + wp.vec3(margin)
+    near.some = True
+    if t == 0:
+        store_row(ctx.state.contact.boxes, 2 * ctx.body.index, pack(near.middle, margin))
+        store_row(ctx.state.contact.boxes, 2 * ctx.body.index + 1, pack(near.half, 0.0))
+    for c in range(t, ctx.colliders.shape[0], width):
+        if may_meet(ctx.colliders[c], near, ctx.material.thickness, substeps):
+            note(c, near)
+        else:
+            ctx.state.contact.extents[first + 7] = 1.0
+
+
+@wp.func
+def may_meet(c: ColliderMotion, near: Near, thickness: float, substeps: float) -> bool:
+    """Whether contact.py's test need not skip a collider for all particles that do not stray.
+
+    Such a particle comes to a place at least `away` from all that the collider's origin passes. It goes by `path` at
+    most relative to it, and by the turn of the collider.
+    """
+    middle = 0.5 * (c.start_position + c.end_position) - near.middle
+    beyond = wp.vec3(0.0)
+    for k in range(3):
+        beyond[k] = wp.max(wp.abs(middle[k]) - near.half[k], 0.0)
+    moved = moved_of(c, 1.0 / substeps)
+    away = wp.length(beyond) - 0.5 * substeps * moved[0]
+    spin = 1.4143 * moved[1]  # of the Frobenius norm of a rotation minus the identity over its angle, at most
+    path = near.margin + moved[0]
+    slack = _ROUNDING * (wp.length(near.middle) + wp.length(near.half) + wp.length(middle) + path)
+    return spin >= 1.0 or away * (1.0 - spin) - path * (1.0 + spin) - slack < c.reach + thickness

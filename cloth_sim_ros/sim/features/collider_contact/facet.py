@@ -1,0 +1,346 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A triangle or segment in the axes of a collider: where it is deepest, and where a fast one is first touched.
+
+The signed distance of a convex shape is convex along a line. A triangle is searched as along lines from one side to the
+other, by the same search in both directions.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.colliders import make_is_beyond, make_is_hollow, make_signed_distance
+from cloth_sim_ros.sim.kernels.intrinsics import xyz
+
+_CUTS = 8  # evaluations between the ends of a line, at most
+_NEAR = 1.0e-5  # [m] the search ends where no point of the line can be deeper by more
+_SPREAD = 8  # steps along each side of a facet at whose ends shapes that are not convex are looked at, at most
+STEP = wp.constant(2.0)  # of the thickness: how far apart these are
+# Of the thickness: a facet that comes farther in a substep is looked at on its whole way.
+FAST = wp.constant(0.5)
+_FAR = wp.constant(1.0e30)  # [m]
+ADVANCES = 16  # steps of a facet towards a collider
+
+
+@wp.struct
+class Facet:
+    """Corners at the end of a substep and how far each came in it [m], in a collider's axes. A segment has its second
+    corner twice."""
+
+    a: wp.vec3
+    b: wp.vec3
+    c: wp.vec3
+    slip_a: wp.vec3
+    slip_b: wp.vec3
+    slip_c: wp.vec3
+    is_segment: bool
+
+
+@wp.struct
+class Line:
+    """The deepest point of a line: its fraction, the signed distance there [m], and a plane g, c.
+
+    At no point x is the distance below g.x + c, where the shape is convex. That is as large as `value` along the line
+    (Kelley 1960), so that g has no part along it unless the point is an end.
+    """
+
+    at: float
+    value: float
+    plane: wp.vec4
+
+
+@wp.struct
+class Deepest:
+    """The weights of the corners of the deepest point of a facet, the signed distance there [m], and such a plane."""
+
+    weights: wp.vec3
+    value: float
+    plane: wp.vec4
+
+
+@wp.func
+def tangent(p: wp.vec3, surface: wp.vec4) -> wp.vec4:
+    """The plane that the signed distance is not below, from its gradient and value at p."""
+    n = xyz(surface)
+    return wp.vec4(n[0], n[1], n[2], surface[3] - wp.dot(n, p))
+
+
+@wp.func
+def point_of(facet: Facet, weights: wp.vec3) -> wp.vec3:
+    """The point of these weights of the corners at the end of the substep."""
+    return weights[0] * facet.a + weights[1] * facet.b + weights[2] * facet.c
+
+
+@wp.func
+def slip_at(facet: Facet, weights: wp.vec3) -> wp.vec3:
+    """How far that point came in the substep [m]."""
+    return weights[0] * facet.slip_a + weights[1] * facet.slip_b + weights[2] * facet.slip_c
+
+
+@wp.func
+def back(facet: Facet, share: float) -> Facet:
+    """The facet where it was with a share of its way still to go."""
+    before = facet
+    before.a -= share * facet.slip_a
+    before.b -= share * facet.slip_b
+    before.c -= share * facet.slip_c
+    return before
+
+
+@wp.func
+def middle_of(facet: Facet) -> wp.vec3:
+    """The mean of its corners; of a segment its middle."""
+    if facet.is_segment:
+        return 0.5 * (facet.a + facet.b)
+    return (facet.a + facet.b + facet.c) / 3.0
+
+
+@wp.func
+def longest_way(facet: Facet) -> float:
+    """How far any point of it came in the substep, at most [m]."""
+    return wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
+
+
+@wp.func
+def farthest_of(facet: Facet) -> float:
+    """How far a point of it was from that middle in the substep, at most [m]."""
+    middle = middle_of(facet)
+    farthest = wp.max(wp.length(facet.a - middle), wp.max(wp.length(facet.b - middle), wp.length(facet.c - middle)))
+    return farthest + longest_way(facet)
+
+
+def make_least(shapes: tuple[str, ...]):
+    """A Warp function: a distance [m] than which no point of a facet is nearer to a collider of `shapes`, by one look.
+
+    It is that of the tangent of its middle, and tells nothing of what is not convex.
+    """
+    signed_distance, is_hollow = make_signed_distance(shapes), make_is_hollow(shapes)
+
+    @wp.func
+    def least(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> float:
+        if wp.static(is_hollow is not None):
+            if is_hollow(shape, data):
+                return -_FAR
+        middle = middle_of(facet)
+        plane = tangent(middle, signed_distance(shape, middle, size, data))
+        n = xyz(plane)
+        return plane[3] + wp.min(wp.dot(n, facet.a), wp.min(wp.dot(n, facet.b), wp.dot(n, facet.c)))
+
+    return least
+
+
+@wp.func
+def lowest(low: wp.vec3, high: wp.vec3) -> float:
+    """Where the tangents of two points (place, value, slope) meet: no value between them is below this."""
+    place = (high[1] - low[1] + low[2] * low[0] - high[2] * high[0]) / (low[2] - high[2])
+    return low[1] + low[2] * (place - low[0])
+
+
+@wp.func
+def cut(k: int, low: wp.vec3, high: wp.vec3) -> float:
+    """Where to look next between two points (place, value, slope) of a convex function, downhill at `low` and uphill at
+    `high`.
+
+    Where the tangents meet (Kelley 1960), which is a corner at once; in turn with where the slope would vanish if it
+    grew evenly, which is the lowest of a parabola at once.
+    """
+    place = (high[1] - low[1] + low[2] * low[0] - high[2] * high[0]) / (low[2] - high[2])
+    if k % 2 == 1:
+        place = (low[0] * high[2] - high[0] * low[2]) / (high[2] - low[2])
+    return wp.clamp(place, low[0], high[0])
+
+
+@wp.func
+def between(low: wp.vec3, high: wp.vec3, below: wp.vec4, above: wp.vec4) -> wp.vec4:
+    """The mean of the planes of two such points that slopes neither up nor down."""
+    share = high[2] / wp.max(high[2] - low[2], 1.0e-20)
+    return share * below + (1.0 - share) * above
+
+
+def make_along(shapes: tuple[str, ...]):
+    """A Warp function: the point of a line that is deepest in a collider of one of `shapes`."""
+    signed_distance = make_signed_distance(shapes)
+
+    @wp.func
+    def along(shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, e: wp.vec3) -> Line:
+        """The deepest point of the line from `start` to `start + e`."""
+        first = signed_distance(shape, start, size, data)
+        last = signed_distance(shape, start + e, size, data)
+        found = Line()
+        found.value = first[3]
+        found.plane = tangent(start, first)
+        low = wp.vec3(0.0, first[3], wp.dot(xyz(first), e))
+        high = wp.vec3(1.0, last[3], wp.dot(xyz(last), e))
+        if low[2] >= 0.0:
+            return found
+        below = found.plane
+        above = tangent(start + e, last)
+        if last[3] < first[3] or high[2] <= 0.0:
+            found.at = 1.0
+            found.value = last[3]
+        if high[2] <= 0.0:
+            found.plane = above
+            return found
+        k = int(0)
+        while k < wp.static(_CUTS) and found.value - lowest(low, high) > wp.static(_NEAR):
+            at = cut(k, low, high)
+            ctx = signed_distance(shape, start + at * e, size, data)
+            slope = wp.dot(xyz(ctx), e)
+            if ctx[3] < found.value:
+                found.at = at
+                found.value = ctx[3]
+            if slope < 0.0:
+                low = wp.vec3(at, ctx[3], slope)
+                below = tangent(start + at * e, ctx)
+            else:
+                high = wp.vec3(at, ctx[3], slope)
+                above = tangent(start + at * e, ctx)
+            k += 1
+        found.plane = between(low, high, below, above)
+        return found
+
+    return along
+
+
+@wp.func
+def slope_of(found: Line, u: float, facet: Facet) -> float:
+    """How the distance of the deepest point of a row (see make_deepest) changes with its place u."""
+    e = facet.b - facet.a
+    if found.at >= 0.5 * (1.0 - u):  # no part along the row but at its far end, which moves along the side c-b
+        e = facet.b - facet.c
+    return wp.dot(xyz(found.plane), e)
+
+
+def make_deepest(shapes: tuple[str, ...]):
+    """A Warp function: the Deepest point of a facet in a collider of `shapes`.
+
+    Of shapes that are not convex it is that of what the search finds and of points spread over the facet in steps of
+    `step` [m]. known: weights of a point that may be it, which then takes the place of the spread ones; or 0.
+    """
+    is_hollow = make_is_hollow(shapes)
+    return _make_search(shapes) if is_hollow is None else _or_spread(_make_search(shapes), shapes, is_hollow)
+
+
+def _or_spread(search, shapes: tuple[str, ...], is_hollow):
+    signed_distance = make_signed_distance(shapes)
+    is_beyond = make_is_beyond(shapes)
+
+    @wp.func
+    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
+        best = search(shape, size, data, facet, step, known)
+        if is_hollow(shape, data):
+            side = wp.max(
+                wp.length(facet.b - facet.a), wp.max(wp.length(facet.c - facet.b), wp.length(facet.a - facet.c))
+            )
+            steps = int(wp.clamp(wp.ceil(side / step), 2.0, wp.static(float(_SPREAD))))
+            is_known = wp.max(known) > 0.0
+            count = wp.where(is_known, 1, (steps + 1) * (steps + 1))
+            k = int(0)
+            while k < count:
+                i, j = k / (steps + 1), k % (steps + 1)
+                k += 1
+                if i + j > steps or (facet.is_segment and j > 0):
+                    continue
+                u, v = float(i) / float(steps), float(j) / float(steps)
+                weights = wp.where(is_known, known, wp.vec3(1.0 - u - v, u, v))
+                p = point_of(facet, weights)
+                if wp.static(is_beyond is not None):
+                    if is_beyond(shape, p, best.value, data):
+                        continue
+                ctx = signed_distance(shape, p, size, data)
+                if ctx[3] < best.value:
+                    best.weights = weights
+                    best.value = ctx[3]
+                    best.plane = tangent(p, ctx)
+        return best
+
+    return deepest
+
+
+def _make_search(shapes: tuple[str, ...]):
+    signed_distance, along = make_signed_distance(shapes), make_along(shapes)
+
+    @wp.func
+    def row(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, u: float) -> Line:
+        """The deepest point of the line of a triangle at the share u of the way from its side a-c to b."""
+        found = along(shape, size, data, facet.a + u * (facet.b - facet.a), (1.0 - u) * (facet.c - facet.a))
+        found.at *= 1.0 - u
+        return found
+
+    @wp.func
+    def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
+        # Of a segment the first row is all there is. One loop for the first row and those between it and the tip: the
+        # compiler then has the search along a row once.
+        u = float(0.0)
+        low = wp.vec3(0.0)
+        high = wp.vec3(0.0)
+        below = wp.vec4(0.0)
+        above = wp.vec4(0.0)
+        best = Deepest()
+        k = int(0)
+        while k <= wp.static(_CUTS):
+            ctx = row(shape, size, data, facet, u)
+            slope = slope_of(ctx, u, facet)
+            if k == 0 or ctx.value < best.value:
+                best.weights = wp.vec3(1.0 - u - ctx.at, u, ctx.at)
+                best.value = ctx.value
+            if k == 0:
+                best.plane = ctx.plane
+                if facet.is_segment:
+                    best.weights = wp.vec3(1.0 - ctx.at, ctx.at, 0.0)
+                    return best
+                if slope >= 0.0:
+                    return best
+                tip = signed_distance(shape, facet.b, size, data)
+                above = tangent(facet.b, tip)
+                # Uphill to the tip in both sides that meet there, or nothing of the triangle lies deeper than it.
+                rise = wp.max(wp.dot(xyz(tip), facet.b - facet.a), wp.dot(xyz(tip), facet.b - facet.c))
+                if tip[3] < best.value or rise <= 0.0:
+                    best.weights = wp.vec3(0.0, 1.0, 0.0)
+                    best.value = tip[3]
+                if rise <= 0.0:
+                    best.plane = above
+                    return best
+                high = wp.vec3(1.0, tip[3], rise)
+            if slope < 0.0:
+                low = wp.vec3(u, ctx.value, slope)
+                below = ctx.plane
+            else:
+                high = wp.vec3(u, ctx.value, slope)
+                above = ctx.plane
+            best.plane = between(low, high, below, above)
+            if best.value - lowest(low, high) <= wp.static(_NEAR):
+                return best
+            u = cut(k, low, high)
+            k += 1
+        return best
+
+    return search
+
+
+def make_touched(shapes: tuple[str, ...]):
+    """A Warp function: the point of a facet that a collider of `shapes` met first in the substep.
+
+    Where it met none, or came by less than FAST of its thickness, it is the deepest one at the end. known: see
+    make_deepest.
+
+    By conservative advancement: no point can come nearer than by its own way.
+    """
+    deepest = make_deepest(shapes)
+
+    @wp.func
+    def touched(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
+        way = longest_way(facet)
+        left = wp.where(way > FAST * thickness, 1.0, 0.0)
+        found = Deepest()
+        gap = float(1.0)
+        count = int(0)
+        # The last turn is at the end of its way: the compiler then has the search once.
+        while count <= wp.static(ADVANCES) and gap > 1.0e-3 * thickness:
+            found = deepest(shape, size, data, back(facet, left), STEP * thickness, known)
+            gap = 0.0
+            if left > 0.0:
+                gap = found.value - thickness
+                left = wp.max(left - wp.max(gap, 0.0) / way, 0.0)
+            count += 1
+        return found
+
+    return touched

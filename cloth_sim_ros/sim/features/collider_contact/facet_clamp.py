@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What lets no facet through a collider within a substep, whatever pulls at it.
+
+A facet and a convex collider begin a substep on two sides of a plane between their nearest points. Where the facet
+would come through the collider's surface, its corners stop at the plane (divide and truncate, Chen et al. 2025, Offset
+geometric contact). The plane moves with the collider. Of a collider that is not convex it is the plane of its surface
+where the facet first touches it.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.colliders import make_is_hollow
+from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
+from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of
+from cloth_sim_ros.sim.features.collider_contact.facet import ADVANCES, STEP, back, longest_way, make_deepest
+from cloth_sim_ros.sim.features.collider_contact.facet_place import (
+    corners_of,
+    facet_of,
+    is_far,
+    is_stray,
+    moved_since,
+    slip_of_particle,
+)
+from cloth_sim_ros.sim.features.collider_contact.particle import Met, add_force, length_of
+from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, store_row, xyz
+
+# Bits of State.pressed: a particle of a facet that is pressed or fast, the same behind that stage, and one that stops.
+PRESSED, MOVED, STOPS = wp.constant(1), wp.constant(2), wp.constant(4)
+# Of how far a facet is from a collider, and of its thickness, what no substep takes away.
+_LEFT, _LEAST = wp.constant(0.1), wp.constant(0.1)
+
+
+@wp.func
+def mark(corners: wp.vec3i, bit: int, ctx: Context):
+    """Set a bit of all corners of a facet, as others may too at the same time."""
+    for k in range(3):
+        slot = ctx.body.particles + corners[k]
+        ctx.state.contact.pressed[slot] = ctx.state.contact.pressed[slot] | bit
+
+
+@wp.func
+def _least(apart: float, thickness: float) -> float:
+    """How near a facet that is `apart` [m] from a collider may come to it [m]."""
+    return wp.max(_LEFT * apart, wp.min(_LEAST * thickness, apart))
+
+
+@wp.func
+def _given_up(start: wp.vec3, slip: wp.vec3, plane: wp.vec4, least: float) -> float:
+    """The share of its way that a corner gives up in order to stay in front of a plane by `least` [m]."""
+    goes, has = -wp.dot(xyz(plane), slip), wp.max(wp.dot(xyz(plane), start) + plane[3] - least, 0.0)
+    return wp.where(goes > has, 1.0 - has / wp.max(goes, 1.0e-30), 0.0)
+
+
+def _make_given_up(shapes: tuple[str, ...]):
+    """A Warp function: the shares of their ways that the corners of a facet give up for one collider."""
+    deepest, is_hollow = make_deepest(shapes), make_is_hollow(shapes)
+
+    @wp.func
+    def given_up(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context) -> wp.vec3:
+        """They are 0 where it does not come through, or was inside before, as in a soft collider.
+
+        What is pressed stays in front of the plane in any case, so that it also does where others hold a corner back.
+        """
+        none = wp.vec3(0.0)
+        hollow = bool(False)
+        if wp.static(is_hollow is not None):
+            hollow = is_hollow(collider.shape, collider.data)
+        facet, thickness = facet_of(corners, ctx, sweep), ctx.material.thickness
+        way, look = longest_way(facet), ctx.state.contact.looks[entry]
+        # How far off it was when the substep began, or less.
+        off = wp.where(look.known == 1, look.value - moved_since(look, facet) - way, 0.0)
+        if collider.compliance > 0.0 or way <= off - _least(off, thickness):
+            return none
+        pressed = ctx.state.contact.presses[entry].when == ctx.substep
+        left, count = float(1.0), int(0)
+        plane = wp.vec4(0.0)
+        apart = float(0.0)
+        # No point can come nearer than by its own way (conservative advancement).
+        while count < wp.static(ADVANCES):
+            was = back(facet, left)
+            found = deepest(collider.shape, collider.size, collider.data, was, STEP * thickness, none)
+            if count == 0 or hollow:
+                plane = found.plane
+                apart = wp.max(found.value, 0.0)
+            if (count == 0 and found.value <= 0.0) or left * way < found.value:
+                return none
+            if pressed or (count > 0 and found.value < 1.0e-3 * thickness):
+                break
+            left -= found.value / way
+            count += 1
+        start, least = back(facet, 1.0), _least(apart, thickness)
+        return wp.vec3(
+            _given_up(start.a, facet.slip_a, plane, least),
+            _given_up(start.b, facet.slip_b, plane, least),
+            _given_up(start.c, facet.slip_c, plane, least),
+        )
+
+    return given_up
+
+
+def make_facet_clamp(features: Features):
+    """The stage that finds which facets come through a collider, and what their corners give up of their ways: thread
+    t of `width` its share."""
+    given_up, near_of = _make_given_up(features.shapes), make_near_of(features.listed)
+
+    @wp.func
+    def stop(t: int, width: int, ctx: Context):
+        if ctx.state.contact.facets_moved_in[ctx.body.index] != ctx.substep + 1:
+            return
+        colliders, near, first = ctx.colliders.shape[0], near_of(ctx), ctx.body.particles
+        for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
+            corners, moved = corners_of(k, ctx), int(0)
+            for q in range(3):
+                moved |= ctx.state.contact.pressed[first + corners[q]]
+            if moved & MOVED != 0 and corners[0] != corners[1]:
+                stray = is_stray(corners, near, ctx)
+                c = next_of(-1, near, stray)
+                while c < colliders:
+                    sweep = ctx.state.contact.sweeps[ctx.sweep + c]
+                    if not is_far(corners, ctx, ctx.colliders[c], sweep):
+                        entry = k * colliders + c
+                        shares = given_up(corners, entry, ctx.colliders[c], sweep, ctx)
+                        if wp.max(shares) > 0.0:
+                            ctx.state.contact.presses[entry].stops = shares
+                            ctx.state.contact.presses[entry].stopped = ctx.substep
+                            mark(corners, STOPS, ctx)
+                    c = next_of(c, near, stray)
+
+    return stop
+
+
+def make_give_up_way(features: Features):
+    """The stage behind it: particle i gives up as much of its way as any of its facets has found."""
+
+    @wp.func
+    def stay(i: int, met: Met, ctx: Context):
+        marks = ctx.state.contact.pressed[met.slot]
+        if marks == 0:
+            return
+        ctx.state.contact.pressed[met.slot] = 0
+        if marks & STOPS == 0 or load4(ctx.d, i)[3] == 0.0:
+            return
+        colliders, most, of = ctx.colliders.shape[0], float(0.0), int(0)
+        for place in range(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1]):
+            q = ctx.model.particle_panels[place]
+            corners = corners_of(q, ctx)
+            corner = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
+            for c in range(colliders):
+                press = ctx.state.contact.presses[q * colliders + c]
+                if press.stopped == ctx.substep and press.stops[corner] > most:
+                    most, of = press.stops[corner], c
+        sweep, packed = ctx.state.contact.sweeps[ctx.sweep + of], load4(ctx.d, i)
+        less = -most * (wp.transpose(sweep.to_local) * slip_of_particle(i, ctx, sweep))
+        moved = xyz(packed) + less
+        store4(ctx.d, i, pack(moved, packed[3]))
+        add_force(met.forces, met.slot * colliders + of, (met.share / packed[3]) * less)
+        if wp.static(features.order == 2):
+            # BDF2 carries its past on. As if it had moved like this before, it does not bounce.
+            moved -= xyz(load4(ctx.position_lo, i))
+            met.last_displacements[met.slot] = moved
+            store_row(met.velocities, met.slot, pack(moved / length_of(ctx.step), 0.0))
+
+    return stay

@@ -1,0 +1,346 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contact of a surface between its particles: triangles of cloth and segments of ropes against colliders.
+
+Each facet finds by itself how its deepest point is to be pushed out, with friction. Then each particle gathers what its
+facets ask for. No order of facets matters, so that all of them go at once.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.colliders import make_is_beyond
+from cloth_sim_ros.sim.features.collider_contact.arrays import Look, Press, Sweep
+from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of, note
+from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
+from cloth_sim_ros.sim.features.collider_contact.facet import (
+    FAST,
+    Deepest,
+    Facet,
+    farthest_of,
+    longest_way,
+    make_least,
+    make_touched,
+    middle_of,
+    point_of,
+    slip_at,
+)
+from cloth_sim_ros.sim.features.collider_contact.facet_clamp import MOVED, PRESSED, mark
+from cloth_sim_ros.sim.features.collider_contact.facet_place import (
+    corners_of,
+    facet_of,
+    is_close,
+    is_far,
+    is_stray,
+    moved_since,
+)
+from cloth_sim_ros.sim.features.collider_contact.particle import (
+    CARRIED,
+    NOISE,
+    Met,
+    Push,
+    add_force,
+    forget,
+    least_mass,
+    make_touch,
+    pace,
+    with_push,
+)
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
+from cloth_sim_ros.sim.physics.friction import friction_correction, outward
+
+# Of the largest inverse mass: what a push beside a pinned or heavy corner divides by, so that no other is ever thrown
+# farther than four times the gap.
+LEAST_SHARE = wp.constant(0.25)
+# Of the facets around a particle, how many count as touching at once. If all did, they would lie deep; of half as many,
+# a cloth over a rail shakes by 1e-6 J/kg.
+_TOUCH_AT_ONCE = wp.constant(0.67)
+# Of the thickness: of a facet that has moved by less, what is not convex is deepest near where it was.
+_STILL = wp.constant(0.02)
+LONG_AGO = wp.constant(-2)  # no substep that the next one could go on from
+# A point this near to a corner is what the corner's own contact has seen to.
+CORNER = wp.constant(0.999)
+
+
+@wp.func
+def facets_around(i: int, ctx: Context) -> float:
+    """How many facets particle i is a corner of."""
+    slot = ctx.body.particles + i
+    return float(ctx.model.panel_start[slot + 1] - ctx.model.panel_start[slot])
+
+
+@wp.func
+def yielding(corners: wp.vec3i, weights: wp.vec3, ctx: Context) -> float:
+    """The inverse mass of a point of a facet [1/kg], 0 where nothing of it can move.
+
+    The facets around a particle share its mass (mass splitting, Tonge et al. 2012). What each needs may then be added
+    up, and moves it no farther than one alone would. Pushed farther, a cloth that lies over a rail would shake.
+    """
+    sum = float(0.0)
+    most = float(0.0)
+    for k in range(3):
+        facets = wp.max(_TOUCH_AT_ONCE * facets_around(corners[k], ctx), 1.0)
+        w = facets * load4(ctx.d, corners[k])[3]
+        sum += weights[k] * weights[k] * w
+        most = wp.max(most, w)
+    return wp.max(sum, LEAST_SHARE * most)
+
+
+@wp.func
+def points_of(corners: wp.vec3i, ctx: Context) -> float:
+    """As how many points a facet counts in a soft collider: its share of each corner, which is one point."""
+    points = float(0.0)
+    for k in range(3):
+        if k < 2 or corners[2] != corners[1]:
+            points += 1.0 / facets_around(corners[k], ctx)
+    return points
+
+
+@wp.func
+def looked(facet: Facet, found: Deepest) -> Look:
+    """What is found now."""
+    look = Look()
+    look.a = facet.a
+    look.b = facet.b
+    look.c = facet.c
+    look.weights = found.weights
+    look.value = found.value
+    look.known = 1
+    return look
+
+
+def make_touched_in(features: Features):
+    """A Warp function: the weights of the point of a facet that touches one collider; 0 where none can."""
+    touched, is_beyond = make_touched(features.shapes), make_is_beyond(features.shapes)
+    least = make_least(features.shapes)
+
+    @wp.func
+    def touched_in(facet: Facet, entry: int, collider: ColliderMotion, ctx: Context) -> wp.vec3:
+        thickness, way = ctx.material.thickness, longest_way(facet)
+        look = ctx.state.contact.looks[entry]
+        moved = moved_since(look, facet)
+        # No point has come nearer than by its way, nor was it nearer in between.
+        if look.known == 1 and look.value - moved - way >= thickness:
+            return wp.vec3(0.0)
+        if wp.static(is_beyond is not None):
+            if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
+                return wp.vec3(0.0)
+        slow = way <= FAST * thickness
+        if slow:
+            found = Deepest()
+            found.value = least(collider.shape, collider.size, collider.data, facet)
+            if found.value >= thickness - NOISE:  # as of most that lies on a flat face
+                ctx.state.contact.looks[entry] = looked(facet, found)
+                return wp.vec3(0.0)
+        known = wp.vec3(0.0)
+        if look.known == 1 and moved <= _STILL * thickness and slow:
+            known = look.weights
+        found = touched(collider.shape, collider.size, collider.data, facet, thickness, known)
+        if slow:  # else that is where it met the collider first
+            if wp.max(known) == 0.0:
+                ctx.state.contact.looks[entry] = looked(facet, found)
+            else:
+                ctx.state.contact.looks[entry].weights = found.weights
+            if found.value >= thickness - NOISE:
+                return wp.vec3(0.0)
+        return found.weights
+
+    return touched_in
+
+
+def make_press_on(features: Features):
+    """A Warp function: how a facet is to be pushed out of one collider, with friction, after what it was told `last`.
+
+    A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
+    """
+    meet, touched_in = make_ccd(features.shapes), make_touched_in(features)
+
+    @wp.func
+    def press_on(
+        corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, last: Press, ctx: Context
+    ) -> Press:
+        press = Press()
+        facet = facet_of(corners, ctx, sweep)
+        thickness = ctx.material.thickness
+        weights = touched_in(facet, entry, collider, ctx)
+        w = yielding(corners, weights, ctx)
+        if wp.max(weights) == 0.0 or wp.max(weights) > CORNER or w == 0.0:
+            return press
+        slip = slip_at(facet, weights)
+        apart = pace(collider, ctx.step)
+        touching = meet(collider.shape, collider.size, collider.data, point_of(facet, weights), slip, thickness, apart)
+        if touching[3] >= -NOISE:  # its corners are outside; what is left may be rounding
+            return press
+        before = wp.vec4(0.0)
+        if last.when == ctx.substep:
+            before = last.so_far
+        n = xyz(touching)
+        softness = collider.compliance * ctx.step.inverse_square / (w * points_of(corners, ctx))
+        more = outward(touching[3], w * before[3], softness) / w
+        pressed = before[3] + more
+        mu_s = wp.sqrt(ctx.material.static_friction * collider.static_friction)
+        mu_k = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction)
+        press.stuck = last.stuck
+        press.anchor = last.anchor
+        if last.when < ctx.substep - 1 or wp.max(last.stuck) == 0.0:
+            press.stuck = weights
+            press.anchor = point_of(facet, weights) - slip
+        # Friction acts where it is measured.
+        press.rubbed = press.stuck
+        w_rubbed = yielding(corners, press.rubbed, ctx)
+        slid = point_of(facet, press.stuck) - press.anchor
+        slid -= wp.dot(slid, n) * n
+        rubbed_before = w_rubbed * (xyz(before) - wp.dot(xyz(before), n) * n)
+        rubbed = friction_correction(slid, rubbed_before, w_rubbed * pressed, mu_s, mu_k)
+        if wp.length_sq(rubbed - (rubbed_before - slid)) > 0.0:
+            press.stuck = wp.vec3(0.0)
+        press.weights = weights
+        press.normal = wp.transpose(sweep.to_local) * n
+        press.push = more * press.normal
+        press.rub = wp.transpose(sweep.to_local) * ((rubbed - rubbed_before) / w_rubbed)
+        press.so_far = pack(rubbed / w_rubbed, pressed)
+        return press
+
+    return press_on
+
+
+def make_press(features: Features):
+    """The stage that finds how the facets of a body are to be pushed out of all colliders: thread t of `width` its
+    share."""
+    press_on, near_of = make_press_on(features), make_near_of(features.listed)
+
+    @wp.func
+    def press(t: int, width: int, ctx: Context):
+        colliders, near = ctx.colliders.shape[0], near_of(ctx)
+        for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
+            corners = corners_of(k, ctx)
+            whole = bool(True)
+            if wp.static(features.tears):
+                whole = corners[0] != corners[1]  # a triangle that failed
+            if whole and is_close(corners, ctx):
+                stray = is_stray(corners, near, ctx)
+                c = next_of(-1, near, stray)
+                while c < colliders:
+                    entry = k * colliders + c
+                    last = ctx.state.contact.presses[entry]
+                    found = Press()
+                    sweep = ctx.state.contact.sweeps[ctx.sweep + c]
+                    if not is_far(corners, ctx, ctx.colliders[c], sweep):
+                        found = press_on(corners, entry, ctx.colliders[c], sweep, last, ctx)
+                        if longest_way(facet_of(corners, ctx, sweep)) > FAST * ctx.material.thickness:
+                            mark(corners, PRESSED, ctx)  # another point of it may come through, see stop.py
+                    if wp.max(found.weights) > 0.0:
+                        found.when = ctx.substep
+                        ctx.state.contact.presses[entry] = found
+                        note(c, near)
+                        mark(corners, PRESSED, ctx)
+                    elif last.when == ctx.substep:
+                        ctx.state.contact.presses[entry].push = wp.vec3(
+                            0.0
+                        )  # by an earlier iteration, which was enough
+                        ctx.state.contact.presses[entry].rub = wp.vec3(0.0)
+                    c = next_of(c, near, stray)
+
+    return press
+
+
+@wp.func
+def share_in(q: int, i: int, c: int, ctx: Context) -> wp.vec3:
+    """What particle i takes of the push on facet q by collider c [kg m]."""
+    press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
+    if press.when != ctx.substep:
+        return wp.vec3(0.0)
+    corners = corners_of(q, ctx)
+    place = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
+    return press.weights[place] * press.push + press.rubbed[place] * press.rub
+
+
+@wp.func
+def wanted_of(i: int, c: int, ctx: Context) -> wp.vec3:
+    """The correction over the inverse mass [kg m] that all facets around particle i want of it for collider c."""
+    slot = ctx.body.particles + i
+    sum = wp.vec3(0.0)
+    for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
+        sum += share_in(ctx.model.particle_panels[place], i, c, ctx)
+    return sum
+
+
+@wp.func
+def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
+    """The mean normal of a collider at the facets around particle i, each weighed by its push."""
+    slot = ctx.body.particles + i
+    normal = wp.vec3(0.0)
+    for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
+        q = ctx.model.particle_panels[place]
+        share = share_in(q, i, c, ctx)
+        normal += wp.length(share) * ctx.state.contact.presses[q * ctx.colliders.shape[0] + c].normal
+    return wp.normalize(normal)
+
+
+def make_yield(features: Features):
+    """The stage that moves particle i as its facets are pressed."""
+    least, touch = least_mass(features), make_touch(features)
+
+    @wp.func
+    def give_way(i: int, met: Met, ctx: Context):
+        packed = load4(ctx.d, i)
+        w = packed[3]
+        if w <= wp.static(least) * load4(ctx.x, i)[3]:
+            return
+        marks = ctx.state.contact.pressed[met.slot]
+        if marks & PRESSED == 0:
+            return
+        ctx.state.contact.pressed[met.slot] = MOVED
+        ctx.state.contact.facets_moved_in[ctx.body.index] = ctx.substep + 1
+        displacement = xyz(packed)
+        touched, last = bool(False), int(0)
+        push = Push()
+        c = next_of(-1, met.near, False)
+        while c < ctx.colliders.shape[0]:
+            correction = w * wanted_of(i, c, ctx)
+            if wp.length_sq(correction) > 0.0:
+                displacement += correction
+                last = c
+                entry = met.slot * ctx.colliders.shape[0] + c
+                add_force(met.forces, entry, (met.share / w) * correction)
+                touched = True
+                if wp.static(features.order == 2):
+                    n = normal_at(i, c, ctx)
+                    motion = ctx.state.contact.sweeps[ctx.sweep + c].motion
+                    push = with_push(push, n, wp.dot(correction, n), motion, entry)
+            c = next_of(c, met.near, False)
+        if touched:
+            store4(ctx.d, i, pack(displacement, w))
+            if wp.static(features.order == 2):
+                moved = displacement - xyz(load4(ctx.position_lo, i))
+                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
+            # Its facets may have moved it into a collider: it has the last word.
+            met.carries = False
+            touch(i, met, ctx, 0.0)
+            if wp.static(features.supported):
+                by = (CARRIED * ctx.step.inverse_square) * (xyz(load4(ctx.d, i)) - xyz(packed))
+                support = load_row(ctx.state.contact.supports, met.slot)
+                store_row(ctx.state.contact.supports, met.slot, pack(xyz(support) + by, float(last + 1)))
+
+    return give_way
+
+
+def make_carry_presses(features: Features):
+    """The stage that begins a frame: what facets were asked for in its last substep is what the first goes on from."""
+    near_of = make_near_of(features.listed)
+
+    @wp.func
+    def carry_presses(t: int, width: int, ctx: Context):
+        colliders, near = ctx.colliders.shape[0], near_of(ctx)
+        c = next_of(-1, near, False)
+        while c < colliders:
+            for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
+                entry = k * colliders + c
+                was = ctx.state.contact.presses[entry].when
+                ctx.state.contact.presses[entry].when = wp.where(was == ctx.frame.substeps - 1, -1, LONG_AGO)
+                ctx.state.contact.presses[entry].stopped = LONG_AGO
+                ctx.state.contact.looks[entry].known = 0
+            c = next_of(c, near, False)
+
+    return carry_presses

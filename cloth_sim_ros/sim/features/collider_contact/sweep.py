@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Motion of colliders within a substep, and how far a point slips along one."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
+
+
+@wp.func
+def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
+    """The motion of a collider between two fractions of the frame; a resting one does not turn by rounding."""
+    sweep = Sweep()
+    q0 = c.start_orientation
+    q1 = c.start_orientation
+    moves = wp.length_sq(c.start_orientation - c.end_orientation) > 0.0
+    if moves:
+        q0 = wp.quat_slerp(c.start_orientation, c.end_orientation, before)
+        q1 = wp.quat_slerp(c.start_orientation, c.end_orientation, after)
+    sweep.to_local = wp.transpose(wp.quat_to_matrix(q1))
+    if moves:
+        sweep.turn = sweep.to_local - wp.transpose(wp.quat_to_matrix(q0))
+        sweep.spin = wp.sqrt(wp.ddot(sweep.turn, sweep.turn))
+    sweep.motion = (c.end_position - c.start_position) * (after - before)
+    sweep.position = c.start_position + (c.end_position - c.start_position) * after
+    return sweep
+
+
+@wp.func
+def slip_of(start: wp.vec3, moved: wp.vec3, sweep: Sweep) -> wp.vec3:
+    """How far a point that moved [m] came in the axes of a collider, without the difference of two large positions.
+
+    start: where it was when the substep began, from where the collider ends [m]. Of a collider that turns by T and
+    moves by u it is R^T_end (moved - u) + T (start + u), as the collider itself began at -u.
+    """
+    return sweep.to_local * (moved - sweep.motion) + sweep.turn * (start + sweep.motion)

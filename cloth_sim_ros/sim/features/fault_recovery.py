@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The watch over every body at the end of a frame: what is not finite or ran away is put back, and it alone.
+
+A body in which any particle is bad returns to where all of them were last good (rounded to float32). It is at rest
+there, with its history and multipliers forgotten. Velocities are not kept, or the same runaway would come again. Where
+it comes again from there, frame after frame, that state was not good: the body then returns to its rest shape. Other
+bodies never notice.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Features, Model
+from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store_row
+
+FARTHEST = wp.constant(1.0e6)  # [m] from the origin
+FASTEST = wp.constant(1.0e5)  # [m/s]
+RELAPSES = wp.constant(3)  # frames in a row after which a state that was good is so no longer
+
+
+@wp.func
+def find_fault(i: int, ctx: Context):
+    """Note whether particle i is bad."""
+    if not is_good(load4(ctx.x, i), load_row(ctx.state.velocities, ctx.body.particles + i)):
+        ctx.state.faulty[ctx.body.index] = 1
+
+
+def make_settle(features: Features):
+    """The stage that keeps particle i and what a rope carries at it, or puts them back."""
+
+    @wp.func
+    def settle(i: int, ctx: Context):
+        s = ctx.state
+        g = ctx.body.particles + i
+        if s.faulty[ctx.body.index] == 0:
+            keep(g, load4(ctx.x, i), load4(ctx.position_lo, i), s)
+            return
+        put_back(g, s.relapses[ctx.body.index], ctx.model, s)
+        if wp.static(features.chain):
+            s.rope.chain_forces[g] = wp.vec3(0.0)
+            if wp.static(features.supported):
+                s.contact.supports[g] = wp.vec4(0.0)
+            k = ctx.body.segments + i
+            if k < ctx.body.segments_end:
+                s.rope.tensions[k] = 0.0
+                if wp.static(features.beam):
+                    s.rope.moments[k] = wp.vec3(0.0)
+                if wp.static(features.twist):
+                    s.twist.couples[k] = wp.vec3(0.0)
+
+    return settle
+
+
+def make_count(features: Features):
+    """The stage that ends a frame: counts a fault, keeps or puts back twist and winch, tells the history."""
+
+    @wp.func
+    def count(i: int, ctx: Context):
+        s, b = ctx.state, ctx.body.index
+        faulty = s.faulty[b] == 1
+        if wp.static(features.twist):
+            if faulty:
+                s.twist.twists[b] = s.twist.good_twists[b]
+            else:
+                s.twist.good_twists[b] = s.twist.twists[b]
+        if wp.static(features.winch):
+            if faulty:
+                s.winch.winches[b] = s.winch.good_winches[b]
+            else:
+                s.winch.good_winches[b] = s.winch.winches[b]
+        count_fault(b, s)
+        if wp.static(features.looks_back):
+            n = ctx.frame.substeps
+            smooth = s.events[2 * b + (n - 1) % 2] != n
+            s.history[b] = wp.where(smooth and not faulty, 1, 0)
+            s.events[2 * b] = 0
+            s.events[2 * b + 1] = 0
+
+    return count
+
+
+@wp.func
+def is_good(position: wp.vec4, velocity: wp.vec4) -> bool:
+    """Whether a particle is finite and within bounds; written so that NaN is not."""
+    size = wp.abs(position[0]) + wp.abs(position[1]) + wp.abs(position[2])
+    speed = wp.abs(velocity[0]) + wp.abs(velocity[1]) + wp.abs(velocity[2])
+    return size < FARTHEST and speed < FASTEST
+
+
+@wp.func
+def keep(g: int, position: wp.vec4, lo: wp.vec4, s: State):
+    """Particle g of the batch is at `position` plus `position_lo`, and its body is good."""
+    store_row(s.positions, g, position)
+    store_row(s.good_positions, g, position)
+    store_row(s.position_lo, g, lo)
+
+
+@wp.func
+def count_fault(b: int, s: State) -> bool:
+    """Whether body b was put back in this frame, counted; the next one starts without a fault."""
+    faulty = s.faulty[b]
+    s.recoveries[b] += faulty
+    s.relapses[b] = faulty * (s.relapses[b] + 1)
+    s.faulty[b] = 0
+    return faulty == 1
+
+
+@wp.func
+def put_back(g: int, relapses: int, m: Model, s: State):
+    """Particle g of the batch goes back to where it was last good, at rest, or was at first after too many
+    `relapses`."""
+    if relapses >= RELAPSES:
+        rest = m.rest[g]
+        s.good_positions[g] = wp.vec4(rest[0], rest[1], rest[2], s.good_positions[g][3])
+    store_row(s.positions, g, load_row(s.good_positions, g))
+    store_row(s.position_lo, g, wp.vec4(0.0))
+    store_row(s.velocities, g, wp.vec4(0.0))

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stages of a substep besides the constraints, one function an element, made for the features of a batch.
+
+Every executor runs: sweep and panels, then predict, then per iteration (constraints, chain, contact), then finish.
+Particle indices count within the body; x, low and d are addresses of its positions, of what float32 lost of them, and
+of its displacements (intrinsics.py).
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import Material
+from cloth_sim_ros.sim.features.air.panels import make_push
+from cloth_sim_ros.sim.features.plate.bending import make_bending_force
+from cloth_sim_ros.sim.kernels.intrinsics import (
+    array_address,
+    divide,
+    inverse_root,
+    load4,
+    load_pair,
+    load_row,
+    pack,
+    quotient,
+    store4,
+    store_row,
+    xyz,
+)
+from cloth_sim_ros.sim.physics.distance import SHORTEST
+from cloth_sim_ros.sim.physics.integrate import (
+    LEAST_SHARE,
+    MOST_ASIDE,
+    MOST_TAUT,
+    MOST_TURNED,
+    MOST_WEIGHTS,
+    Step,
+    carried,
+    eased_by,
+    predict_displacement,
+    share_of_inverse_mass,
+    split_sum,
+)
+from cloth_sim_ros.sim.scene.forces import make_pull
+
+
+@wp.func
+def spring_constants(material: Material) -> wp.vec3:
+    """Constants [N/m] of structural, shear and bending springs of scale 1."""
+    c = material.compliance
+    return wp.vec3(1.0 / wp.max(c[0], 1.0e-30), 1.0 / wp.max(c[1], 1.0e-30), 1.0 / wp.max(c[2], 1.0e-30))
+
+
+@wp.func
+def constant_of_spring(kind: wp.vec4, constants: wp.vec3) -> float:
+    """The constant [N/m] of a spring of type `kind` (Model.spring_types)."""
+    return wp.where(kind[2] == 0.0, constants[0], wp.where(kind[2] == 1.0, constants[1], constants[2])) * kind[1]
+
+
+@wp.func
+def force_of_spring(e: wp.vec3, rest: float, constant: float, lost: float, damping: float, apart: wp.vec3) -> wp.vec3:
+    """The force [N] of the spring and dashpot along e [m] on the particle where e begins; `apart` is de/dt [m/s].
+
+    lost: what float32 lost of the rest length, over it. It would strain all springs of a grid alike, by up to 6e-8, a
+    thousandth of what its own weight does to a stiff sheet.
+    """
+    inverse = inverse_root(wp.max(wp.dot(e, e), SHORTEST * SHORTEST))
+    pull = (1.0 - rest * inverse) - lost
+    if damping > 0.0:
+        pull += damping * wp.dot(e, apart) * inverse * inverse
+    return (constant * pull) * e
+
+
+@wp.func
+def spring_force(i: int, ctx: Context, v: wp.vec3) -> wp.vec3:
+    """The force of all springs and dashpots around particle i [N], gathered, for explicit methods."""
+    xi = load4(ctx.x, i)
+    li = load4(ctx.position_lo, i)
+    constants = spring_constants(ctx.material)
+    force = wp.vec3(0.0)
+    # One spring ahead: the fetch from a GPU's memory takes longer than the arithmetic of a spring.
+    ahead = load_pair(ctx.model.incident_springs, ctx.body.incident_springs + i)
+    for q in range(1, ctx.body.incident_width + 1):
+        spring = ahead
+        ahead = load_pair(
+            ctx.model.incident_springs,
+            ctx.body.incident_springs + wp.min(q, ctx.body.incident_width - 1) * ctx.body.count + i,
+        )
+        j = spring[0]
+        kind = load4(array_address(ctx.model.spring_types, 0), spring[1])
+        e = xyz((load4(ctx.x, j) - xi) + (load4(ctx.position_lo, j) - li))
+        apart = wp.vec3(0.0)
+        if ctx.material.damping > 0.0:
+            apart = xyz(load_row(ctx.state.velocities, ctx.body.particles + j)) - v
+        force += force_of_spring(e, kind[0], constant_of_spring(kind, constants), kind[3], ctx.material.damping, apart)
+    return force
+
+
+def make_elastic_force(features: Features):
+    """A Warp function: the force of springs, bending and their dashpots on particle i [N], for explicit methods."""
+    bending_force = make_bending_force(features) if features.plate else None
+
+    @wp.func
+    def elastic_force(i: int, ctx: Context, v: wp.vec3) -> wp.vec3:
+        force = spring_force(i, ctx, v)
+        if wp.static(bending_force is not None):
+            force += bending_force(i, ctx)
+        return force
+
+    return elastic_force
+
+
+@wp.func
+def first_share(step: Step) -> float:
+    """Leapfrog: velocities live half a step before the positions, so the first kick is half a kick."""
+    return wp.where(step.second, 1.0, 0.5)
+
+
+@wp.func
+def prediction(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, lo: wp.vec3, step: Step) -> wp.vec4:
+    """The predicted displacement plus the low part [m], and the effective inverse mass [1/kg], under drag."""
+    displacement = predict_displacement(base, v, a, step.effective, eased)
+    # The implicit drag weighs like added mass; with it the static balance of drag, weight and springs is exact.
+    return pack(displacement + lo, w * eased)
+
+
+def make_predict(features: Features):
+    """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
+    push = make_push(features) if features.panels else None
+    pull = make_pull(features.forces) if features.forces else None
+    elastic_force = make_elastic_force(features) if features.method == "verlet" else None
+
+    @wp.func
+    def predict(i: int, ctx: Context):
+        g = ctx.body.particles + i
+        w = load4(ctx.x, i)[3]
+        v = xyz(load_row(ctx.state.velocities, g))
+        lo = xyz(load4(ctx.position_lo, i))
+        base = wp.vec3(0.0)
+        ahead = v
+        if wp.static(features.order == 2):
+            if ctx.step.second:
+                base = carried(ctx.state.last_displacements[g])
+                change = v - ctx.state.last_velocities[g]
+                v += carried(change)
+                ahead += change
+        # Forces were taken at the velocity ahead; drag is implicit from there (Rosenbrock).
+        a = ctx.frame.gravity - ctx.frame.global_damping * v
+        eased = ctx.step.eased
+        if wp.static(push is not None):
+            pushed = push(g, ctx.model, ctx.state)
+            a += w * (xyz(pushed) + pushed[3] * (ahead - v))
+            eased = eased_by(ctx.frame.global_damping + w * pushed[3], ctx.step.effective)
+        if wp.static(pull is not None):
+            pulled = pull(xyz(load4(ctx.x, i)), ahead, 1.0 / wp.max(w, 1.0e-30), ctx.forces)
+            a += w * (xyz(pulled) + pulled[3] * (ahead - v))
+            eased = eased / (1.0 + eased * ctx.step.effective * w * pulled[3])
+        if wp.static(elastic_force is not None):
+            a = first_share(ctx.step) * (a + w * elastic_force(i, ctx, v))
+        if wp.static(features.lines):
+            h, least = ctx.step.effective, LEAST_SHARE * eased
+            # Few are taut or go aside, so the roots and the quotients are found for these alone.
+            taut = h * h * eased * w * ctx.state.lines.tautness[g]
+            if taut > MOST_TAUT * ctx.body.spacing:
+                most = MOST_TAUT * ctx.body.spacing + MOST_WEIGHTS * wp.length(h * h * a)
+                eased *= wp.clamp(quotient(most, taut), LEAST_SHARE, 1.0)
+            aside = h * h * eased * w * load4(ctx.position_lo, i)[3]
+            if aside > MOST_ASIDE * ctx.body.spacing:
+                eased *= share_of_inverse_mass(aside, base + h * v, h * h * a, ctx.body.spacing)
+                eased = wp.max(eased, least)
+            if ctx.step.weighs:
+                store4(ctx.position_lo, i, pack(lo, 0.0))
+                ctx.state.lines.tautness[g] = 0.0
+        # Chosen, not branched to, or a warp with a pinned particle would go both ways.
+        moved = prediction(base, v, a, eased, w, lo, ctx.step)
+        if wp.static(features.supported):
+            # A chain and its bending are solved where the collider will hold it, or they would cut its corner.
+            square = ctx.step.effective * ctx.step.effective
+            moved += pack(square * xyz(load_row(ctx.state.contact.supports, g)), 0.0)
+        store4(ctx.p, i, wp.where(w == 0.0, pack(lo, 0.0), moved))
+
+    return predict
+
+
+# BDF2 extrapolates the last displacement. A substep may depart from it by this share of the spacing, as after a stroke
+# of a collider or a stretched start. The next one is implicit Euler then, which is stable whatever came before. Hems of
+# towels that swing depart by a tenth. A rope that comes from a wild start trembles on its winch beyond a twentieth.
+SMOOTH_SHEET, SMOOTH_ROPE = 0.2, 0.05
+
+
+@wp.func
+def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
+    """A change over a substep [m], divided by its effective length [m/s]."""
+    h = step.effective
+    return wp.vec3(
+        divide(change[0], h, step.inverse), divide(change[1], h, step.inverse), divide(change[2], h, step.inverse)
+    )
+
+
+# A substep that puts an overstretched rope together may move its particles by many segments. Of the velocity that this
+# would leave, a particle gains at most this many segments a substep. Otherwise the next substep would tear it again.
+MOST_SPACINGS = wp.constant(0.25)
+
+
+@wp.func
+def turned_by_bending(j: int, ctx: Context) -> float:
+    """The angle [rad] by which joint j of a rope is bent away from rest, as its moment tells; 0 where there is none."""
+    if j >= ctx.body.count - 2:
+        return 0.0
+    place = ctx.body.segments + j
+    return wp.length(ctx.state.rope.moments[place]) * ctx.material.compliance[2] * ctx.model.joints[place][1]
+
+
+def make_finish(features: Features):
+    """The stage that turns the displacement of particle i into its velocity and position."""
+    smooth = SMOOTH_ROPE if features.chain else SMOOTH_SHEET
+
+    @wp.func
+    def finish(i: int, ctx: Context):
+        g = ctx.body.particles + i
+        lo = xyz(load4(ctx.position_lo, i))
+        old = load4(ctx.x, i)
+        total = xyz(load4(ctx.d, i))
+        displacement = total - lo  # 0 of what is pinned
+        # Divided, not multiplied by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
+        velocity = rate_of(displacement, ctx.step)
+        if wp.static(features.order == 2):
+            base = wp.vec3(0.0)
+            if ctx.step.second:
+                base = carried(ctx.state.last_displacements[g])
+            velocity = rate_of(displacement - base, ctx.step)
+            not_smooth = (
+                wp.length(displacement - ctx.state.last_displacements[g]) > wp.static(smooth) * ctx.body.spacing
+            )
+            if wp.static(features.supported):
+                not_smooth = not_smooth or ctx.state.contact.supports[g][3] > 0.0
+            if wp.static(features.beam):
+                not_smooth = not_smooth or turned_by_bending(i, ctx) > MOST_TURNED
+            if not_smooth:
+                ctx.state.events[2 * ctx.body.index + ctx.substep % 2] = ctx.substep + 1
+            before = xyz(load_row(ctx.state.velocities, g))
+            if wp.static(features.panels != ""):
+                store_row(ctx.state.air.ahead_velocities, g, pack(velocity + (velocity - before), 0.0))
+                store_row(ctx.state.air.ahead_positions, g, pack(xyz(old) + displacement + displacement, 0.0))
+            ctx.state.last_velocities[g] = before
+            ctx.state.last_displacements[g] = displacement
+        if wp.static(features.chain):
+            # A chain that was put together from afar: its particles did not move so, they were placed.
+            if ctx.state.rope.overstretched[ctx.body.index] > 0:
+                kick = velocity - xyz(load_row(ctx.state.velocities, g))
+                most = MOST_SPACINGS * ctx.body.spacing * ctx.step.inverse
+                velocity -= kick * (1.0 - wp.min(1.0, most / wp.max(wp.length(kick), 1.0e-20)))
+        store_row(ctx.state.velocities, g, pack(velocity, 0.0))
+        position = xyz(old)
+        pull = float(0.0)
+        if wp.static(features.lines):
+            pull = load4(ctx.position_lo, i)[3]
+        store4(ctx.position_lo, i, pack(split_sum(position, total), pull))
+        store4(ctx.x, i, pack(position + total, old[3]))
+
+    return finish

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Boxes of panels, and which of them overlap.
+
+Panels that follow one another lie side by side, see surfaces.py. Around each cluster of them is one more box, so that
+most are passed over together. A GPU goes through clusters much faster than down a tree, as the threads of a warp test
+32 boxes at once. A CPU has a team of one thread.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.intrinsics import ballot, least_of_warp
+
+CLUSTER = 32  # panels
+
+
+@wp.struct
+class Boxes:
+    """Of panels, and around each cluster of a world; all worlds in one row [m]."""
+
+    lows: wp.array(dtype=wp.vec3)
+    highs: wp.array(dtype=wp.vec3)
+    around_lows: wp.array(dtype=wp.vec3)
+    around_highs: wp.array(dtype=wp.vec3)
+
+
+@wp.func
+def _overlap(low: wp.vec3, high: wp.vec3, other_low: wp.vec3, other_high: wp.vec3) -> bool:
+    apart = wp.max(low - other_high, other_low - high)
+    return wp.max(apart) <= 0.0
+
+
+@wp.func
+def clusters_of(panels: int) -> int:
+    """How many clusters they have."""
+    return (panels + wp.static(CLUSTER - 1)) // wp.static(CLUSTER)
+
+
+@wp.func
+def clusters_near(boxes: Boxes, panels: int, w: int, t: int, first: int, lane: int) -> wp.uint64:
+    """Whether the box of panel t of all overlaps that around a cluster of world w, bit by bit: of a warp's threads,
+    each tests one, from `first` on."""
+    clusters, near = clusters_of(panels), bool(False)
+    if first + lane < clusters:
+        c = w * clusters + first + lane
+        near = _overlap(boxes.lows[t], boxes.highs[t], boxes.around_lows[c], boxes.around_highs[c])
+    return ballot(near)
+
+
+@wp.func
+def overlap(boxes: Boxes, t: int, other: int) -> bool:
+    """Whether the boxes of two panels of all do."""
+    return _overlap(boxes.lows[t], boxes.highs[t], boxes.lows[other], boxes.highs[other])
+
+
+@compiled
+def surround(boxes: Boxes, panels: int, team: int):
+    """The boxes around clusters, each by a `team` of threads."""
+    clusters = clusters_of(panels)
+    of_all, lane = wp.tid() / team, wp.tid() % team
+    w = of_all / clusters
+    first = (of_all - w * clusters) * wp.static(CLUSTER)
+    low, high = wp.vec3(1.0e30), wp.vec3(-1.0e30)
+    for k in range(w * panels + first + lane, w * panels + wp.min(first + wp.static(CLUSTER), panels), team):
+        low, high = wp.min(low, boxes.lows[k]), wp.max(high, boxes.highs[k])
+    low, high = least_of_warp(low), -least_of_warp(-high)
+    if lane == 0:
+        boxes.around_lows[of_all] = low
+        boxes.around_highs[of_all] = high
+
+
+def boxes_of(worlds: int, panels: int, device: wp.Device) -> Boxes:
+    """Room for those of all worlds."""
+    boxes = Boxes()
+    for name in ("lows", "highs"):
+        setattr(boxes, name, wp.zeros(worlds * panels, dtype=wp.vec3, device=device))
+        setattr(boxes, f"around_{name}", wp.zeros(worlds * clusters_of(panels), dtype=wp.vec3, device=device))
+    return boxes

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What lets no part come through another in a substep, whatever asks it to.
+
+Two parts begin a substep on two sides of the plane between their nearest points. Where they do not end it on two sides
+of a plane of that direction, each of their particles stops on its own side of the plane where that was (divide and
+truncate, Chen et al. 2025, Offset geometric contact). Ways are straight, so nothing crosses on the way either.
+
+Planes move at the mean velocity of all that meets, where nothing is pinned: what flies as a whole is not slowed.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.features.collider_contact.particle import NOISE
+from cloth_sim_ros.sim.features.self_contact.nearest import nearest
+from cloth_sim_ros.sim.features.self_contact.pairs import Pair, Pairs, pair_of
+from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Surface, panel_of, surface_of, velocity
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative, number_of, recorded, sync_all
+from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
+
+ROUNDS = 64  # at most, as what stops may stand in the way of what did not have to; each mends its pairs for good
+_ROUNDING = wp.constant(1.0e-6)  # of a displacement
+_SPEED = wp.constant(wp.int64(1 << 24))  # units of a metre a second in sums of velocities
+_LEFT = wp.constant(0.1)  # of what two parts are apart, that no substep takes away
+_LEAST = wp.constant(0.05)  # of what they are kept apart, nearer than which they do not come
+
+
+@wp.func
+def _carried(members: Members, pairs: Pairs, w: int) -> wp.vec3:
+    """How far all that meets in world w moves in a substep, on average [m]; not at all where something is pinned."""
+    if pairs.sums[w, 3] > wp.int64(0):
+        return wp.vec3(0.0)
+    count, dt = float(0.0), float(0.0)
+    for b in range(members.bodies.shape[0]):
+        surface = members.surfaces[members.bodies[b][0] * members.worlds + w]
+        count += float(surface.bodies[members.bodies[b][1]].count)
+        dt = surface.frames[0].dt
+    scale = dt / (float(_SPEED) * count)
+    return scale * wp.vec3(float(pairs.sums[w, 0]), float(pairs.sums[w, 1]), float(pairs.sums[w, 2]))
+
+
+@compiled
+def _sum(members: Members, pairs: Pairs):
+    """Sum the velocities of all particles of a world, and find out whether one is pinned."""
+    panels = members.panels.shape[0]
+    w = wp.tid() / panels
+    panel = panel_of(members, wp.tid() - w * panels, w)
+    surface = members.surfaces[panel.surface]
+    for q in range(3):
+        if (panel.own >> q) & 1 == 1:
+            v = velocity(surface, panel.corners[q])
+            for k in range(3):
+                wp.atomic_add(pairs.sums, w, k, wp.int64(v[k] * float(_SPEED)))
+            if load_row(surface.positions, panel.corners[q])[3] == 0.0:
+                pairs.sums[w, 3] = wp.int64(1)
+
+
+@wp.func
+def _way(surface: Surface, i: int, carried: wp.vec3) -> wp.vec3:
+    """How far a particle goes in this substep beside what all do [m]."""
+    return xyz(load_row(surface.displacements, i) - load_row(surface.position_lo, i)) - carried
+
+
+@wp.func
+def _from(members: Members, pair: Pair, q: int) -> wp.vec3:
+    """Where particle q of a pair was when the substep began, from its first one [m]; to all that is known of both."""
+    of, of_first = members.surfaces[pair.surfaces[q]], members.surfaces[pair.surfaces[0]]
+    i, first = pair.particles[q], pair.particles[0]
+    high = load_row(of.positions, i) - load_row(of_first.positions, first)
+    return xyz(high + (load_row(of.position_lo, i) - load_row(of_first.position_lo, first)))
+
+
+@wp.func
+def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs, round: int):
+    """Ask a particle to go no further than there is room [m]."""
+    d = load_row(surface.displacements, i)
+    moves = goes > wp.max(room, 0.0) + wp.static(_ROUNDING) * wp.length(xyz(d)) and d[3] > 0.0
+    if moves:
+        wp.atomic_max(surface.ways_given_up, i, 1.0 - wp.max(room, 0.0) / goes)
+        pairs.rounds[round] = 1
+
+
+@wp.func
+def measure(members: Members, pairs: Pairs, p: int, w: int):
+    """Find how far panel p of world w goes in this substep, before the bound asks."""
+    panel, longest, carried = panel_of(members, p, w), float(0.0), _carried(members, pairs, w)
+    for q in range(3):
+        longest = wp.max(longest, wp.length(_way(members.surfaces[panel.surface], panel.corners[q], carried)))
+    pairs.ranges[w * members.panels.shape[0] + p] = longest
+
+
+@wp.func
+def _find(members: Members, pairs: Pairs, w: int, t: int, width: int, round: int):
+    """Find by what share particles of world w have to shorten their ways; thread t of `width`."""
+    carried, of_world = _carried(members, pairs, w), w * members.panels.shape[0]
+    for k in range(t, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
+        least, panels = pairs.starts[w, k], pairs.panels[w, k]
+        left = wp.max(wp.static(_LEFT) * least, wp.static(_LEAST) * pairs.kept[w, k])
+        longest = pairs.ranges[of_world + panels[0]] + pairs.ranges[of_world + panels[1]]
+        if longest <= least - left:
+            continue
+        pair = pair_of(members, pairs, w, k)
+        is_corner = pairs.parts[w, k][0] >= 0
+        first = wp.where(is_corner, 1, 2)  # particles of the first part
+        b, c, d = _from(members, pair, 1), _from(members, pair, 2), _from(members, pair, 3)
+        m = nearest(is_corner, wp.vec3(0.0), b, c, d).weights
+        line = m[1] * b + m[2] * c + m[3] * d
+        apart, n = wp.length(line), wp.normalize(line)
+        if apart < NOISE:
+            continue
+        left = wp.max(wp.static(_LEFT) * apart, wp.static(_LEAST) * pairs.kept[w, k])
+        middle = -0.5 * apart
+        if not is_corner:
+            middle = wp.min(0.0, wp.dot(n, b)) - 0.5 * apart
+        # How far particles are from the plane, on their own sides, and how far they go towards it.
+        offs, goes, ends = wp.vec4(0.0), wp.vec4(0.0), wp.vec2(1.0e30)
+        for q in range(4):
+            side = wp.where(q < first, 1.0, -1.0)
+            offs[q] = side * (wp.dot(n, _from(members, pair, q)) - middle)
+            goes[q] = -side * wp.dot(n, _way(members.surfaces[pair.surfaces[q]], pair.particles[q], carried))
+            part = wp.where(q < first, 0, 1)
+            ends[part] = wp.min(ends[part], offs[q] - goes[q])
+        if ends[0] + ends[1] < left:
+            for q in range(4):
+                _ask(members.surfaces[pair.surfaces[q]], pair.particles[q], goes[q], offs[q] - 0.5 * left, pairs, round)
+
+
+@wp.func
+def _shorten(surface: Surface, i: int, carried: wp.vec3):
+    """Shorten the way of a particle by the share that was found."""
+    share = surface.ways_given_up[i]
+    if share == 0.0:
+        return
+    surface.ways_given_up[i] = 0.0
+    less = -share * _way(surface, i, carried)
+    d = load_row(surface.displacements, i) + wp.vec4(less[0], less[1], less[2], 0.0)
+    store_row(surface.displacements, i, d)
+    if surface.last_displacements.shape[0] > 0:
+        # BDF2 carries its past on. As if it had moved like this before, it does not bounce.
+        moved = d - load_row(surface.position_lo, i)
+        surface.last_displacements[i] = xyz(moved)
+        v = load_row(surface.velocities, i)
+        moved = moved / surface.frames[0].dt
+        store_row(surface.velocities, i, wp.vec4(moved[0], moved[1], moved[2], v[3]))
+
+
+@cooperative
+def _bound(members: Members, pairs: Pairs, rounds: int, group: CooperativeGroup):
+    """Shorten the ways of all particles until no pair asks for more."""
+    if pairs.folded[0] == 0:
+        return
+    number = number_of(wp.tid(), group)
+    team = number / group.width
+    t = number - team * group.width
+    for round in range(rounds):
+        for w in range(team, members.worlds, group.teams):
+            _find(members, pairs, w, t, group.width, round)
+        sync_all(group)
+        if pairs.rounds[round] == 0:
+            return
+        for w in range(team, members.worlds, group.teams):
+            carried = _carried(members, pairs, w)
+            for b in range(members.batches):
+                surface = surface_of(members, b, w)
+                for i in range(t, surface.positions.shape[0], group.width):
+                    _shorten(surface, i, carried)
+        sync_all(group)
+
+
+class CcdClamp:
+    """The launch that shortens ways at the end of a substep."""
+
+    def __init__(self, members: Members, pairs: Pairs, group: CooperativeGroup, device: wp.Device) -> None:
+        inputs, total = [members, pairs], members.worlds * members.panels.shape[0]
+        self._sums = pairs.sums
+        self._sum = wp.launch(_sum, total, inputs, device=device, record_cmd=True)
+        self._launch = recorded(_bound, *inputs, ROUNDS, group=group, device=device)
+
+    def begin(self) -> None:
+        """Before a frame: find how all moves."""
+        self._sums.zero_()
+        self._sum.launch()
+
+    def launch(self) -> None:
+        self._launch.launch()

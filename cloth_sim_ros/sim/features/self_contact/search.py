@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which parts of objects may meet soon, and which have come through one another.
+
+Each panel has a box around its way to come at the speed that it has, with some slack. Panels that lie side by side have
+one around all of theirs, so that most are passed over together. Of panels whose boxes overlap, the corners, triangles
+and edges that may meet are listed.
+
+A list holds for a time ahead. Panels with a particle that is off its way by more than the slack get a new way, and
+their pairs are listed anew. So no pair is missed, however particles are pushed. What rests is hardly ever looked at.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from cloth_sim_ros.sim.features.self_contact.boxes import (
+    CLUSTER,
+    Boxes,
+    boxes_of,
+    clusters_near,
+    clusters_of,
+    overlap,
+    surround,
+)
+from cloth_sim_ros.sim.features.self_contact.broad_phase import farthest, goes, has_failed, look
+from cloth_sim_ros.sim.features.self_contact.ccd_clamp import ROUNDS
+from cloth_sim_ros.sim.features.self_contact.nearest import crosses
+from cloth_sim_ros.sim.features.self_contact.pairs import (
+    AGE,
+    DUE,
+    EAGER,
+    HOLDS,
+    TESTS,
+    WAS,
+    WHOLE,
+    Pairs,
+    Way,
+    empty,
+    is_due,
+    list_test,
+    slack,
+    tests_of,
+    time_ahead,
+    way_of,
+)
+from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, may_touch, panel_of, place
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, recorded
+from cloth_sim_ros.sim.kernels.intrinsics import lowest_bit, next_place, xyz
+
+PAIRS_A_PANEL = 64  # room in the list of pairs
+_COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
+_THREADS = 1 << 17  # of a launch over the couples of all worlds, on a GPU
+_TEAM = 4  # of them that look at a couple
+
+
+@compiled
+def _foresee(members: Members, pairs: Pairs, ends: bool):
+    """Ways of particles that are off theirs, or of all: what trembles goes at its mean velocity since the last search.
+
+    All ways start when all panels were looked at: who got off its way since seems to have come from elsewhere.
+    """
+    if pairs.clock[WHOLE] == 2:
+        return
+    panels = members.panels.shape[0]
+    w = wp.tid() / panels
+    panel = panel_of(members, wp.tid() - w * panels, w)
+    surface = members.surfaces[panel.surface]
+    dt = surface.frames[0].dt
+    time = float(wp.max(pairs.clock[WAS], 1)) * dt
+    since = float(wp.where(pairs.clock[WHOLE] == 1, 0, pairs.clock[WAS])) * dt
+    most = slack(members, surface, panel.body)
+    pairs.failed[wp.tid()] = has_failed(panel)
+    for q in range(3):
+        i = panel.corners[q]
+        if (panel.own >> q) & 1 == 1:
+            x = place(surface, i)
+            if pairs.clock[WHOLE] == 0 and surface.off_path[i] <= wp.static(EAGER) * most:
+                continue
+            mean, now = (x - surface.path_starts[i]) / time, goes(surface, i, ends)
+            trembles = wp.length(mean) < 0.5 * wp.length(now)
+            near = dt * wp.length(mean - now) < 0.5 * most
+            surface.path_velocities[i] = wp.where(trembles and near, mean, now)
+            surface.off_path[i] = dt * wp.length(now - surface.path_velocities[i])
+            surface.path_starts[i] = x - since * surface.path_velocities[i]
+
+
+@wp.func
+def _wrap(t: int, way: Way, margin: float, pairs: Pairs):
+    """The ball around panel t of all worlds on its way, with a margin [m]."""
+    third = wp.vec3(1.0 / 3.0)
+    middle, drift = third * way.x, third * way.moves
+    radius = float(0.0)
+    for q in range(3):
+        radius = wp.max(radius, wp.length(way.x[q] - middle) + wp.length(way.moves[q] - drift))
+    pairs.balls[t] = wp.vec4(middle[0], middle[1], middle[2], radius + margin)
+    pairs.drifts[t] = drift
+
+
+@compiled
+def _enclose_ways(members: Members, pairs: Pairs, boxes: Boxes):
+    """The ways, balls and boxes of panels that a search is for."""
+    if not is_due(pairs, wp.tid()):
+        return
+    panels = members.panels.shape[0]
+    w = wp.tid() / panels
+    panel = panel_of(members, wp.tid() - w * panels, w)
+    surface = members.surfaces[panel.surface]
+    way = way_of(members, pairs, surface, panel, wp.tid() - w * panels, time_ahead(pairs, surface))
+    margin = way.thickness + way.slack
+    _wrap(wp.tid(), way, margin, pairs)
+    pairs.ways[wp.tid()] = way
+    pairs.off[wp.tid()] = farthest(surface, panel)
+    low, high = wp.vec3(1.0e30), wp.vec3(-1.0e30)
+    for q in range(3):
+        low = wp.min(low, wp.min(way.x[q], way.x[q] + way.moves[q]))
+        high = wp.max(high, wp.max(way.x[q], way.x[q] + way.moves[q]))
+    boxes.lows[wp.tid()] = low - wp.vec3(margin)
+    boxes.highs[wp.tid()] = high + wp.vec3(margin)
+
+
+@compiled
+def _enclose(members: Members, boxes: Boxes):
+    """The boxes of all panels as they are."""
+    panels = members.panels.shape[0]
+    w = wp.tid() / panels
+    panel = panel_of(members, wp.tid() - w * panels, w)
+    surface = members.surfaces[panel.surface]
+    a, b = place(surface, panel.corners[0]), place(surface, panel.corners[1])
+    c = place(surface, panel.corners[2])
+    boxes.lows[wp.tid()] = wp.min(a, wp.min(b, c))
+    boxes.highs[wp.tid()] = wp.max(a, wp.max(b, c))
+
+
+@wp.func
+def _may_meet(members: Members, pairs: Pairs, boxes: Boxes, p: int, q: int, first: int) -> bool:
+    """Whether panels p and q of the world whose panels begin with `first` may, by their boxes and the balls around."""
+    a, b = first + p, first + q
+    if not overlap(boxes, a, b) or not may_touch(members, members.owners[p], members.owners[q]):
+        return False
+    near = pairs.balls[a][3] + pairs.balls[b][3] + wp.length(pairs.drifts[a] - pairs.drifts[b])
+    return wp.length(xyz(pairs.balls[a] - pairs.balls[b])) < near
+
+
+@compiled
+def _couple(members: Members, pairs: Pairs, boxes: Boxes, team: int):
+    """List the panels that a search is for, with what they may meet, each couple once; `team` threads a panel."""
+    t, lane = wp.tid() / team, wp.tid() % team
+    if not is_due(pairs, t):
+        return
+    panels = members.panels.shape[0]
+    w = t / panels
+    first, p = w * panels, t - w * panels
+    start = wp.where(pairs.clock[WHOLE] > 0, p / wp.static(CLUSTER), 0)  # of all panels, those that follow are enough
+    for c in range(start, clusters_of(panels), team):
+        near = clusters_near(boxes, panels, w, t, c, lane)
+        while near != wp.uint64(0):
+            begin = wp.static(CLUSTER) * (c + lowest_bit(near))
+            near &= near - wp.uint64(1)
+            for q in range(begin + lane, wp.min(begin + wp.static(CLUSTER), panels), team):
+                if q > p or (q < p and not is_due(pairs, first + q)):
+                    if _may_meet(members, pairs, boxes, p, q, first):
+                        n = next_place(pairs.counts[w], 0)
+                        if n < pairs.couples.shape[1]:
+                            pairs.couples[w, n] = wp.vec2i(wp.min(p, q), wp.max(p, q))
+
+
+@compiled
+def _pair(members: Members, pairs: Pairs, width: int, team: int):
+    """List the parts of couples that may meet: `width` threads a world, `team` of them a couple."""
+    w, panels = wp.tid() / width, members.panels.shape[0]
+    t = wp.tid() - w * width
+    for item in range(t / team, wp.min(pairs.counts[w, 0], pairs.couples.shape[1]), width / team):
+        couple = pairs.couples[w, item]
+        first, second = pairs.ways[w * panels + couple[0]], pairs.ways[w * panels + couple[1]]
+        tests = tests_of(first.panel, second.panel)
+        for test in range(t % team, wp.static(TESTS), team):
+            if (tests >> test) & 1 == 1:
+                if test < 3:
+                    list_test(pairs, w, first, test, second, -1)
+                elif test < 6:
+                    list_test(pairs, w, second, test - 3, first, -1)
+                else:
+                    list_test(pairs, w, first, test / 3 - 2, second, test % 3)
+
+
+@compiled
+def _accept(pairs: Pairs, ends: bool):
+    """A list that is too long is made again: of all panels, and then for a shorter time."""
+    full = bool(False)
+    for w in range(pairs.counts.shape[0]):
+        full = full or pairs.counts[w, 0] > pairs.couples.shape[1] or pairs.counts[w, 1] > pairs.parts.shape[1]
+    pairs.clock[DUE] = wp.where(full and (pairs.clock[WHOLE] == 0 or pairs.clock[HOLDS] > 1), 1, 0)
+    if pairs.clock[DUE] == 1:
+        if pairs.clock[WHOLE] > 0:
+            pairs.clock[HOLDS] = wp.max(pairs.clock[HOLDS] / 4, 1)
+        pairs.clock[WHOLE] = wp.min(pairs.clock[WHOLE] + 1, 2)
+        pairs.clock[AGE] = wp.where(ends, 1, 0)
+        empty(pairs)
+
+
+@wp.func
+def _crossed(members: Members, panel: Panel, other: Panel) -> int:
+    """How many own edges of a panel go through another one."""
+    own, of_other = members.surfaces[panel.surface], members.surfaces[other.surface]
+    a, b = place(of_other, other.corners[0]), place(of_other, other.corners[1])
+    c = place(of_other, other.corners[2])
+    found = int(0)
+    for side in range(3):
+        p, q = panel.corners[side], panel.corners[(side + 1) % 3]
+        shared = bool(False)
+        for k in range(3):
+            shared = shared or p == other.corners[k] or q == other.corners[k]
+        apart = other.body != panel.body or not shared
+        if apart and (panel.own >> (3 + side)) & 1 == 1 and crosses(place(own, p), place(own, q), a, b, c):
+            found += 1
+    return found
+
+
+@compiled
+def _cross(members: Members, w: int, boxes: Boxes, counts: wp.array(dtype=int), team: int):
+    """Count the edges of each body that go through a triangle that it is kept apart from; `team` threads a panel."""
+    panels = members.panels.shape[0]
+    p, lane, first = wp.tid() / team, wp.tid() % team, w * panels
+    panel = panel_of(members, p, w)
+    for c in range(0, clusters_of(panels), team):
+        near = clusters_near(boxes, panels, w, first + p, c, lane)
+        while near != wp.uint64(0):
+            begin = wp.static(CLUSTER) * (c + lowest_bit(near))
+            near &= near - wp.uint64(1)
+            for q in range(begin + lane, wp.min(begin + wp.static(CLUSTER), panels), team):
+                if overlap(boxes, first + p, first + q) and may_touch(members, panel.body, members.owners[q]):
+                    wp.atomic_add(counts, panel.body, _crossed(members, panel, panel_of(members, q, w)))
+
+
+class Search:
+    """Looks for pairs in all worlds; `pairs` are what was found last."""
+
+    def __init__(self, members: Members, group: CooperativeGroup, device: wp.Device) -> None:
+        self._members, self._device = members, device
+        self._panels, worlds = members.panels.shape[0], members.worlds
+        total = worlds * self._panels
+        self._lanes = 1 if device.is_cpu else CLUSTER  # threads that look for what a panel may meet
+        self._width = 1 if device.is_cpu else max(32 * _TEAM, _THREADS // worlds)
+        self._clusters = self._lanes * worlds * clusters_of(self._panels)
+        # Of panels on their ways, and of panels where they are.
+        self._boxes, self._places = (boxes_of(worlds, self._panels, device) for _ in range(2))
+        self._crossings = wp.zeros(len(members.bodies), dtype=int, device=device)
+        self.pairs = Pairs()
+        self.pairs.couples = wp.zeros((worlds, _COUPLES_A_PANEL * self._panels), dtype=wp.vec2i, device=device)
+        room = (worlds, PAIRS_A_PANEL * self._panels)
+        self.pairs.parts = wp.zeros(room, dtype=wp.vec4i, device=device)
+        self.pairs.kept = wp.zeros(room, dtype=float, device=device)
+        self.pairs.rooms = wp.zeros(room, dtype=float, device=device)
+        self.pairs.starts = wp.zeros(room, dtype=float, device=device)
+        self.pairs.sums = wp.zeros((worlds, 4), dtype=wp.int64, device=device)
+        self.pairs.rounds = wp.zeros(ROUNDS, dtype=int, device=device)
+        self.pairs.panels = wp.zeros(room, dtype=wp.vec2i, device=device)
+        self.pairs.counts = wp.zeros((worlds, 2), dtype=int, device=device)
+        self.pairs.clock = wp.zeros(6, dtype=int, device=device)
+        self._due = self.pairs.clock[DUE : DUE + 1]
+        self.pairs.folded = wp.ones(2, dtype=int, device=device)
+        self.pairs.turns = wp.zeros(worlds * len(members.bodies), dtype=wp.mat33, device=device)
+        self.pairs.ways = wp.zeros(total, dtype=Way, device=device)
+        self.pairs.ranges = wp.zeros(total, dtype=float, device=device)
+        self.pairs.off = wp.zeros(total, dtype=float, device=device)
+        self.pairs.astray = wp.zeros(total, dtype=bool, device=device)
+        self.pairs.failed = wp.zeros(total, dtype=bool, device=device)
+        self.pairs.balls = wp.zeros(total, dtype=wp.vec4, device=device)
+        self.pairs.drifts = wp.zeros(total, dtype=wp.vec3, device=device)
+        self._looks = [recorded(look, members, self.pairs, ends, group=group, device=device) for ends in (False, True)]
+
+    def look(self, ends: bool) -> None:
+        """List the pairs that may meet, where the list does not hold for a substep that ends, or that begins now.
+
+        The list then holds for the way of this substep too, whatever pushes a particle.
+        """
+        self._looks[ends].launch()
+        wp.capture_while(self._due, self._list, ends=ends)
+
+    def _list(self, ends: bool) -> None:
+        total = self.pairs.ways.shape[0]
+        self._launch(_foresee, total, self._members, self.pairs, ends)
+        self._launch(_enclose_ways, total, self._members, self.pairs, self._boxes)
+        self._launch(surround, self._clusters, self._boxes, self._panels, self._lanes)
+        self._launch(_couple, total * self._lanes, self._members, self.pairs, self._boxes, self._lanes)
+        team = 1 if self._device.is_cpu else _TEAM
+        self._launch(_pair, self._members.worlds * self._width, self._members, self.pairs, self._width, team)
+        self._launch(_accept, 1, self.pairs, ends)
+
+    def _launch(self, kernel: wp.Kernel, dim: int, *inputs: Any) -> None:
+        wp.launch(kernel, dim=dim, inputs=list(inputs), device=self._device)
+
+    def found(self, world: int) -> tuple[int, int]:
+        """How many pairs are listed in a world, and how many couples and pairs found no room."""
+        couples, pairs = self.pairs.counts.numpy()[world].tolist()
+        room = self.pairs.parts.shape[1]
+        return min(pairs, room), max(0, pairs - room) + max(0, couples - self.pairs.couples.shape[1])
+
+    def crossings(self, world: int) -> list[int]:
+        """How many edges of each body go through a triangle that it is kept apart from now, in one world."""
+        self._launch(_enclose, self.pairs.ways.shape[0], self._members, self._places)
+        self._launch(surround, self._clusters, self._places, self._panels, self._lanes)
+        self._crossings.zero_()
+        self._launch(
+            _cross, self._panels * self._lanes, self._members, world, self._places, self._crossings, self._lanes
+        )
+        return self._crossings.numpy().tolist()

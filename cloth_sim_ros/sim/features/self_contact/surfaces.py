@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What contact between objects knows of them: the panels of all batches in one list, and the arrays behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.model import Body, Model
+from cloth_sim_ros.sim.arrays.state import Arrays, Frame, Material
+from cloth_sim_ros.sim.features.self_contact.arrays import SelfContactState
+from cloth_sim_ros.sim.kernels.intrinsics import load_row, xyz
+from cloth_sim_ros.sim.topology import Topology
+
+
+@wp.struct
+class Surface:
+    """Of the arrays of a batch in a world, those that contact between objects needs; all are thousands of bytes."""
+
+    bodies: wp.array(dtype=Body)
+    panels: wp.array(dtype=wp.vec3i)
+    panel_parts: wp.array(dtype=wp.vec2i)
+    rest: wp.array(dtype=wp.vec3)
+    frames: wp.array(dtype=Frame)
+    materials: wp.array(dtype=Material)
+    positions: wp.array(dtype=wp.vec4)
+    position_lo: wp.array(dtype=wp.vec4)
+    displacements: wp.array(dtype=wp.vec4)
+    velocities: wp.array(dtype=wp.vec4)
+    last_displacements: wp.array(dtype=wp.vec3)
+    path_starts: wp.array(dtype=wp.vec3)
+    path_velocities: wp.array(dtype=wp.vec3)
+    pair_corrections: wp.array(dtype=wp.int64)
+    off_path: wp.array(dtype=float)
+    ways_given_up: wp.array(dtype=float)
+
+
+@wp.struct
+class Members:
+    """Who may meet whom. Panels and bodies are counted through all batches; panels that
+    follow one another lie side by side.
+
+    surfaces: (batches x worlds,), all worlds of the first batch first. panels: (P,) batch and number there. bodies:
+    (B,) batch, number there, and whether it is kept apart from itself. owners: (P,) the body of a panel. among: whether
+    bodies meet one another. flattens: whether all are sheets that may lie so flat that nothing meets, see flat.py.
+    gaps, ends: (B,) Topology.fold_gap and far_ends.
+    """
+
+    surfaces: wp.array(dtype=Surface)
+    panels: wp.array(dtype=wp.vec2i)
+    bodies: wp.array(dtype=wp.vec3i)
+    owners: wp.array(dtype=int)
+    gaps: wp.array(dtype=float)
+    ends: wp.array(dtype=wp.vec4i)
+    worlds: int
+    batches: int
+    among: bool
+    flattens: bool
+
+
+@wp.struct
+class Panel:
+    """One panel in one world: its body, where its batch's arrays are in Members.surfaces, and its particles there. A
+    segment has its second one twice. own: the bits of Model.panel_parts."""
+
+    body: int
+    surface: int
+    own: int
+    corners: wp.vec3i
+
+
+@wp.func
+def panel_of(members: Members, k: int, w: int) -> Panel:
+    """Panel k in world w."""
+    home = members.panels[k]
+    panel = Panel()
+    panel.surface = home[0] * members.worlds + w
+    surface = members.surfaces[panel.surface]
+    parts = surface.panel_parts[home[1]]
+    panel.body = members.owners[k]
+    panel.own = parts[1]
+    corners = surface.panels[home[1]]
+    first = surface.bodies[parts[0]].particles
+    panel.corners = wp.vec3i(
+        first + corners[0], first + corners[1], first + wp.where(corners[2] < 0, corners[1], corners[2])
+    )
+    return panel
+
+
+@wp.func
+def number_of_body(members: Members, k: int) -> int:
+    """The number of the body of panel k in its batch."""
+    return members.bodies[members.owners[k]][1]
+
+
+@wp.func
+def surface_of(members: Members, batch: int, w: int) -> Surface:
+    """The arrays of a batch in world w."""
+    return members.surfaces[batch * members.worlds + w]
+
+
+@wp.func
+def place(surface: Surface, i: int) -> wp.vec3:
+    """Where particle i of a batch was when the substep began [m]."""
+    return xyz(load_row(surface.positions, i))
+
+
+@wp.func
+def velocity(surface: Surface, i: int) -> wp.vec3:
+    """Its velocity then [m/s]."""
+    return xyz(load_row(surface.velocities, i))
+
+
+@wp.func
+def may_touch(members: Members, a: int, b: int) -> bool:
+    """Whether two bodies are kept apart."""
+    if a == b:
+        return members.bodies[a][2] > 0
+    return members.among
+
+
+def members_of(
+    batches: Sequence[Sequence[Arrays]],
+    topologies: Sequence[Topology],
+    itself: Sequence[bool],
+    among: bool,
+    device: wp.Device,
+) -> Members:
+    """The Members of batches, of each its arrays in all worlds.
+
+    topologies, itself: of each body, and whether it is kept apart from itself. among: whether bodies are kept apart
+    from one another.
+    """
+    members = Members()
+    surfaces, panels, bodies, owners = [], [], [], []
+    for number, worlds in enumerate(batches):
+        surfaces += [_surface_of(arrays) for arrays in worlds]
+        own = _side_by_side(worlds[0].model)
+        panels.append(np.column_stack([np.full_like(own, number), own]))
+        owners.append(len(bodies) + worlds[0].model.panel_parts.numpy()[own, 0])
+        bodies += [(number, b, int(itself[len(bodies) + b])) for b in range(worlds[0].model.bodies.shape[0])]
+    members.surfaces = wp.array(surfaces, dtype=Surface, device=device)
+    members.panels = wp.array(np.concatenate(panels).astype(np.int32), dtype=wp.vec2i, device=device)
+    members.bodies = wp.array(np.array(bodies, np.int32), dtype=wp.vec3i, device=device)
+    members.owners = wp.array(np.concatenate(owners).astype(np.int32), dtype=int, device=device)
+    members.gaps = wp.array([topology.fold_gap for topology in topologies], dtype=float, device=device)
+    ends = [topology.far_ends for topology in topologies]
+    members.ends = wp.array(np.array(ends, np.int32), dtype=wp.vec4i, device=device)
+    members.worlds, members.batches, members.among = len(batches[0]), len(batches), among
+    members.flattens = not among and all(topology.fold_gap for topology in topologies)
+    return members
+
+
+def _surface_of(arrays: Arrays) -> Surface:
+    surface = Surface()
+    model, state = arrays.model, arrays.state
+    surface.bodies, surface.panels, surface.panel_parts = model.bodies, model.panels, model.panel_parts
+    surface.rest, surface.frames, surface.materials = model.rest, arrays.frames, arrays.materials
+    moving = ("positions", "position_lo", "displacements", "velocities", "last_displacements")
+    own = SelfContactState.vars
+    for name in (*moving, *own):
+        setattr(surface, name, getattr(state.self_contact if name in own else state, name))
+    return surface
+
+
+def _side_by_side(model: Model) -> np.ndarray:
+    """The panels of a batch, body by body along a curve through all that lies side by side at rest (Morton 1966)."""
+    body = model.panel_parts.numpy()[:, 0]
+    corners, rest = model.panels.numpy(), model.rest.numpy()
+    corners = model.bodies.numpy()["particles"][body][:, None] + np.where(corners < 0, corners[:, 1:2], corners)
+    middles = rest[corners].mean(axis=1)
+    spread = np.maximum((middles.max(axis=0) - middles.min(axis=0)).max(), 1e-30)
+    cells = ((middles - middles.min(axis=0)) / spread * 1023.0).astype(np.int64)
+    along = sum(((cells[:, axis] >> bit) & 1) << (3 * bit + axis) for bit in range(10) for axis in range(3))
+    return np.lexsort((along, body))

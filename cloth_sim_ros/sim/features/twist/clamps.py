@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The clamps between which a rope twists. An end is clamped while its last two particles are pinned, or held by a
+handle, which turns the rope with it. While one end is free the twist runs out of it, far faster than anything else
+moves."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.features.grasp.hold import grip_of, orientation_of
+from cloth_sim_ros.sim.features.twist.arrays import Twist
+from cloth_sim_ros.sim.kernels.intrinsics import load4
+
+
+@wp.func
+def any_across(t: wp.vec3) -> wp.vec3:
+    """A unit vector across t: of the axis that t lies least along."""
+    axis = wp.vec3(1.0, 0.0, 0.0)
+    if wp.abs(t[0]) > wp.min(wp.abs(t[1]), wp.abs(t[2])):
+        axis = wp.where(wp.abs(t[1]) < wp.abs(t[2]), wp.vec3(0.0, 1.0, 0.0), wp.vec3(0.0, 0.0, 1.0))
+    return wp.normalize(axis - wp.dot(axis, t) * t)
+
+
+@wp.func
+def across(t: wp.vec3, u: wp.vec3) -> wp.vec3:
+    """The unit vector across t that is nearest to u."""
+    return wp.normalize(u - wp.dot(u, t) * t)
+
+
+@wp.func
+def without_twist(twist: Twist, first: wp.vec3) -> Twist:
+    """What an end that is free to turn leaves; `first` is the tangent of the start."""
+    twist.known = 2
+    twist.start = any_across(first)
+    twist.turned = twist.wanted
+    twist.angle = 0.0
+    twist.moment = 0.0
+    return twist
+
+
+def make_clamps(handles: bool):
+    """Three Warp functions, of a scene with or without handles: what clamps an end, and a twist whose ends are clamped
+    from now on or go on to be."""
+
+    @wp.func
+    def clamped_by(i: int, j: int, ctx: Context) -> int:
+        """What holds both particle i at an end and its neighbour j: 0 nothing, -1 pins, else 1 + a handle's number."""
+        tip = wp.where(load4(ctx.x, i)[3] == 0.0, -1, 0)
+        neighbour = wp.where(load4(ctx.x, j)[3] == 0.0, -1, 0)
+        if wp.static(handles):
+            if tip == 0:
+                tip = int(grip_of(i, ctx)[3])
+            if neighbour == 0:
+                neighbour = int(grip_of(j, ctx)[3])
+        return wp.where(tip == 0 or neighbour == 0, 0, wp.max(tip, neighbour))
+
+    @wp.func
+    def turned_by(by: int, ahead: int, ctx: Context) -> wp.quat:
+        """How what clamps an end is turned, `ahead` substeps from where this one begins."""
+        q = wp.quat_identity()
+        if wp.static(handles):
+            if by > 0:
+                q = orientation_of(ctx.handles[by - 1], float(ctx.substep + ahead) / float(ctx.frame.substeps))
+        return q
+
+    @wp.func
+    def turn_clamps(twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, ctx: Context) -> Twist:
+        """Turn the vectors of both ends, whose tangents are `first` and `last`, with what clamps them now."""
+        if start_by != twist.start_by:
+            twist.start_own = wp.quat_rotate_inv(turned_by(start_by, 0, ctx), twist.start)
+        if end_by != twist.end_by:
+            twist.end_own = wp.quat_rotate_inv(turned_by(end_by, 0, ctx), twist.end)
+        twist.start_by = start_by
+        twist.end_by = end_by
+        twist.start = across(first, wp.quat_rotate(turned_by(start_by, 1, ctx), twist.start_own))
+        twist.end = across(last, wp.quat_rotate(turned_by(end_by, 1, ctx), twist.end_own))
+        return twist
+
+    @wp.func
+    def clamp(
+        twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, carried: wp.vec3, ctx: Context
+    ) -> Twist:
+        """Begin with what the end is turned by at first, and without twist after an end was free. `carried` is the
+        vector of the start, carried along the rope to its end."""
+        twist.angle = wp.where(twist.known == 0, twist.wanted, 0.0)
+        twist.turned = twist.wanted
+        twist.end = wp.quat_rotate(wp.quat_from_axis_angle(last, twist.angle - twist.wanted), carried)
+        twist.known = 1
+        twist.start_by = 0
+        twist.end_by = 0
+        return turn_clamps(twist, start_by, end_by, first, last, ctx)
+
+    return clamped_by, clamp, turn_clamps

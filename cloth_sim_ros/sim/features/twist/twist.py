@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Twist along a rope between two clamps. At the start of a substep one thread finds the torsional moment. What it
+pushes sideways with goes into the prediction, beside the bending moments of the last substep (see beam.py).
+
+It is taken explicitly beside an implicit bending EI, at the positions that order 2 extrapolates to (as in semi-implicit
+BDF2: Ascher, Ruuth, Wetton 1995). That is stable as long as M k^3 < EI k^4 + 4 mu / h^2 for every wave number k, and
+where a rope buckles does not depend on the step.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Body, Model
+from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.features.twist.clamps import any_across, make_clamps, without_twist
+from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, xyz
+from cloth_sim_ros.sim.physics.bending import wrap_angle
+from cloth_sim_ros.sim.physics.twist import angle_about, carried_across, half_binormal
+
+
+def make_tangent(order: int):
+    """A Warp function: the unit tangent of segment k of the body, where the substep begins; order 2 looks ahead."""
+
+    @wp.func
+    def tangent_at(k: int, ctx: Context) -> wp.vec3:
+        g = ctx.body.particles + k
+        e = xyz(load4(ctx.x, k + 1) - load4(ctx.x, k)) + xyz(load4(ctx.position_lo, k + 1) - load4(ctx.position_lo, k))
+        if wp.static(order == 2):
+            if ctx.step.second:
+                e += ctx.state.last_displacements[g + 1] - ctx.state.last_displacements[g]
+        return wp.normalize(e)
+
+    return tangent_at
+
+
+@wp.func
+def push_of(i: int, m: Model, s: State, body: Body) -> wp.vec3:
+    """The force [N] of the twist on particle i, from the couples around it."""
+    force = wp.vec3(0.0)
+    for place in range(3):
+        j = i - place
+        if j >= 0 and j < body.count - 2:
+            joint = m.joints[body.segments + j]
+            weight = wp.where(place == 0, joint[2], wp.where(place == 1, joint[3] - joint[2], -joint[3]))
+            force += weight * s.twist.couples[body.segments + j]
+    return force
+
+
+@wp.func
+def push_by_couples(i: int, ctx: Context):
+    """Add to the prediction of particle i what the couples around it do."""
+    p = load4(ctx.d, i)
+    if p[3] == 0.0:
+        return
+    move = (ctx.step.effective * ctx.step.effective * p[3]) * push_of(i, ctx.model, ctx.state, ctx.body)
+    store4(ctx.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+
+
+def make_find_twist(order: int, handles: bool):
+    """A Warp function: one thread finds the twist of a body and the couples of its joints."""
+    tangent_at = make_tangent(order)
+    clamped_by, clamp, turn_clamps = make_clamps(handles)
+
+    @wp.func
+    def twist_anew(ctx: Context) -> float:
+        """The torsional moment [N m] from where the particles are, and in State.twists what belongs to it.
+
+        At first, and whenever positions were set, the rope is without twist but for what its end is turned by. Clamped
+        anew, it is without any.
+        """
+        twist = ctx.state.twist.twists[ctx.body.index]
+        last = ctx.body.count - 2
+        start_by = clamped_by(0, 1, ctx)
+        end_by = clamped_by(last + 1, last, ctx)
+        before = tangent_at(0, ctx)
+        if start_by == 0 or end_by == 0:
+            ctx.state.twist.twists[ctx.body.index] = without_twist(twist, before)
+            return 0.0
+        if twist.known == 1:
+            twist = turn_clamps(twist, start_by, end_by, before, tangent_at(last, ctx), ctx)
+        else:
+            twist.start = any_across(before)
+        u = twist.start
+        length = float(0.0)
+        for k in range(1, last + 1):
+            after = tangent_at(k, ctx)
+            u = carried_across(u, before, after)
+            before = after
+            if k < last:
+                length += ctx.model.segment_length[ctx.body.segments + k]
+        if twist.known != 1:
+            twist = clamp(twist, start_by, end_by, tangent_at(0, ctx), before, u, ctx)
+        # However far the end was turned; from one substep to the next the writhe changes by less than half a turn.
+        turned = twist.angle + (twist.wanted - twist.turned)
+        twist.angle = turned + wrap_angle(angle_about(before, u, twist.end) + twist.wanted - turned)
+        twist.turned = twist.wanted
+        twist.moment = twist.angle / (length * ctx.material.compliance[1])
+        ctx.state.twist.twists[ctx.body.index] = twist
+        return twist.moment
+
+    @wp.func
+    def find_twist(ctx: Context):
+        moment = twist_anew(ctx)
+        before = tangent_at(0, ctx)
+        for j in range(ctx.body.count - 2):
+            after = tangent_at(j + 1, ctx)
+            ctx.state.twist.couples[ctx.body.segments + j] = moment * half_binormal(before, after)
+            before = after
+
+    return find_twist
+
+
+@wp.func
+def ask_for(angle: float, b: int, s: State):
+    """Turn the end of body b by `angle` [rad] from now on."""
+    twist = s.twist.twists[b]
+    twist.wanted = angle
+    s.twist.twists[b] = twist

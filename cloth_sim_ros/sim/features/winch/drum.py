@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A winch at the start of a rope: rest length is fed to, or taken from, the segment between the drum and the rope.
+
+All particles of a rope exist from the beginning. Those still on the drum lie at its point, held, with no length between
+them. `WinchState.index` is the last of them. The segment that begins there is the one that is fed. A segment is born
+when the fed one is longer than one and a half segments. The particle at the drum is let go where one whole segment
+ends, and the rest is fed on. The fed segment is swallowed when it is shorter than nearly half of one. The drum takes in
+its other particle then. Never is a segment so short that its mass or length would stiffen the solve.
+
+Nothing of that jumps. Fed material enters at the pay-out rate of unstretched rope. A born particle lies on its segment
+where its material is, so that both parts keep the strain. It moves as that material does: with the rope ahead and with
+the feed behind it. A swallowed one leaves its neighbour's segment with the mean strain of the two that were. What a
+bend between them would pull taut is owed and fed little by little. The particle next to the drum weighs what of its two
+half segments is out.
+
+The drum is a hinge: what bends leaves it in any direction. A joint of it that has come out begins straight.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Body, Model
+from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.features.winch.arrays import Drive, WinchState
+from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, xyz
+from cloth_sim_ros.sim.physics.integrate import split_sum
+from cloth_sim_ros.sim.physics.winch import next_rate
+
+BORN = wp.constant(0.5)  # of the next segment on the drum: with so much more than its own, a segment is two
+SWALLOWED = wp.constant(0.45)  # of its own length: with less it is part of the next
+SHORTEST = wp.constant(0.5)  # of the last segment: no winch takes in more
+REACHED = wp.constant(1.0e-5)  # of the rope: nearer to a limit of its length it is there
+SETTLING = wp.constant(0.2)  # [s] in which what is owed is fed
+
+
+@wp.func
+def density_at(k: int, m: Model, body: Body) -> float:
+    """Mass per length [kg/m] of the rope where segment k begins: of both its ends the lighter, loads left out."""
+    at = body.segments + k
+    i = body.particles + k
+    before = wp.where(k > 0, m.segment_length[wp.max(at - 1, 0)], 0.0)
+    after = wp.where(at + 1 < body.segments_end, m.segment_length[wp.min(at + 1, body.segments_end - 1)], 0.0)
+    near = m.particle_masses[i] / (before + m.segment_length[at])
+    far = m.particle_masses[i + 1] / (after + m.segment_length[at])
+    return 2.0 * wp.min(near, far)
+
+
+@wp.func
+def effective_materials(winch: WinchState, m: Model, body: Body) -> float:
+    """The mass [kg] of the particle beyond the drum, with as much of its segment as is out."""
+    k = winch.index
+    lacks = m.segment_length[body.segments + k] - winch.length
+    return m.particle_masses[body.particles + k + 1] - 0.5 * density_at(k, m, body) * lacks
+
+
+@wp.func
+def weigh(i: int, mass: float, x: wp.uint64):
+    """Give particle i of the body a mass [kg], unless it is held."""
+    p = load4(x, i)
+    if p[3] > 0.0:
+        store4(x, i, wp.vec4(p[0], p[1], p[2], 1.0 / mass))
+
+
+def make_turn(order: int):
+    """A Warp function: one thread turns a body's drum at the start of a substep of length h [s]."""
+
+    @wp.func
+    def swallow(winch: WinchState, ctx: Context) -> WinchState:
+        k = winch.index
+        g = ctx.body.particles + k
+        drum = load4(ctx.x, k)
+        drum_low = load4(ctx.position_lo, k)
+        middle = load4(ctx.x, k + 1)
+        middle_low = load4(ctx.position_lo, k + 1)
+        first = xyz(middle - drum) + xyz(middle_low - drum_low)
+        second = xyz(load4(ctx.x, k + 2) - middle) + xyz(load4(ctx.position_lo, k + 2) - middle_low)
+        following = ctx.model.segment_length[ctx.body.segments + k + 1]
+        whole = winch.length + following
+        straight = wp.length(first + second) / wp.max(wp.length(first) + wp.length(second), 1.0e-12)
+        length = wp.clamp(straight * whole, SHORTEST * following, whole)
+        winch.backlog += whole - length
+        winch.length = length
+        winch.behind -= following
+        winch.index = k + 1
+        store4(ctx.x, k + 1, wp.vec4(drum[0], drum[1], drum[2], 0.0))
+        store4(ctx.position_lo, k + 1, drum_low)
+        ctx.state.velocities[g + 1] = wp.vec4(0.0)
+        ctx.state.rope.chain_forces[g + 1] = wp.vec3(0.0)
+        ctx.state.rope.tensions[ctx.body.segments + k] = 0.0
+        if wp.static(order == 2):
+            ctx.state.last_velocities[g + 1] = wp.vec3(0.0)
+            ctx.state.last_displacements[g + 1] = wp.vec3(0.0)
+        return winch
+
+    @wp.func
+    def bear(winch: WinchState, h: float, ctx: Context) -> WinchState:
+        k = winch.index
+        g = ctx.body.particles + k
+        drum = load4(ctx.x, k)
+        drum_low = xyz(load4(ctx.position_lo, k))
+        e = xyz(load4(ctx.x, k + 1) - drum) + (xyz(load4(ctx.position_lo, k + 1)) - drum_low)
+        own = ctx.model.segment_length[ctx.body.segments + k]
+        part = own / winch.length
+        away = drum_low + (1.0 - part) * e
+        position = xyz(drum)
+        rest = split_sum(position, away)
+        position += away
+        # How the material at this place moves: by (1 - part) with the rope ahead, by part with the feed.
+        feed = (part * winch.rate / winch.length) * e
+        velocity = (1.0 - part) * xyz(ctx.state.velocities[g + 1]) + feed
+        store4(ctx.x, k, wp.vec4(position[0], position[1], position[2], 1.0 / ctx.model.particle_masses[g]))
+        store4(ctx.position_lo, k, wp.vec4(rest[0], rest[1], rest[2], 0.0))
+        ctx.state.velocities[g] = wp.vec4(velocity[0], velocity[1], velocity[2], 0.0)
+        if wp.static(order == 2):
+            ctx.state.last_velocities[g] = (1.0 - part) * ctx.state.last_velocities[g + 1] + feed
+            ctx.state.last_displacements[g] = (1.0 - part) * ctx.state.last_displacements[g + 1] + h * feed
+        ctx.state.rope.tensions[ctx.body.segments + k - 1] = ctx.state.rope.tensions[ctx.body.segments + k]
+        weigh(k + 1, ctx.model.particle_masses[g + 1], ctx.x)
+        winch.length -= own
+        winch.behind += own
+        winch.index = k - 1
+        return winch
+
+    @wp.func
+    def turn(ctx: Context, drive: Drive, h: float):
+        winch = ctx.state.winch.winches[ctx.body.index]
+        last = ctx.body.segments_end - ctx.body.segments - 1
+        while (
+            winch.index < last and winch.length < SWALLOWED * ctx.model.segment_length[ctx.body.segments + winch.index]
+        ):
+            winch = swallow(winch, ctx)
+        while winch.index > 0 and winch.length >= (
+            ctx.model.segment_length[ctx.body.segments + winch.index]
+            + BORN * ctx.model.segment_length[ctx.body.segments + winch.index - 1]
+        ):
+            winch = bear(winch, h, ctx)
+        out = winch.behind + winch.length + winch.backlog
+        shortest = wp.max(drive.shortest, SHORTEST * ctx.model.segment_length[ctx.body.segments_end - 1])
+        longest = wp.min(drive.longest, winch.total)
+        room = longest - out
+        slack = out - wp.max(winch.backlog, 0.0) - shortest  # what is owed cannot be hauled in
+        winch.rate = next_rate(winch.rate, drive.pay_out, drive.max_rate, drive.acceleration, room, slack, h)
+        near = REACHED * winch.total
+        winch.stopped = 0
+        if (drive.pay_out > 0.0 and room < near) or (drive.pay_out < 0.0 and slack < near):
+            winch.stopped = 1
+        returned = winch.backlog * wp.min(h / SETTLING, 1.0)
+        fed = winch.rate * h + returned
+        length = winch.length + fed
+        winch.last_fed = winch.fed
+        winch.fed = length - winch.length
+        winch.backlog += (fed - winch.fed) - returned  # what rounding kept back, too
+        winch.length = length
+        weigh(winch.index + 1, effective_materials(winch, ctx.model, ctx.body), ctx.x)
+        ctx.state.winch.winches[ctx.body.index] = winch
+
+    return turn
+
+
+@wp.func
+def rest_of(k: int, ctx: Context) -> float:
+    """The rest length [m] of segment k of the body."""
+    winch = ctx.state.winch.winches[ctx.body.index]
+    return wp.where(k == winch.index, winch.length, ctx.model.segment_length[ctx.body.segments + k])
+
+
+@wp.func
+def joint_out(j: int, joint: wp.vec4, winch: WinchState) -> wp.vec4:
+    """Joint j as in Model.joints, beside the segment that is fed or behind; without weights on the drum."""
+    if j < winch.index:
+        return wp.vec4(0.0, 1.0, 0.0, 0.0)
+    if j > winch.index:
+        return joint
+    return wp.vec4(0.0, joint[1] + 0.5 * (winch.length - 1.0 / joint[2]), 1.0 / winch.length, joint[3])
+
+
+def make_fed(order: int):
+    """A Warp function: how much longer [m] segment k became in this substep by being fed, of a stretch of `length` [m]
+    per rest length. What of it order 2 carries on is left out, as of displacements."""
+
+    @wp.func
+    def fed_to(k: int, length: float, s: State, body: Body, second: bool) -> float:
+        winch = s.winch.winches[body.index]
+        fed = winch.fed
+        if wp.static(order == 2):
+            if second:
+                fed -= winch.last_fed / 3.0
+        return wp.where(k == winch.index, fed * length / winch.length, 0.0)
+
+    return fed_to
+
+
+@wp.func
+def first_out(s: State, body: Body) -> int:
+    """The first segment of the body that is out."""
+    return s.winch.winches[body.index].index

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Triangle meshes from files: read apart from the thread that answers requests, and checked before they are used.
+
+Readers of text formats hold the interpreter for seconds on a large file. So a process of its own reads a large one.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+import resource
+import subprocess
+import sys
+from functools import lru_cache
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+
+from cloth_sim_ros.parameters import shown
+from cloth_sim_ros.shared_files import PACKAGE, shared
+from cloth_sim_ros.sim.input.mesh_reading import LINK, MOST_BYTES, URDF, Mesh, Read, read
+from cloth_sim_ros.sim.input.regular_file import check_regular
+
+APART_BYTES = 4 << 20  # beyond this another process reads it
+APART = (".glb", ".gltf")  # so too what may ask for any amount of memory in a few bytes
+_MOST_MEMORY = 8 << 30  # [bytes] of such a process
+
+_LOG = logging.getLogger(__name__)
+_readers: set[subprocess.Popen] = set()
+
+
+def load_mesh(path: str, parameter: str, scale: float = 1.0) -> Mesh:
+    """Vertices (N, 3) in units of `scale` [m] and triangles (T, 3) of a mesh file, read again only when it has changed.
+
+    What has no area is left out, which the log tells, and vertices on open edges are welded, see mesh_repair. path: as
+    `local_path` takes it. FILE.urdf#LINK is what of a robot's link collides, in the axes of the link. Raises
+    ValueError, in one sentence about `parameter`.
+    """
+    try:
+        name, _, link = path.partition(LINK) if LINK in path else (path, "", "")
+        name += URDF if link else ""
+        file = local_path(name, parameter)
+        status = file.stat()
+        check_regular(status)
+        found = _load(str(file), link, scale, status.st_size, status.st_mtime_ns)
+    except (FileNotFoundError, NotADirectoryError):
+        raise ValueError(f"{parameter} is {shown(path)}; no such file is there") from None
+    except _Unresolved:
+        raise
+    except (OSError, ValueError, RuntimeError) as error:
+        found = f"cannot be read: {getattr(error, 'strerror', '') or error}"
+    if isinstance(found, str):
+        raise ValueError(f"{parameter} is {shown(path)}, which {found}")
+    vertices, triangles, told = found
+    if told:
+        _tell(f"{parameter} is {shown(path)}, which {told}")
+    return vertices, triangles
+
+
+@lru_cache(maxsize=1024)
+def _tell(sentence: str) -> None:
+    """Log a sentence, once: a scene is looked at whenever a parameter is set."""
+    _LOG.warning(sentence)
+
+
+class _Unresolved(ValueError):
+    """A package is not there."""
+
+
+def local_path(path: str, parameter: str) -> Path:
+    """Where a file lies that is named by `package://NAME/PATH`, `file:///PATH` or a plain path.
+
+    Raises ValueError, in one sentence about `parameter`.
+    """
+    scheme, there, rest = path.partition("://")
+    if not there or scheme not in ("package", "file"):
+        return Path(path).expanduser()
+    rest = unquote(rest)
+    if scheme == "file":
+        return Path("/" + rest.partition("/")[2])
+    package, _, inside = rest.partition("/")
+    if package == PACKAGE:  # which also runs where no ROS has installed it
+        return shared(inside)
+    try:
+        from ament_index_python.packages import get_package_share_directory
+
+        return Path(get_package_share_directory(package)) / inside
+    except ImportError:
+        why = "which needs ament_index_python of ROS; allowed is a plain path"
+    except (LookupError, ValueError, OSError):
+        why = f"and no package {package!r} is installed; allowed is one of those that `ros2 pkg list` shows"
+    raise _Unresolved(f"{parameter} is {shown(path)}, {why}")
+
+
+@lru_cache(maxsize=32)
+def _load(path: str, link: str, scale: float, size: int, modified_ns: int) -> Read | str:
+    """As mesh_reading.read gives it."""
+    if size > MOST_BYTES:
+        return f"has {size / 1e6:.0f} MB; allowed are at most {MOST_BYTES / 1e6:.0f} MB"
+    if size <= APART_BYTES and not path.lower().endswith(APART):
+        return read(path, link, scale, load_mesh)
+    command = [sys.executable, "-m", "cloth_sim_ros.sim.input.mesh_file", path, link, str(scale)]
+    env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # each thread would take from the memory that it may have
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=env) as reader:
+        _readers.add(reader)
+        output, _ = reader.communicate()
+        _readers.discard(reader)
+    if reader.returncode:
+        return output.decode().strip() or "cannot be read as a triangle mesh: its reader failed"
+    with np.load(io.BytesIO(output)) as arrays:
+        return arrays["vertices"], arrays["triangles"], str(arrays["told"])
+
+
+def stop_reading() -> None:
+    """Ends the processes that read meshes."""
+    for reader in tuple(_readers):
+        reader.kill()
+
+
+if __name__ == "__main__":
+    resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
+    path, link, scale = sys.argv[1:]
+    mesh_or_words = read(path, link, float(scale), load_mesh)
+    if isinstance(mesh_or_words, str):
+        print(mesh_or_words)
+        sys.exit(1)
+    np.savez(sys.stdout.buffer, **dict(zip(("vertices", "triangles", "told"), mesh_or_words, strict=True)))

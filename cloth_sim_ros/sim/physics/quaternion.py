@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Orientations as unit quaternions x y z w, in NumPy. Nothing here touches a device."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Motion = tuple[Quaternion, np.ndarray]  # a turn about the origin of the world, then a shift [m]
+
+
+def unit_quaternion(value: Any, name: str) -> Quaternion:
+    """`value` (x, y, z, w) scaled to length 1.
+
+    Raises ValueError if it is not four finite numbers, or shorter than 1e-6.
+    """
+    unit = _unit(value, 4, 1e-6)
+    if unit is None:
+        raise ValueError(f"{name} is {value!r}; allowed is a finite quaternion x y z w that is not zero")
+    return tuple(unit.tolist())
+
+
+def unit_quaternions(value: Any, name: str, count: int) -> np.ndarray:
+    """Rows (count, 4) of x, y, z, w, each scaled to length 1. Raises ValueError as `unit_quaternion`."""
+    rows = np.asarray(value, dtype=np.float64)
+    if rows.shape != (count, 4):
+        raise ValueError(f"{name} has shape {rows.shape}; allowed is ({count}, 4), x y z w")
+    length = np.sqrt((rows * rows).sum(axis=-1))
+    bad = np.flatnonzero(~(np.isfinite(length) & (length >= 1e-6)))
+    if len(bad):
+        raise ValueError(
+            f"{name} is {rows[bad[0]]} in row {bad[0]}; allowed is a finite quaternion x y z w that is not zero"
+        )
+    return rows / length[:, None]
+
+
+def turn_to(normal: Any, name: str) -> Quaternion:
+    """The shortest rotation of local z onto `normal` (x, y, z).
+
+    Raises ValueError if that is not three finite numbers, or shorter than 1e-9.
+    """
+    unit = _unit(normal, 3, 1e-9)
+    if unit is None:
+        raise ValueError(f"{name} is {normal!r}; allowed is a finite vector that is not zero")
+    x, y, z = unit
+    if z < -1.0 + 1e-12:
+        return (1.0, 0.0, 0.0, 0.0)
+    return unit_quaternion((-y, x, 0.0, 1.0 + z), name)
+
+
+def rotate(orientation: Quaternion, points: np.ndarray) -> np.ndarray:
+    """Rows of `points` (N, 3) rotated by the unit quaternion x y z w, in float64."""
+    axis, w = np.asarray(orientation[:3]), orientation[3]
+    turn = 2.0 * np.cross(axis, points)
+    return points + w * turn + np.cross(axis, turn)
+
+
+def _unit(value: Any, size: int, shortest: float) -> np.ndarray | None:
+    """`value` (size,) scaled to length 1, None where it is not that many finite numbers or shorter than `shortest`."""
+    try:
+        vector = np.asarray(value, dtype=np.float64)
+        length = float(np.sqrt((vector * vector).sum()))  # to the same bits as unit_quaternions
+    except (TypeError, ValueError):
+        return None
+    return None if vector.shape != (size,) or not np.isfinite(length) or length < shortest else vector / length
+
+
+def moved(points: np.ndarray, motion: Motion) -> np.ndarray:
+    """Points (N, 3) [m] after a motion."""
+    return rotate(motion[0], points) + motion[1]

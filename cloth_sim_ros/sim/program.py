@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The program of a substep: which stages it has for the features of a scene, and in which order. Written once.
+
+The contract of an executor (block.py: a launch a frame; graph.py: launches between which objects meet):
+
+1. It gives every stage a `Context` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
+2. Each substep runs `before`, then `solved` and `touched` in each iteration, then `kept` and `after`. `ending` ends the
+   frame.
+   Where objects meet, they are kept apart before `touched`, so that what lies on a floor sticks to it, whatever lies on
+   top. They are bounded behind `kept`, so that nothing comes through a sheet, whatever pushes.
+3. A stage is run(t, width, ctx), called by `width` threads of numbers t, of which `threads` solve chains. What they
+   store is seen by all threads of the body before the next stage begins.
+4. A stage with `rounds` is run once for each round of lines, in order, with `ctx.group` set and a barrier between.
+   Its `width` is a multiple of a warp on a GPU.
+5. It sets `ctx.step.first`, `store` and `repeats`, and `ctx.last`, which holds in the last iteration. Stages of
+   `every` n substeps run in substeps that n divides.
+6. It knows no physics, and a stage knows no executor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import Arrays
+from cloth_sim_ros.sim.features.air.panels import make_panels
+from cloth_sim_ros.sim.features.collider_contact.arrays import SWEPT
+from cloth_sim_ros.sim.features.collider_contact.broad_phase import list_colliders, make_forget_contacts, measure_extent
+from cloth_sim_ros.sim.features.collider_contact.facet_clamp import make_facet_clamp, make_give_up_way
+from cloth_sim_ros.sim.features.collider_contact.particle import make_contact, make_met_in
+from cloth_sim_ros.sim.features.collider_contact.surface import make_carry_presses, make_press, make_yield
+from cloth_sim_ros.sim.features.collider_contact.sweep import sweep_collider
+from cloth_sim_ros.sim.features.fault_recovery import find_fault, make_count, make_settle
+from cloth_sim_ros.sim.features.grasp.hold import feel, hold
+from cloth_sim_ros.sim.features.motion import make_finish, make_predict
+from cloth_sim_ros.sim.features.plate.bending import curve_triangle, make_bend
+from cloth_sim_ros.sim.features.tearing.tear import followers, make_tear
+from cloth_sim_ros.sim.features.twist.twist import ask_for
+from cloth_sim_ros.sim.features.winch.drum import make_turn
+from cloth_sim_ros.sim.kernels.intrinsics import array_address, sync_warp
+from cloth_sim_ros.sim.lines.solve import make_solve_line_row
+from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step
+from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
+from cloth_sim_ros.sim.stage import Stage, both, once, over_meeting, over_particles
+from cloth_sim_ros.sim.topology.line_layout import WARP
+
+_A_FRAME = 1 << 30  # more substeps than a frame has
+
+
+@dataclass
+class Program:
+    """The stages of a frame, in order."""
+
+    before: list[Stage] = field(default_factory=list)
+    solved: list[Stage] = field(default_factory=list)
+    touched: list[Stage] = field(default_factory=list)
+    kept: list[Stage] = field(default_factory=list)
+    after: list[Stage] = field(default_factory=list)
+    ending: list[Stage] = field(default_factory=list)
+
+
+def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: bool = True) -> Program:
+    """The program for `features`; of chains, which `threads` of a block solve together, see make_solve_chain."""
+    program = Program()
+    before, explicit = program.before, features.method == "verlet"
+    if features.shapes:
+        before += _look_around(features)
+    if features.winch:
+        before.append(Stage("winch", _make_winch(features)))
+    if features.panels:
+        before.append(Stage("panels", make_panels(features)))
+    predict, finish = make_predict(features), make_finish(features)
+    if features.handles:
+        predict, finish = both(predict, hold), both(feel, finish)
+    if features.curved and explicit:
+        before.append(_make_curve(explicit))
+    before.append(over_particles("predict", predict))
+    if features.curved and not explicit:
+        before.append(_make_curve(explicit))
+    if features.plate and not explicit:
+        before.append(over_particles("bend", make_bend(features)))
+    if features.chain:
+        program.solved.append(Stage("chain", _make_chain(features, threads, stored)))
+    if features.lines:
+        program.solved.append(_make_lines(features, on_cpu))
+    if features.shapes:
+        _keep_out(program, features, None if features.coupled else finish)
+    if features.coupled or not features.shapes:
+        program.after.append(over_particles("finish", finish))
+    if features.tears:
+        program.after.append(Stage("tear", make_tear(features)))
+    program.ending += [over_particles("find_faults", find_fault), over_particles("settle", make_settle(features))]
+    if features.tears:
+        program.ending += [Stage(f.key, f) for f in followers(features)]
+    program.ending.append(Stage("count", once(make_count(features))))
+    return program
+
+
+def _keep_out(program: Program, features: Features, ends) -> None:
+    """What keeps a body out of colliders, and what `ends` the substep.
+
+    That goes with the last stage: a GPU waits once for both, and reads the many instructions of contact once.
+    """
+    met_in, contact = make_met_in(features), make_contact(features)
+    if not features.surface:
+        program.touched.append(over_meeting("contact", met_in, contact, ends))
+        return
+    program.touched.append(over_meeting("contact", met_in, contact))
+    program.touched.append(Stage("press", make_press(features)))
+    program.touched.append(over_meeting("give_way", met_in, make_yield(features)))
+    program.kept.append(Stage("stop", make_facet_clamp(features)))
+    program.kept.append(over_meeting("stay", met_in, make_give_up_way(features), ends))
+
+
+def _look_around(features: Features) -> list[Stage]:
+    """What begins a frame and some of its substeps where there are colliders."""
+    stages = []
+    if features.surface:
+        stages.append(Stage("carry_presses", make_carry_presses(features), every=_A_FRAME))
+    stages.append(Stage("forget_contacts", make_forget_contacts(features.listed), every=_A_FRAME))
+    if features.listed:
+        stages.append(Stage("measure_extent", measure_extent, every=_A_FRAME))
+        stages.append(Stage("list_colliders", list_colliders, every=_A_FRAME))
+    stages.append(Stage("sweep", _sweep, every=SWEPT))
+    return stages
+
+
+def make_begin(features: Features):
+    """A Warp function: what stages are given of body b of a world, with its particles in device arrays."""
+    separate = features.plate and features.method == "xpbd"
+
+    @wp.func
+    def begin(arrays: Arrays, b: int) -> Context:
+        ctx = Context()
+        ctx.model = arrays.model
+        ctx.state = arrays.state
+        ctx.body = arrays.model.bodies[b]
+        ctx.material = arrays.materials[b]
+        ctx.frame = arrays.frames[0]
+        ctx.colliders = arrays.colliders
+        ctx.forces = arrays.forces
+        if wp.static(features.handles):
+            ctx.handles = arrays.handles
+            ctx.handle_counts = arrays.handle_counts
+        if wp.static(features.winch):
+            ctx.drive = arrays.drives[b]
+        if wp.static(features.twist):
+            ctx.turn = arrays.ends[b].turn
+        ctx.x = array_address(arrays.state.positions, ctx.body.particles)
+        ctx.position_lo = array_address(arrays.state.position_lo, ctx.body.particles)
+        ctx.d = array_address(arrays.state.displacements, ctx.body.particles)
+        ctx.p = ctx.d
+        if wp.static(separate):
+            ctx.p = array_address(arrays.state.plate.predicted, ctx.body.particles)
+        ctx.spans = ctx.x
+        return ctx
+
+    return begin
+
+
+def make_enter(features: Features):
+    """A Warp function: the same in a substep, from what `begin` made."""
+
+    @wp.func
+    def enter(given: Context, substep: int) -> Context:
+        ctx = given
+        ctx.substep = substep
+        smooth = bool(False)
+        if wp.static(features.looks_back):
+            # What the substep before found; two places take turns, so that none is read while it is written.
+            smooth = ctx.state.events[2 * ctx.body.index + (substep + 1) % 2] != substep
+            if substep == 0:
+                smooth = ctx.state.history[ctx.body.index] > 0
+        ctx.step = make_step(ctx.frame.dt, smooth, wp.static(features.order), ctx.frame.global_damping)
+        ctx.step.weighs = substep == 0 or (ctx.frame.moves > 0 and substep % WEIGHED == 0)
+        if wp.static(features.order == 2):
+            ctx.step.weighs = ctx.step.weighs or not smooth
+        bodies, colliders = ctx.model.bodies.shape[0], ctx.colliders.shape[0]
+        ctx.sweep = (substep % wp.static(SWEPT) * bodies + ctx.body.index) * colliders
+        return ctx
+
+    return enter
+
+
+@wp.func
+def _sweep(t: int, width: int, ctx: Context):
+    colliders = ctx.colliders.shape[0]
+    for q in range(t, wp.static(SWEPT) * colliders, width):
+        ahead = q / colliders
+        substep, c = ctx.substep + ahead, q - ahead * colliders
+        if substep < ctx.frame.substeps:
+            count = float(ctx.frame.substeps)
+            place = ctx.sweep + ahead * ctx.model.bodies.shape[0] * colliders + c
+            before, after = float(substep) / count, float(substep + 1) / count
+            ctx.state.contact.sweeps[place] = sweep_collider(ctx.colliders[c], before, after)
+
+
+def _make_winch(features: Features):
+    turn = make_turn(features.order)
+
+    @wp.func
+    def winch(t: int, width: int, ctx: Context):
+        if t == 0:
+            turn(ctx, ctx.drive, ctx.frame.dt)
+
+    return winch
+
+
+def _make_curve(explicit: bool) -> Stage:
+    @wp.func
+    def curve(t: int, width: int, ctx: Context):
+        moved = ctx.p
+        if wp.static(explicit):
+            moved = ctx.position_lo
+        for c in range(ctx.body.curves + t, ctx.body.curves_end, width):
+            curve_triangle(c, ctx, ctx.x, moved)
+
+    return Stage("curve", curve)
+
+
+def _make_chain(features: Features, threads: int, stored: bool):
+    solve_chain = make_solve_chain(features, threads, stored)
+
+    @wp.func
+    def chain(t: int, width: int, ctx: Context):
+        if wp.static(features.twist):
+            if t == 0 and ctx.step.first:
+                ask_for(ctx.turn, ctx.body.index, ctx.state)
+        overstretched = bool(False)
+        if t < wp.static(threads):
+            overstretched = solve_chain(t, ctx, ctx.spans)
+        if t == 0:
+            ctx.state.rope.overstretched[ctx.body.index] = wp.where(
+                overstretched or (not ctx.step.first and _was_overstretched(ctx)), 1, 0
+            )
+
+    return chain
+
+
+@wp.func
+def _was_overstretched(ctx: Context) -> bool:
+    return ctx.state.rope.overstretched[ctx.body.index] > 0
+
+
+def _make_lines(features: Features, on_cpu: bool) -> Stage:
+    solve_line_row, team = make_solve_line_row(features), 1 if on_cpu else WARP
+
+    @wp.func
+    def lines(t: int, width: int, ctx: Context):
+        group = ctx.model.groups[ctx.group]
+        first, end, many = group[0], group[1], group[2]
+        for r in range(first + many * (t / wp.static(team)), end, many * (width / wp.static(team))):
+            for k in range(many):
+                solve_line_row(r + k, ctx)
+                if wp.static(not on_cpu):
+                    sync_warp()
+
+    return Stage("lines", lines, rounds=True)

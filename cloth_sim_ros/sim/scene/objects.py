@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is simulated: cloths and ropes with their materials, plain and frozen. Nothing here touches a device.
+
+Every number is checked on construction; a bad one raises ValueError (see checks.py).
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.input.checks import check_fields, finite_array
+from cloth_sim_ros.sim.input.mesh_repair import Unfit, repair
+from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
+from cloth_sim_ros.sim.scene.materials import rope_fields, sheet_fields, triangles_area
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Cloth:
+    """A rectangular sheet (or, from `Cloth.from_mesh`, any manifold triangle mesh) of springs.
+
+    Particle (ix, iy) is index iy*nx + ix at local (ix*w/(nx-1) - w/2, iy*h/(ny-1) - h/2, 0). stretch_compliance,
+    shear_compliance [m/N]: 1/constant of every spring of a square grid, borders twice as compliant. On a mesh the edge
+    between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same on a grid (Van
+    Gelder 1998). bend_compliance is None for no bending. With bending="springs" [m/N] it is 1/constant of the distance
+    springs over two edges. With "dihedral" [1/(N m)] it is 1/flexural rigidity B of a sheet whose Poisson ratio is 0 in
+    bending. Its energy is B/2 times the integral of the squared curvatures (kxx^2 + 2 kxy^2 + kyy^2). A strip of width
+    w bends with B w and twists with 2 B w, in any direction of any mesh. The energy is quadratic in the positions
+    (Bergou et al. 2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of three pinned
+    particles is a clamp: two pinned rows hold the sheet at the second one. shear_compliance None means no shear
+    springs. Compliance 0 is rigid. mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem).
+    damping [s]: c = damping x constant. thickness [m] is the distance at which the cloth touches a collider. With
+    self_contact its parts keep twice that from one another. With tear_strain above 0, structural and shear springs
+    that are strained by more than that fail for good, and `Simulation.cut` cuts them.
+    """
+
+    resolution: tuple[int, int] = (32, 32)
+    size: tuple[float, float] = (1.0, 1.0)
+    mass: float = 0.2
+    position: Vector = (0.0, 0.0, 0.0)
+    orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    pins: Any = "corners"
+    stretch_compliance: float = 1e-3
+    shear_compliance: float | None = 3e-3
+    bend_compliance: float | None = None
+    bending: str = "springs"
+    damping: float = 0.0
+    thickness: float = 0.005
+    static_friction: float = 0.5
+    kinetic_friction: float = 0.4
+    self_contact: bool = False
+    tear_strain: float = 0.0
+    particle_masses: Any = field(default=None, repr=False, compare=False)
+    vertices: np.ndarray | None = field(default=None, repr=False, compare=False)
+    triangles: np.ndarray | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        skip = tuple(name for name in ("shear_compliance", "bend_compliance") if getattr(self, name) is None)
+        check_fields(self, table.CLOTH, skip)
+        if self.bending == "none":
+            object.__setattr__(self, "bend_compliance", None)
+        if (self.vertices is None) != (self.triangles is None):
+            raise ValueError("Cloth has vertices or triangles alone; allowed are both or neither")
+        if min(self.size) <= 0.0:
+            raise ValueError(f"Cloth.size is {self.size}; allowed are two numbers above 0 [m]")
+        if self.vertices is None:
+            count, names = self.resolution[0] * self.resolution[1], ("corners", "top", "edges")
+        else:
+            count, names = len(self.vertices), ()
+        _check_pins(self, names, count)
+        _take_masses(self, count)
+
+    @classmethod
+    def of(cls, material: str, **fields: Any) -> Cloth:
+        """A sheet of a material of `materials.FABRICS`; `fields` of Cloth, such as size and resolution, win over it.
+
+        The mass follows from the size. Its moduli hold where cells are square. Raises ValueError for an unknown
+        material.
+        """
+        area = math.prod(table.check(table.row(table.CLOTH, "size"), fields.get("size", cls.size), "Cloth.size"))
+        return cls(**{**sheet_fields(material, area, bending=fields.get("bending", "dihedral")), **fields})
+
+    @classmethod
+    def from_mesh(cls, vertices: Any, triangles: Any, material: str = "", scale: float = 1.0, **fields: Any) -> Cloth:
+        """A cloth over `vertices` (N, 3) in local axes, in units of `scale` [m], and `triangles` (T, 3); `fields` are
+        those of Cloth.
+
+        With a `material` of `materials.FABRICS` they win over its numbers, and the mass follows from the area. Its
+        edges carry stretch and shear alike, so it has no shear_compliance; pins are indices, "all named pins" of a grid
+        do not exist. Triangles without an area, and vertices that no other needs, are left out, which the log tells.
+        Particles are the vertices that stay, in their order; pins and particle_masses go by the numbers as given.
+        Raises ValueError for a triangle that names a vertex that does not exist. A Simulation raises it for a mesh that
+        is not manifold.
+        """
+        for name in ("resolution", "size"):
+            if name in fields:
+                raise ValueError(
+                    f"Cloth.from_mesh has {name}; allowed are the material fields, the mesh gives the shape"
+                )
+        if fields.get("shear_compliance") is not None:
+            raise ValueError(
+                "Cloth.from_mesh has shear_compliance; a mesh's edges carry shear, allowed is stretch_compliance"
+            )
+        points = finite_array(vertices, 3, "Cloth.from_mesh vertices")
+        corners = finite_array(triangles, 3, "Cloth.from_mesh triangles")
+        wrong = corners[(corners < 0) | (corners >= len(points)) | (corners != np.floor(corners))]
+        if len(wrong):
+            allowed = f"whole numbers from 0 to {len(points) - 1}"
+            raise ValueError(f"Cloth.from_mesh triangles name vertex {wrong[0]:g}; allowed are {allowed}")
+        try:
+            mesh = repair(points * table.check(table.UNIT, scale, "Cloth.from_mesh scale"), corners.astype(np.int32))
+        except Unfit as error:
+            raise ValueError(f"Cloth.from_mesh {error}") from None
+        if mesh.told:
+            _LOG.warning("Cloth.from_mesh %s", mesh.told)
+        if len(mesh.points) < len(points):
+            fields = _renumbered(fields, mesh.place, len(mesh.points))
+        points, faces, preset = mesh.points, mesh.triangles, {}
+        if material:
+            bending = fields.get("bending", "dihedral")
+            preset = sheet_fields(material, triangles_area(points, faces), mesh=True, bending=bending)
+        shape = {"shear_compliance": None, "vertices": points, "triangles": faces}
+        return cls(**{"pins": None, **preset, **fields, **shape})
+
+
+@dataclass(frozen=True)
+class Winch:
+    """A drum at the start of a rope, which pays it out and hauls it in: see the rows of `parameters.WINCH`.
+
+    length, shortest, longest [m], pay_out, max_rate [m/s], acceleration [m/s^2]. All but length are live.
+    """
+
+    length: float = 1e4
+    pay_out: float = 0.0
+    max_rate: float = 1.0
+    acceleration: float = 1.0
+    shortest: float = 0.0
+    longest: float = 1e4
+
+    def __post_init__(self) -> None:
+        check_fields(self, table.WINCH)
+        check_lengths(self.shortest, self.longest, "Winch.shortest")
+
+
+def check_lengths(shortest: float, longest: float, name: str) -> None:
+    """Raise ValueError where a winch's shortest length [m] is above its longest."""
+    if shortest > longest:
+        raise ValueError(f"{name} is {shortest:g} with a longest of {longest:g}; allowed is at most that [m]")
+
+
+@dataclass(frozen=True)
+class Rope:
+    """A chain of particles, from `points` (N, 3) [m] or `start`, `end`, `segments`, in local axes.
+
+    stretch_compliance [1/N] = 1/EA. bend_compliance [1/(N m^2)] = 1/EI or None for no bending. 0 is rigid. mass [kg] is
+    the total, lumped by length; particle_masses (N,) [kg] overrides it. end_mass [kg] is a load at the last particle,
+    on top of either. radius [m]. pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of
+    each segment. winch: a drum at the start, which must be pinned; the end may be. What it has not paid out lies on it.
+    The rest, measured from the end, lies along the path from the start. It bends about a hinge at the drum, and is
+    straight at rest. twist_compliance [1/(N m^2)] = 1/GJ or None for no twist. An end is clamped while its last two
+    particles are pinned, or held by a handle, which turns the rope with it. Between two clamps the rope resists twist;
+    while an end is free it has none. end_turn [rad] is by how much the end is turned about its axis against the start.
+    It counts from when both were clamped, or positions set. With self_contact its parts keep twice the radius from one
+    another.
+    """
+
+    points: Any = field(default=None, repr=False, compare=False)
+    start: Vector = (0.0, 0.0, 1.0)
+    end: Vector = (1.0, 0.0, 1.0)
+    segments: int = 32
+    mass: float = 0.2
+    radius: float = 0.005
+    end_mass: float = 0.0
+    pins: Any = "start"
+    stretch_compliance: float = 1e-4
+    bend_compliance: float | None = None
+    damping: float = 0.0
+    static_friction: float = 0.5
+    kinetic_friction: float = 0.4
+    self_contact: bool = False
+    position: Vector = (0.0, 0.0, 0.0)
+    orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    particle_masses: Any = field(default=None, repr=False, compare=False)
+    winch: Winch | None = None
+    twist_compliance: float | None = None
+    end_turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        absent = tuple(name for name in ("bend_compliance", "twist_compliance") if getattr(self, name) is None)
+        check_fields(self, (*table.ROPE, *table.TWIST), absent)
+        if self.points is None:
+            t = np.linspace(0.0, 1.0, self.segments + 1)[:, None]
+            points = np.asarray(self.start) * (1.0 - t) + np.asarray(self.end) * t
+        else:
+            points = finite_array(self.points, 3, "Rope.points")
+        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        if len(points) < 2 or lengths.min(initial=np.inf) < 1e-9:
+            raise ValueError(
+                "Rope has fewer than two points or a segment of no length; allowed are distinct neighbours"
+            )
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "segments", len(points) - 1)
+        _check_pins(self, ("start", "end", "both"), len(points))
+        _take_masses(self, len(points))
+        if self.winch is not None:
+            self._check_winch()
+        if self.twist_compliance is not None and (self.bend_compliance is None or self.segments < 3):
+            raise ValueError("Rope.twist_compliance is set; allowed is with bend_compliance and at least 3 segments")
+        if self.twist_compliance is not None and self.winch is not None:
+            raise ValueError("Rope.twist_compliance is set for a rope on a winch; allowed is None")
+        if self.twist_compliance is None and self.end_turn:
+            raise ValueError(f"Rope.end_turn is {self.end_turn:g} without twist_compliance; allowed is 0, or both")
+
+    @classmethod
+    def of(cls, material: str, **fields: Any) -> Rope:
+        """A rope of a material of `materials.CORDS`; `fields` of Rope, such as start and end, win over it.
+
+        The mass follows from the length, and what a thicker rope has from the radius.
+        Raises ValueError for an unknown material.
+        """
+        path = fields.get("points")
+        if path is None:
+            path = (fields.get("start", cls.start), fields.get("end", cls.end))
+        length = float(np.linalg.norm(np.diff(finite_array(path, 3, "Rope.points"), axis=0), axis=1).sum())
+        return cls(**{**rope_fields(material, length, fields.get("radius")), **fields})
+
+    def _check_winch(self) -> None:
+        """Raise ValueError where a rope on a winch is not held at its start, or is held between its ends."""
+        if not isinstance(self.winch, Winch):
+            raise ValueError(f"Rope.winch is {self.winch!r}; allowed is a Winch or None")
+        pins = {"start": (0,), "both": (0, self.segments)}.get(self.pins, self.pins) if self.pins else ()
+        if isinstance(pins, str) or 0 not in pins or set(pins) - {0, self.segments}:
+            raise ValueError(f"Rope.pins is {self.pins!r} with a winch at the start; allowed is 'start' or 'both'")
+
+
+def _renumbered(fields: dict[str, Any], place: np.ndarray, count: int) -> dict[str, Any]:
+    """`fields` of Cloth for `count` particles of which `place` (N,) says which each of N vertices is, or -1. Raises
+    ValueError for a pin at a vertex that is none."""
+    pins, masses = fields.get("pins"), fields.get("particle_masses")
+    if pins is not None and not isinstance(pins, str):
+        pins = table.check(table.row(table.CLOTH, "pins"), pins, "Cloth.pins")
+        for pin in pins:
+            if not 0 <= pin < len(place) or place[pin] < 0:
+                raise ValueError(f"Cloth.pins names vertex {pin}; allowed are those of triangles with an area")
+        fields = {**fields, "pins": tuple(dict.fromkeys(int(place[pin]) for pin in pins))}
+    if np.shape(masses) == place.shape:
+        kept = place >= 0
+        fields = {**fields, "particle_masses": np.bincount(place[kept], np.asarray(masses)[kept], count)}
+    return fields
+
+
+def _check_pins(thing: Any, names: tuple[str, ...], count: int) -> None:
+    """Raise ValueError where `pins` is not None, "none", one of `names` or indices below `count`."""
+    pins, name = thing.pins, f"{type(thing).__name__}.pins"
+    if pins is None or pins == "none":
+        return
+    if isinstance(pins, str):
+        if pins not in names:
+            words = ", ".join([*names, "none"])
+            raise ValueError(f"{name} is {pins!r}; allowed is one of {words} or a list of particle indices")
+        return
+    bad = [index for index in pins if not 0 <= index < count]
+    if bad:
+        raise ValueError(f"{name} names particle {bad[0]}; allowed are 0 to {count - 1}")
+
+
+def _take_masses(thing: Any, count: int) -> None:
+    """Check `particle_masses` where they are given, and let them make up the total. Raises ValueError."""
+    if thing.particle_masses is None:
+        return
+    masses, name = np.array(thing.particle_masses, dtype=np.float64), f"{type(thing).__name__}.particle_masses"
+    if masses.shape != (count,) or not np.isfinite(masses).all() or masses.min() <= 0.0:
+        raise ValueError(f"{name} has shape {masses.shape}; allowed are {count} finite masses > 0 [kg]")
+    object.__setattr__(thing, "particle_masses", masses)
+    object.__setattr__(thing, "mass", float(masses.sum()))

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What exists: objects and colliders by name, wind and gravity. Nothing here touches a device.
+
+Every number is checked on construction; a bad one raises ValueError (see checks.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.colliders import SHAPES
+from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.colliders.mesh import Mesh
+from cloth_sim_ros.sim.input.checks import check_fields
+from cloth_sim_ros.sim.physics.quaternion import Vector
+from cloth_sim_ros.sim.scene.forces import Force, name_of
+from cloth_sim_ros.sim.scene.handles import Handle
+from cloth_sim_ros.sim.scene.objects import Cloth, Rope
+
+_LARGE = 20.0  # [m] across: garments and tools are smaller
+
+
+@dataclass(frozen=True)
+class Wind:
+    """A uniform wind [m/s].
+
+    At the incidence alpha a surface has C_D = drag_coefficient sin^3 alpha and C_L = lift_coefficient sin alpha
+    sin 2 alpha, see physics/aerodynamics.py. A rope has drag_coefficient across its axis, and no force along it.
+    """
+
+    velocity: Vector = (0.0, 0.0, 0.0)
+    air_density: float = 1.225
+    drag_coefficient: float = 1.2
+    lift_coefficient: float = 0.6
+
+    def __post_init__(self) -> None:
+        check_fields(self, table.WIND)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Named objects, colliders and handles, wind (None: no air), forces by any name and gravity [m/s^2].
+
+    spare_colliders: how many colliders of SPARE_SHAPES may be added while a simulation runs. object_contact: whether
+    objects keep both their thicknesses from one another. Names of objects, colliders and handles are shared by topics
+    and parameters. Raises ValueError for what cannot be.
+    """
+
+    objects: Mapping[str, Cloth | Rope] = field(default_factory=dict)
+    colliders: Mapping[str, Collider] = field(default_factory=dict)
+    wind: Wind | None = None
+    forces: Mapping[str, Force] = field(default_factory=dict)
+    gravity: Vector = (0.0, 0.0, -9.81)
+    handles: Mapping[str, Handle] = field(default_factory=dict)
+    spare_colliders: int = 0
+    object_contact: bool = False
+
+    def __post_init__(self) -> None:
+        _check_names(self.objects, (Cloth, Rope), "objects")
+        _check_names(self.colliders, tuple(kind for kind, _ in SHAPES.values()), "colliders")
+        _check_names(self.handles, (Handle,), "handles")
+        names = [*self.objects, *self.colliders, *self.handles]
+        twice = {name for name in names if names.count(name) > 1}
+        if twice:
+            raise ValueError(
+                f"the name {min(twice)!r} is given to two of objects, colliders and handles; allowed is one of them"
+            )
+        for name, handle in self.handles.items():
+            if handle.object not in ("", *self.objects):
+                raise ValueError(
+                    f"Handle {name!r} grasps {handle.object!r}; allowed is '' for any of {', '.join(self.objects)}"
+                )
+        if self.wind is not None and not isinstance(self.wind, Wind):
+            raise ValueError(f"Scene.wind is {self.wind!r}; allowed is a Wind or None")
+        for force in self.forces.values():
+            name_of(force)
+        check_fields(self, (table.GRAVITY, table.SPARE_COLLIDERS, table.OBJECT_CONTACT))
+
+
+def large_meshes(scene: Scene) -> Iterator[str]:
+    """A sentence for each cloth and collider of a mesh that is larger than a room: its file may be in millimetres."""
+    for name, thing in {**scene.objects, **scene.colliders}.items():
+        points = thing.points() if isinstance(thing, Mesh) else getattr(thing, "vertices", None)
+        across = 0.0 if points is None else float(np.ptp(points, axis=0).max())
+        if across > _LARGE:
+            yield f"{name} is {across:.3g} m across; a mesh in millimetres takes a scale of 0.001"
+
+
+def _check_names(things: Any, kinds: tuple[type, ...], where: str) -> None:
+    """Raise ValueError where `things` is no dict of names, as parameters can have them, to objects of `kinds`."""
+    *first, last = (f"a {kind.__name__}" for kind in kinds)
+    allowed = f"{', '.join(first)} or {last}" if first else last
+    if not isinstance(things, Mapping):
+        raise ValueError(f"Scene.{where} is {things!r}; allowed is a dict of name to {allowed}")
+    for name, thing in things.items():
+        if not isinstance(name, str) or not name or "." in name:
+            raise ValueError(f"Scene.{where} has the name {name!r}; allowed is a word without dots")
+        if name in ("solver", "wind", "gravity"):
+            raise ValueError(f"Scene.{where} has the name {name!r}; allowed is a name that no group of parameters has")
+        if not isinstance(thing, kinds):
+            raise ValueError(f"Scene.{where}[{name!r}] is {thing!r}; allowed is {allowed}")

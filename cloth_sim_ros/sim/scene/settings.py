@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How to compute: the settings of the solver, as a plain frozen description."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.input.checks import check_fields
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to compute: see the rows of `parameters.SOLVER`. frame_dt [s], global_damping [1/s].
+
+    order, substeps and iterations of 0 are chosen for each object, as methods/choose.py says.
+    """
+
+    method: str = "auto"
+    order: int = 0
+    frame_dt: float = 1 / 60
+    substeps: int = 0
+    iterations: int = 0
+    error: float = 1e-3
+    budget: float = 0.5
+    global_damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, (*table.SOLVER, table.FRAME_DT))

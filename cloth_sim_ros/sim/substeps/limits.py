@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How large a step an explicit method may take, by NumPy on the rest shape; nothing of the device."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from cloth_sim_ros.sim.physics.plate import MOST_BENDING
+from cloth_sim_ros.sim.scene.scene import Scene
+from cloth_sim_ros.sim.scene.settings import Settings
+from cloth_sim_ros.sim.topology import KINDS, Topology
+
+
+class Unstable(ValueError):
+    """Explicit steps cannot compute an object; the message says what would be needed."""
+
+
+# Of the limit of small motions. Springs that turn while they stretch are heated by leapfrog in resonances of third,
+# fourth, .. order, at omega h = sqrt(3), sqrt(2), .. (Schlick et al. 1998). Let go at 0.9, a whipping rope flies apart
+# within a minute, a soft hung sheet as well. Of a line of springs most modes are near the fastest, of a sheet few.
+_SHARE = 0.7
+_SHARE_OF_LINES = 0.5
+
+_ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS, of a length in float32
+_HEAT = 1e-2  # [m^2/s^3] by which rounding may heat a body; beyond it a spring is as good as rigid
+
+EFFECTIVE = {1: 1.0, 2: 2.0 / 3.0}  # of a substep of XPBD, by its order, over the substep
+
+_LOST = 0.1
+
+
+@dataclass(frozen=True)
+class LineKinkError:
+    """By how much XPBD strains a mesh too much that hangs, and what that counts as.
+
+    The lines of a mesh have kinks. The solve of each line straightens them, until others bend them back. So a share of
+    the tension is lost: _LOST (h_e limit / (h substeps))^2 of it. That was measured in meshes of 256 to 4096 particles.
+    A sweep more multiplies it by the same again.
+
+    limit: substeps that leapfrog needs. strain: about that of the sheet under its weight; 0 where nothing is lost. By
+    5 % too much counts as an error of 1e-3, and less where the strain itself is below 1e-4 and is not seen.
+    """
+
+    limit: float
+    strain: float
+    iterations: int
+
+    def excess(self, substeps: int, order: int) -> float:
+        """The share by which the strain is too large."""
+        once = _LOST * (EFFECTIVE[order] * self.limit / substeps) ** 2 if self.strain > 0.0 else 0.0
+        return min(once, once**self.iterations)
+
+    def error(self, substeps: int, order: int) -> float:
+        """What that counts as, in the units of solver.error."""
+        return self._weight * self.excess(substeps, order)
+
+    def substeps(self, error: float, order: int) -> float:
+        """How many have that error."""
+        if self.strain == 0.0:
+            return 0.0
+        excess = error / self._weight
+        return EFFECTIVE[order] * self.limit * math.sqrt(_LOST / max(excess, excess ** (1.0 / self.iterations)))
+
+    @property
+    def _weight(self) -> float:
+        # What is strained a lot moves by its strain, too.
+        return max(0.02 * min(1.0, self.strain / 1e-4), 2.5 * self.strain)
+
+
+def bending_share(rate: float, step: float) -> float:
+    """The share of a sheet's bending rigidity that acts under XPBD, for its stiffest mode's omega^2 [1/s^2] and h_e."""
+    return min(1.0, MOST_BENDING / max(rate * step * step, 1e-30))
+
+
+def check_explicit(
+    scene: Scene, settings: Settings, name: str, topology: Topology, materials: Iterable[tuple[Sequence[float], float]]
+) -> None:
+    """Raise Unstable where explicit steps lack a feature of an object, or cannot hold it at these pairs of compliances
+    [m/N] and damping [s]. The sentence says what would be needed."""
+    thing = scene.objects[name]
+    lacking = {
+        "a winch on": getattr(thing, "winch", None) is not None,
+        "twist in": getattr(thing, "twist_compliance", None) is not None,
+        "bending by angles of": topology.bends_by_angles,
+        "self_contact of": thing.self_contact,
+        "object_contact of": scene.object_contact,
+        "tear_strain of": topology.tear_strain > 0.0,
+    }
+    for what, is_there in lacking.items():
+        if is_there:
+            raise Unstable(f"solver.method is 'verlet' with {what} {name}; allowed is 'auto' or 'xpbd'")
+    for compliance, damping in materials:
+        needed = explicit_substeps(topology, compliance, damping, settings.frame_dt, scene.wind is not None)
+        if math.isinf(needed):
+            raise Unstable(
+                f"solver.method is 'verlet' with a spring of {name} too stiff for explicit steps; allowed is 'auto' or "
+                f"'xpbd'"
+            )
+        if 0 < settings.substeps < needed:
+            raise Unstable(
+                f"solver.substeps is {settings.substeps} with method 'verlet'; allowed is at least {needed:g} for the "
+                f"stiffness and damping of {name}, or method 'xpbd'"
+            )
+
+
+def explicit_substeps(
+    topology: Topology, compliance: Sequence[float], damping: float, frame_dt: float, crumples: bool
+) -> float:
+    """The least substeps a frame [s] at which leapfrog is stable. They are infinite where a spring is rigid, also for
+    float32, and for a winch, which feeds a segment from no length.
+
+    Dashpots have the time constant tau = `damping` [s], and their force takes the velocity of the last half step. The
+    limit is omega^2 (h^2 + 2 h tau) < 4 then (Jury's criterion on one oscillator). omega^2 is the largest eigenvalue of
+    M^-1 K of all springs, by power iteration from a fixed start. It is that at rest, or the most of any shape where the
+    body `crumples`, as in wind. A stretched spring along n is k (n n^T + (1 - rest / length) (1 - n n^T)), never more
+    than k in every direction. With that bound, K is the Laplacian of the springs' graph along each axis. Of that step a
+    sheet may take 0.7 and a rope 0.5, against nonlinear resonances (Schlick, Mandziuk, Skeel and Srinivas 1998,
+    Nonlinear resonance artifacts in molecular dynamics simulations).
+
+    The rounding r of lengths l shakes particles by (k / m) l r h a substep of length h = 2 / omega. As a random walk
+    that heats them by (l r)^2 omega^3 / 8 a second. The substeps are `infinite` also where that is too much.
+    """
+    if topology.winch is not None:
+        return math.inf
+    values = [float(compliance[KINDS.index(kind)]) for kind in topology.springs]
+    if 0.0 in values or (topology.plate is not None and compliance[2] == 0.0):
+        return math.inf
+    if not values:
+        return 1
+    found, constants = topology.frequencies(crumples), tuple(1.0 / value for value in values)
+    length = found.mean_length * topology.scales_in().max()
+    plate = 0.0 if topology.plate is None else topology.plate_rate / float(compliance[2])
+    about, margin = found.near(constants)
+    least, most = (
+        _substeps_for(topology, share * about + plate, length, damping, frame_dt)
+        for share in (1.0 - margin, 1.0 + margin)
+    )
+    if least == most:
+        return least
+    return _substeps_for(topology, found.exact(constants) + plate, length, damping, frame_dt)
+
+
+def _substeps_for(topology: Topology, largest: float, length: float, damping: float, frame_dt: float) -> float:
+    """The least substeps of a frame where omega^2 of the fastest mode is `largest` and springs have a mean `length`."""
+    if largest == 0.0:
+        return 1.0
+    if (length * _ROUNDING) ** 2 * largest**1.5 / 8.0 > _HEAT:
+        return math.inf
+    longest = 4.0 / largest / (damping + math.sqrt(damping**2 + 4.0 / largest))
+    share = _SHARE if len(topology.triangles) else _SHARE_OF_LINES
+    return float(math.ceil(frame_dt / (share * longest)))

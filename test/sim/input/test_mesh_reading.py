@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Readers of meshes get regular files of bounded size alone, and of what those name only buffers of .gltf."""
+
+import base64
+import json
+import os
+import struct
+import subprocess
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import SignedDistance
+from cloth_sim_ros.sim.input.mesh_file import load_mesh
+
+pytest.importorskip("trimesh")
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n"
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], "<f4").tobytes()
+FACES = np.array([0, 1, 2, 0, 2, 3], "<u2").tobytes()
+
+
+def refusal(path):
+    with pytest.raises(ValueError) as error:
+        load_mesh(str(path), "it.mesh")
+    assert "\n" not in str(error.value) and len(str(error.value)) < 400
+    return str(error.value)
+
+
+def gltf(buffer, count=4):
+    """A scene of one square, whose numbers are in `buffer`."""
+    views = [{"buffer": 0, "byteOffset": k, "byteLength": n} for k, n in ((0, 48), (48, 12))]
+    points = {"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"}
+    if buffer is None:  # what is not said is 0
+        del points["bufferView"]
+        views = []
+    faces = {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"}
+    primitive = {"attributes": {"POSITION": 0}, **({"indices": 1} if views else {})}
+    return {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": [points, faces] if views else [points],
+        "bufferViews": views,
+        "buffers": [{"byteLength": 60, **buffer}] if buffer else [{"byteLength": 4}],
+    }
+
+
+def printed(code, file):
+    """What `code` prints about a file, in a process of its own: it might wait for ever."""
+    head = (
+        "import sys; from cloth_sim_ros.sim import SignedDistance\n"
+        "from cloth_sim_ros.sim.input.mesh_file import load_mesh\n"
+    )
+    command = [sys.executable, "-c", head + code, str(file)]
+    return subprocess.run(command, timeout=120, capture_output=True, text=True).stdout
+
+
+def test_no_fifo_holds_a_reader_up(tmp_path):
+    (tmp_path / "it.obj").write_text("mtllib it.mtl\nusemtl a\n" + SQUARE)
+    for name in ("it.mtl", "fifo.npz"):
+        os.mkfifo(tmp_path / name)
+    assert printed("print(len(load_mesh(sys.argv[1], 'it')[1]))", tmp_path / "it.obj") == "2\n"
+    told = printed(
+        "try: SignedDistance.from_file(sys.argv[1])\nexcept ValueError as error: print(error)", tmp_path / "fifo.npz"
+    )
+    assert "fifo.npz', which cannot be read: a FIFO is there, and no regular file" in told
+
+
+def test_what_is_no_regular_file_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "fifo.obj")
+    (tmp_path / "folder.obj").mkdir()
+    assert "cannot be read: a FIFO is there, and no regular file" in refusal(tmp_path / "fifo.obj")
+    assert "cannot be read: a folder is there, and no regular file" in refusal(tmp_path / "folder.obj")
+    try:
+        os.mknod(tmp_path / "device.obj", 0o020666, os.makedev(1, 3))
+    except PermissionError:
+        return  # it takes root
+    assert "cannot be read: a device is there, and no regular file" in refusal(tmp_path / "device.obj")
+
+
+def test_buffers_of_gltf_are_found_and_bounded(tmp_path):
+    file = tmp_path / "it.gltf"
+    text = base64.b64encode(CORNERS + FACES).decode()
+    for uri in ("it.bin", f"data:application/octet-stream;base64,{text}"):
+        (tmp_path / "it.bin").write_bytes(CORNERS + FACES)
+        file.write_text(json.dumps(gltf({"uri": uri})))
+        vertices, triangles = load_mesh(str(file), "it.mesh")
+        assert len(vertices) == 4 and len(triangles) == 2
+    (tmp_path / "it.bin").unlink()
+    os.mkfifo(tmp_path / "it.bin")
+    file.write_text(json.dumps(gltf({"uri": "it.bin"})))
+    assert "cannot be read as a triangle mesh: " in refusal(file)
+    (tmp_path / "it.bin").unlink()
+    with (tmp_path / "it.bin").open("wb") as large:
+        large.truncate((64 << 20) + 1)
+    file.write_text(json.dumps(gltf({"uri": "it.bin"}), indent=1))
+    assert "it.bin has more than 67 MB" in refusal(file)
+
+
+def test_a_few_bytes_do_not_ask_for_all_memory(tmp_path):
+    text = json.dumps(gltf(None, 10**9)).encode()
+    text += b" " * (-len(text) % 4)
+    parts = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", 4, 0x004E4942) + b"\0" * 4
+    (tmp_path / "it.glb").write_bytes(b"glTF" + struct.pack("<II", 2, 12 + len(parts)) + parts)
+    assert "cannot be read as a triangle mesh: 'Unable to allocate 11.2 GiB" in refusal(tmp_path / "it.glb")
+
+
+def test_what_unpacks_to_more_is_refused_before_it_is_unpacked(tmp_path):
+    with zipfile.ZipFile(tmp_path / "it.3mf", "w", zipfile.ZIP_DEFLATED) as box:
+        box.writestr("3D/3dmodel.model", bytes((64 << 20) + 1))
+    assert (tmp_path / "it.3mf").stat().st_size < 100_000
+    assert "unpacks to 67 MB; allowed are at most 67 MB" in refusal(tmp_path / "it.3mf")
+    (tmp_path / "it.tar.gz").write_bytes(b"\x1f\x8b")
+    assert "is packed; allowed are meshes as they are, not .binvox, .bz2, .gz" in refusal(tmp_path / "it.tar.gz")
+    np.savez_compressed(tmp_path / "it.npz", values=np.zeros((1 << 24) + (1 << 16)), origin=np.zeros(3), spacing=1.0)
+    with pytest.raises(ValueError, match="which cannot be read: it has arrays of more than 16777216 values"):
+        SignedDistance.from_file(str(tmp_path / "it.npz"))
+
+
+def test_robots_that_never_end_are_refused(tmp_path):
+    pytest.importorskip("yourdfpy")
+    file = tmp_path / "it.urdf"
+    collision = '<collision><geometry><mesh filename="it.urdf#a"/></geometry></collision>'
+    file.write_text(f'<robot name="r"><link name="a">{collision}</link></robot>')
+    assert "which has a robot as a mesh of its link 'a'; allowed are files of meshes" in refusal(f"{file}#a")
+    laughs = "".join(f'<!ENTITY l{k + 1} "{10 * f"&l{k};"}">' for k in range(9))
+    file.write_text(f'<!DOCTYPE r [<!ENTITY l0 "ha">{laughs}]><robot name="&l9;"><link name="a"/></robot>')
+    assert "cannot be read as a triangle mesh: " in refusal(f"{file}#a")
+    file.unlink()
+    os.mkfifo(file)
+    assert "cannot be read: a FIFO is there, and no regular file" in refusal(f"{file}#a")
