@@ -82,7 +82,7 @@ class ColliderMotion:
     start_orientation: wp.quat
     end_position: wp.vec3
     end_orientation: wp.quat
-    filler: int  # the struct is of whole words of eight bytes, so that equal colliders are equal bytes in a file
+    facets: int  # 1 where it can come between particles, so that facets are tested against it; else these are not
 
 
 @wp.struct

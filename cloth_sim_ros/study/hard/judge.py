@@ -115,7 +115,7 @@ def _unfounded(refusal: str, trial: Trial, settings: dict) -> str:
     body = trial.scene.objects[BODY]
     if "; allowed is " not in refusal or "\n" in refusal or ". " in refusal:
         return f"not one sentence that says what is allowed: {refusal}"
-    if "bends by angles" in refusal and bends_by_angles(body):
+    if "bending by angles" in refusal and bends_by_angles(body):
         return ""
     needed, hopeless = re.search(r"at least (\S+) ", refusal), "too stiff for explicit steps" in refusal
     if settings["method"] != "verlet" or not (needed or hopeless):
