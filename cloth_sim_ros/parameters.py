@@ -81,7 +81,7 @@ SOLVER = (
     _choice(
         "method",
         "auto",
-        "auto: by object, says why; verlet: explicit, exact where it fits; xpbd: implicit, holds when stiff.",
+        "auto and xpbd: implicit, holds when stiff; verlet: explicit, for soft sheets and ropes without bending.",
         ("auto", "verlet", "xpbd"),
     ),
     _integer("order", 0, "Of xpbd: 1 is implicit Euler, 2 is BDF2; 0 is chosen.", 0, 2),

@@ -1,20 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cloth and rope simulation in NVIDIA Warp, usable without ROS. From what is described to what is read back:
+"""Cloth and rope simulation in NVIDIA Warp, usable without ROS. README.md beside this file is a map of it.
 
-- scene, objects, materials, colliders/, settings: what there is and how to compute it, checked against the one table;
-- topology/: an object as particles and elements, in NumPy: grids, meshes, chains, lines, plates;
-- model, state and rope_state: what kernels read and write, constant and varying; model_arrays, state_arrays and
-  live_array make it; compiled: how kernels are compiled;
-- physics/: formulas on plain values, one concept a file; intrinsics and simd: the little that Warp cannot say;
-- stages/: what one particle, panel or contact does in a substep; lines/ and ropes/: each solved as a whole;
-- methods/: the program of a substep, written once; what method, substeps and iterations an object is given, and why;
-- executors/: how a program runs: a body in blocks, a launch a part; a frame as a trial;
-- batch: all of that for objects that share kernels; report, tension, twist, winch, wrench, readback: what is read;
-- torn, cuts: what has failed of sheets that tear, and what a polygon cuts; grippers: two fingers, moved from outside;
-- saving, saved_file: the whole state in a file, and back; live_values: live numbers as they are now;
-- mesh_file, mesh_reading: meshes in files; mesh_repair: what they lack; regular_file: which files are opened;
-- tensors, writing: all worlds at once, by arrays and masks; variation: worlds that differ at random;
-- simulation, composed of bodies, queries, rope_queries, hands, live, tensors and saving: the public face.
+From the lowest layer to the highest, as test/test_layers.py holds:
+
+- kernels/, physics/: what Warp needs, and formulas on plain values; input/: files and numbers, checked;
+- colliders/, scene/, topology/: shapes, what there is and how to compute it, an object as particles and elements;
+- arrays/, and arrays.py of each feature: what kernels read and write, constant and varying;
+- features/: what one particle, panel or contact does in a substep; lines/ and ropes/: each solved as a whole;
+- substeps/: the order, substeps and iterations of an object, and why; program, stage: a substep, written once;
+- executors/: how a program runs; engine/: objects that share kernels, and their frames; access/: what is read and set;
+- simulation: the public face; clients/: grippers, read-back, worlds that differ at random.
 """
 
 from cloth_sim_ros.sim.clients.grippers import Gripper, GripperDriver

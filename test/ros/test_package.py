@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from node_process import ROOT
 
 # With a rosdep key or by pip.
-FOREIGN = {"numpy", "yaml", "warp", "trimesh", "scipy", "pytest", "rosbags", "viser"}
+FOREIGN = {"numpy", "yaml", "warp", "trimesh", "scipy", "pytest", "rosbags", "viser", "websockets"}
 FOREIGN |= {"matplotlib", "pygltflib", "imageio_ffmpeg", "tqdm"}
 
 

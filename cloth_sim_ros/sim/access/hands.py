@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What handles do between frames: grasp, let go, and tell what they feel. Within a frame see stages/grasp.py."""
+"""What handles do between frames: grasp, let go, and tell what they feel. Within a frame see grasp/hold.py."""
 
 from __future__ import annotations
 

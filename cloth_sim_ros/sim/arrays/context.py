@@ -12,10 +12,11 @@ from cloth_sim_ros.sim.physics.integrate import Step
 
 @wp.struct
 class Context:
-    """A body in a substep. x, low, d, p: addresses of rows of four numbers for each of its particles.
+    """A body in a substep. x, position_lo, d, p: addresses of rows of four numbers for each of its particles.
 
-    x: positions [m] and inverse masses [1/kg]. low: what float32 lost of the positions [m]. d: displacements plus low
-    [m], and effective inverse masses. p: where predictions go, which is d but in sheets that bend as plates.
+    x: positions [m] and inverse masses [1/kg]. position_lo: what float32 lost of the positions [m]. d: displacements
+    plus position_lo [m], and effective inverse masses. p: where predictions go, which is d but in sheets that bend as
+    plates.
     """
 
     model: Model
@@ -37,6 +38,6 @@ class Context:
     drive: Drive  # of a winch
     turn: float  # of the end of a rope [rad]
     substep: int
-    sweep: int  # where the motion of its first collider in this substep lies in State.sweeps
+    sweep: int  # where the motion of its first collider in this substep lies in ContactState.sweeps
     group: int  # round of lines
     last: bool  # last iteration

@@ -35,7 +35,7 @@ class Features:
     plate: bool = False  # a sheet that resists bending by its curvature
     curved: bool = False  # and is curved at rest
     surface: bool = False  # whether colliders can reach between particles (see colliders/collider.py)
-    listed: bool = False  # whether there are so many that those near a body are looked for (see stages/near.py)
+    listed: bool = False  # whether there are so many that those near a body are listed (see broad_phase.py)
     handles: bool = False  # whether there are any
     redoes: bool = False  # whether only bodies are computed whose frame is done again
     coupled: bool = False  # whether it is kept apart from itself or from other objects

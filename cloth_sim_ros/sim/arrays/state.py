@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What varies, as kernels see it: the structs of a batch's state and of the live numbers that are read every frame.
 
-What ropes have besides is in rope_state.py. State arrays are made in state_arrays.py. Live numbers lie in arrays of one
-row a thing (live_array.py).
+What a feature has besides is in its file arrays.py. State arrays are made in engine/state_arrays.py. Live numbers lie
+in arrays of one row a thing (live_array.py).
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class ColliderMotion:
     start_orientation: wp.quat
     end_position: wp.vec3
     end_orientation: wp.quat
-    filler: int  # the struct is of whole words of eight bytes, so that equal colliders are equal bytes in a file
+    facets: int  # 1 where it can come between particles, so that facets are tested against it; else these are not
 
 
 @wp.struct

@@ -85,7 +85,7 @@ class Batch:
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None
         self._saved: dict[str, wp.array] | None = None
-        # What meets advances together, see meeting/together.py.
+        # What meets advances together, see engine/coupled_bodies.py.
         self.executor = None
         if not features.coupled:
             self.executor = make_executor(features, self.worlds, self.counts, device, executor)

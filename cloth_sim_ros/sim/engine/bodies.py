@@ -76,6 +76,7 @@ class Bodies:
         self.scales: dict[str, np.ndarray] = {}
         self.elastic = {name: self._topology(name, thing, False) for name, thing in scene.objects.items()}
         self._sharpest: dict[str, Collider] = {}
+        self._between: dict[str, set[str]] = {}  # object -> colliders that come between its particles
 
     def find_sharpest(self, names: Iterable[str]) -> None:
         """Look through the sizes of these colliders, which changed; all count as sharp where some can be added."""
@@ -96,21 +97,31 @@ class Bodies:
         around = Surroundings(device, wind, rows, self.worlds, self.scene.spare_colliders > 0, coupled, tears, gravity)
         choose = partial(choosing.choose, self.settings, topology, list(materials))
         choice = choose(around)
-        if not choice.surface and self._enter(topology, thickness, self.settings.frame_dt / choice.substeps):
+        entering = self._entering(topology, thickness, self.settings.frame_dt / choice.substeps)
+        if entering and not choice.surface:
             choice = choose(replace(around, surface=True))
+            entering |= self._entering(topology, thickness, self.settings.frame_dt / choice.substeps)
+        self._between[name] = entering
         if choice.surface:
             choice = replace(choice, reason=f"{choice.reason}; colliders touch it between its particles too")
         scaled = "; its scale may differ between worlds" if name in self.scales else ""
         return replace(choice, reason=choice.reason + scaled)
 
-    def _enter(self, topology: Topology, thickness: float, substep: float) -> bool:
-        """Whether a collider comes between particles that it touches, in substeps of so many seconds."""
+    def _entering(self, topology: Topology, thickness: float, substep: float) -> set[str]:
+        """The colliders that come between particles that they touch, in substeps of so many seconds."""
         gap = topology.widest_gap * topology.scales_in().max()
         if len(topology.triangles):
             # The fastest pushes one ahead of the others before these follow, and no point of a triangle lies farther
             # from its corners than its longest side over the root of 3.
             gap = max(gap, (gap + FASTEST * substep / math.sqrt(3.0)) / STRETCHED)
-        return any(each.enters(gap, thickness) for each in {**self.scene.colliders, **self._sharpest}.values())
+        colliders = {**self.scene.colliders, **self._sharpest}
+        return {name for name, each in colliders.items() if each.enters(gap, thickness)}
+
+    def _write_facets(self) -> None:
+        """Mark the colliders that come between the particles of any object: facets are tested against these alone."""
+        between = set().union(*self._between.values())
+        for name, row in self.collider_row.items():
+            self.colliders.write(row, None, facets=int(name in between))
 
     def _choose_now(self, name: str) -> Choice:
         """The same for an object as its materials and masses are now."""
@@ -136,6 +147,7 @@ class Bodies:
         """A collider that was added has this row."""
         self.scene = replace(self.scene, colliders={**self.scene.colliders, name: collider})
         self.collider_row[name] = row
+        self.choose_again()
 
     def forget_collider(self, name: str) -> int:
         """A collider that was added is gone; returns the row that it had."""
@@ -202,7 +214,8 @@ class Bodies:
 
     def _write_substeps(self) -> None:
         """Every batch takes the most substeps and iterations that are chosen for an object in it; of those that advance
-        together, for an object of any."""
+        together, for an object of any. Colliders are marked where facets are tested against them."""
+        self._write_facets()
         coupled = [name for name in self.batch if self._is_coupled(name)]
         for batch in self.batches:
             chosen = [self._choices[name] for name in (coupled if batch.features.coupled else batch.index)]
@@ -247,6 +260,7 @@ class Bodies:
         They share with these all arrays that can stay. Nothing here changes, until `adopt`.
         """
         other = copy.copy(self)
+        other._between = dict(self._between)
         vars(other).update(parts)
         scaled, things = bool(other.scales or self.scales), other.scene.objects
         changed = {name: thing for name, thing in things.items() if scaled or thing is not self.scene.objects[name]}

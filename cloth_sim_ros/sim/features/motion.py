@@ -2,8 +2,8 @@
 """The stages of a substep besides the constraints, one function an element, made for the features of a batch.
 
 Every executor runs: sweep and panels, then predict, then per iteration (constraints, chain, contact), then finish.
-Particle indices count within the body; x, low and d are addresses of its positions, of what float32 lost of them, and
-of its displacements (intrinsics.py).
+Particle indices count within the body; x, position_lo and d are addresses of its positions, of what float32 lost of
+them, and of its displacements (intrinsics.py).
 """
 
 import warp as wp

@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.input.checks import check_fields
 class Settings:
     """How to compute: see the rows of `parameters.SOLVER`. frame_dt [s], global_damping [1/s].
 
-    order, substeps and iterations of 0 are chosen for each object, as methods/choose.py says.
+    order, substeps and iterations of 0 are chosen for each object, as substeps/choose.py says.
     """
 
     method: str = "auto"

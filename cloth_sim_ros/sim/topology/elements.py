@@ -65,12 +65,12 @@ class Topology:
     springs: kind of KINDS -> Elements of pairs, rest [m]. chain: the same of a rope's segments where they are solved in
     one, which then has no springs. bends: (B, 3), whose rest is the turn [-]. bend_weights (B, 2): the inverse lengths
     [1/m] of the two segments of a bend. triangles: (T, 3). panels: (P, 3) particles that the wind acts on, -1 as the
-    third of a rope's segment. layout: (N, 3) rest positions [m] in local axes, along which grids are cut into
-    subdomains. grid: particles along x and y, None for what is no grid. winch: of a rope on a winch, the last particle
-    at the drum and the rest length [m] of the segment that begins there. plate: what a sheet resists bending with.
-    twists: whether a rope resists twist. tear_strain: beyond which its springs fail, 0 for never. load: what of
-    the last mass is no part of the object [kg]. world_scales: (worlds,) by how much it is larger than all this says in
-    each world, about `origin` (3,) [m] in the world; None where no world ever had another size.
+    third of a rope's segment. layout: (N, 3) rest positions [m] in local axes. grid: particles along x and y, None for
+    what is no grid. winch: of a rope on a winch, the last particle at the drum and the rest length [m] of the segment
+    that begins there. plate: what a sheet resists bending with. twists: whether a rope resists twist. tear_strain:
+    beyond which its springs fail, 0 for never. load: what of the last mass is no part of the object [kg]. world_scales:
+    (worlds,) by how much it is larger than all this says in each world, about `origin` (3,) [m] in the world; None
+    where no world ever had another size.
     """
 
     rest: np.ndarray

@@ -115,7 +115,7 @@ def _unfounded(refusal: str, trial: Trial, settings: dict) -> str:
     body = trial.scene.objects[BODY]
     if "; allowed is " not in refusal or "\n" in refusal or ". " in refusal:
         return f"not one sentence that says what is allowed: {refusal}"
-    if "bends by angles" in refusal and bends_by_angles(body):
+    if "bending by angles" in refusal and bends_by_angles(body):
         return ""
     needed, hopeless = re.search(r"at least (\S+) ", refusal), "too stiff for explicit steps" in refusal
     if settings["method"] != "verlet" or not (needed or hopeless):
@@ -125,7 +125,7 @@ def _unfounded(refusal: str, trial: Trial, settings: dict) -> str:
     if rigid or hopeless:
         lost = rigid or energy.rounding_heat() > 5e-3
         return "" if lost and hopeless else f"refused as rigid: {refusal}"
-    turning = 0.5 if isinstance(body, Rope) else 0.7  # of small motions, see sim/methods/limits.py
+    turning = 0.5 if isinstance(body, Rope) else 0.7  # of small motions, see sim/substeps/limits.py
     least = trial.frame_dt / (turning * energy.longest_step(body.damping))
     return "" if 0.9 * least <= float(needed[1]) <= 1.2 * least + 1.0 else f"needs {least:.0f} substeps, but: {refusal}"
 

@@ -138,7 +138,7 @@ def test_in_wind_it_needs_the_step_of_any_shape(unlimited):
     [
         (Cloth(resolution=(4, 4), stretch_compliance=0.0), "too stiff for explicit steps"),
         (Cloth(resolution=(4, 4), bending="dihedral", bend_compliance=0.0), "too stiff for explicit steps"),
-        (Rope(segments=4, bend_compliance=1.0), "bends by angles"),
+        (Rope(segments=4, bend_compliance=1.0), "bending by angles"),
     ],
 )
 def test_what_it_lacks_is_refused(thing, words):

@@ -284,3 +284,15 @@ def test_a_weight_hangs_over_a_bar(device, segments, load):
     hangs = load + rope.mass * (1.0 - np.pi * radius - 0.3)  # beyond the bar, and as much pulls on this side
     assert np.mean(lifts) == pytest.approx(9.81 * (2.0 * hangs + rope.mass * np.pi * radius), rel=0.03)
     assert most < 0.1
+
+
+def test_facets_are_tested_against_those_colliders_alone_that_come_between_particles(device):
+    """A small ball does, a floor never: what lies on it touches it with its particles first."""
+    colliders = {"floor": Plane(), "ball": Sphere(radius=0.05, position=(0, 0, 0.2)), "hill": Sphere(radius=50.0)}
+    sim = Simulation(Scene({"it": Cloth(resolution=(9, 9), position=(0, 0, 0.4))}, colliders), device=device)
+    sim.step()
+    tested = sim.device_arrays("it")[0].colliders.numpy()["facets"]
+    assert dict(zip(colliders, tested.tolist(), strict=True)) == {"floor": 0, "ball": 1, "hill": 0}
+    sim.set("it.thickness", 0.2)
+    sim.step()
+    assert not sim.device_arrays("it")[0].colliders.numpy()["facets"].any()

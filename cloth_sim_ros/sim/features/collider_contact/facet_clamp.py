@@ -19,8 +19,8 @@ from cloth_sim_ros.sim.features.collider_contact.facet import ADVANCES, STEP, ba
 from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     corners_of,
     facet_of,
-    is_far,
     is_stray,
+    is_tested,
     moved_since,
     slip_of_particle,
 )
@@ -120,7 +120,7 @@ def make_facet_clamp(features: Features):
                 c = next_of(-1, near, stray)
                 while c < colliders:
                     sweep = ctx.state.contact.sweeps[ctx.sweep + c]
-                    if not is_far(corners, ctx, ctx.colliders[c], sweep):
+                    if is_tested(corners, ctx, ctx.colliders[c], sweep):
                         entry = k * colliders + c
                         shares = given_up(corners, entry, ctx.colliders[c], sweep, ctx)
                         if wp.max(shares) > 0.0:

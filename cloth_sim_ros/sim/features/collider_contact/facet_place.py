@@ -37,8 +37,10 @@ def is_stray(corners: wp.vec3i, near: Near, ctx: Context) -> bool:
 
 
 @wp.func
-def is_far(corners: wp.vec3i, ctx: Context, collider: ColliderMotion, sweep: Sweep) -> bool:
-    """Whether a facet stays out of reach of a collider for the whole substep."""
+def is_tested(corners: wp.vec3i, ctx: Context, collider: ColliderMotion, sweep: Sweep) -> bool:
+    """Whether a collider can come between particles, and may reach a facet in the substep."""
+    if collider.facets == 0:
+        return False
     farthest = float(0.0)
     path = float(0.0)
     middle = wp.vec3(0.0)
@@ -51,7 +53,7 @@ def is_far(corners: wp.vec3i, ctx: Context, collider: ColliderMotion, sweep: Swe
     away = wp.length(middle)
     path += farthest
     path += sweep.spin * (away + path)
-    return away - path >= collider.reach + ctx.material.thickness
+    return away - path < collider.reach + ctx.material.thickness
 
 
 @wp.func

@@ -247,7 +247,7 @@ def make_touch(features: Features):
             path = wp.length(displacement - met.sweeps[k].motion)
             path += met.sweeps[k].spin * (wp.length(offset) + path)
             away = wp.length(offset) - path - met.colliders[c].reach - material.thickness
-            close = close or away < width
+            close = close or (away < width and met.colliders[c].facets != 0)
             known = thickness_for(i, met.colliders[c].roundness, away, known[1], ctx)
             thickness = known[0]
             away -= thickness - material.thickness

@@ -31,8 +31,8 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     corners_of,
     facet_of,
     is_close,
-    is_far,
     is_stray,
+    is_tested,
     moved_since,
 )
 from cloth_sim_ros.sim.features.collider_contact.particle import (
@@ -226,7 +226,7 @@ def make_press(features: Features):
                     last = ctx.state.contact.presses[entry]
                     found = Press()
                     sweep = ctx.state.contact.sweeps[ctx.sweep + c]
-                    if not is_far(corners, ctx, ctx.colliders[c], sweep):
+                    if is_tested(corners, ctx, ctx.colliders[c], sweep):
                         found = press_on(corners, entry, ctx.colliders[c], sweep, last, ctx)
                         if longest_way(facet_of(corners, ctx, sweep)) > FAST * ctx.material.thickness:
                             mark(corners, PRESSED, ctx)  # another point of it may come through, see stop.py
@@ -236,9 +236,8 @@ def make_press(features: Features):
                         note(c, near)
                         mark(corners, PRESSED, ctx)
                     elif last.when == ctx.substep:
-                        ctx.state.contact.presses[entry].push = wp.vec3(
-                            0.0
-                        )  # by an earlier iteration, which was enough
+                        # What an earlier iteration pushed was enough.
+                        ctx.state.contact.presses[entry].push = wp.vec3(0.0)
                         ctx.state.contact.presses[entry].rub = wp.vec3(0.0)
                     c = next_of(c, near, stray)
 

@@ -20,12 +20,12 @@ class EndTurn:
 
 @wp.struct
 class Twist:
-    """The twist of one rope between two clamps (see ropes/twist.py)."""
+    """The twist of one rope between two clamps (see twist.py)."""
 
     known: int  # 0 at first, 1 while both ends are clamped, 2 since one was free
     start: wp.vec3  # a unit vector across the first segment
     end: wp.vec3  # and what it was, carried along the rope without twist, across the last
-    start_by: int  # what clamps it, as told by ropes/twist.py
+    start_by: int  # what clamps it, as told by clamps.py
     end_by: int
     start_own: wp.vec3  # the vectors in the axes of what clamps them
     end_own: wp.vec3
