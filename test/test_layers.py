@@ -12,7 +12,7 @@ PACKAGE = (
     "parameters signals shared_files status_line programs sim drawing ros study record viewer identify learn demo"
 ).split()
 SIM = (
-    "kernels physics input colliders scene topology arrays features lines ropes substeps stage program executors "
+    "kernels physics input mesh_file colliders scene topology arrays features lines ropes substeps program executors "
     "engine access simulation clients __init__"
 ).split()
 

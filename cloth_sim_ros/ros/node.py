@@ -41,7 +41,7 @@ from cloth_sim_ros.ros.simulation_loop import SimulationLoop
 from cloth_sim_ros.ros.state_services import StateServices
 from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.shared_files import PACKAGE
-from cloth_sim_ros.sim.input.mesh_file import stop_reading
+from cloth_sim_ros.sim.mesh_file import stop_reading
 
 WORTH_ANOTHER_THREAD = 100_000  # bytes of a frame's messages: fewer are sent sooner than handed over
 PATIENCE = 5.0  # [s] a service waits for the simulation, which may be compiling

@@ -31,7 +31,7 @@ from cloth_sim_ros.sim import (
     Wind,
 )
 from cloth_sim_ros.sim.colliders.collider import Collider
-from cloth_sim_ros.sim.input.mesh_file import load_mesh
+from cloth_sim_ros.sim.mesh_file import load_mesh
 from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS, rope_fields, sheet_fields, triangles_area
 
 Values = Mapping[str, Any]  # full parameter name -> checked value

@@ -37,6 +37,7 @@ from cloth_sim_ros.sim.features.fault_recovery import find_fault, make_count, ma
 from cloth_sim_ros.sim.features.grasp.hold import feel, hold
 from cloth_sim_ros.sim.features.motion import make_finish, make_predict
 from cloth_sim_ros.sim.features.plate.bending import curve_triangle, make_bend
+from cloth_sim_ros.sim.features.stage import Stage, both, once, over_meeting, over_particles
 from cloth_sim_ros.sim.features.tearing.tear import followers, make_tear
 from cloth_sim_ros.sim.features.twist.twist import ask_for
 from cloth_sim_ros.sim.features.winch.drum import make_turn
@@ -44,7 +45,6 @@ from cloth_sim_ros.sim.kernels.intrinsics import array_address, sync_warp
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step
 from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
-from cloth_sim_ros.sim.stage import Stage, both, once, over_meeting, over_particles
 from cloth_sim_ros.sim.topology.line_layout import WARP
 
 _A_FRAME = 1 << 30  # more substeps than a frame has

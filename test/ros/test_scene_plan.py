@@ -25,7 +25,7 @@ from cloth_sim_ros.sim import (
     Sphere,
     Winch,
 )  # fmt: skip
-from cloth_sim_ros.sim.input.mesh_file import load_mesh
+from cloth_sim_ros.sim.mesh_file import load_mesh
 from cloth_sim_ros.sim.scene.materials import FABRICS
 
 TYPES = {"sheet": "cloth", "line": "rope"}

@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.colliders.mesh_grid import Grid, grid_of
 from cloth_sim_ros.sim.colliders.mesh_round import is_round
 from cloth_sim_ros.sim.colliders.on_device import OnDevice, content_of, shared
 from cloth_sim_ros.sim.input.checks import finite_array
-from cloth_sim_ros.sim.input.mesh_file import load_mesh
+from cloth_sim_ros.sim.mesh_file import load_mesh
 
 
 class _OnDevice(OnDevice):

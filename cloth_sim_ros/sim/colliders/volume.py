@@ -16,9 +16,9 @@ from cloth_sim_ros.sim.colliders.baking import CELLS, bake
 from cloth_sim_ros.sim.colliders.collider import Collider, lengths
 from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.colliders.on_device import OnDevice, content_of, shared
-from cloth_sim_ros.sim.input.mesh_file import local_path
 from cloth_sim_ros.sim.input.regular_file import open_regular
 from cloth_sim_ros.sim.kernels.intrinsics import load_number
+from cloth_sim_ros.sim.mesh_file import local_path
 from cloth_sim_ros.sim.physics.quaternion import Vector
 
 _HEAD = 6  # numbers before the values: how many there are along each axis, and the origin

@@ -14,12 +14,12 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import Arrays, gathered, given_type
 from cloth_sim_ros.sim.executors.shared_history import copy_history, with_history_at
+from cloth_sim_ros.sim.features.stage import in_sequence, wait_in_block, wait_in_group
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative_groups_of, number_of
 from cloth_sim_ros.sim.kernels.intrinsics import BYTES_A_PARTICLE, beside, load_row, make_tile_address, store4, sync
 from cloth_sim_ros.sim.program import Program, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.ropes.scan import THREADS, scan_size
-from cloth_sim_ros.sim.stage import in_sequence, wait_in_block, wait_in_group
 
 _LEAST, _MOST = 64, 512  # threads of each of several blocks of a body; of more, contact would not fit the registers
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep

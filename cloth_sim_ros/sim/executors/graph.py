@@ -19,11 +19,11 @@ from cloth_sim_ros.sim.features.self_contact.ccd_clamp import CcdClamp
 from cloth_sim_ros.sim.features.self_contact.early_out import EarlyOut
 from cloth_sim_ros.sim.features.self_contact.search import Search
 from cloth_sim_ros.sim.features.self_contact.solve import ContactSolve
+from cloth_sim_ros.sim.features.stage import in_sequence, wait_in_group
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative_groups_of, number_of
 from cloth_sim_ros.sim.program import make_enter, make_program
 from cloth_sim_ros.sim.ropes.scan import scan_size
-from cloth_sim_ros.sim.stage import in_sequence, wait_in_group
 
 _KEPT = 4  # frames kept at a time, for as many pairs of substeps and iterations
 

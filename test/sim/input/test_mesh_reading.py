@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import SignedDistance
-from cloth_sim_ros.sim.input.mesh_file import load_mesh
+from cloth_sim_ros.sim.mesh_file import load_mesh
 
 pytest.importorskip("trimesh")
 
@@ -53,8 +53,7 @@ def gltf(buffer, count=4):
 def printed(code, file):
     """What `code` prints about a file, in a process of its own: it might wait for ever."""
     head = (
-        "import sys; from cloth_sim_ros.sim import SignedDistance\n"
-        "from cloth_sim_ros.sim.input.mesh_file import load_mesh\n"
+        "import sys; from cloth_sim_ros.sim import SignedDistance\nfrom cloth_sim_ros.sim.mesh_file import load_mesh\n"
     )
     command = [sys.executable, "-c", head + code, str(file)]
     return subprocess.run(command, timeout=120, capture_output=True, text=True).stdout

@@ -8,8 +8,8 @@ import pytest
 
 from cloth_sim_ros.sim import Cloth, Mesh, Scene, Simulation
 from cloth_sim_ros.sim.colliders.mesh import what_is_open
-from cloth_sim_ros.sim.input.mesh_file import load_mesh
 from cloth_sim_ros.sim.input.mesh_repair import cut, repair
+from cloth_sim_ros.sim.mesh_file import load_mesh
 from cloth_sim_ros.sim.scene.materials import FABRICS, triangles_area
 from cloth_sim_ros.sim.topology import build
 

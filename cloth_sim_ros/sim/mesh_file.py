@@ -101,7 +101,7 @@ def _load(path: str, link: str, scale: float, size: int, modified_ns: int) -> Re
         return f"has {size / 1e6:.0f} MB; allowed are at most {MOST_BYTES / 1e6:.0f} MB"
     if size <= APART_BYTES and not path.lower().endswith(APART):
         return read(path, link, scale, load_mesh)
-    command = [sys.executable, "-m", "cloth_sim_ros.sim.input.mesh_file", path, link, str(scale)]
+    command = [sys.executable, "-m", "cloth_sim_ros.sim.mesh_file", path, link, str(scale)]
     env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # each thread would take from the memory that it may have
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=env) as reader:
         _readers.add(reader)
