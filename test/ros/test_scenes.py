@@ -164,12 +164,19 @@ def test_the_gripper_carries_the_napkin_and_drops_it():
         if t > gripper.CLOSE - 0.2 and sim.held("peg"):
             sim.release("peg")
 
-    run(sim, gripper.CLOSE + gripper.CARRY + gripper.HOLD, drive)
+    forces, weights = [], []  # which tremble from frame to frame, so means are judged
+
+    def watch(t):
+        drive(t)
+        if t > gripper.CLOSE + gripper.CARRY:
+            forces.append(hand.measure(sim))
+            weights.append(sum(sim.wrench(f"hand_{side}")[0][2] for side in ("left", "right")))
+
+    run(sim, gripper.CLOSE + gripper.CARRY + gripper.HOLD, watch)
     napkin = sim.positions("napkin")
     assert napkin[:, 0].mean() == pytest.approx(gripper.ASIDE, abs=0.03) and napkin[:, 2].max() > 0.65
-    assert hand.measure(sim) == pytest.approx(gripper.FIRM, rel=0.1)
-    weight = sum(sim.wrench(f"hand_{side}")[0][2] for side in ("left", "right"))
-    assert weight == pytest.approx(-0.05 * 9.81, rel=0.2)
+    assert np.mean(forces) == pytest.approx(gripper.FIRM, rel=0.1)
+    assert np.mean(weights) == pytest.approx(-0.05 * 9.81, rel=0.05)
     run(sim, gripper.END, drive)
     assert sim.positions("napkin")[:, 2].max() < 0.3, "it lies on the floor"
 
