@@ -147,14 +147,15 @@ def _xpbd(
         substeps, wanted, error = substeps_of(order, 0.0)
     reason = f"is computed by xpbd order {order} in {substeps} x {iterations}"
     if not settings.substeps and substeps < math.floor(wanted):
-        reason += f", where an error of {settings.error:g} would take {math.ceil(wanted)}: it may be {error:.2g}"
+        reason += f"; the budget allows no more, so its error may be {error:.2g} instead of {settings.error:g}"
+        reason += f" ({math.ceil(wanted)} substeps); a larger solver.budget or solver.error helps"
     if kinks.error(substeps, order) > settings.error:
-        reason += f", as under its weight it is strained {kinks.excess(substeps, order):.0%} too much"
+        reason += f"; under its weight it is strained {kinks.excess(substeps, order):.0%} too much"
     if order == 2 and topology.bends_by_angles:
         reason += f"; substeps in which a joint is bent by more than {MOST_TURNED:g} rad are of first order"
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
-        reason += f", and {share:.2g} of its bending rigidity acts"
+        reason += f"; {share:.2g} of its bending rigidity acts"
     return Choice("xpbd", order, substeps, iterations, error, reason, bending_share=share, surface=around.surface)
 
 
