@@ -59,8 +59,8 @@ class Reported:
                 self._log.warning(f"{name} starts {deep}, which pushes it out hard; start them apart")
             if each.get("crossings"):
                 self._crossed.add((name, "crossings"))
-                through = f"{each['crossings']} edges go through it where it starts"
-                self._log.warning(f"{name} is not kept apart from itself: {through}, and may stay so; start it without")
+                edges = f"{each['crossings']} edges"
+                self._log.warning(f"{name} intersects itself at the start ({edges}) and may stay so; start it unfolded")
 
     def reasons(self, sim: Simulation, with_substeps: bool = True) -> None:
         """How each object is computed where that is chosen, and what is missed.

@@ -105,7 +105,7 @@ def test_what_starts_inside_of_a_collider_or_crosses_itself_is_told_at_once(capl
     caplog.clear()
     build({**apart, "line__start": (0.01, 0.02, 0.5), "line__end": (0.01, 0.02, -0.51), "object_contact": True})
     assert "deep in a collider" not in caplog.text
-    assert "line is not kept apart from itself: 1 edges go through it where it starts" in caplog.text
+    assert "line intersects itself at the start (1 edges) and may stay so; start it unfolded" in caplog.text
 
 
 def test_a_loaded_state_brings_its_poses_and_parameters_and_no_old_news(caplog, tmp_path):

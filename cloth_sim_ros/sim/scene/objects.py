@@ -212,7 +212,7 @@ class Rope:
         if self.winch is not None:
             self._check_winch()
         if self.twist_compliance is not None and (self.bend_compliance is None or self.segments < 3):
-            raise ValueError("Rope.twist_compliance is set; allowed is with bend_compliance and at least 3 segments")
+            raise ValueError("Rope.twist_compliance needs bend_compliance and at least 3 segments")
         if self.twist_compliance is not None and self.winch is not None:
             raise ValueError("Rope.twist_compliance is set for a rope on a winch; allowed is None")
         if self.twist_compliance is None and self.end_turn:
