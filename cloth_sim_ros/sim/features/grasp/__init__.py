@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Handles hold particles and feel their pull."""
+"""Handles that hold particles and feel their pull."""

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a handle does to the particles that it holds: a spring to where each of them lay when it was grasped.
+"""Handles pull each held particle by a spring to the place where it lay when it was grasped.
 
-The spring is taken at the end of the substep, as implicit Euler does: a particle of the inverse mass w that would move
-by d, and whose place is t away, moves by (c d + w h^2 t) / (c + w h^2) where the compliance c of its spring is. To the
-constraints that follow it has the inverse mass w c / (c + w h^2).
+The spring acts at the end of the substep, as in implicit Euler. Take a particle of inverse mass w that would move by d,
+with its place t away, and a spring of compliance c. It moves by (c d + w h^2 t) / (c + w h^2). The constraints that
+follow see the inverse mass w c / (c + w h^2).
 
-A rigid hold has a small c nonetheless, so that its force can be told, and begins a substep with the force of the last:
-what the spring has to give way by vanishes as the load becomes steady (an augmented Lagrangian, Hestenes 1969).
+A rigid hold also has a small c, so that its force can be reported. It begins a substep with the force of the last one.
+The deflection of the spring then vanishes as the load becomes steady (an augmented Lagrangian, Hestenes 1969).
 
-What stands in the way of a held particle keeps it back. A rigid hold then brings it up at no more than CATCH_UP.
+An obstacle keeps a held particle back. A rigid hold then brings it up at no more than CATCH_UP.
 """
 
 import warp as wp
@@ -17,17 +17,17 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.state import HandleMotion
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store4, store_row, xyz
 
-# What a rigid hold leaves of the inverse mass, and the most that it gives way by [m/N].
+# RIGID: fraction of the inverse mass that a rigid hold leaves. FIRMEST: its largest compliance [m/N].
 RIGID = wp.constant(1.0e-3)
 FIRMEST = wp.constant(3.0e-6)
-KEPT = wp.constant(0.99)  # of the last force, which is forgotten where nothing asks for it
-CATCH_UP = wp.constant(1.0)  # [m/s] beside the motion of the handle
-HELD = 2.0e-3  # of the inverse mass: what has less of it left is held, and no collider moves it
+KEPT = wp.constant(0.99)  # fraction of the last force that a hold begins with; the rest decays if no load needs it
+CATCH_UP = wp.constant(1.0)  # largest speed of a late particle relative to its handle [m/s]
+HELD = 2.0e-3  # fraction of the inverse mass; a particle with less left is held, and no collider moves it
 
 
 @wp.func
 def grip_of(i: int, ctx: Context) -> wp.vec4:
-    """The grip on particle i, as in State.grips; its last number is 0 where nothing holds it, or a pin does."""
+    """Return the grip on particle i, as in State.grips; its last number is 0 if it is pinned or not held."""
     grip = wp.vec4(0.0)
     if ctx.state.grasp.held[ctx.body.index] > 0:
         if load4(ctx.x, i)[3] > 0.0:
@@ -37,14 +37,14 @@ def grip_of(i: int, ctx: Context) -> wp.vec4:
 
 @wp.func
 def give_of(number: int, w: float, ctx: Context) -> float:
-    """The compliance [m/N] of a handle's spring to one particle of the inverse mass w."""
+    """Return the compliance [m/N] of a handle's spring to one particle of inverse mass w."""
     firm = wp.min(RIGID * w * ctx.step.effective * ctx.step.effective, FIRMEST)
     return wp.max(ctx.handles[number].compliance * float(ctx.handle_counts[number]), firm)
 
 
 @wp.func
 def orientation_of(handle: HandleMotion, after: float) -> wp.quat:
-    """How a handle is turned when that share of the frame is over."""
+    """Return the orientation of a handle after the share `after` of the frame."""
     if wp.length_sq(handle.start_orientation - handle.end_orientation) > 0.0:
         return wp.quat_slerp(handle.start_orientation, handle.end_orientation, after)
     return handle.start_orientation
@@ -52,7 +52,7 @@ def orientation_of(handle: HandleMotion, after: float) -> wp.quat:
 
 @wp.func
 def _wanted(x: wp.vec4, grip: wp.vec4, substep: int, ctx: Context) -> wp.vec3:
-    """How far a held particle at x is from where its handle wants it when that substep begins [m]."""
+    """Return the vector from a held particle at x to where its handle wants it as that substep begins [m]."""
     after = float(substep) / float(ctx.frame.substeps)
     handle = ctx.handles[int(grip[3]) - 1]
     travel = after * (handle.end_position - handle.start_position)
@@ -61,7 +61,7 @@ def _wanted(x: wp.vec4, grip: wp.vec4, substep: int, ctx: Context) -> wp.vec3:
 
 @wp.func
 def way_of(x: wp.vec4, grip: wp.vec4, ctx: Context) -> wp.vec3:
-    """How far a held particle at x is from where its handle wants it at the end of the substep [m]."""
+    """Return the vector from a held particle at x to where its handle wants it at the end of the substep [m]."""
     way = _wanted(x, grip, ctx.substep + 1, ctx)
     if ctx.handles[int(grip[3]) - 1].compliance == 0.0:
         behind = _wanted(x, grip, ctx.substep, ctx)
@@ -71,15 +71,15 @@ def way_of(x: wp.vec4, grip: wp.vec4, ctx: Context) -> wp.vec3:
 
 @wp.func
 def _limited(v: wp.vec3, most: float) -> wp.vec3:
-    """A vector, shortened to this length where it is longer."""
+    """Return a vector, shortened to length `most` if it is longer."""
     return v * wp.min(1.0, most / wp.max(wp.length(v), 1.0e-30))
 
 
 @wp.func
 def pull_before(g: int, number: int, give: float, ctx: Context) -> wp.vec3:
-    """The force [N] with which a rigid hold of particle g of the batch begins a substep; a soft one has its spring.
+    """Return the force [N] with which a rigid hold of particle g of the batch begins a substep; 0 for a soft one.
 
-    It is no more than what a spring of that compliance has when it gives way by what is caught up in a substep.
+    It is at most the force of a spring of that compliance, stretched by the way that CATCH_UP allows in a substep.
     """
     if ctx.handles[number].compliance > 0.0:
         return wp.vec3(0.0)
@@ -88,7 +88,7 @@ def pull_before(g: int, number: int, give: float, ctx: Context) -> wp.vec3:
 
 @wp.func
 def hold(i: int, ctx: Context):
-    """The stage that follows prediction: particle i moves as its handle has it."""
+    """Stage after prediction: particle i moves as its handle has it."""
     grip = grip_of(i, ctx)
     if grip[3] == 0.0:
         return
@@ -106,7 +106,7 @@ def hold(i: int, ctx: Context):
 
 @wp.func
 def feel(i: int, ctx: Context):
-    """The stage before particle i arrives: what its handle pulls at it with in this substep."""
+    """Stage before particle i arrives: record the force of its handle on it in this substep."""
     grip = grip_of(i, ctx)
     if grip[3] == 0.0:
         return

@@ -1,27 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact of objects with themselves and one another: arrays of a batch, and how many elements each has."""
+"""Self-contact and contact between objects: arrays of a batch, and their sizes."""
 
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Counts, Features
 
-# Numbers of a particle in two turns: where to move, where to move by hits alone, and what its pairs lack.
+# Integers a particle in `pair_corrections`: for each of two turns, a move, a move by hits alone, and a sum of claims.
 ASKED = 14
 
 
 @wp.struct
 class SelfContactState:
-    """Contact of objects with themselves and one another; see State for the letters."""
+    """State of self-contact and contact between objects; see State for the letters."""
 
-    path_starts: wp.array(dtype=wp.vec3)  # (N,) where their ways start [m], see search.py,
-    path_velocities: wp.array(dtype=wp.vec3)  # (N,) how fast they go along these [m/s],
-    off_path: wp.array(dtype=float)  # (N,) and how far they are off them, or will be when the substep ends [m]
-    pair_corrections: wp.array(dtype=wp.int64)  # (7 N,) what pairs ask of a particle, see solve.py
-    ways_given_up: wp.array(dtype=float)  # (N,) and what share of its way it gives up, or it came through something
+    path_starts: wp.array(dtype=wp.vec3)  # (N,) start of each particle's straight path [m], see search.py
+    path_velocities: wp.array(dtype=wp.vec3)  # (N,) velocity along that path [m/s]
+    off_path: wp.array(dtype=float)  # (N,) distance from the path, now or when the substep ends [m]
+    pair_corrections: wp.array(dtype=wp.int64)  # (ASKED N,) corrections that pairs ask for, see solve.py
+    ways_given_up: wp.array(dtype=float)  # (N,) share of its displacement that a particle gives up, see ccd_clamp.py
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Array -> its elements in one world; 0 where the features do not need it."""
+    """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {
         "path_starts": n.particles if features.coupled else 0,
         "path_velocities": n.particles if features.coupled else 0,

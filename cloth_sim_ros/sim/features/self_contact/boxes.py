@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Boxes of panels, and which of them overlap.
+"""Bounding boxes of panels, and tests for overlap.
 
-Panels that follow one another lie side by side, see surfaces.py. Around each cluster of them is one more box, so that
-most are passed over together. A GPU goes through clusters much faster than down a tree, as the threads of a warp test
-32 boxes at once. A CPU has a team of one thread.
+Consecutive panels lie side by side (see surfaces.py). Each cluster of them has one more box, so a test can skip the
+whole cluster. A GPU goes through clusters much faster than down a tree, as each thread of a warp tests one box. A CPU
+uses a team of one thread.
 """
 
 import warp as wp
@@ -16,7 +16,7 @@ CLUSTER = 32  # panels
 
 @wp.struct
 class Boxes:
-    """Of panels, and around each cluster of a world; all worlds in one row [m]."""
+    """Bounding boxes [m] of the panels and of the clusters of all worlds, world after world."""
 
     lows: wp.array(dtype=wp.vec3)
     highs: wp.array(dtype=wp.vec3)
@@ -32,14 +32,16 @@ def _overlap(low: wp.vec3, high: wp.vec3, other_low: wp.vec3, other_high: wp.vec
 
 @wp.func
 def clusters_of(panels: int) -> int:
-    """How many clusters they have."""
+    """Return the number of clusters of `panels` panels."""
     return (panels + wp.static(CLUSTER - 1)) // wp.static(CLUSTER)
 
 
 @wp.func
 def clusters_near(boxes: Boxes, panels: int, w: int, t: int, first: int, lane: int) -> wp.uint64:
-    """Whether the box of panel t of all overlaps that around a cluster of world w, bit by bit: of a warp's threads,
-    each tests one, from `first` on."""
+    """Return a bit for each thread of a warp: 1 if the box of panel t overlaps the box of its cluster of world w.
+
+    Panel t is counted through all worlds. Thread `lane` tests cluster `first` + `lane`.
+    """
     clusters, near = clusters_of(panels), bool(False)
     if first + lane < clusters:
         c = w * clusters + first + lane
@@ -49,13 +51,13 @@ def clusters_near(boxes: Boxes, panels: int, w: int, t: int, first: int, lane: i
 
 @wp.func
 def overlap(boxes: Boxes, t: int, other: int) -> bool:
-    """Whether the boxes of two panels of all do."""
+    """Return True if the boxes of two panels, counted through all worlds, overlap."""
     return _overlap(boxes.lows[t], boxes.highs[t], boxes.lows[other], boxes.highs[other])
 
 
 @compiled
 def surround(boxes: Boxes, panels: int, team: int):
-    """The boxes around clusters, each by a `team` of threads."""
+    """Compute the boxes around clusters, each by a `team` of threads."""
     clusters = clusters_of(panels)
     of_all, lane = wp.tid() / team, wp.tid() % team
     w = of_all / clusters
@@ -70,7 +72,7 @@ def surround(boxes: Boxes, panels: int, team: int):
 
 
 def boxes_of(worlds: int, panels: int, device: wp.Device) -> Boxes:
-    """Room for those of all worlds."""
+    """Allocate the boxes of `panels` panels in each of `worlds` worlds."""
     boxes = Boxes()
     for name in ("lows", "highs"):
         setattr(boxes, name, wp.zeros(worlds * panels, dtype=wp.vec3, device=device))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which panels have to be looked at again: those with a particle that is off its way by more than the slack."""
+"""Find the panels that need a new search: those with a particle farther from its path than the slack."""
 
 import warp as wp
 
@@ -22,19 +22,19 @@ from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, Sur
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative, number_of, sync_all
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, xyz
 
-_LONGEST = 400  # substeps that ways are straight at most
-_MANY = 0.5  # of all panels, that are looked at again until all are
+_LONGEST = 400  # largest number of substeps for which a path is straight
+_MANY = 0.5  # share of all panels; if more need a search, all panels are searched
 
 
 @wp.func
 def has_failed(panel: Panel) -> bool:
-    """Whether it is a triangle that tore."""
+    """Return True if the panel is a triangle that tore."""
     return panel.corners[0] == panel.corners[1]
 
 
 @wp.func
 def goes(surface: Surface, i: int, ends: bool) -> wp.vec3:
-    """At which velocity a particle goes: in the substep that ends, or until the next one begins [m/s]."""
+    """Return the velocity of a particle [m/s], in the substep that ends or until the next one begins."""
     if ends:
         return xyz(load_row(surface.displacements, i) - load_row(surface.position_lo, i)) / surface.frames[0].dt
     return velocity(surface, i)
@@ -42,7 +42,7 @@ def goes(surface: Surface, i: int, ends: bool) -> wp.vec3:
 
 @wp.func
 def farthest(surface: Surface, panel: Panel) -> float:
-    """How far the corners of a panel are off their ways at most [m]."""
+    """Return the largest distance of a panel's corners from their paths [m]."""
     a, b = surface.off_path[panel.corners[0]], surface.off_path[panel.corners[1]]
     c = surface.off_path[panel.corners[2]]
     return wp.max(a, wp.max(b, c))
@@ -50,7 +50,7 @@ def farthest(surface: Surface, panel: Panel) -> float:
 
 @wp.func
 def _watch(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
-    """Find how far particles are off their ways, or end this substep off them."""
+    """Measure how far particles are from their paths, also at the end of this substep if `ends`."""
     panel = panel_of(members, p, w)
     surface = members.surfaces[panel.surface]
     dt = surface.frames[0].dt
@@ -72,7 +72,7 @@ def _watch(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
 
 @wp.func
 def _mark(members: Members, pairs: Pairs, p: int, w: int):
-    """Find how far panel p is off its way, and whether it is to be looked at again where a search is due."""
+    """Measure how far panel p is off its path, and mark it for the search if one is due."""
     panel, t = panel_of(members, p, w), w * members.panels.shape[0] + p
     surface = members.surfaces[panel.surface]
     pairs.off[t] = farthest(surface, panel)
@@ -83,7 +83,10 @@ def _mark(members: Members, pairs: Pairs, p: int, w: int):
 
 @wp.func
 def _decide(members: Members, pairs: Pairs, age: int, ends: bool):
-    """Whether to look at all panels, and for how long their ways are straight then: longer, where that held last."""
+    """Decide if all panels are searched, and for how many substeps paths are straight then.
+
+    That number doubles each time the last one held.
+    """
     panels, worlds = members.panels.shape[0], pairs.counts.shape[0]
     many = float(pairs.clock[AGAIN]) > wp.static(_MANY) * float(panels * worlds)
     pairs.clock[DUE] = 1
@@ -98,7 +101,7 @@ def _decide(members: Members, pairs: Pairs, age: int, ends: bool):
 
 @wp.func
 def _look(members: Members, pairs: Pairs, ends: bool, number: int, group: CooperativeGroup):
-    """Find the panels to look at again, and forget their pairs; called by all threads."""
+    """Find the panels to search again, and forget their pairs; called by all threads."""
     team = number / group.width
     t = number - team * group.width
     age = pairs.clock[AGE]
@@ -126,7 +129,7 @@ def _look(members: Members, pairs: Pairs, ends: bool, number: int, group: Cooper
 
 @cooperative
 def look(members: Members, pairs: Pairs, ends: bool, group: CooperativeGroup):
-    """Find out whether anything is folded, and which panels have to be looked at again then."""
+    """Find out if anything is folded, and if so, the panels to search again."""
     number = number_of(wp.tid(), group)
     team = number / group.width
     t = number - team * group.width

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lets no part come through another in a substep, whatever asks it to.
+"""Clamp displacements so that no part passes through another in a substep.
 
-Two parts begin a substep on two sides of the plane between their nearest points. Where they do not end it on two sides
-of a plane of that direction, each of their particles stops on its own side of the plane where that was (divide and
-truncate, Chen et al. 2025, Offset geometric contact). Ways are straight, so nothing crosses on the way either.
+Two parts begin a substep on opposite sides of the plane between their nearest points. If they would not end it on two
+sides of a plane of that direction, each particle stops on its own side of the starting plane (divide and truncate,
+Chen et al. 2025, Offset geometric contact). Paths are straight, so nothing crosses on the way either.
 
-Planes move at the mean velocity of all that meets, where nothing is pinned: what flies as a whole is not slowed.
+If nothing is pinned, planes move at the mean velocity of all bodies. A group that flies as a whole is not slowed.
 """
 
 import warp as wp
@@ -18,16 +18,16 @@ from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
 
-ROUNDS = 64  # at most, as what stops may stand in the way of what did not have to; each mends its pairs for good
-_ROUNDING = wp.constant(1.0e-6)  # of a displacement
-_SPEED = wp.constant(wp.int64(1 << 24))  # units of a metre a second in sums of velocities
-_LEFT = wp.constant(0.1)  # of what two parts are apart, that no substep takes away
-_LEAST = wp.constant(0.05)  # of what they are kept apart, nearer than which they do not come
+ROUNDS = 64  # largest number of rounds: a particle that stops may block others; each round mends its pairs for good
+_ROUNDING = wp.constant(1.0e-6)  # rounding error as a fraction of a displacement
+_SPEED = wp.constant(wp.int64(1 << 24))  # integer units per m/s in sums of velocities
+_LEFT = wp.constant(0.1)  # fraction of the distance of two parts that no substep takes away
+_LEAST = wp.constant(0.05)  # smallest distance of two parts, as a fraction of the distance that they are kept apart
 
 
 @wp.func
 def _carried(members: Members, pairs: Pairs, w: int) -> wp.vec3:
-    """How far all that meets in world w moves in a substep, on average [m]; not at all where something is pinned."""
+    """Return the mean displacement of all particles of world w in a substep [m]; 0 if any is pinned."""
     if pairs.sums[w, 3] > wp.int64(0):
         return wp.vec3(0.0)
     count, dt = float(0.0), float(0.0)
@@ -41,7 +41,7 @@ def _carried(members: Members, pairs: Pairs, w: int) -> wp.vec3:
 
 @compiled
 def _sum(members: Members, pairs: Pairs):
-    """Sum the velocities of all particles of a world, and find out whether one is pinned."""
+    """Sum the velocities of all particles of a world, and note if one is pinned."""
     panels = members.panels.shape[0]
     w = wp.tid() / panels
     panel = panel_of(members, wp.tid() - w * panels, w)
@@ -57,13 +57,16 @@ def _sum(members: Members, pairs: Pairs):
 
 @wp.func
 def _way(surface: Surface, i: int, carried: wp.vec3) -> wp.vec3:
-    """How far a particle goes in this substep beside what all do [m]."""
+    """Return the displacement of a particle in this substep, relative to the mean one [m]."""
     return xyz(load_row(surface.displacements, i) - load_row(surface.position_lo, i)) - carried
 
 
 @wp.func
 def _from(members: Members, pair: Pair, q: int) -> wp.vec3:
-    """Where particle q of a pair was when the substep began, from its first one [m]; to all that is known of both."""
+    """Return the place of particle q of a pair, relative to its first one, when the substep began [m].
+
+    The difference includes the low parts of both positions.
+    """
     of, of_first = members.surfaces[pair.surfaces[q]], members.surfaces[pair.surfaces[0]]
     i, first = pair.particles[q], pair.particles[0]
     high = load_row(of.positions, i) - load_row(of_first.positions, first)
@@ -72,7 +75,7 @@ def _from(members: Members, pair: Pair, q: int) -> wp.vec3:
 
 @wp.func
 def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs, round: int):
-    """Ask a particle to go no further than there is room [m]."""
+    """Ask a particle to go no further than `room` [m]."""
     d = load_row(surface.displacements, i)
     moves = goes > wp.max(room, 0.0) + wp.static(_ROUNDING) * wp.length(xyz(d)) and d[3] > 0.0
     if moves:
@@ -82,7 +85,7 @@ def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs, round
 
 @wp.func
 def measure(members: Members, pairs: Pairs, p: int, w: int):
-    """Find how far panel p of world w goes in this substep, before the bound asks."""
+    """Measure how far panel p of world w goes in this substep, before the clamp."""
     panel, longest, carried = panel_of(members, p, w), float(0.0), _carried(members, pairs, w)
     for q in range(3):
         longest = wp.max(longest, wp.length(_way(members.surfaces[panel.surface], panel.corners[q], carried)))
@@ -91,7 +94,7 @@ def measure(members: Members, pairs: Pairs, p: int, w: int):
 
 @wp.func
 def _find(members: Members, pairs: Pairs, w: int, t: int, width: int, round: int):
-    """Find by what share particles of world w have to shorten their ways; thread t of `width`."""
+    """Find the share by which particles of world w shorten their displacements; thread t of `width`."""
     carried, of_world = _carried(members, pairs, w), w * members.panels.shape[0]
     for k in range(t, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
         least, panels = pairs.starts[w, k], pairs.panels[w, k]
@@ -112,7 +115,7 @@ def _find(members: Members, pairs: Pairs, w: int, t: int, width: int, round: int
         middle = -0.5 * apart
         if not is_corner:
             middle = wp.min(0.0, wp.dot(n, b)) - 0.5 * apart
-        # How far particles are from the plane, on their own sides, and how far they go towards it.
+        # Distances of particles from the plane, on their own sides, and how far they go towards it.
         offs, goes, ends = wp.vec4(0.0), wp.vec4(0.0), wp.vec2(1.0e30)
         for q in range(4):
             side = wp.where(q < first, 1.0, -1.0)
@@ -127,7 +130,7 @@ def _find(members: Members, pairs: Pairs, w: int, t: int, width: int, round: int
 
 @wp.func
 def _shorten(surface: Surface, i: int, carried: wp.vec3):
-    """Shorten the way of a particle by the share that was found."""
+    """Shorten the displacement of a particle by the share that was found."""
     share = surface.ways_given_up[i]
     if share == 0.0:
         return
@@ -136,7 +139,7 @@ def _shorten(surface: Surface, i: int, carried: wp.vec3):
     d = load_row(surface.displacements, i) + wp.vec4(less[0], less[1], less[2], 0.0)
     store_row(surface.displacements, i, d)
     if surface.last_displacements.shape[0] > 0:
-        # BDF2 carries its past on. As if it had moved like this before, it does not bounce.
+        # BDF2 carries the past displacement on. Setting it to the new one keeps the particle from bouncing.
         moved = d - load_row(surface.position_lo, i)
         surface.last_displacements[i] = xyz(moved)
         v = load_row(surface.velocities, i)
@@ -146,7 +149,7 @@ def _shorten(surface: Surface, i: int, carried: wp.vec3):
 
 @cooperative
 def _bound(members: Members, pairs: Pairs, rounds: int, group: CooperativeGroup):
-    """Shorten the ways of all particles until no pair asks for more."""
+    """Shorten the displacements of all particles until no pair asks for more."""
     if pairs.folded[0] == 0:
         return
     number = number_of(wp.tid(), group)
@@ -168,7 +171,7 @@ def _bound(members: Members, pairs: Pairs, rounds: int, group: CooperativeGroup)
 
 
 class CcdClamp:
-    """The launch that shortens ways at the end of a substep."""
+    """Launch that shortens displacements at the end of a substep."""
 
     def __init__(self, members: Members, pairs: Pairs, group: CooperativeGroup, device: wp.Device) -> None:
         inputs, total = [members, pairs], members.worlds * members.panels.shape[0]
@@ -177,7 +180,7 @@ class CcdClamp:
         self._launch = recorded(_bound, *inputs, ROUNDS, group=group, device=device)
 
     def begin(self) -> None:
-        """Before a frame: find how all moves."""
+        """Sum all velocities before a frame."""
         self._sums.zero_()
         self._sum.launch()
 

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which sheets lie so flat that no part of them can meet another. Nothing has to be looked for there.
+"""Find sheets so flat that no part of them can touch another; these need no search.
 
-Let F be the deformation gradient of a triangle, and R a rotation of the whole rest shape. Where
+Let F be the deformation gradient of a triangle, and R a rotation of the whole rest shape. If
 
     (R s) . (F s) >= m |s|^2        for all directions s, in all triangles,
 
-two points p and q of a convex rest shape are at least m |q - p| apart in space, by the mean value theorem along the
-straight line from p to q. So parts that share no particle are apart by m times what they are apart at rest.
+two points p and q of a convex rest shape are at least m |q - p| apart in space. This is the mean value theorem along
+the straight line from p to q. So parts that share no particle are apart by at least m times their distance at rest.
 
-Particles go straight in a substep, and the condition is linear in F. So it holds all through a substep where it holds
-at both ends with the same R.
+Particles move straight in a substep, and the condition is linear in F. If it holds at both ends of a substep with the
+same R, it holds all through it.
 """
 
 import warp as wp
@@ -19,13 +19,13 @@ from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Surface, p
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, xyz
 
-_MARGIN = wp.constant(0.05)  # of m, by which what was folded has to be flatter to count as flat again
-_ROUNDING = wp.constant(1.001)
+_MARGIN = wp.constant(0.05)  # margin of m by which a folded sheet must be flatter to count as flat again
+_ROUNDING = wp.constant(1.001)  # factor on m that covers rounding
 
 
 @wp.func
 def _axes(along: wp.vec3, across: wp.vec3) -> wp.mat33:
-    """Axes in columns, as near to two directions as to one another."""
+    """Return orthonormal axes in columns, the first two equally near to the two directions."""
     a, b = wp.normalize(along), wp.normalize(across)
     first, second = wp.normalize(a + b), wp.normalize(a - b)
     return wp.matrix_from_cols(first, second, wp.cross(first, second))
@@ -33,7 +33,7 @@ def _axes(along: wp.vec3, across: wp.vec3) -> wp.mat33:
 
 @compiled
 def _turn(members: Members, pairs: Pairs):
-    """How the rest shape of each body has to be turned to lie as its ends do; nothing counts as folded yet."""
+    """Find the rotation of each body's rest shape that fits its far ends; reset the folded flag."""
     count = members.bodies.shape[0]
     w = wp.tid() / count
     b = wp.tid() - w * count
@@ -50,7 +50,7 @@ def _turn(members: Members, pairs: Pairs):
 
 @wp.func
 def _where(surface: Surface, i: int, ends: bool) -> wp.vec3:
-    """Where a particle is when the substep begins or ends [m]."""
+    """Return the position of a particle when the substep begins or ends [m]."""
     if ends:
         return place(surface, i) + xyz(load_row(surface.displacements, i))
     return place(surface, i)
@@ -58,7 +58,10 @@ def _where(surface: Surface, i: int, ends: bool) -> wp.vec3:
 
 @wp.func
 def judge(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
-    """Find out whether triangle p is turned so far that parts may meet, when a substep begins or ends."""
+    """Set the folded flag if triangle p of world w is turned so far that parts may touch.
+
+    The test is for the beginning of a substep, or its end if `ends`.
+    """
     panel = panel_of(members, p, w)
     surface = members.surfaces[panel.surface]
     turn = pairs.turns[w * members.bodies.shape[0] + panel.body]
@@ -86,7 +89,7 @@ def _judge(members: Members, pairs: Pairs):
 
 @compiled
 def _empty(pairs: Pairs):
-    """What is flat has no pairs, and searches as soon as it folds."""
+    """Clear the lists if nothing is folded; the search then runs as soon as a sheet folds."""
     if pairs.folded[0] == 0:
         pairs.counts[wp.tid(), 0] = 0
         pairs.counts[wp.tid(), 1] = 0
@@ -96,7 +99,7 @@ def _empty(pairs: Pairs):
 
 
 class EarlyOut:
-    """Finds out whether a sheet of any world is folded. Where bodies meet one another all count as folded."""
+    """Find out if a sheet of any world is folded. If bodies touch one another, all count as folded."""
 
     def __init__(self, members: Members, pairs: Pairs, device: wp.Device) -> None:
         panels, worlds, bodies = members.panels.shape[0], members.worlds, members.bodies.shape[0]
@@ -109,6 +112,6 @@ class EarlyOut:
             ]
 
     def begin(self) -> None:
-        """Before a frame."""
+        """Judge all sheets before a frame."""
         for each in self._begins:
             each.launch()

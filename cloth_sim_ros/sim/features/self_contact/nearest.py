@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where two parts of surfaces are nearest to one another, and whether they cross."""
+"""Nearest points of two parts of surfaces, and a test for crossing."""
 
 import warp as wp
 
-_ANYWHERE = wp.constant(1.0e-6)  # of an edge: nearer to its end the corner's own test sees to it
+_ANYWHERE = wp.constant(1.0e-6)  # fraction of an edge; nearer to an end, the test of that corner takes over
 
 
 @wp.func
 def weights_at(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
-    """The weights of the corners of the point of a triangle that is nearest to p (Ericson 2005, sec. 5.1.5)."""
+    """Return the weights of corners a, b, c of the point of a triangle nearest to p (Ericson 2005, sec. 5.1.5)."""
     ab = b - a
     ac = c - a
     d1 = wp.dot(ab, p - a)
@@ -38,8 +38,10 @@ def weights_at(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
 
 @wp.struct
 class Nearest:
-    """Two points that are nearest to one another: the weights of four particles in the difference of the two, and
-    whether they lie inside of both parts, so that no other pair sees to them."""
+    """Two nearest points: the weights of four particles in their difference.
+
+    inside: True if both points lie inside their parts, so that no other pair covers them.
+    """
 
     weights: wp.vec4
     inside: bool
@@ -47,7 +49,7 @@ class Nearest:
 
 @wp.func
 def nearest(is_corner: bool, a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> Nearest:
-    """Of a corner a and a triangle b c d, or of two edges a b and c d."""
+    """Return the nearest points of a corner a and a triangle b c d, or of two edges a b and c d."""
     m = Nearest()
     m.inside = True
     if is_corner:
@@ -62,7 +64,7 @@ def nearest(is_corner: bool, a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> 
 
 @wp.func
 def crosses(p: wp.vec3, q: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> bool:
-    """Whether the segment p q goes through the triangle a b c."""
+    """Return True if the segment p q goes through the triangle a b c."""
     n = wp.cross(b - a, c - a)
     from_p, from_q = wp.dot(n, p - a), wp.dot(n, q - a)
     if from_p * from_q >= 0.0:

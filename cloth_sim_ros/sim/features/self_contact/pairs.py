@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of two panels that may meet: corners, triangles and edges, and the list of them."""
+"""Pairs of parts of two panels that may touch (corners, triangles and edges), and the list of them."""
 
 import warp as wp
 
@@ -7,24 +7,28 @@ from cloth_sim_ros.sim.features.self_contact.nearest import nearest
 from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, Surface
 from cloth_sim_ros.sim.kernels.intrinsics import next_place
 
-TESTS = 15  # of two triangles: three corners of each against the other, and nine pairs of sides
-# Of how far parts of one body are apart at rest, that they are kept apart at most. A rope then bends to a radius of 1.1
-# times its own, and a sheet to 1.1 times its thickness: the chord of an arc of 2.26 radians is 0.8 of it.
+TESTS = 15  # tests of two triangles: three corners of each against the other, and nine pairs of sides
+# Largest distance that parts of one body are kept apart, as a fraction of their distance at rest. A rope then bends to
+# a radius of 1.1 times its own, and a sheet to 1.1 times its thickness: the chord of an arc of 2.26 radians is 0.8 of
+# it.
 OF_REST = 0.8
-# Of the mean length of springs, that a particle may be off its way; and of that, from where on it is looked at again
-# where a search is due anyway.
+# _SLACK: distance that a particle may be off its path, as a fraction of the mean spring length. EAGER: fraction of that
+# slack beyond which a particle is searched again if a search is due anyway.
 _SLACK, EAGER = 0.1, 0.5
-# Numbers of Pairs.clock: substeps since all panels were looked at, and for how many their ways are straight; whether
-# a search is due, and whether it is of all panels, 2 where their ways are found already; AGE when it was due; and how
-# many panels were looked at again since all were.
+# Indices into Pairs.clock. AGE: substeps since all panels were searched. HOLDS: substeps for which their paths are
+# straight. DUE: 1 if a search is due. WHOLE: 1 if it is for all panels, 2 if their paths are known already. WAS: AGE
+# when the search was due. AGAIN: number of panels searched again since all were.
 AGE, HOLDS, DUE, WHOLE, WAS, AGAIN = (wp.constant(k) for k in range(6))
-CLOSE = 1.05  # times how far they are kept apart, nearer than which other pairs may push two parts together
+CLOSE = 1.05  # ratio to the distance kept apart, below which other pairs may push two parts together
 
 
 @wp.struct
 class Way:
-    """A panel, its number in its world, and its way from one search of all to the next: where corners start, how far
-    they go, and where they are at rest, in rows [m]; its thickness, and how far a corner may be off its way [m]."""
+    """A panel and its path from one search of all panels to the next.
+
+    number: its number in its world. x, moves, rest: start, displacement and rest position of each corner, in rows [m].
+    thickness, slack: its thickness, and the distance that a corner may be off its path [m].
+    """
 
     number: int
     panel: Panel
@@ -37,20 +41,23 @@ class Way:
 
 @wp.struct
 class Pairs:
-    """Lists of one frame, world by world. couples: panels near one another. parts: the particles of a corner and a
-    triangle or, the first as -1 - its number, of two edges. panels: of which two. counts: (W, 2) couples and pairs.
+    """Lists of one frame, world by world.
 
-    kept, starts: how far parts are kept apart, and how far they at least were when the substep began [m].
-    rooms: how much further than they are kept apart they come to be on their ways [m].
+    couples: two panels near one another. parts: four particles, of a corner and a triangle or of two edges; the first
+    particle of two edges is stored as -1 - its number. panels: the two panels of a pair. counts: (W, 2) numbers of
+    couples and pairs.
 
-    clock: (6,) see above. ways: of all panels of all worlds. ranges: how far they go in this substep [m]. off: how far
-    their corners are off their ways at most [m]. astray: whether that is so much that a search is for them. failed:
-    which are torn. balls, drifts: middle and radius of the ball around a panel and all that it may meet, and how far
-    that goes [m]. sums: (W, 4) of all velocities when the frame began, in whole numbers, and whether a particle is
-    pinned. rounds: (64,) whether the bound had to shorten a way in each of its rounds.
+    kept: distance that parts are kept apart [m]. starts: lower bound of their distance when the substep began [m].
+    rooms: margin of their distance over CLOSE times `kept`, along their paths [m].
 
-    folded: (2,) whether parts of one body may meet, see flat.py, now and in the frame before. turns: (W x B,) how the
-    rest shapes of bodies lie.
+    clock: (6,) see above. ways: paths of all panels of all worlds. ranges: how far panels go in this substep [m].
+    off: largest distance of their corners from their paths [m]. astray: True if a panel needs a search for that.
+    failed: True if a panel is torn. balls, drifts: center and radius of the ball around a panel and all that it may
+    touch, and the displacement of that ball [m]. sums: (W, 4) sum of all velocities when the frame began, in integers,
+    and 1 if a particle is pinned. rounds: (64,) 1 if the clamp shortened a displacement in that round.
+
+    folded: (2,) 1 if parts of one body may touch, now and in the frame before (see early_out.py). turns: (W x B,)
+    rotations of the rest shapes of bodies.
     """
 
     couples: wp.array2d(dtype=wp.vec2i)
@@ -76,27 +83,27 @@ class Pairs:
 
 @wp.func
 def slack(members: Members, surface: Surface, body: int) -> float:
-    """How far a particle of a body may be off its way [m]."""
+    """Return the distance that a particle of a body may be off its path [m]."""
     return wp.static(_SLACK) * surface.bodies[members.bodies[body][1]].spacing
 
 
 @wp.func
 def is_due(pairs: Pairs, t: int) -> bool:
-    """Whether a search is for what panel t of all worlds may meet."""
+    """Return True if the search covers panel t, counted through all worlds."""
     return pairs.clock[WHOLE] > 0 or pairs.astray[t]
 
 
 @wp.func
 def time_ahead(pairs: Pairs, surface: Surface) -> float:
-    """For how long ways are straight [s]."""
+    """Return the time for which paths are straight [s]."""
     return float(pairs.clock[HOLDS]) * surface.frames[0].dt
 
 
 @wp.func
 def tests_of(a: Panel, b: Panel) -> int:
-    """The tests of two panels as bits: three corners of a, three of b, and three sides of b for each of a.
+    """Return the tests of two panels as bits: three corners of a, three of b, and three sides of b for each of a.
 
-    Of panels that share a part, one has its tests.
+    If several panels share a part, only one of them has its tests.
     """
     tests = wp.where(b.corners[1] != b.corners[2], a.own & 7, 0)
     tests |= wp.where(a.corners[1] != a.corners[2], b.own & 7, 0) << 3
@@ -108,7 +115,7 @@ def tests_of(a: Panel, b: Panel) -> int:
 
 @wp.func
 def way_of(members: Members, pairs: Pairs, surface: Surface, panel: Panel, number: int, time: float) -> Way:
-    """That of a panel for a time [s]."""
+    """Return the path of a panel over `time` [s]."""
     way = Way()
     way.number = number
     way.panel = panel
@@ -125,7 +132,7 @@ def way_of(members: Members, pairs: Pairs, surface: Surface, panel: Panel, numbe
 
 @wp.func
 def _share(parts: wp.vec4i) -> bool:
-    """Whether two parts of one body have a particle in common."""
+    """Return True if two parts of one body have a particle in common."""
     if parts[0] >= 0:
         return parts[0] == parts[1] or parts[0] == parts[2] or parts[0] == parts[3]
     first = -1 - parts[0]
@@ -134,7 +141,7 @@ def _share(parts: wp.vec4i) -> bool:
 
 @wp.func
 def _offsets(of_corner: bool, p: int, first: wp.mat33, q: int, second: wp.mat33) -> wp.mat33:
-    """Rows b - a, c - a and d - a of two parts: corner a and triangle b c d, or the sides a b and c d of two panels."""
+    """Return rows b - a, c - a, d - a of two parts: corner a and triangle b c d, or sides a b and c d of two panels."""
     a = first[p]
     if of_corner:
         return wp.matrix_from_rows(second[0] - a, second[1] - a, second[2] - a)
@@ -143,14 +150,14 @@ def _offsets(of_corner: bool, p: int, first: wp.mat33, q: int, second: wp.mat33)
 
 @wp.func
 def _line(of_corner: bool, at: wp.mat33) -> wp.vec3:
-    """From the nearest point of the second of two parts to that of the first one, of their offsets [m]."""
+    """Return the vector from the nearest point of the second part to that of the first, from their offsets [m]."""
     w = nearest(of_corner, wp.vec3(0.0), at[0], at[1], at[2]).weights
     return w[1] * at[0] + w[2] * at[1] + w[3] * at[2]
 
 
 @wp.func
 def _free_along(of_corner: bool, at: wp.mat33, n: wp.vec3) -> float:
-    """How far the first of two parts lies beyond the second one along n, of their offsets [m]."""
+    """Return how far the first part lies beyond the second along n, from their offsets [m]."""
     along = at * n
     second = wp.max(along[1], along[2])
     if of_corner:
@@ -160,9 +167,10 @@ def _free_along(of_corner: bool, at: wp.mat33, n: wp.vec3) -> float:
 
 @wp.func
 def _parted(of_corner: bool, at: wp.mat33, after: wp.mat33, reach: float) -> bool:
-    """Whether the triangle's plane, or what is normal to both edges, keeps two parts apart by `reach` [m] all the time.
+    """Return True if one direction keeps two parts apart by `reach` [m] throughout.
 
-    Ways are straight, so it does if it does so at both ends. It takes less than to find the nearest points.
+    The direction is the triangle's normal, or the common normal of both edges. Paths are straight, so a test at both
+    ends is enough. It costs less than a search for the nearest points.
     """
     along = wp.where(of_corner, at[1] - at[0], at[0])
     n = wp.cross(along, at[2] - wp.where(of_corner, at[0], at[1]))
@@ -174,7 +182,7 @@ def _parted(of_corner: bool, at: wp.mat33, after: wp.mat33, reach: float) -> boo
 
 @wp.func
 def list_test(pairs: Pairs, w: int, first: Way, p: int, second: Way, q: int):
-    """List a pair where it may meet: corner p of one panel and another or, where q is not below 0, sides p and q."""
+    """List a pair if it may touch: corner p of one panel and the other panel or, if q >= 0, sides p and q."""
     a, b, of_corner = first.panel, second.panel, q < 0
     parts = wp.vec4i(a.corners[p], b.corners[0], b.corners[1], b.corners[2])
     if q >= 0:
@@ -207,7 +215,7 @@ def list_test(pairs: Pairs, w: int, first: Way, p: int, second: Way, q: int):
 
 @wp.struct
 class Pair:
-    """Particles, and of each the arrays that it is in."""
+    """Four particles, and the index in Members.surfaces of the arrays of each."""
 
     particles: wp.vec4i
     surfaces: wp.vec4i
@@ -226,14 +234,14 @@ def pair_of(members: Members, pairs: Pairs, w: int, k: int) -> Pair:
 
 @wp.func
 def room_of(members: Members, pairs: Pairs, w: int, k: int) -> float:
-    """How much further than they are kept apart the parts of a pair are, by what is known of their panels [m]."""
+    """Return a lower bound of the margin by which a pair's distance exceeds CLOSE times `kept` [m]."""
     panels, first = pairs.panels[w, k], w * members.panels.shape[0]
     return pairs.rooms[w, k] - (pairs.off[first + panels[0]] + pairs.off[first + panels[1]])
 
 
 @wp.func
 def forget(pairs: Pairs, w: int, t: int, width: int):
-    """Forget all pairs of panels that are looked at again; thread t of `width`."""
+    """Forget all pairs of panels that are searched again; thread t of `width`."""
     panels = pairs.ways.shape[0] / pairs.counts.shape[0]
     for k in range(t, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
         of = pairs.panels[w, k]
@@ -243,7 +251,7 @@ def forget(pairs: Pairs, w: int, t: int, width: int):
 
 @wp.func
 def empty(pairs: Pairs):
-    """Begin a search: the couples are its own, and the list of pairs where it is of all panels."""
+    """Begin a search: clear the couples, and the pairs too if it is for all panels."""
     for w in range(pairs.counts.shape[0]):
         pairs.counts[w, 0] = 0
         if pairs.clock[WHOLE] > 0:

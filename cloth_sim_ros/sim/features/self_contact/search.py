@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which parts of objects may meet soon, and which have come through one another.
+"""Find the parts of objects that may touch soon, and count the edges that pass through triangles.
 
-Each panel has a box around its way to come at the speed that it has, with some slack. Panels that lie side by side have
-one around all of theirs, so that most are passed over together. Of panels whose boxes overlap, the corners, triangles
-and edges that may meet are listed.
+Each panel has a box around its path, predicted from its velocity, with some slack. Panels that lie side by side share
+one more box, so a test can skip them together. If the boxes of two panels overlap, their corners, triangles and edges
+that may touch are listed.
 
-A list holds for a time ahead. Panels with a particle that is off its way by more than the slack get a new way, and
-their pairs are listed anew. So no pair is missed, however particles are pushed. What rests is hardly ever looked at.
+A list holds for some time ahead. A panel with a particle farther off its path than the slack gets a new path, and its
+pairs are listed anew. So no pair is missed, however particles are pushed. Panels at rest are rarely searched.
 """
 
 from typing import Any
@@ -48,17 +48,18 @@ from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, recorded
 from cloth_sim_ros.sim.kernels.intrinsics import lowest_bit, next_place, xyz
 
-PAIRS_A_PANEL = 64  # room in the list of pairs
-_COUPLES_A_PANEL = 48  # and in the list of panels whose boxes overlap
-_THREADS = 1 << 17  # of a launch over the couples of all worlds, on a GPU
-_TEAM = 4  # of them that look at a couple
+PAIRS_A_PANEL = 64  # capacity of the list of pairs, per panel
+_COUPLES_A_PANEL = 48  # capacity of the list of couples (panels whose boxes overlap), per panel
+_THREADS = 1 << 17  # threads of a launch over the couples of all worlds, on a GPU
+_TEAM = 4  # threads that test one couple
 
 
 @compiled
 def _foresee(members: Members, pairs: Pairs, ends: bool):
-    """Ways of particles that are off theirs, or of all: what trembles goes at its mean velocity since the last search.
+    """Predict paths of particles that are off theirs, or of all particles.
 
-    All ways start when all panels were looked at: who got off its way since seems to have come from elsewhere.
+    A particle that trembles gets its mean velocity since the last search. All paths start at the time when all panels
+    were searched. A particle that left its path since then gets a start extrapolated back to that time.
     """
     if pairs.clock[WHOLE] == 2:
         return
@@ -87,7 +88,7 @@ def _foresee(members: Members, pairs: Pairs, ends: bool):
 
 @wp.func
 def _wrap(t: int, way: Way, margin: float, pairs: Pairs):
-    """The ball around panel t of all worlds on its way, with a margin [m]."""
+    """Compute the ball around panel t on its path, with a margin [m]; t counts through all worlds."""
     third = wp.vec3(1.0 / 3.0)
     middle, drift = third * way.x, third * way.moves
     radius = float(0.0)
@@ -99,7 +100,7 @@ def _wrap(t: int, way: Way, margin: float, pairs: Pairs):
 
 @compiled
 def _enclose_ways(members: Members, pairs: Pairs, boxes: Boxes):
-    """The ways, balls and boxes of panels that a search is for."""
+    """Compute the paths, balls and boxes of the panels that the search covers."""
     if not is_due(pairs, wp.tid()):
         return
     panels = members.panels.shape[0]
@@ -121,7 +122,7 @@ def _enclose_ways(members: Members, pairs: Pairs, boxes: Boxes):
 
 @compiled
 def _enclose(members: Members, boxes: Boxes):
-    """The boxes of all panels as they are."""
+    """Compute the boxes of all panels at their current places."""
     panels = members.panels.shape[0]
     w = wp.tid() / panels
     panel = panel_of(members, wp.tid() - w * panels, w)
@@ -134,7 +135,7 @@ def _enclose(members: Members, boxes: Boxes):
 
 @wp.func
 def _may_meet(members: Members, pairs: Pairs, boxes: Boxes, p: int, q: int, first: int) -> bool:
-    """Whether panels p and q of the world whose panels begin with `first` may, by their boxes and the balls around."""
+    """Return True if the boxes and balls of panels p and q overlap; panels of their world begin with `first`."""
     a, b = first + p, first + q
     if not overlap(boxes, a, b) or not may_touch(members, members.owners[p], members.owners[q]):
         return False
@@ -144,14 +145,14 @@ def _may_meet(members: Members, pairs: Pairs, boxes: Boxes, p: int, q: int, firs
 
 @compiled
 def _couple(members: Members, pairs: Pairs, boxes: Boxes, team: int):
-    """List the panels that a search is for, with what they may meet, each couple once; `team` threads a panel."""
+    """List each couple of a searched panel and one that it may touch, once; `team` threads a panel."""
     t, lane = wp.tid() / team, wp.tid() % team
     if not is_due(pairs, t):
         return
     panels = members.panels.shape[0]
     w = t / panels
     first, p = w * panels, t - w * panels
-    start = wp.where(pairs.clock[WHOLE] > 0, p / wp.static(CLUSTER), 0)  # of all panels, those that follow are enough
+    start = wp.where(pairs.clock[WHOLE] > 0, p / wp.static(CLUSTER), 0)  # if all are searched, later ones are enough
     for c in range(start, clusters_of(panels), team):
         near = clusters_near(boxes, panels, w, t, c, lane)
         while near != wp.uint64(0):
@@ -167,7 +168,7 @@ def _couple(members: Members, pairs: Pairs, boxes: Boxes, team: int):
 
 @compiled
 def _pair(members: Members, pairs: Pairs, width: int, team: int):
-    """List the parts of couples that may meet: `width` threads a world, `team` of them a couple."""
+    """List the parts of couples that may touch: `width` threads a world, `team` of them a couple."""
     w, panels = wp.tid() / width, members.panels.shape[0]
     t = wp.tid() - w * width
     for item in range(t / team, wp.min(pairs.counts[w, 0], pairs.couples.shape[1]), width / team):
@@ -186,7 +187,7 @@ def _pair(members: Members, pairs: Pairs, width: int, team: int):
 
 @compiled
 def _accept(pairs: Pairs, ends: bool):
-    """A list that is too long is made again: of all panels, and then for a shorter time."""
+    """If a list overflowed, ask for another search: first of all panels, then for a shorter time."""
     full = bool(False)
     for w in range(pairs.counts.shape[0]):
         full = full or pairs.counts[w, 0] > pairs.couples.shape[1] or pairs.counts[w, 1] > pairs.parts.shape[1]
@@ -201,7 +202,7 @@ def _accept(pairs: Pairs, ends: bool):
 
 @wp.func
 def _crossed(members: Members, panel: Panel, other: Panel) -> int:
-    """How many own edges of a panel go through another one."""
+    """Return the number of own edges of a panel that pass through another panel."""
     own, of_other = members.surfaces[panel.surface], members.surfaces[other.surface]
     a, b = place(of_other, other.corners[0]), place(of_other, other.corners[1])
     c = place(of_other, other.corners[2])
@@ -219,7 +220,7 @@ def _crossed(members: Members, panel: Panel, other: Panel) -> int:
 
 @compiled
 def _cross(members: Members, w: int, boxes: Boxes, counts: wp.array(dtype=int), team: int):
-    """Count the edges of each body that go through a triangle that it is kept apart from; `team` threads a panel."""
+    """Count the edges of each body that pass through a triangle it is kept apart from; `team` threads a panel."""
     panels = members.panels.shape[0]
     p, lane, first = wp.tid() / team, wp.tid() % team, w * panels
     panel = panel_of(members, p, w)
@@ -234,16 +235,16 @@ def _cross(members: Members, w: int, boxes: Boxes, counts: wp.array(dtype=int), 
 
 
 class Search:
-    """Looks for pairs in all worlds; `pairs` are what was found last."""
+    """Search for pairs in all worlds; `pairs` holds the result of the last search."""
 
     def __init__(self, members: Members, group: CooperativeGroup, device: wp.Device) -> None:
         self._members, self._device = members, device
         self._panels, worlds = members.panels.shape[0], members.worlds
         total = worlds * self._panels
-        self._lanes = 1 if device.is_cpu else CLUSTER  # threads that look for what a panel may meet
+        self._lanes = 1 if device.is_cpu else CLUSTER  # threads that search for one panel
         self._width = 1 if device.is_cpu else max(32 * _TEAM, _THREADS // worlds)
         self._clusters = self._lanes * worlds * clusters_of(self._panels)
-        # Of panels on their ways, and of panels where they are.
+        # Boxes around paths, and boxes around current places.
         self._boxes, self._places = (boxes_of(worlds, self._panels, device) for _ in range(2))
         self._crossings = wp.zeros(len(members.bodies), dtype=int, device=device)
         self.pairs = Pairs()
@@ -271,9 +272,9 @@ class Search:
         self._looks = [recorded(look, members, self.pairs, ends, group=group, device=device) for ends in (False, True)]
 
     def look(self, ends: bool) -> None:
-        """List the pairs that may meet, where the list does not hold for a substep that ends, or that begins now.
+        """List the pairs that may touch, if the list does not hold for a substep that ends, or that begins now.
 
-        The list then holds for the way of this substep too, whatever pushes a particle.
+        The list then holds for the displacement of this substep too, whatever pushes a particle.
         """
         self._looks[ends].launch()
         wp.capture_while(self._due, self._list, ends=ends)
@@ -292,13 +293,13 @@ class Search:
         wp.launch(kernel, dim=dim, inputs=list(inputs), device=self._device)
 
     def found(self, world: int) -> tuple[int, int]:
-        """How many pairs are listed in a world, and how many couples and pairs found no room."""
+        """Return the number of pairs listed in a world, and the number of couples and pairs that found no room."""
         couples, pairs = self.pairs.counts.numpy()[world].tolist()
         room = self.pairs.parts.shape[1]
         return min(pairs, room), max(0, pairs - room) + max(0, couples - self.pairs.couples.shape[1])
 
     def crossings(self, world: int) -> list[int]:
-        """How many edges of each body go through a triangle that it is kept apart from now, in one world."""
+        """Return for each body the number of its edges that pass through a triangle it is kept apart from now."""
         self._launch(_enclose, self.pairs.ways.shape[0], self._members, self._places)
         self._launch(surround, self._clusters, self._places, self._panels, self._lanes)
         self._crossings.zero_()

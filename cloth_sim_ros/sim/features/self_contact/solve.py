@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What keeps objects apart: corners against triangles, and edges against edges.
+"""Contact solve between objects: corners against triangles, and edges against edges.
 
-search.py lists the pairs that may meet. In each substep the nearest points of two parts, where they were when it began,
-tell from which side they come: along the line between them the two stay apart by both thicknesses. A part that would
-come through within a substep is put back on its side, as the line does not turn.
+search.py lists the pairs that may touch. In each substep, the nearest points of two parts at its start tell the side of
+each. Along the line between them the two stay apart by both thicknesses. That line does not turn in the substep, so a
+part that would pass through is put back on its side.
 
-Each pair finds by itself what it asks of its particles, and each particle then does it. A particle of several pairs is
-split between them (mass splitting, Tonge et al. 2012), so that all together do not ask too much and momentum is kept.
-What is asked is summed in whole numbers, so that the order of pairs decides no bit.
+Each pair computes the corrections of its particles, and each particle then applies them. A particle of several pairs is
+split between them (mass splitting, Tonge et al. 2012), so that together they do not overcorrect, and momentum is
+conserved. Corrections are summed as integers, so the order of pairs does not change a bit of the result.
 """
 
 import warp as wp
@@ -32,23 +32,25 @@ from cloth_sim_ros.sim.kernels.intrinsics import (
 )
 from cloth_sim_ros.sim.physics.friction import friction_correction
 
-_PASSES = 4  # of all pairs in an iteration: each finds what the one before left of layers upon layers
-_CLAIM = wp.constant(wp.float64(1 << 34))  # units of a metre in sums of claims
+_PASSES = 4  # passes over all pairs in an iteration; in stacked layers, each finds what the one before left over
+_CLAIM = wp.constant(wp.float64(1 << 34))  # integer units per metre in sums of claims
 MOVE, HIT, CLAIM = wp.constant(0), wp.constant(3), wp.constant(6)
-# Parts that are too near to one another come apart by this share of what they lack in a substep, and at most at this
-# pace [m/s]. If they did at once, they would bounce, and no heap would come to rest.
+# _EASE: fraction of the missing distance by which parts that are too near separate in a substep. _PARTING: largest
+# speed of that [m/s]. If they separated at once, they would bounce, and no heap would come to rest.
 _EASE, _PARTING = wp.constant(0.3), wp.constant(0.1)
 
 
 @wp.struct
 class Close:
-    """Of pairs that may touch in this substep, their four particles in a row: each with its arrays, its inverse mass
-    [1/kg] and its weight in the line between the nearest points. Of each pair that line's direction, how far it shall
-    come apart [m] and how urgent that is, and static and kinetic friction.
+    """Pairs that may touch in this substep.
 
-    slips: how far they have slipped, and what they lack of being apart [m]. met: the share of what they lack by which
-    they came nearer in the substep before: that is a hit, the rest is pressure. counts: (W,). some: (1,) whether there
-    is one.
+    particles, surfaces, inverse, weights: four entries a pair. They are the particle, the index of its arrays, its
+    inverse mass [1/kg], and its weight in the line between the nearest points. lines: direction of that line. gaps:
+    distance by which the pair shall separate [m], and its urgency. frictions: static and kinetic coefficient.
+
+    slips: the slip of the pair, and its missing distance [m]. met: share of the missing distance by which the parts
+    approached in the substep before. That share is a hit, the rest is pressure. counts: (W,). some: (1,) 1 if there is
+    a close pair.
     """
 
     particles: wp.array2d(dtype=int)
@@ -66,14 +68,14 @@ class Close:
 
 @wp.func
 def _friction(a: Material, b: Material) -> wp.vec2:
-    """Static and kinetic, of two bodies."""
+    """Return the static and kinetic friction coefficients of two bodies."""
     static = wp.sqrt(a.static_friction * b.static_friction)
     return wp.vec2(static, wp.sqrt(a.kinetic_friction * b.kinetic_friction))
 
 
 @wp.func
 def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: int):
-    """List the pairs of world w that are close; thread t of `width`, as in what follows."""
+    """List the close pairs of world w; thread t of `width`, as in the functions below."""
     for k in range(t, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
         room = room_of(members, pairs, w, k)
         if room > 0.0:
@@ -92,7 +94,7 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
         pairs.starts[w, k] = apart
         body_a, body_b = number_of_body(members, panels[0]), number_of_body(members, panels[1])
         known = m.inside or (of_a.bodies[body_a].is_rope and of_b.bodies[body_b].is_rope)
-        if known and apart >= NOISE:  # what lies in one place has no sides
+        if known and apart >= NOISE:  # parts in one place have no sides
             n = start / apart
             moved = float(0.0)
             for q in range(4):
@@ -113,7 +115,7 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                     close.inverse[w, 4 * j + q] = wp.where(held, 0.0, moves[3])
                     close.weights[w, 4 * j + q] = m.weights[q]
                 close.lines[w, j] = n
-                # Of many that ask the same particle, those who have nearly come through are heard first.
+                # If many pairs ask the same particle, those that have nearly passed through get most of it.
                 urgency = kept / wp.max(apart, 1.0e-3 * kept)
                 close.gaps[w, j] = wp.vec2(wanted, urgency * urgency)
                 close.frictions[w, j] = _friction(of_a.materials[body_a], of_b.materials[body_b])
@@ -121,13 +123,13 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
 
 @wp.func
 def _units(lacks: float, urgency: float, weight: float) -> wp.int64:
-    """How much of a particle a pair claims, in whole numbers."""
+    """Return the claim of a pair on a particle, as an integer."""
     return wp.int64(wp.float64(wp.min(lacks, 1.0) * urgency * wp.abs(weight)) * _CLAIM)
 
 
 @wp.func
 def _claim(members: Members, close: Close, w: int, t: int, group: CooperativeGroup, turn: int):
-    """Find what close pairs lack, and sum it at each particle: that is split between them in proportion."""
+    """Find the missing distance of close pairs, and sum claims at each particle; they split it in proportion."""
     lane = t % group.sharing
     for j in range(t / group.sharing, close.counts[w], group.width / group.sharing):
         n, moved, slip, before = close.lines[w, j], wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0)
@@ -154,7 +156,7 @@ def _claim(members: Members, close: Close, w: int, t: int, group: CooperativeGro
 
 @wp.func
 def _part(members: Members, close: Close, w: int, t: int, group: CooperativeGroup, turn: int):
-    """Ask the particles of close pairs to move so that these stay apart, with friction."""
+    """Ask the particles of close pairs to move so that the pairs stay apart, with friction."""
     lane = t % group.sharing
     for j in range(t / group.sharing, close.counts[w], group.width / group.sharing):
         lacks, yielding = close.slips[w, j][3], wp.vec3(0.0)
@@ -180,7 +182,7 @@ def _part(members: Members, close: Close, w: int, t: int, group: CooperativeGrou
 
 @wp.func
 def _move(surface: Surface, i: int, turn: int):
-    """Move a particle as its pairs asked in a turn."""
+    """Apply the corrections of one turn to a particle."""
     if surface.pair_corrections[_place_of(i, turn, CLAIM)] == wp.int64(0):
         return
     move, hit = _asked(surface, i, turn, MOVE), _asked(surface, i, turn, HIT)
@@ -189,7 +191,7 @@ def _move(surface: Surface, i: int, turn: int):
     packed = load_row(surface.displacements, i)
     store_row(surface.displacements, i, pack(xyz(packed) + move, packed[3]))
     if surface.last_displacements.shape[0] > 0:
-        # A hit changes the velocity at once. As if it had moved like that before, BDF2 carries just that on.
+        # A hit changes the velocity at once. Adding it to the past displacement lets BDF2 carry on just that.
         surface.last_displacements[i] = surface.last_displacements[i] + hit
         v = load_row(surface.velocities, i)
         store_row(surface.velocities, i, v + pack(hit / surface.frames[0].dt, 0.0))
@@ -197,19 +199,19 @@ def _move(surface: Surface, i: int, turn: int):
 
 @wp.func
 def _place_of(i: int, turn: int, k: int) -> int:
-    """Where number k of a turn of particle i is among all that is asked."""
+    """Return the index of number k of a turn of particle i in pair_corrections."""
     return wp.static(ASKED) * i + wp.static(ASKED // 2) * turn + k
 
 
 @wp.func
 def _asked(surface: Surface, i: int, turn: int, k: int) -> wp.vec3:
-    """A sum of moves [m], MOVE or HIT."""
+    """Return a sum of corrections [m], MOVE or HIT."""
     return exact_sum(surface.pair_corrections, _place_of(i, turn, k))
 
 
 @wp.func
 def _move_all(members: Members, w: int, t: int, width: int, turn: int):
-    """Move the particles of world w as they were asked to in a turn; thread t of `width`."""
+    """Apply the corrections of one turn to the particles of world w; thread t of `width`."""
     for b in range(members.batches):
         surface = surface_of(members, b, w)
         for i in range(t, surface.positions.shape[0], width):
@@ -218,7 +220,7 @@ def _move_all(members: Members, w: int, t: int, width: int, turn: int):
 
 @cooperative
 def _keep_apart(members: Members, pairs: Pairs, close: Close, passes: int, group: CooperativeGroup):
-    """Keep the pairs of all worlds apart, from where particles would go now."""
+    """Keep the pairs of all worlds apart, starting from the displacements found so far."""
     if pairs.folded[0] == 0:
         return
     number = number_of(wp.tid(), group)
@@ -230,7 +232,7 @@ def _keep_apart(members: Members, pairs: Pairs, close: Close, passes: int, group
     if close.some[0] == 0:
         return
     for p in range(passes):
-        # What was asked in the pass before is done while the next is asked for, so that nobody waits for it.
+        # Corrections of the last pass are applied while the next are computed, so that no thread waits for them.
         turn = p % 2
         for w in range(team, members.worlds, group.teams):
             _claim(members, close, w, t, group, turn)
@@ -247,7 +249,7 @@ def _keep_apart(members: Members, pairs: Pairs, close: Close, passes: int, group
 
 
 class ContactSolve:
-    """The launch that keeps the pairs of a search apart."""
+    """Launch that keeps the pairs of a search apart."""
 
     def __init__(self, members: Members, pairs: Pairs, group: CooperativeGroup, device: wp.Device) -> None:
         worlds, room = pairs.parts.shape

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What contact between objects knows of them: the panels of all batches in one list, and the arrays behind them."""
+"""Data for contact between objects: the panels of all batches in one list, and the arrays behind them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.topology import Topology
 
 @wp.struct
 class Surface:
-    """Of the arrays of a batch in a world, those that contact between objects needs; all are thousands of bytes."""
+    """The arrays of a batch in one world that contact between objects needs; all of Arrays is thousands of bytes."""
 
     bodies: wp.array(dtype=Body)
     panels: wp.array(dtype=wp.vec3i)
@@ -39,13 +39,12 @@ class Surface:
 
 @wp.struct
 class Members:
-    """Who may meet whom. Panels and bodies are counted through all batches; panels that
-    follow one another lie side by side.
+    """All panels and bodies that may touch, counted through all batches. Consecutive panels lie side by side.
 
-    surfaces: (batches x worlds,), all worlds of the first batch first. panels: (P,) batch and number there. bodies:
-    (B,) batch, number there, and whether it is kept apart from itself. owners: (P,) the body of a panel. among: whether
-    bodies meet one another. flattens: whether all are sheets that may lie so flat that nothing meets, see flat.py.
-    gaps, ends: (B,) Topology.fold_gap and far_ends.
+    surfaces: (batches x worlds,), all worlds of the first batch first. panels: (P,) batch, and number there.
+    bodies: (B,) batch, number there, and 1 if the body is kept apart from itself. owners: (P,) the body of a panel.
+    among: True if bodies are kept apart from one another. flattens: True if all bodies are sheets that may lie so flat
+    that nothing touches, see early_out.py. gaps, ends: (B,) Topology.fold_gap and far_ends.
     """
 
     surfaces: wp.array(dtype=Surface)
@@ -62,8 +61,10 @@ class Members:
 
 @wp.struct
 class Panel:
-    """One panel in one world: its body, where its batch's arrays are in Members.surfaces, and its particles there. A
-    segment has its second one twice. own: the bits of Model.panel_parts."""
+    """One panel in one world: its body, the index of its batch's arrays in Members.surfaces, and its particles there.
+
+    A segment has its second corner twice. own: the bits of Model.panel_parts.
+    """
 
     body: int
     surface: int
@@ -73,7 +74,7 @@ class Panel:
 
 @wp.func
 def panel_of(members: Members, k: int, w: int) -> Panel:
-    """Panel k in world w."""
+    """Return panel k in world w."""
     home = members.panels[k]
     panel = Panel()
     panel.surface = home[0] * members.worlds + w
@@ -91,31 +92,31 @@ def panel_of(members: Members, k: int, w: int) -> Panel:
 
 @wp.func
 def number_of_body(members: Members, k: int) -> int:
-    """The number of the body of panel k in its batch."""
+    """Return the number of the body of panel k in its batch."""
     return members.bodies[members.owners[k]][1]
 
 
 @wp.func
 def surface_of(members: Members, batch: int, w: int) -> Surface:
-    """The arrays of a batch in world w."""
+    """Return the arrays of a batch in world w."""
     return members.surfaces[batch * members.worlds + w]
 
 
 @wp.func
 def place(surface: Surface, i: int) -> wp.vec3:
-    """Where particle i of a batch was when the substep began [m]."""
+    """Return the position of particle i of a batch when the substep began [m]."""
     return xyz(load_row(surface.positions, i))
 
 
 @wp.func
 def velocity(surface: Surface, i: int) -> wp.vec3:
-    """Its velocity then [m/s]."""
+    """Return the velocity of particle i when the substep began [m/s]."""
     return xyz(load_row(surface.velocities, i))
 
 
 @wp.func
 def may_touch(members: Members, a: int, b: int) -> bool:
-    """Whether two bodies are kept apart."""
+    """Return True if two bodies are kept apart."""
     if a == b:
         return members.bodies[a][2] > 0
     return members.among
@@ -128,10 +129,10 @@ def members_of(
     among: bool,
     device: wp.Device,
 ) -> Members:
-    """The Members of batches, of each its arrays in all worlds.
+    """Build the Members of batches.
 
-    topologies, itself: of each body, and whether it is kept apart from itself. among: whether bodies are kept apart
-    from one another.
+    batches: the arrays of each batch in all worlds. topologies: one for each body. itself: True for each body that is
+    kept apart from itself. among: True if bodies are kept apart from one another. device: where arrays are allocated.
     """
     members = Members()
     surfaces, panels, bodies, owners = [], [], [], []
@@ -166,7 +167,7 @@ def _surface_of(arrays: Arrays) -> Surface:
 
 
 def _side_by_side(model: Model) -> np.ndarray:
-    """The panels of a batch, body by body along a curve through all that lies side by side at rest (Morton 1966)."""
+    """Return the panels of a batch, body by body, ordered along a space-filling curve at rest (Morton 1966)."""
     body = model.panel_parts.numpy()[:, 0]
     corners, rest = model.panels.numpy(), model.rest.numpy()
     corners = model.bodies.numpy()["particles"][body][:, None] + np.where(corners < 0, corners[:, 1:2], corners)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sheets that tear: a spring that is strained too far fails for good, and with it what lies over it.
+"""Sheets that tear: a spring that is strained too far fails for good, and so do the parts that need it.
 
-A spring without a rest length is none to the solve along lines, and a triangle whose corners are one particle has no
-area. So nothing but these stages knows of tearing: they take from a world's own copy of the model what has failed.
-Springs fail after a substep. What goes with them follows at the end of the frame: bending springs, triangles, the
-bending of the sheet. Where the frame leaves the body faulty, and it is put back, its springs are whole again.
+The solve along lines ignores a spring without a rest length, and a triangle whose corners are one particle has no area.
+So only these stages know of tearing: they remove failed parts from a world's own copy of the model. Springs fail after
+a substep. Bending springs, triangles and the bending of the sheet follow at the end of the frame. If the frame leaves
+the body faulty and it is put back, its springs are whole again.
 """
 
 import warp as wp
@@ -13,21 +13,21 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
 
-GONE = wp.constant(-1.0e6)  # in place of a rest length
-# Of the strength, by which springs differ: what is strained evenly would fail everywhere at once.
+GONE = wp.constant(-1.0e6)  # value in place of a rest length
+# Fraction of the strength by which springs differ. An evenly strained sheet would fail everywhere at once without it.
 SPREAD = wp.constant(0.01)
-NEEDS = 13  # panels without which a panel does not bend, see topology/plate.py
+NEEDS = 13  # number of panels that the bending of one panel needs, see topology/plate.py
 
 
 @wp.func
 def strength(i: int, j: int) -> float:
-    """Of the spring between two particles, against the mean: always the same for the same spring."""
+    """Return the ratio of a spring's strength to the mean, always the same for the same two particles."""
     u = wp.randf(wp.rand_init(wp.min(i, j), wp.max(i, j)))
     return 1.0 + SPREAD * (2.0 * u - 1.0)
 
 
 def make_tear(features: Features):
-    """The stage that has springs fail: thread t of `width` its share."""
+    """Return the stage that lets springs fail; thread t of `width` does its share."""
 
     @wp.func
     def tear(t: int, width: int, ctx: Context):
@@ -50,7 +50,7 @@ def make_tear(features: Features):
 
 @wp.func
 def settle_springs(t: int, width: int, ctx: Context):
-    """The stage that has the springs that failed in this frame be gone, or whole where the body is put back."""
+    """Stage that removes the springs that failed in this frame, or restores them if the body is put back."""
     seams = ctx.model.seams[ctx.body.index]
     if ctx.state.tearing.tearing[ctx.body.index] == 0:
         return
@@ -62,13 +62,13 @@ def settle_springs(t: int, width: int, ctx: Context):
 
 @wp.func
 def is_gone(slot: int, ctx: Context) -> bool:
-    """Whether there was a spring and it failed."""
+    """Return True if `slot` holds a spring that failed."""
     return slot >= 0 and ctx.state.tearing.line_rests[wp.max(slot, 0)] < 0.0
 
 
 @wp.func
 def drop_over(t: int, width: int, ctx: Context):
-    """The stage that drops bending springs over springs that failed, and triangles at them."""
+    """Stage that removes bending springs over failed springs, and triangles next to them."""
     seams = ctx.model.seams[ctx.body.index]
     if ctx.state.tearing.tearing[ctx.body.index] == 0:
         return
@@ -85,14 +85,14 @@ def drop_over(t: int, width: int, ctx: Context):
 
 @wp.func
 def is_whole(k: int, ctx: Context) -> bool:
-    """Whether panel k is part of the surface."""
+    """Return True if panel k is part of the surface."""
     panel = ctx.state.tearing.panels[k]
     return panel[0] != panel[1]
 
 
 @wp.func
 def bends_still(k: int, ctx: Context) -> bool:
-    """Whether panel k and all that its bending takes are there."""
+    """Return True if panel k and all panels that its bending needs are whole."""
     whole = bool(True)
     for q in range(wp.static(NEEDS)):
         whole = whole and is_whole(ctx.model.panel_needs[wp.static(NEEDS) * k + q], ctx)
@@ -101,7 +101,7 @@ def bends_still(k: int, ctx: Context) -> bool:
 
 @wp.func
 def own_parts(k: int, ctx: Context) -> int:
-    """Bits of the corners and sides of panel k that no panel before it has (see Model.panel_parts)."""
+    """Return bits of the corners and sides of panel k that no panel before it has (see Model.panel_parts)."""
     panel = ctx.state.tearing.panels[k]
     bits = int(0)
     for place in range(3):
@@ -120,7 +120,7 @@ def own_parts(k: int, ctx: Context) -> int:
 
 @wp.func
 def share_parts(t: int, width: int, ctx: Context):
-    """The stage that shares corners and sides anew among the triangles that are left, for contact between objects."""
+    """Stage that shares corners and sides anew among the remaining triangles, for contact between objects."""
     if ctx.state.tearing.tearing[ctx.body.index] == 0:
         return
     for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
@@ -132,7 +132,7 @@ def share_parts(t: int, width: int, ctx: Context):
 
 @wp.func
 def weigh_again(t: int, width: int, ctx: Context):
-    """The stage that sums the weights of a plate over the triangles that still bend."""
+    """Stage that sums the weights of a plate over the triangles that still bend."""
     if ctx.state.tearing.tearing[ctx.body.index] == 0:
         return
     first = ctx.body.plate
@@ -148,7 +148,7 @@ def weigh_again(t: int, width: int, ctx: Context):
 
 @wp.func
 def flatten(t: int, width: int, ctx: Context):
-    """The stage that has triangles that bend no more not be curved at rest either."""
+    """Stage that removes the rest curvature of triangles that no longer bend."""
     if ctx.state.tearing.tearing[ctx.body.index] == 0:
         return
     size = ctx.model.curve_width
@@ -164,13 +164,13 @@ def flatten(t: int, width: int, ctx: Context):
 
 @wp.func
 def finish_tearing(t: int, width: int, ctx: Context):
-    """The stage that ends it."""
+    """Stage that clears the tearing flag of a body."""
     if t == 0:
         ctx.state.tearing.tearing[ctx.body.index] = 0
 
 
 def followers(features: Features) -> list:
-    """The stages at the end of a frame, in order."""
+    """Return the stages at the end of a frame, in order."""
     own = [share_parts] if features.coupled else []
     bending = [weigh_again] if features.plate else []
     curved = [flatten] if features.curved else []
