@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The watch over every body at the end of a frame: what is not finite or ran away is put back, and it alone.
+"""Fault recovery: at the end of a frame, each body that is not finite or ran away is put back, and no other.
 
-A body in which any particle is bad returns to where all of them were last good (rounded to float32). It is at rest
-there, with its history and multipliers forgotten. Velocities are not kept, or the same runaway would come again. Where
-it comes again from there, frame after frame, that state was not good: the body then returns to its rest shape. Other
-bodies never notice.
+If any particle is bad, its body returns to the last state in which all were good (rounded to float32). It is at rest
+there, with its history and multipliers cleared. Velocities are not kept, or the same fault would come again. If it does
+come again, frame after frame, that state was not good, and the body returns to its rest shape. Other bodies are not
+affected.
 """
 
 import warp as wp
@@ -14,20 +14,20 @@ from cloth_sim_ros.sim.arrays.model import Features, Model
 from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store_row
 
-FARTHEST = wp.constant(1.0e6)  # [m] from the origin
-FASTEST = wp.constant(1.0e5)  # [m/s]
-RELAPSES = wp.constant(3)  # frames in a row after which a state that was good is so no longer
+FARTHEST = wp.constant(1.0e6)  # largest distance from the origin [m]
+FASTEST = wp.constant(1.0e5)  # largest speed [m/s]
+RELAPSES = wp.constant(3)  # frames with a fault in a row, after which the last good state is dropped
 
 
 @wp.func
 def find_fault(i: int, ctx: Context):
-    """Note whether particle i is bad."""
+    """Mark the body as faulty if particle i is bad."""
     if not is_good(load4(ctx.x, i), load_row(ctx.state.velocities, ctx.body.particles + i)):
         ctx.state.faulty[ctx.body.index] = 1
 
 
 def make_settle(features: Features):
-    """The stage that keeps particle i and what a rope carries at it, or puts them back."""
+    """Return the stage that keeps the state of particle i and of the rope there, or puts them back."""
 
     @wp.func
     def settle(i: int, ctx: Context):
@@ -53,7 +53,7 @@ def make_settle(features: Features):
 
 
 def make_count(features: Features):
-    """The stage that ends a frame: counts a fault, keeps or puts back twist and winch, tells the history."""
+    """Return the stage that ends a frame: count a fault, keep or restore twist and winch, set the history."""
 
     @wp.func
     def count(i: int, ctx: Context):
@@ -82,7 +82,7 @@ def make_count(features: Features):
 
 @wp.func
 def is_good(position: wp.vec4, velocity: wp.vec4) -> bool:
-    """Whether a particle is finite and within bounds; written so that NaN is not."""
+    """Return True if a particle is finite and within bounds; the comparisons are False for NaN."""
     size = wp.abs(position[0]) + wp.abs(position[1]) + wp.abs(position[2])
     speed = wp.abs(velocity[0]) + wp.abs(velocity[1]) + wp.abs(velocity[2])
     return size < FARTHEST and speed < FASTEST
@@ -90,7 +90,7 @@ def is_good(position: wp.vec4, velocity: wp.vec4) -> bool:
 
 @wp.func
 def keep(g: int, position: wp.vec4, lo: wp.vec4, s: State):
-    """Particle g of the batch is at `position` plus `position_lo`, and its body is good."""
+    """Keep the state of particle g of the batch, which is at `position` plus `lo` in a good body."""
     store_row(s.positions, g, position)
     store_row(s.good_positions, g, position)
     store_row(s.position_lo, g, lo)
@@ -98,7 +98,7 @@ def keep(g: int, position: wp.vec4, lo: wp.vec4, s: State):
 
 @wp.func
 def count_fault(b: int, s: State) -> bool:
-    """Whether body b was put back in this frame, counted; the next one starts without a fault."""
+    """Count a fault, clear it for the next frame, and return True if body b was put back in this one."""
     faulty = s.faulty[b]
     s.recoveries[b] += faulty
     s.relapses[b] = faulty * (s.relapses[b] + 1)
@@ -108,8 +108,10 @@ def count_fault(b: int, s: State) -> bool:
 
 @wp.func
 def put_back(g: int, relapses: int, m: Model, s: State):
-    """Particle g of the batch goes back to where it was last good, at rest, or was at first after too many
-    `relapses`."""
+    """Put particle g of the batch at its last good position, at rest.
+
+    After RELAPSES `relapses` it goes to its rest position.
+    """
     if relapses >= RELAPSES:
         rest = m.rest[g]
         s.good_positions[g] = wp.vec4(rest[0], rest[1], rest[2], s.good_positions[g][3])

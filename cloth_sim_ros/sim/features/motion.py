@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stages of a substep besides the constraints, one function an element, made for the features of a batch.
+"""The stages of a substep besides the constraints: one function per element, made for the features of a batch.
 
-Every executor runs: sweep and panels, then predict, then per iteration (constraints, chain, contact), then finish.
-Particle indices count within the body; x, position_lo and d are addresses of its positions, of what float32 lost of
-them, and of its displacements (intrinsics.py).
+Every executor runs sweep and panels, then predict, then (constraints, chain, contact) in each iteration, then finish.
+Particle indices count within the body. x, position_lo and d are addresses (intrinsics.py) of its positions, of their
+low parts that float32 lost, and of its displacements.
 """
 
 import warp as wp
@@ -45,23 +45,23 @@ from cloth_sim_ros.sim.scene.forces import make_pull
 
 @wp.func
 def spring_constants(material: Material) -> wp.vec3:
-    """Constants [N/m] of structural, shear and bending springs of scale 1."""
+    """Return the constants [N/m] of structural, shear and bending springs of scale 1."""
     c = material.compliance
     return wp.vec3(1.0 / wp.max(c[0], 1.0e-30), 1.0 / wp.max(c[1], 1.0e-30), 1.0 / wp.max(c[2], 1.0e-30))
 
 
 @wp.func
 def constant_of_spring(kind: wp.vec4, constants: wp.vec3) -> float:
-    """The constant [N/m] of a spring of type `kind` (Model.spring_types)."""
+    """Return the constant [N/m] of a spring of type `kind` (Model.spring_types)."""
     return wp.where(kind[2] == 0.0, constants[0], wp.where(kind[2] == 1.0, constants[1], constants[2])) * kind[1]
 
 
 @wp.func
 def force_of_spring(e: wp.vec3, rest: float, constant: float, lost: float, damping: float, apart: wp.vec3) -> wp.vec3:
-    """The force [N] of the spring and dashpot along e [m] on the particle where e begins; `apart` is de/dt [m/s].
+    """Return the force [N] of the spring and dashpot along e [m] on the particle where e begins.
 
-    lost: what float32 lost of the rest length, over it. It would strain all springs of a grid alike, by up to 6e-8, a
-    thousandth of what its own weight does to a stiff sheet.
+    apart: de/dt [m/s]. lost: the part of the rest length that float32 lost, relative to it. Without it all springs of a
+    grid would be strained alike by up to 6e-8, a thousandth of what its own weight does to a stiff sheet.
     """
     inverse = inverse_root(wp.max(wp.dot(e, e), SHORTEST * SHORTEST))
     pull = (1.0 - rest * inverse) - lost
@@ -72,12 +72,12 @@ def force_of_spring(e: wp.vec3, rest: float, constant: float, lost: float, dampi
 
 @wp.func
 def spring_force(i: int, ctx: Context, v: wp.vec3) -> wp.vec3:
-    """The force of all springs and dashpots around particle i [N], gathered, for explicit methods."""
+    """Return the force of all springs and dashpots around particle i [N], gathered, for explicit methods."""
     xi = load4(ctx.x, i)
     li = load4(ctx.position_lo, i)
     constants = spring_constants(ctx.material)
     force = wp.vec3(0.0)
-    # One spring ahead: the fetch from a GPU's memory takes longer than the arithmetic of a spring.
+    # Fetch one spring ahead: a load from a GPU's memory takes longer than the arithmetic of a spring.
     ahead = load_pair(ctx.model.incident_springs, ctx.body.incident_springs + i)
     for q in range(1, ctx.body.incident_width + 1):
         spring = ahead
@@ -96,7 +96,7 @@ def spring_force(i: int, ctx: Context, v: wp.vec3) -> wp.vec3:
 
 
 def make_elastic_force(features: Features):
-    """A Warp function: the force of springs, bending and their dashpots on particle i [N], for explicit methods."""
+    """Return a Warp function: the force of springs, bending and dashpots on particle i [N], for explicit methods."""
     bending_force = make_bending_force(features) if features.plate else None
 
     @wp.func
@@ -111,20 +111,20 @@ def make_elastic_force(features: Features):
 
 @wp.func
 def first_share(step: Step) -> float:
-    """Leapfrog: velocities live half a step before the positions, so the first kick is half a kick."""
+    """Return the share of the first kick: in leapfrog, velocities are half a step before the positions."""
     return wp.where(step.second, 1.0, 0.5)
 
 
 @wp.func
 def prediction(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, lo: wp.vec3, step: Step) -> wp.vec4:
-    """The predicted displacement plus the low part [m], and the effective inverse mass [1/kg], under drag."""
+    """Return the predicted displacement plus the low part [m], and the effective inverse mass [1/kg], under drag."""
     displacement = predict_displacement(base, v, a, step.effective, eased)
-    # The implicit drag weighs like added mass; with it the static balance of drag, weight and springs is exact.
+    # Implicit drag acts like added mass; with it the static balance of drag, weight and springs is exact.
     return pack(displacement + lo, w * eased)
 
 
 def make_predict(features: Features):
-    """The stage that predicts the displacement of particle i and its effective inverse mass under linear drag."""
+    """Return the stage that predicts the displacement and effective inverse mass of particle i under linear drag."""
     push = make_push(features) if features.panels else None
     pull = make_pull(features.forces) if features.forces else None
     elastic_force = make_elastic_force(features) if features.method == "verlet" else None
@@ -158,7 +158,7 @@ def make_predict(features: Features):
             a = first_share(ctx.step) * (a + w * elastic_force(i, ctx, v))
         if wp.static(features.lines):
             h, least = ctx.step.effective, LEAST_SHARE * eased
-            # Few are taut or go aside, so the roots and the quotients are found for these alone.
+            # Few particles are taut or move sideways, so roots and quotients are computed for these alone.
             taut = h * h * eased * w * ctx.state.lines.tautness[g]
             if taut > MOST_TAUT * ctx.body.spacing:
                 most = MOST_TAUT * ctx.body.spacing + MOST_WEIGHTS * wp.length(h * h * a)
@@ -170,7 +170,7 @@ def make_predict(features: Features):
             if ctx.step.weighs:
                 store4(ctx.position_lo, i, pack(lo, 0.0))
                 ctx.state.lines.tautness[g] = 0.0
-        # Chosen, not branched to, or a warp with a pinned particle would go both ways.
+        # Select instead of branching, or a warp with a pinned particle would run both branches.
         moved = prediction(base, v, a, eased, w, lo, ctx.step)
         if wp.static(features.supported):
             # A chain and its bending are solved where the collider will hold it, or they would cut its corner.
@@ -181,29 +181,29 @@ def make_predict(features: Features):
     return predict
 
 
-# BDF2 extrapolates the last displacement. A substep may depart from it by this share of the spacing, as after a stroke
-# of a collider or a stretched start. The next one is implicit Euler then, which is stable whatever came before. Hems of
-# towels that swing depart by a tenth. A rope that comes from a wild start trembles on its winch beyond a twentieth.
+# Largest departure of a substep from the last displacement, as a fraction of the spacing. A stroke of a collider or a
+# stretched start exceeds it. The next substep is then implicit Euler, which is stable after any past, instead of BDF2.
+# Hems of swinging towels depart by a tenth. A rope after a wild start trembles on its winch beyond a twentieth.
 SMOOTH_SHEET, SMOOTH_ROPE = 0.2, 0.05
 
 
 @wp.func
 def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
-    """A change over a substep [m], divided by its effective length [m/s]."""
+    """Return a change over a substep [m], divided by its effective length [m/s]."""
     h = step.effective
     return wp.vec3(
         divide(change[0], h, step.inverse), divide(change[1], h, step.inverse), divide(change[2], h, step.inverse)
     )
 
 
-# A substep that puts an overstretched rope together may move its particles by many segments. Of the velocity that this
-# would leave, a particle gains at most this many segments a substep. Otherwise the next substep would tear it again.
+# Largest gain of velocity, in segments a substep, if an overstretched rope is put together. This may move particles by
+# many segments, and the full velocity would tear the rope again in the next substep.
 MOST_SPACINGS = wp.constant(0.25)
 
 
 @wp.func
 def turned_by_bending(j: int, ctx: Context) -> float:
-    """The angle [rad] by which joint j of a rope is bent away from rest, as its moment tells; 0 where there is none."""
+    """Return the angle [rad] by which joint j of a rope is bent from rest, from its moment; 0 if there is no joint."""
     if j >= ctx.body.count - 2:
         return 0.0
     place = ctx.body.segments + j
@@ -211,7 +211,7 @@ def turned_by_bending(j: int, ctx: Context) -> float:
 
 
 def make_finish(features: Features):
-    """The stage that turns the displacement of particle i into its velocity and position."""
+    """Return the stage that turns the displacement of particle i into its velocity and position."""
     smooth = SMOOTH_ROPE if features.chain else SMOOTH_SHEET
 
     @wp.func
@@ -220,8 +220,8 @@ def make_finish(features: Features):
         lo = xyz(load4(ctx.position_lo, i))
         old = load4(ctx.x, i)
         total = xyz(load4(ctx.d, i))
-        displacement = total - lo  # 0 of what is pinned
-        # Divided, not multiplied by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
+        displacement = total - lo  # 0 if pinned
+        # Divide, do not multiply by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
         velocity = rate_of(displacement, ctx.step)
         if wp.static(features.order == 2):
             base = wp.vec3(0.0)
@@ -244,7 +244,7 @@ def make_finish(features: Features):
             ctx.state.last_velocities[g] = before
             ctx.state.last_displacements[g] = displacement
         if wp.static(features.chain):
-            # A chain that was put together from afar: its particles did not move so, they were placed.
+            # Particles of a chain that was put together from afar were placed; their displacement is no velocity.
             if ctx.state.rope.overstretched[ctx.body.index] > 0:
                 kick = velocity - xyz(load_row(ctx.state.velocities, g))
                 most = MOST_SPACINGS * ctx.body.spacing * ctx.step.inverse

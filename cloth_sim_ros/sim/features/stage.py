@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stage of a substep, the ways to make one of what is done to a particle, and several stages in turn."""
+"""Stages of a substep: make one from a function of a particle, and run several in sequence."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import sync
 
 @dataclass(frozen=True)
 class Stage:
-    """run(t, width, ctx). rounds: whether it is run once for each round of lines. every: n, in substeps n divides."""
+    """A stage run(t, width, ctx). rounds: run it once per round of lines. every: run it in substeps divisible by it."""
 
     name: str
     run: wp.Function
@@ -23,10 +23,10 @@ class Stage:
 
 
 def over_particles(name: str, stage) -> Stage:
-    """A stage of every particle."""
+    """Return a stage that runs `stage`(i, ctx) for every particle i of a body."""
 
     def run(t: int, width: int, ctx: Context):
-        # From the last to the first: a rope has one particle more than segments, and the first is often pinned.
+        # Go from the last to the first: a rope has one particle more than segments, and the first is often pinned.
         for i in range(ctx.body.count - 1 - t, -1, -width):
             stage(i, ctx)
 
@@ -34,7 +34,10 @@ def over_particles(name: str, stage) -> Stage:
 
 
 def over_meeting(name: str, met_in, stage, at_last=None) -> Stage:
-    """A stage of every particle that meets colliders, and in the last iteration another one behind it."""
+    """Return a stage that runs `stage`(i, met, ctx) for every particle i, which may touch colliders.
+
+    met_in: makes the Met of a body. at_last: another function of (i, ctx), which runs after it in the last iteration.
+    """
 
     def run(t: int, width: int, ctx: Context):
         met = met_in(ctx)
@@ -49,7 +52,7 @@ def over_meeting(name: str, met_in, stage, at_last=None) -> Stage:
 
 
 def both(first, second):
-    """A Warp function of a particle: one, then the other."""
+    """Return a Warp function of a particle that runs `first`, then `second`."""
 
     @wp.func
     def run(i: int, ctx: Context):
@@ -60,7 +63,7 @@ def both(first, second):
 
 
 def once(stage):
-    """A Warp function: one thread runs what is done to a body."""
+    """Return a Warp function in which one thread runs `stage`, a function of a body."""
 
     @wp.func
     def run(t: int, width: int, ctx: Context):
@@ -72,21 +75,21 @@ def once(stage):
 
 @wp.func
 def wait_in_block(ctx: Context):
-    """A barrier of the threads of a block."""
+    """Wait for the threads of a block."""
     sync()
 
 
 @wp.func
 def wait_in_group(ctx: Context):
-    """A barrier of the threads of all blocks that have a body together."""
+    """Wait for the threads of all blocks that share a body."""
     sync_all(ctx.cooperative_group)
 
 
 def in_sequence(stages: list[Stage], name: str, called: bool, wait=wait_in_block):
-    """A Warp function: the threads of a body run `stages` one after the other; None without any.
+    """Return a Warp function in which the threads of a body run `stages` one after the other; None if there are none.
 
-    wait(ctx): the barrier behind each. called: whether each is a function that is called. A CPU compiles a frame with
-    contact in less time then, and 0.2 us a call are nothing beside it. Elsewhere all are inlined.
+    name: prefix of its name. wait(ctx): the barrier after each stage. called: True if each stage is a function call,
+    which costs 0.2 us but lets a CPU compile a frame with contact faster. Otherwise all are inlined.
     """
     run = None
     for stage in stages:
@@ -106,7 +109,7 @@ def _then(first, second, name: str):
 
 
 def _with_barrier(stage: Stage, called: bool, wait):
-    """A stage with its rounds, and a barrier behind each."""
+    """Return the function of a stage with its rounds, and a barrier after each."""
     run = stage.run
 
     def once(t: int, width: int, ctx: Context):

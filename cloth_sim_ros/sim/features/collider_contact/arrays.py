@@ -1,27 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact with colliders: arrays of a batch, and how many elements each has."""
+"""Contact with colliders: arrays of a batch, and their sizes."""
 
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Counts, Features
 
-WORD = 64  # colliders a word
-SWEPT = 64  # substeps whose colliders' motion a launch computes ahead
-EXTENT = 8  # numbers a body: its lower and upper corner, the largest square of a speed, and if a collider is not listed
+WORD = 64  # colliders a word of bits
+SWEPT = 64  # substeps for which one stage computes the motion of colliders ahead
+EXTENT = 8  # numbers a body: lower and upper corner, largest squared speed, and 1 if a collider is not listed
 
 
 def words_of(colliders: int) -> int:
-    """How many words hold a bit for each of so many colliders."""
+    """Return the number of words that hold a bit for each of `colliders`."""
     return -(-colliders // WORD)
 
 
-# Array -> what it has a row of; cleared where a body is put elsewhere.
+# Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.
 FORGOTTEN = {"supports": "particle"}
 
 
 @wp.struct
 class Sweep:
-    """One collider within one substep: R^T at its end, R^T_end - R^T_start and a bound of it, position, motion [m]."""
+    """Motion of one collider within one substep.
+
+    to_local: R^T at its end. turn: R^T_end - R^T_start. spin: a bound of the norm of `turn`. position: at its end [m].
+    motion: displacement in the substep [m].
+    """
 
     to_local: wp.mat33
     turn: wp.mat33
@@ -32,13 +36,13 @@ class Sweep:
 
 @wp.struct
 class Press:
-    """What one collider asks of one facet, a triangle or segment, in substep `when`; in any other it asks for nothing.
+    """Corrections that one collider asks of one facet (a triangle or segment), valid in substep `when` only.
 
-    when: -1 for the last substep of the frame before. push [kg m], at the point of these weights of the corners, and
-    rub, of friction, at that of weights `rubbed`. normal: out of the collider. so_far: friction and normal correction
-    in this substep [kg m]. While the facet sticks, the point of weights `stuck` is held at `anchor` [m], in the
-    collider's axes; all 0 where it slides. stops: the shares of their ways that its corners give up in substep
-    `stopped`.
+    when: the substep; -1 stands for the last substep of the frame before. push: correction [kg m] at the point with
+    barycentric `weights`. rub: friction correction [kg m] at the point with weights `rubbed`. normal: out of the
+    collider. so_far: friction and normal correction in this substep [kg m]. stuck, anchor: while the facet sticks, the
+    point with weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 if it slides. stops: shares of
+    their displacements that the corners give up in substep `stopped`.
     """
 
     when: int
@@ -56,10 +60,11 @@ class Press:
 
 @wp.struct
 class Look:
-    """What was found when the deepest point of a facet in a collider was last looked for in this frame.
+    """Result of the last search in this frame for the deepest point of a facet in a collider.
 
-    Where its corners were then [m], in the collider's axes, the weights of that point, and the signed distance there
-    [m]; known: 1 where there was such a time (a bool would leave bytes that nobody sets in what is saved).
+    a, b, c: places of the corners at that time [m], in the collider's axes. weights: barycentric weights of the point.
+    value: signed distance there [m]. known: 1 if there was a search in this frame. It is an int, as a bool would leave
+    undefined bytes in what is saved.
     """
 
     a: wp.vec3
@@ -72,26 +77,26 @@ class Look:
 
 @wp.struct
 class ContactState:
-    """Contact with colliders; see State for the letters."""
+    """State of contact with colliders; see State for the letters."""
 
-    contacts: wp.array(dtype=wp.vec4)  # (K N,) how a collider moved a particle so far in a substep, in its axes [m]
-    contact_forces: wp.array(dtype=wp.vec4)  # (K N,) of each collider on each particle, mean over the frame [N]
-    supports: wp.array(dtype=wp.vec4)  # (N,) by a collider in the last substep [m/s^2], and 1 + its number, of chains
-    presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next three
+    contacts: wp.array(dtype=wp.vec4)  # (K N,) correction of a particle by a collider so far in a substep, its axes [m]
+    contact_forces: wp.array(dtype=wp.vec4)  # (K N,) force of each collider on each particle, mean over the frame [N]
+    supports: wp.array(dtype=wp.vec4)  # (N,) chains: acceleration by a collider [m/s^2], last substep; 1 + its number
+    presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next four
     looks: wp.array(dtype=Look)  # (P K,)
-    close: wp.array(dtype=int)  # (N,) whether facets around a particle may touch a collider in this substep
-    facets_moved_in: wp.array(dtype=int)  # (B,) one more than the last substep in which facets moved a particle
-    pressed: wp.array(dtype=int)  # (N,) and bits of what they did to it, see facet_clamp.py
+    close: wp.array(dtype=int)  # (N,) 1 if facets around a particle may touch a collider in this substep
+    facets_moved_in: wp.array(dtype=int)  # (B,) 1 + the last substep in which facets moved a particle
+    pressed: wp.array(dtype=int)  # (N,) bits of what facets did to a particle, see facet_clamp.py
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
     near: wp.array(
         dtype=wp.uint64
-    )  # (B K/64,) bits of the colliders that a body may meet in this frame, see broad_phase.py
+    )  # (B K/64,) bits of the colliders that a body may touch in this frame, see broad_phase.py
     extents: wp.array(dtype=float)  # (8 B,)
     boxes: wp.array(dtype=wp.vec4)  # (2 B,)
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Array -> its elements in one world; 0 where the features do not need it."""
+    """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {
         "contacts": n.particles * n.colliders,
         "contact_forces": n.particles * n.colliders,

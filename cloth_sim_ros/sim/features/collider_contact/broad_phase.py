@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which colliders a body may meet in a frame: looked for once, so that those out of reach cost no particle anything.
+"""Broad phase: list the colliders that a body may touch in a frame, so that distant ones cost its particles nothing.
 
-A box around the body with a margin is where its particles should stay in the frame, and the margin is how far each
-should go in a substep. For a particle that does both, the test of contact.py skips every collider that is not listed. A
-particle that does not asks all of them, so that the list saves work and decides nothing. What it touches then is listed
-for the rest of the frame: friction so far and forces are 0 of all colliders that are not.
+The list assumes that particles stay within a box around the body, and that each goes no farther than a margin in a
+substep. For such a particle, the contact test skips every collider that is not listed. A particle that leaves the box
+or goes farther tests all colliders, so the list saves work without changing the result. A collider that it touches is
+listed for the rest of the frame. Forces and friction of unlisted colliders are 0.
 
-Kernels of scenes with few colliders have none of this: there every particle asks all.
+Scenes with few colliders have no list: every particle tests all of them.
 """
 
 import warp as wp
@@ -16,20 +16,20 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import EXTENT, WORD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, lowest_bit, pack, store_row, xyz
 
-FEW = 8  # colliders that every particle may ask: a list of them would cost as much
+FEW = 8  # largest number of colliders without a list, which would cost as much as it saves
 _ALL = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 _NONE = 1 << 30
 _FAR = wp.constant(1.0e30)
-_ROUNDING = wp.constant(1.0e-5)  # of a coordinate
-_ARC = wp.constant(2.23)  # most of an angle up to pi over the distance of its two unit quaternions
+_ROUNDING = wp.constant(1.0e-5)  # rounding error as a fraction of a coordinate
+_ARC = wp.constant(2.23)  # largest ratio of a rotation angle (up to pi) to the distance of its unit quaternions
 
 
 @wp.struct
 class Near:
-    """The colliders that a body may meet: bits in `count` words from place `first` on, and for whom that holds.
+    """The colliders that a body may touch, as bits in `count` words from index `first` on, and the list's validity.
 
-    bits: the first word, as it was when the stage began. middle, half: the box [m]. margin: the farthest way in a
-    substep [m]. some: whether a collider is not listed.
+    bits: the first word, as it was when the stage began. middle, half: center and half size of the box [m]. margin:
+    largest displacement in a substep [m]. some: True if a collider is not listed.
     """
 
     words: wp.array(dtype=wp.uint64)
@@ -44,13 +44,13 @@ class Near:
 
 @wp.func
 def words_for(colliders: int) -> int:
-    """The same in a kernel."""
+    """Return the number of words for so many colliders, in a kernel."""
     return (colliders + wp.static(WORD - 1)) / wp.static(WORD)
 
 
 @wp.func
 def moved_of(c: ColliderMotion, share: float) -> wp.vec2:
-    """Bounds of how far [m] and by which angle [rad] a collider moves in a share of the frame."""
+    """Return bounds of the distance [m] and the angle [rad] that a collider moves in a share of the frame."""
     q0 = c.start_orientation
     q1 = c.end_orientation
     apart = wp.min(wp.length(q1 - q0), wp.length(q1 + q0))
@@ -58,7 +58,7 @@ def moved_of(c: ColliderMotion, share: float) -> wp.vec2:
 
 
 def make_near_of(listed: bool):
-    """A Warp function: what is listed for a body, for which a thread asks once a stage; or that nothing is listed."""
+    """Return a Warp function that reads the list of a body, once a thread and stage; empty if not `listed`."""
 
     @wp.func
     def near_of(ctx: Context) -> Near:
@@ -81,7 +81,7 @@ def make_near_of(listed: bool):
 
 @wp.func
 def everything(words: wp.array(dtype=wp.uint64), body: int, colliders: int) -> Near:
-    """What is listed for a body where nothing was looked for: every particle strays."""
+    """Return the Near of a body without a valid list: every particle strays."""
     near = Near()
     near.words = words
     near.count = words_for(colliders)
@@ -93,7 +93,7 @@ def everything(words: wp.array(dtype=wp.uint64), body: int, colliders: int) -> N
 
 @wp.func
 def strays(near: Near, at: wp.vec3, d: wp.vec3) -> bool:
-    """Whether the list does not hold for a particle that comes to `at` by `d`; one that is not finite strays."""
+    """Return True if the list does not hold for a particle that comes to `at` by `d`, also if it is not finite."""
     if not near.some:
         return False
     off = at - near.middle
@@ -103,7 +103,7 @@ def strays(near: Near, at: wp.vec3, d: wp.vec3) -> bool:
 
 @wp.func
 def next_of(c: int, near: Near, stray: bool) -> int:
-    """The collider behind c that a particle asks; behind the last, one that is not there."""
+    """Return the next collider after c that a particle tests; after the last one, a number past the end."""
     behind = c + 1
     if stray or not near.some:
         return behind
@@ -124,7 +124,7 @@ def next_of(c: int, near: Near, stray: bool) -> int:
 
 @wp.func
 def note(c: int, near: Near):
-    """Collider c touches the body: it is listed from now on, if any is not."""
+    """Add collider c, which touches the body, to the list if it is incomplete."""
     if near.some:
         bit = wp.uint64(1) << wp.uint64(c % wp.static(WORD))
         if near.words[near.first + c / wp.static(WORD)] & bit == wp.uint64(0):
@@ -132,13 +132,13 @@ def note(c: int, near: Near):
 
 
 def make_forget_contacts(listed: bool):
-    """The stage that begins a frame: no collider has touched the body yet."""
+    """Return the stage that begins a frame: clear the contacts and forces of colliders."""
     near_of = make_near_of(listed)
 
     @wp.func
     def forget_contacts(t: int, width: int, ctx: Context):
         colliders, near = ctx.colliders.shape[0], near_of(ctx)
-        near.some = wp.static(listed)  # the words say what was listed; the rest is of the frame before
+        near.some = wp.static(listed)  # the words hold the last list; the rest is from the frame before
         c = next_of(-1, near, False)
         while c < colliders:
             for i in range(t, ctx.body.count, width):
@@ -158,7 +158,7 @@ def make_forget_contacts(listed: bool):
 
 @wp.func
 def measure_extent(t: int, width: int, ctx: Context):
-    """The stage after it: how large the body is and how fast its particles are; no collider is listed."""
+    """Stage after forget_contacts: measure the body's box and largest speed, and clear its list."""
     first = wp.static(EXTENT) * ctx.body.index
     lo, high, square = wp.vec3(_FAR), wp.vec3(-_FAR), float(0.0)
     for i in range(t, ctx.body.count, width):
@@ -179,14 +179,14 @@ def measure_extent(t: int, width: int, ctx: Context):
 
 @wp.func
 def list_colliders(t: int, width: int, ctx: Context):
-    """The stage after that: which colliders a particle may meet in this frame that stays within the box."""
+    """Stage after measure_extent: list the colliders that particles within the box may touch in this frame."""
     first = wp.static(EXTENT) * ctx.body.index
     lo, high = wp.vec3(0.0), wp.vec3(0.0)
     for k in range(3):
         lo[k] = ctx.state.contact.extents[first + k]
         high[k] = ctx.state.contact.extents[first + 3 + k]
     substeps = float(ctx.frame.substeps)
-    # Half as far again as the fastest goes, and a little for what is at rest.
+    # Half as far again as the fastest particle goes, and a little for a body at rest.
     margin = 1.5 * ctx.frame.dt * substeps * wp.sqrt(ctx.state.contact.extents[first + 6]) + 0.05 * wp.length(high - lo)
     near = Near()
     near.words = ctx.state.contact.near
@@ -208,10 +208,10 @@ def list_colliders(t: int, width: int, ctx: Context):
 
 @wp.func
 def may_meet(c: ColliderMotion, near: Near, thickness: float, substeps: float) -> bool:
-    """Whether contact.py's test need not skip a collider for all particles that do not stray.
+    """Return False if no particle that keeps to the box and margin can touch the collider in this frame.
 
-    Such a particle comes to a place at least `away` from all that the collider's origin passes. It goes by `path` at
-    most relative to it, and by the turn of the collider.
+    Such a particle ends at least `away` from the whole path of the collider's origin. Its displacement relative to the
+    collider is at most `path`, plus the effect of the collider's rotation.
     """
     middle = 0.5 * (c.start_position + c.end_position) - near.middle
     beyond = wp.vec3(0.0)
@@ -219,7 +219,7 @@ def may_meet(c: ColliderMotion, near: Near, thickness: float, substeps: float) -
         beyond[k] = wp.max(wp.abs(middle[k]) - near.half[k], 0.0)
     moved = moved_of(c, 1.0 / substeps)
     away = wp.length(beyond) - 0.5 * substeps * moved[0]
-    spin = 1.4143 * moved[1]  # of the Frobenius norm of a rotation minus the identity over its angle, at most
+    spin = 1.4143 * moved[1]  # bound: Frobenius norm of a rotation minus the identity over its angle
     path = near.margin + moved[0]
     slack = _ROUNDING * (wp.length(near.middle) + wp.length(near.half) + wp.length(middle) + path)
     return spin >= 1.0 or away * (1.0 - spin) - path * (1.0 + spin) - slack < c.reach + thickness

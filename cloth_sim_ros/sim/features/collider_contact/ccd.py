@@ -1,32 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a point that moved meets a collider, also one that came through its surface."""
+"""Continuous collision of a moving point with a collider, also if the point passed through its surface."""
 
 import warp as wp
 
 from cloth_sim_ros.sim.colliders import make_is_beyond, make_signed_distance, number_of
 from cloth_sim_ros.sim.kernels.intrinsics import pack, xyz
 
-_TRACED = 1.0e-3  # of the thickness: how near to the surface the tracing of a path ends
+_TRACED = 1.0e-3  # distance from the surface at which tracing of a path ends, as a fraction of the thickness
 
 
 def make_ccd(shapes: tuple[str, ...]):
-    """A Warp function: where a point that moved meets a collider of one of `shapes`."""
+    """Return a Warp function: the contact of a moving point with a collider of one of `shapes`."""
     signed_distance, is_beyond = make_signed_distance(shapes), make_is_beyond(shapes)
 
     @wp.func
     def enter(
         shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, path: wp.vec3, before: wp.vec4, thickness: float
     ) -> wp.vec4:
-        """Normal and fraction of `path` at which it enters the surface, by sphere tracing; -1 if it does not.
+        """Return the normal, and the fraction of `path` at which it enters the surface; -1 if it does not.
 
-        before: normal and signed distance [m] at its start.
+        The search is by sphere tracing. before: normal and signed distance [m] at the start.
         """
         length = wp.length(path)
         surface = before
         gap = surface[3] - thickness
         reached = wp.where(surface[3] < 0.0 or length <= 0.0, 2.0, 0.0)
         count = int(0)
-        # A loop that Warp does not unroll: next to no particle ever comes here, and all would carry its registers.
+        # Keep this loop from being unrolled: very few particles come here, and all would carry its registers.
         while count < 16 and gap > wp.static(_TRACED) * thickness and reached <= 1.0:
             reached += gap / wp.max(length, 1.0e-30)
             if reached <= 1.0:
@@ -39,11 +39,11 @@ def make_ccd(shapes: tuple[str, ...]):
     def meet(
         shape: int, size: wp.vec3, data: wp.uint64, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float
     ) -> wp.vec4:
-        """Normal and gap [m] of local point p, which came by `slip`; negative also where it came through.
+        """Return the normal and gap [m] of local point p, which came by `slip`; negative also if it passed through.
 
-        Of what it cannot meet all that is told is that the gap is above 0.
+        If the point cannot touch the collider, the gap is just some positive number.
 
-        Of an overlap that was there before it came, no more than `apart` [m] counts.
+        An overlap that was there before counts for no more than `apart` [m].
         """
         if wp.static(is_beyond is not None):
             if is_beyond(shape, p, thickness + wp.length(slip), data):
@@ -53,20 +53,20 @@ def make_ccd(shapes: tuple[str, ...]):
         n = xyz(surface)
         square = wp.length_sq(slip)
         if wp.static("mesh" in shapes):
-            # What lies on the surface now, and came by less than it is from the other side, has not come through.
+            # A point on the surface that moved less than its distance from the other side has not passed through.
             if shape == wp.static(number_of("mesh")) and gap <= 0.0 and surface[3] > wp.sqrt(square):
                 square = 0.0
         before = surface
-        # Both at once, though few need where they came from: a GPU waits for the one as long as for both. Of a mesh
-        # it takes its time.
+        # Both distances are evaluated at once, though few points need the earlier one: a GPU waits as long for one as
+        # for both. A mesh is slow, so there it is evaluated only if needed.
         if wp.static("mesh" not in shapes) or square > gap * gap or gap < -apart:
             before = signed_distance(shape, p - slip, size, data)
         if square > gap * gap:
-            # Fast enough to have come through the surface: find where it entered, and stay on that side. A particle
-            # that merely touches is also better off where it entered: a third of the error of the way straight out.
+            # Fast enough to have passed through the surface: find where it entered, and stay on that side. A particle
+            # that merely touches also does better there: a third of the error of the way straight out.
             entry = enter(shape, size, data, p - slip, slip, before, thickness)
             deep = wp.dot(xyz(entry), slip) * (1.0 - entry[3])
-            # What comes no deeper than the tracing can tell, and lies outside now, has not come through.
+            # A point outside now, which went no deeper than tracing can resolve, has not passed through.
             through = wp.dot(xyz(entry), n) < 0.5 or (gap > 0.0 and deep < -wp.static(_TRACED) * thickness)
             if entry[3] >= 0.0 and through:
                 n = xyz(entry)

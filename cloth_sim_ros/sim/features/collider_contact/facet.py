@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A triangle or segment in the axes of a collider: where it is deepest, and where a fast one is first touched.
+"""A triangle or segment in the axes of a collider: its deepest point, and the first contact of a fast one.
 
-The signed distance of a convex shape is convex along a line. A triangle is searched as along lines from one side to the
-other, by the same search in both directions.
+The signed distance of a convex shape is convex along a line. A triangle is searched row by row, in lines parallel to
+one side. The same search works along a row and across rows.
 """
 
 import warp as wp
@@ -10,20 +10,22 @@ import warp as wp
 from cloth_sim_ros.sim.colliders import make_is_beyond, make_is_hollow, make_signed_distance
 from cloth_sim_ros.sim.kernels.intrinsics import xyz
 
-_CUTS = 8  # evaluations between the ends of a line, at most
-_NEAR = 1.0e-5  # [m] the search ends where no point of the line can be deeper by more
-_SPREAD = 8  # steps along each side of a facet at whose ends shapes that are not convex are looked at, at most
-STEP = wp.constant(2.0)  # of the thickness: how far apart these are
-# Of the thickness: a facet that comes farther in a substep is looked at on its whole way.
+_CUTS = 8  # largest number of evaluations between the ends of a line
+_NEAR = 1.0e-5  # tolerance [m]: the search ends if no point of the line can be deeper by more
+_SPREAD = 8  # largest number of steps along each side of a facet, for samples in non-convex shapes
+STEP = wp.constant(2.0)  # distance of these samples as a multiple of the thickness
+# Displacement in a substep, as a fraction of the thickness, beyond which a facet is searched on its whole way.
 FAST = wp.constant(0.5)
-_FAR = wp.constant(1.0e30)  # [m]
-ADVANCES = 16  # steps of a facet towards a collider
+_FAR = wp.constant(1.0e30)  # distance [m]
+ADVANCES = 16  # largest number of steps of a facet towards a collider
 
 
 @wp.struct
 class Facet:
-    """Corners at the end of a substep and how far each came in it [m], in a collider's axes. A segment has its second
-    corner twice."""
+    """Corners at the end of a substep and their displacements in it [m], in a collider's axes.
+
+    A segment has its second corner twice.
+    """
 
     a: wp.vec3
     b: wp.vec3
@@ -38,8 +40,8 @@ class Facet:
 class Line:
     """The deepest point of a line: its fraction, the signed distance there [m], and a plane g, c.
 
-    At no point x is the distance below g.x + c, where the shape is convex. That is as large as `value` along the line
-    (Kelley 1960), so that g has no part along it unless the point is an end.
+    For a convex shape the distance at x is at least g.x + c. This bound equals `value` along the line (Kelley 1960). So
+    g has no component along the line unless the point is an end.
     """
 
     at: float
@@ -49,7 +51,7 @@ class Line:
 
 @wp.struct
 class Deepest:
-    """The weights of the corners of the deepest point of a facet, the signed distance there [m], and such a plane."""
+    """The deepest point of a facet: its barycentric weights, the signed distance there [m], and a plane as in Line."""
 
     weights: wp.vec3
     value: float
@@ -58,26 +60,26 @@ class Deepest:
 
 @wp.func
 def tangent(p: wp.vec3, surface: wp.vec4) -> wp.vec4:
-    """The plane that the signed distance is not below, from its gradient and value at p."""
+    """Return the tangent plane, a lower bound of the signed distance, from its normal and value at p."""
     n = xyz(surface)
     return wp.vec4(n[0], n[1], n[2], surface[3] - wp.dot(n, p))
 
 
 @wp.func
 def point_of(facet: Facet, weights: wp.vec3) -> wp.vec3:
-    """The point of these weights of the corners at the end of the substep."""
+    """Return the point with these weights of the corners at the end of the substep."""
     return weights[0] * facet.a + weights[1] * facet.b + weights[2] * facet.c
 
 
 @wp.func
 def slip_at(facet: Facet, weights: wp.vec3) -> wp.vec3:
-    """How far that point came in the substep [m]."""
+    """Return the displacement of that point in the substep [m]."""
     return weights[0] * facet.slip_a + weights[1] * facet.slip_b + weights[2] * facet.slip_c
 
 
 @wp.func
 def back(facet: Facet, share: float) -> Facet:
-    """The facet where it was with a share of its way still to go."""
+    """Return the facet as it was with a `share` of its displacement still to go."""
     before = facet
     before.a -= share * facet.slip_a
     before.b -= share * facet.slip_b
@@ -87,7 +89,7 @@ def back(facet: Facet, share: float) -> Facet:
 
 @wp.func
 def middle_of(facet: Facet) -> wp.vec3:
-    """The mean of its corners; of a segment its middle."""
+    """Return the mean of the corners; for a segment its middle."""
     if facet.is_segment:
         return 0.5 * (facet.a + facet.b)
     return (facet.a + facet.b + facet.c) / 3.0
@@ -95,22 +97,22 @@ def middle_of(facet: Facet) -> wp.vec3:
 
 @wp.func
 def longest_way(facet: Facet) -> float:
-    """How far any point of it came in the substep, at most [m]."""
+    """Return the largest displacement of any of its points in the substep [m]."""
     return wp.max(wp.length(facet.slip_a), wp.max(wp.length(facet.slip_b), wp.length(facet.slip_c)))
 
 
 @wp.func
 def farthest_of(facet: Facet) -> float:
-    """How far a point of it was from that middle in the substep, at most [m]."""
+    """Return the largest distance of any of its points from middle_of(facet) in the substep [m]."""
     middle = middle_of(facet)
     farthest = wp.max(wp.length(facet.a - middle), wp.max(wp.length(facet.b - middle), wp.length(facet.c - middle)))
     return farthest + longest_way(facet)
 
 
 def make_least(shapes: tuple[str, ...]):
-    """A Warp function: a distance [m] than which no point of a facet is nearer to a collider of `shapes`, by one look.
+    """Return a Warp function: a lower bound of the distance [m] of a facet to a collider of `shapes`.
 
-    It is that of the tangent of its middle, and tells nothing of what is not convex.
+    The bound is the tangent plane at the middle of the facet. It is -1e30 for non-convex shapes.
     """
     signed_distance, is_hollow = make_signed_distance(shapes), make_is_hollow(shapes)
 
@@ -129,18 +131,17 @@ def make_least(shapes: tuple[str, ...]):
 
 @wp.func
 def lowest(low: wp.vec3, high: wp.vec3) -> float:
-    """Where the tangents of two points (place, value, slope) meet: no value between them is below this."""
+    """Return the value where the tangents of two points (place, value, slope) intersect, a bound from below."""
     place = (high[1] - low[1] + low[2] * low[0] - high[2] * high[0]) / (low[2] - high[2])
     return low[1] + low[2] * (place - low[0])
 
 
 @wp.func
 def cut(k: int, low: wp.vec3, high: wp.vec3) -> float:
-    """Where to look next between two points (place, value, slope) of a convex function, downhill at `low` and uphill at
-    `high`.
+    """Return the next place to evaluate a convex function between two points, each (place, value, slope).
 
-    Where the tangents meet (Kelley 1960), which is a corner at once; in turn with where the slope would vanish if it
-    grew evenly, which is the lowest of a parabola at once.
+    The function falls at `low` and rises at `high`. Even k give the intersection of the tangents (Kelley 1960), which
+    is exact at a corner. Odd k give the zero of the linearly interpolated slope, which is exact for a parabola.
     """
     place = (high[1] - low[1] + low[2] * low[0] - high[2] * high[0]) / (low[2] - high[2])
     if k % 2 == 1:
@@ -150,18 +151,18 @@ def cut(k: int, low: wp.vec3, high: wp.vec3) -> float:
 
 @wp.func
 def between(low: wp.vec3, high: wp.vec3, below: wp.vec4, above: wp.vec4) -> wp.vec4:
-    """The mean of the planes of two such points that slopes neither up nor down."""
+    """Return the mean of the planes of two such points that has no slope along the line."""
     share = high[2] / wp.max(high[2] - low[2], 1.0e-20)
     return share * below + (1.0 - share) * above
 
 
 def make_along(shapes: tuple[str, ...]):
-    """A Warp function: the point of a line that is deepest in a collider of one of `shapes`."""
+    """Return a Warp function: the point of a line that is deepest in a collider of one of `shapes`."""
     signed_distance = make_signed_distance(shapes)
 
     @wp.func
     def along(shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, e: wp.vec3) -> Line:
-        """The deepest point of the line from `start` to `start + e`."""
+        """Return the deepest point of the line from `start` to `start + e`."""
         first = signed_distance(shape, start, size, data)
         last = signed_distance(shape, start + e, size, data)
         found = Line()
@@ -202,18 +203,18 @@ def make_along(shapes: tuple[str, ...]):
 
 @wp.func
 def slope_of(found: Line, u: float, facet: Facet) -> float:
-    """How the distance of the deepest point of a row (see make_deepest) changes with its place u."""
+    """Return the derivative of the distance of a row's deepest point (see make_deepest) by its place u."""
     e = facet.b - facet.a
-    if found.at >= 0.5 * (1.0 - u):  # no part along the row but at its far end, which moves along the side c-b
+    if found.at >= 0.5 * (1.0 - u):  # the plane has no slope along the row, except at its far end, which follows c-b
         e = facet.b - facet.c
     return wp.dot(xyz(found.plane), e)
 
 
 def make_deepest(shapes: tuple[str, ...]):
-    """A Warp function: the Deepest point of a facet in a collider of `shapes`.
+    """Return a Warp function: the Deepest point of a facet in a collider of `shapes`.
 
-    Of shapes that are not convex it is that of what the search finds and of points spread over the facet in steps of
-    `step` [m]. known: weights of a point that may be it, which then takes the place of the spread ones; or 0.
+    For non-convex shapes it also samples points on the facet in steps of `step` [m]. known: weights of a candidate
+    point, which then replaces the samples; or 0.
     """
     is_hollow = make_is_hollow(shapes)
     return _make_search(shapes) if is_hollow is None else _or_spread(_make_search(shapes), shapes, is_hollow)
@@ -260,15 +261,15 @@ def _make_search(shapes: tuple[str, ...]):
 
     @wp.func
     def row(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, u: float) -> Line:
-        """The deepest point of the line of a triangle at the share u of the way from its side a-c to b."""
+        """Return the deepest point of the row of a triangle at the share u of the way from its side a-c to b."""
         found = along(shape, size, data, facet.a + u * (facet.b - facet.a), (1.0 - u) * (facet.c - facet.a))
         found.at *= 1.0 - u
         return found
 
     @wp.func
     def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
-        # Of a segment the first row is all there is. One loop for the first row and those between it and the tip: the
-        # compiler then has the search along a row once.
+        # A segment has only the first row. One loop serves the first row and those between it and the tip, so the
+        # compiler emits the search along a row once.
         u = float(0.0)
         low = wp.vec3(0.0)
         high = wp.vec3(0.0)
@@ -291,7 +292,7 @@ def _make_search(shapes: tuple[str, ...]):
                     return best
                 tip = signed_distance(shape, facet.b, size, data)
                 above = tangent(facet.b, tip)
-                # Uphill to the tip in both sides that meet there, or nothing of the triangle lies deeper than it.
+                # If the distance does not rise to the tip along both sides, no point is deeper than the tip.
                 rise = wp.max(wp.dot(xyz(tip), facet.b - facet.a), wp.dot(xyz(tip), facet.b - facet.c))
                 if tip[3] < best.value or rise <= 0.0:
                     best.weights = wp.vec3(0.0, 1.0, 0.0)
@@ -317,12 +318,12 @@ def _make_search(shapes: tuple[str, ...]):
 
 
 def make_touched(shapes: tuple[str, ...]):
-    """A Warp function: the point of a facet that a collider of `shapes` met first in the substep.
+    """Return a Warp function: the point of a facet that a collider of `shapes` touched first in the substep.
 
-    Where it met none, or came by less than FAST of its thickness, it is the deepest one at the end. known: see
+    If it touched none, or moved by less than FAST times the thickness, this is the deepest point at the end. known: see
     make_deepest.
 
-    By conservative advancement: no point can come nearer than by its own way.
+    The search is by conservative advancement: no point comes nearer than by its own displacement.
     """
     deepest = make_deepest(shapes)
 
@@ -333,7 +334,7 @@ def make_touched(shapes: tuple[str, ...]):
         found = Deepest()
         gap = float(1.0)
         count = int(0)
-        # The last turn is at the end of its way: the compiler then has the search once.
+        # The last turn is at the end of its way; one loop lets the compiler emit the search once.
         while count <= wp.static(ADVANCES) and gap > 1.0e-3 * thickness:
             found = deepest(shape, size, data, back(facet, left), STEP * thickness, known)
             gap = 0.0

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lets no facet through a collider within a substep, whatever pulls at it.
+"""Clamp displacements so that no facet passes through a collider within a substep.
 
-A facet and a convex collider begin a substep on two sides of a plane between their nearest points. Where the facet
-would come through the collider's surface, its corners stop at the plane (divide and truncate, Chen et al. 2025, Offset
-geometric contact). The plane moves with the collider. Of a collider that is not convex it is the plane of its surface
-where the facet first touches it.
+A facet and a convex collider begin a substep on opposite sides of a plane between their nearest points. If the facet
+would pass through the collider's surface, its corners stop at the plane (divide and truncate, Chen et al. 2025, Offset
+geometric contact). The plane moves with the collider. For a non-convex collider it is the plane of its surface where
+the facet touches it first.
 """
 
 import warp as wp
@@ -27,15 +27,15 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
 from cloth_sim_ros.sim.features.collider_contact.particle import Met, add_force, length_of
 from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, store_row, xyz
 
-# Bits of State.pressed: a particle of a facet that is pressed or fast, the same behind that stage, and one that stops.
+# Bits of State.pressed: a particle of a pressed or fast facet, the same after that stage, and one that stops.
 PRESSED, MOVED, STOPS = wp.constant(1), wp.constant(2), wp.constant(4)
-# Of how far a facet is from a collider, and of its thickness, what no substep takes away.
+# Fractions of a facet's distance from a collider, and of its thickness, that no substep takes away.
 _LEFT, _LEAST = wp.constant(0.1), wp.constant(0.1)
 
 
 @wp.func
 def mark(corners: wp.vec3i, bit: int, ctx: Context):
-    """Set a bit of all corners of a facet, as others may too at the same time."""
+    """Set a bit of all corners of a facet, as other threads may too at the same time."""
     for k in range(3):
         slot = ctx.body.particles + corners[k]
         ctx.state.contact.pressed[slot] = ctx.state.contact.pressed[slot] | bit
@@ -43,26 +43,26 @@ def mark(corners: wp.vec3i, bit: int, ctx: Context):
 
 @wp.func
 def _least(apart: float, thickness: float) -> float:
-    """How near a facet that is `apart` [m] from a collider may come to it [m]."""
+    """Return how near a facet that is `apart` [m] from a collider may come to it [m]."""
     return wp.max(_LEFT * apart, wp.min(_LEAST * thickness, apart))
 
 
 @wp.func
 def _given_up(start: wp.vec3, slip: wp.vec3, plane: wp.vec4, least: float) -> float:
-    """The share of its way that a corner gives up in order to stay in front of a plane by `least` [m]."""
+    """Return the share of its displacement that a corner gives up to stay in front of a plane by `least` [m]."""
     goes, has = -wp.dot(xyz(plane), slip), wp.max(wp.dot(xyz(plane), start) + plane[3] - least, 0.0)
     return wp.where(goes > has, 1.0 - has / wp.max(goes, 1.0e-30), 0.0)
 
 
 def _make_given_up(shapes: tuple[str, ...]):
-    """A Warp function: the shares of their ways that the corners of a facet give up for one collider."""
+    """Return a Warp function: shares of their displacements that a facet's corners give up for one collider."""
     deepest, is_hollow = make_deepest(shapes), make_is_hollow(shapes)
 
     @wp.func
     def given_up(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context) -> wp.vec3:
-        """They are 0 where it does not come through, or was inside before, as in a soft collider.
+        """Return the shares; 0 if the facet does not pass through, or was inside before, as in a soft collider.
 
-        What is pressed stays in front of the plane in any case, so that it also does where others hold a corner back.
+        A pressed facet stays in front of the plane in any case, even if others hold a corner back.
         """
         none = wp.vec3(0.0)
         hollow = bool(False)
@@ -70,7 +70,7 @@ def _make_given_up(shapes: tuple[str, ...]):
             hollow = is_hollow(collider.shape, collider.data)
         facet, thickness = facet_of(corners, ctx, sweep), ctx.material.thickness
         way, look = longest_way(facet), ctx.state.contact.looks[entry]
-        # How far off it was when the substep began, or less.
+        # Lower bound of its distance when the substep began.
         off = wp.where(look.known == 1, look.value - moved_since(look, facet) - way, 0.0)
         if collider.compliance > 0.0 or way <= off - _least(off, thickness):
             return none
@@ -78,7 +78,7 @@ def _make_given_up(shapes: tuple[str, ...]):
         left, count = float(1.0), int(0)
         plane = wp.vec4(0.0)
         apart = float(0.0)
-        # No point can come nearer than by its own way (conservative advancement).
+        # No point comes nearer than by its own displacement (conservative advancement).
         while count < wp.static(ADVANCES):
             was = back(facet, left)
             found = deepest(collider.shape, collider.size, collider.data, was, STEP * thickness, none)
@@ -102,8 +102,10 @@ def _make_given_up(shapes: tuple[str, ...]):
 
 
 def make_facet_clamp(features: Features):
-    """The stage that finds which facets come through a collider, and what their corners give up of their ways: thread
-    t of `width` its share."""
+    """Return the stage that finds facets that pass through a collider, and the shares that their corners give up.
+
+    Thread t of `width` does its share.
+    """
     given_up, near_of = _make_given_up(features.shapes), make_near_of(features.listed)
 
     @wp.func
@@ -133,7 +135,7 @@ def make_facet_clamp(features: Features):
 
 
 def make_give_up_way(features: Features):
-    """The stage behind it: particle i gives up as much of its way as any of its facets has found."""
+    """Return the stage after it: particle i gives up the largest share that any of its facets has found."""
 
     @wp.func
     def stay(i: int, met: Met, ctx: Context):
@@ -158,7 +160,7 @@ def make_give_up_way(features: Features):
         store4(ctx.d, i, pack(moved, packed[3]))
         add_force(met.forces, met.slot * colliders + of, (met.share / packed[3]) * less)
         if wp.static(features.order == 2):
-            # BDF2 carries its past on. As if it had moved like this before, it does not bounce.
+            # BDF2 carries the past displacement on. Setting it to the new one keeps the particle from bouncing.
             moved -= xyz(load4(ctx.position_lo, i))
             met.last_displacements[met.slot] = moved
             store_row(met.velocities, met.slot, pack(moved / length_of(ctx.step), 0.0))

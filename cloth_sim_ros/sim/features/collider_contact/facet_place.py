@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the facets of a body are in a substep, whether a collider may touch them, and how it sees them."""
+"""Places of facets in a substep and in a collider's axes, and tests if a collider may touch them."""
 
 import warp as wp
 
@@ -14,21 +14,21 @@ from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
 
 @wp.func
 def corners_of(k: int, ctx: Context) -> wp.vec3i:
-    """The corners of facet k; a segment has its second one twice."""
+    """Return the corners of facet k; a segment has its second one twice."""
     corners = ctx.model.panels[k]
     return wp.vec3i(corners[0], corners[1], wp.where(corners[2] < 0, corners[1], corners[2]))
 
 
 @wp.func
 def is_close(corners: wp.vec3i, ctx: Context) -> bool:
-    """Whether a facet is looked at in this substep, as told by its corners' own contact."""
+    """Return True if a facet is tested in this substep, as its corners' own contact found."""
     first, close = ctx.body.particles, ctx.state.contact.close
     return close[first + corners[0]] + close[first + corners[1]] + close[first + corners[2]] > 0
 
 
 @wp.func
 def is_stray(corners: wp.vec3i, near: Near, ctx: Context) -> bool:
-    """Whether the list of colliders does not hold for a corner of a facet."""
+    """Return True if the list of colliders does not hold for a corner of a facet."""
     stray = bool(False)
     for k in range(3):
         d = xyz(load4(ctx.d, corners[k]))
@@ -38,7 +38,7 @@ def is_stray(corners: wp.vec3i, near: Near, ctx: Context) -> bool:
 
 @wp.func
 def is_tested(corners: wp.vec3i, ctx: Context, collider: ColliderMotion, sweep: Sweep) -> bool:
-    """Whether a collider can come between particles, and may reach a facet in the substep."""
+    """Return True if a collider fits between particles and may reach the facet in the substep."""
     if collider.facets == 0:
         return False
     farthest = float(0.0)
@@ -58,20 +58,20 @@ def is_tested(corners: wp.vec3i, ctx: Context, collider: ColliderMotion, sweep: 
 
 @wp.func
 def place_of(i: int, ctx: Context, sweep: Sweep) -> wp.vec3:
-    """Where particle i is at the end of the substep, in the axes of a collider [m]."""
+    """Return the place of particle i at the end of the substep, in the axes of a collider [m]."""
     return sweep.to_local * ((xyz(load4(ctx.x, i)) - sweep.position) + xyz(load4(ctx.d, i)))
 
 
 @wp.func
 def slip_of_particle(i: int, ctx: Context, sweep: Sweep) -> wp.vec3:
-    """How far it came [m] as a collider sees it."""
+    """Return the displacement of particle i in the axes of a collider [m]."""
     moved = xyz(load4(ctx.d, i)) - xyz(load4(ctx.position_lo, i))
     return slip_of(xyz(load4(ctx.x, i)) - sweep.position, moved, sweep)
 
 
 @wp.func
 def facet_of(corners: wp.vec3i, ctx: Context, sweep: Sweep) -> Facet:
-    """A facet in the axes of a collider."""
+    """Return a facet in the axes of a collider."""
     facet = Facet()
     facet.a = place_of(corners[0], ctx, sweep)
     facet.b = place_of(corners[1], ctx, sweep)
@@ -85,5 +85,5 @@ def facet_of(corners: wp.vec3i, ctx: Context, sweep: Sweep) -> Facet:
 
 @wp.func
 def moved_since(look: Look, facet: Facet) -> float:
-    """How far any of its points is from where it was at that look, at most [m]."""
+    """Return the largest distance of any of its points from its place at that search [m]."""
     return wp.max(wp.length(facet.a - look.a), wp.max(wp.length(facet.b - look.b), wp.length(facet.c - look.c)))

@@ -16,22 +16,23 @@ from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, 
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 
-# [m/s] at which what overlaps at the start of a substep comes apart, as after a fall of half a metre. A collider that
-# is placed into a cloth would otherwise fling it out within one substep.
+# Speed [m/s] at which parts that overlap at the start of a substep separate, as after a fall of half a metre. Without
+# this limit, a collider that is placed into a cloth would fling it out within one substep.
 SEPARATION = wp.constant(3.0)
-# Of a support, what carries over to the next substep. If all did, a chain and a collider would wind one another up.
+# Fraction of a support that carries over to the next substep. At 1 a chain and a collider would excite one another.
 CARRIED = wp.constant(0.95)
-NOISE = wp.constant(1.0e-6)  # [m] a motion of this size may be rounding alone
-# Bits of what contact tells of a particle: a collider may come near it in this substep, and one touched it.
+NOISE = wp.constant(1.0e-6)  # distance [m] below which a motion may be rounding alone
+# Bits that contact returns: a collider may come near the particle in this substep, and one touched it.
 CLOSE, TOUCHED = wp.constant(1), wp.constant(2)
 
 
 @wp.func
 def forgotten(past: wp.vec3, now: wp.vec3, normal: wp.vec3, hit: bool) -> wp.vec3:
-    """What BDF2 may remember of a motion `past` that a contact turned into `now`, both displacements or velocities.
+    """Return the past that BDF2 keeps of a motion `past` that a contact turned into `now`.
 
-    Across the surface only what is now counts, or the particle would bounce off with half the velocity that it came
-    with. In a `hit` it came by as much as it was pressed back. There that holds for friction's jump as well.
+    Both are displacements or velocities. Along the normal only `now` counts, or the particle would bounce off with half
+    its incoming velocity. In a `hit` the particle approached by as much as it was pressed back. Then `now` replaces all
+    of the past, as friction jumps too.
     """
     if hit:
         return now
@@ -40,30 +41,33 @@ def forgotten(past: wp.vec3, now: wp.vec3, normal: wp.vec3, hit: bool) -> wp.vec
 
 @wp.func
 def lost_motion(displacement: wp.vec3, velocity: wp.vec3, step: Step) -> wp.vec3:
-    """The correction [m] that has the effect on the momentum of a past without this displacement and velocity.
+    """Return the correction [m] whose effect on the momentum equals that of this past displacement and velocity.
 
-    Order 2 carries a third of both on, so that what a contact makes it forget is an impulse too.
+    Order 2 carries a third of both on, so forgetting them is an impulse too.
     """
     return carried(displacement + step.effective * velocity)
 
 
 @wp.func
 def length_of(step: Step) -> float:
-    """The length of a substep [s], which in order 2 is more than its effective step."""
+    """Return the length of a substep [s], which in order 2 is longer than its effective step."""
     return step.effective / wp.where(step.second, 2.0 / 3.0, 1.0)
 
 
 @wp.func
 def pace(collider: ColliderMotion, step: Step) -> float:
-    """How far an overlap may come apart in a substep [m]; a compliant collider flings nothing by itself."""
+    """Return how far an overlap may separate in a substep [m]; unlimited for a compliant collider."""
     return wp.where(collider.compliance > 0.0, 1.0e9, SEPARATION * step.effective)
 
 
 @wp.struct
 class Met:
-    """Where it is kept what particle number `slot` meets: which colliders are near, their motion from `first_sweep` on,
-    what earlier iterations did, and forces [N], which are corrections over the inverse mass times `share` [1/s^2].
-    colliders: those of the world. carries: whether what supported the particle in the last substep is in its way."""
+    """Data of the contacts of particle number `slot`.
+
+    first_sweep: index of the first collider's motion in `sweeps`. share: factor [1/s^2] from a correction over the
+    inverse mass to a force [N]. near: colliders that the body may touch. colliders: those of the world. contacts:
+    corrections of earlier iterations. carries: True if the support of the last substep still acts.
+    """
 
     slot: int
     first_sweep: int
@@ -81,28 +85,30 @@ class Met:
 
 @wp.func
 def larger_support(support: wp.vec4, push: wp.vec3, c: int) -> wp.vec4:
-    """Whichever is more: that, or the push of collider c [m], with 1 + its number."""
+    """Return the larger of a support and the push of collider c [m], the latter with 1 + c."""
     return wp.where(wp.length_sq(push) > wp.length_sq(xyz(support)), pack(push, float(c + 1)), support)
 
 
 @wp.func
 def share_of(step: Step, substeps: int) -> float:
-    """What a correction over the inverse mass is multiplied by to be a force, mean over `substeps` [1/s^2]."""
+    """Return the factor from a correction over the inverse mass to a force, mean over `substeps` [1/s^2]."""
     return step.inverse_square / float(substeps)
 
 
 @wp.func
 def add_force(forces: wp.array(dtype=wp.vec4), k: int, force: wp.vec3):
-    """Add a force [N] to what a collider did in this frame so far."""
+    """Add a force [N] to that of a collider in this frame so far."""
     forces[k] = load_row(forces, k) + pack(force, 0.0)
 
 
 @wp.struct
 class Push:
-    """How far all colliders together pressed a particle [m], how far they moved meanwhile [m], each weighed by its
-    pressure, the sum of these, and where forces of the one that pressed most are kept.
+    """Sum over all colliders that press a particle.
 
-    What two fingers press from both sides is pressed by neither: they stop nothing, and no past of it is forgotten.
+    way: sum of pressures along normals [m]. motion: sum of the colliders' displacements [m], weighted by pressure [m].
+    pressed: sum of pressures [m]. most, entry: largest pressure [m], and the index of that collider's forces.
+
+    If two fingers press from both sides, their pressures cancel: they stop nothing, and no past is forgotten.
     """
 
     way: wp.vec3
@@ -114,7 +120,7 @@ class Push:
 
 @wp.func
 def with_push(push: Push, normal: wp.vec3, pressed: float, motion: wp.vec3, entry: int) -> Push:
-    """The same and one more collider, which pressed along `normal` and itself moved by `motion` [m]."""
+    """Return the sum with one more collider, which pressed along `normal` and itself moved by `motion` [m]."""
     more = push
     more.way += pressed * normal
     more.motion += pressed * motion
@@ -127,9 +133,9 @@ def with_push(push: Push, normal: wp.vec3, pressed: float, motion: wp.vec3, entr
 
 @wp.func
 def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
-    """Of the past of a particle that contacts moved by `moved` [m] in all, keep only what still holds in order 2.
+    """Keep only the part of a particle's past that still holds in order 2, after contacts moved it by `moved` [m].
 
-    Returns the correction [m] that has the effect on the momentum of what is forgotten.
+    Returns the correction [m] whose effect on the momentum equals that of the forgotten part.
     """
     past = met.last_displacements[met.slot]
     lost = wp.vec3(0.0)
@@ -150,13 +156,16 @@ def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
 
 
 def least_mass(features: Features) -> float:
-    """Of its own inverse mass, what a particle has to have left to be moved by a contact: more than if it is held."""
+    """Return the fraction of its inverse mass above which a contact moves a particle; a held one has less."""
     return HELD if features.handles else 0.0
 
 
 def _make_support(features: Features):
-    """Warp functions: how a collider supports a particle since the last substep, in its axes [m], whether it does, and
-    what lets go of it. Nothing supports what `features` do not say."""
+    """Return three Warp functions for the support of a particle by a collider.
+
+    The first returns the correction carried over from the last substep, in the collider's axes [m]. The second returns
+    True if there is one. The third clears the support. All do nothing if `features` have no supports.
+    """
 
     @wp.func
     def carried_by(c: int, met: Met, step: Step, sweep: Sweep) -> wp.vec3:
@@ -180,7 +189,7 @@ def _make_support(features: Features):
 
 
 def _make_leave(features: Features):
-    """A Warp function that moves particle i as colliders have it, and keeps how the one that pushes most does so."""
+    """Return a Warp function that applies the colliders' result to particle i, and keeps the largest support."""
 
     @wp.func
     def leave(
@@ -208,9 +217,9 @@ def _make_leave(features: Features):
 
 
 def make_touch(features: Features):
-    """A Warp function that keeps particle i outside all colliders, with friction.
+    """Return a Warp function that keeps particle i outside all colliders, with friction.
 
-    Returns bits of whether one of them may come within a `width` [m] of it in the substep, and whether one touched it.
+    It returns bits: CLOSE if a collider may come within `width` [m] in the substep, TOUCHED if one touched it.
     """
     meet, leave = make_ccd(features.shapes), _make_leave(features)
     carried_by, is_supported, let_go = _make_support(features)
@@ -242,7 +251,7 @@ def make_touch(features: Features):
             else:
                 before = xyz(load_row(met.contacts, entry))
             after = before
-            # Most particles are farther from the collider than both can move in a substep: a few numbers tell.
+            # Most particles are farther from the collider than both can move in a substep: a cheap bound shows it.
             offset = (position - met.sweeps[k].position) + displacement
             path = wp.length(displacement - met.sweeps[k].motion)
             path += met.sweeps[k].spin * (wp.length(offset) + path)
@@ -257,7 +266,7 @@ def make_touch(features: Features):
                 lo = xyz(load4(ctx.position_lo, i))
                 slip = slip_of(position - sweep.position, displacement - lo, sweep)
                 p = sweep.to_local * offset
-                # What it is thicker by than a moment ago was no overlap before.
+                # A thickness that grew just now was no overlap before.
                 apart = pace(collider, step) + (thickness - material.thickness)
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 gap = touching[3]
@@ -271,7 +280,7 @@ def make_touch(features: Features):
                     mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
                     after = pressed * n + friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
                     displacement += wp.transpose(sweep.to_local) * (after - before)
-                    # What is carried over acts in this substep, as what is added does.
+                    # The carried correction acts in this substep, as the added one does.
                     pushed = wp.transpose(sweep.to_local) * wp.where(step.first, after, after - before)
                     add_force(met.forces, entry, (met.share / w) * pushed)
                     support = larger_support(support, wp.transpose(sweep.to_local) * after, c)
@@ -292,7 +301,7 @@ def make_touch(features: Features):
 
 
 def make_met_in(features: Features):
-    """A Warp function: where it is kept what the particles of a body meet; `slot` is up to each."""
+    """Return a Warp function: the Met of the particles of a body; the caller sets `slot`."""
     near_of = make_near_of(features.listed)
 
     @wp.func
@@ -315,7 +324,7 @@ def make_met_in(features: Features):
 
 
 def make_contact(features: Features):
-    """The stage that keeps particle i, which meets `met`, outside all colliders after each iteration."""
+    """Return the stage that keeps particle i outside all colliders after each iteration; `met`: see Met."""
     touch = make_touch(features)
 
     @wp.func

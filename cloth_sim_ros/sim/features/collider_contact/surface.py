@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact of a surface between its particles: triangles of cloth and segments of ropes against colliders.
 
-Each facet finds by itself how its deepest point is to be pushed out, with friction. Then each particle gathers what its
-facets ask for. No order of facets matters, so that all of them go at once.
+Each facet computes the push on its deepest point, with friction. Then each particle sums the pushes of its facets. The
+order of facets does not matter, so all run in parallel.
 """
 
 import warp as wp
@@ -50,32 +50,32 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
-# Of the largest inverse mass: what a push beside a pinned or heavy corner divides by, so that no other is ever thrown
-# farther than four times the gap.
+# Smallest divisor of a push beside a pinned or heavy corner, as a fraction of the largest inverse mass. No other corner
+# is then thrown farther than four times the gap.
 LEAST_SHARE = wp.constant(0.25)
-# Of the facets around a particle, how many count as touching at once. If all did, they would lie deep; of half as many,
-# a cloth over a rail shakes by 1e-6 J/kg.
+# Fraction of the facets around a particle that count as touching at once. At 1 they would lie deep; at half of this
+# value, a cloth over a rail shakes by 1e-6 J/kg.
 _TOUCH_AT_ONCE = wp.constant(0.67)
-# Of the thickness: of a facet that has moved by less, what is not convex is deepest near where it was.
+# Displacement as a fraction of the thickness; a facet that moved less reuses its deepest point (non-convex shapes).
 _STILL = wp.constant(0.02)
-LONG_AGO = wp.constant(-2)  # no substep that the next one could go on from
-# A point this near to a corner is what the corner's own contact has seen to.
+LONG_AGO = wp.constant(-2)  # number of a substep that no next one can continue from
+# Barycentric weight of a corner, above which the corner's own contact already covers the point.
 CORNER = wp.constant(0.999)
 
 
 @wp.func
 def facets_around(i: int, ctx: Context) -> float:
-    """How many facets particle i is a corner of."""
+    """Return the number of facets that particle i is a corner of."""
     slot = ctx.body.particles + i
     return float(ctx.model.panel_start[slot + 1] - ctx.model.panel_start[slot])
 
 
 @wp.func
 def yielding(corners: wp.vec3i, weights: wp.vec3, ctx: Context) -> float:
-    """The inverse mass of a point of a facet [1/kg], 0 where nothing of it can move.
+    """Return the inverse mass of a point of a facet [1/kg]; 0 if no corner can move.
 
-    The facets around a particle share its mass (mass splitting, Tonge et al. 2012). What each needs may then be added
-    up, and moves it no farther than one alone would. Pushed farther, a cloth that lies over a rail would shake.
+    The facets around a particle share its mass (mass splitting, Tonge et al. 2012). Their corrections then add up, and
+    move it no farther than one alone would. With more, a cloth over a rail would shake.
     """
     sum = float(0.0)
     most = float(0.0)
@@ -89,7 +89,7 @@ def yielding(corners: wp.vec3i, weights: wp.vec3, ctx: Context) -> float:
 
 @wp.func
 def points_of(corners: wp.vec3i, ctx: Context) -> float:
-    """As how many points a facet counts in a soft collider: its share of each corner, which is one point."""
+    """Return the number of points that a facet counts for in a soft collider: its share of each corner."""
     points = float(0.0)
     for k in range(3):
         if k < 2 or corners[2] != corners[1]:
@@ -99,7 +99,7 @@ def points_of(corners: wp.vec3i, ctx: Context) -> float:
 
 @wp.func
 def looked(facet: Facet, found: Deepest) -> Look:
-    """What is found now."""
+    """Return the Look of a deepest point found now."""
     look = Look()
     look.a = facet.a
     look.b = facet.b
@@ -111,7 +111,7 @@ def looked(facet: Facet, found: Deepest) -> Look:
 
 
 def make_touched_in(features: Features):
-    """A Warp function: the weights of the point of a facet that touches one collider; 0 where none can."""
+    """Return a Warp function: the weights of the point of a facet that touches one collider; 0 if none can."""
     touched, is_beyond = make_touched(features.shapes), make_is_beyond(features.shapes)
     least = make_least(features.shapes)
 
@@ -120,7 +120,7 @@ def make_touched_in(features: Features):
         thickness, way = ctx.material.thickness, longest_way(facet)
         look = ctx.state.contact.looks[entry]
         moved = moved_since(look, facet)
-        # No point has come nearer than by its way, nor was it nearer in between.
+        # No point came nearer than by its displacement, nor was it nearer in between.
         if look.known == 1 and look.value - moved - way >= thickness:
             return wp.vec3(0.0)
         if wp.static(is_beyond is not None):
@@ -130,14 +130,14 @@ def make_touched_in(features: Features):
         if slow:
             found = Deepest()
             found.value = least(collider.shape, collider.size, collider.data, facet)
-            if found.value >= thickness - NOISE:  # as of most that lies on a flat face
+            if found.value >= thickness - NOISE:  # true for most facets on a flat face
                 ctx.state.contact.looks[entry] = looked(facet, found)
                 return wp.vec3(0.0)
         known = wp.vec3(0.0)
         if look.known == 1 and moved <= _STILL * thickness and slow:
             known = look.weights
         found = touched(collider.shape, collider.size, collider.data, facet, thickness, known)
-        if slow:  # else that is where it met the collider first
+        if slow:  # otherwise the point is where the facet touched the collider first
             if wp.max(known) == 0.0:
                 ctx.state.contact.looks[entry] = looked(facet, found)
             else:
@@ -150,7 +150,7 @@ def make_touched_in(features: Features):
 
 
 def make_press_on(features: Features):
-    """A Warp function: how a facet is to be pushed out of one collider, with friction, after what it was told `last`.
+    """Return a Warp function: the Press of a facet against one collider, with friction; `last` is its last Press.
 
     A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
     """
@@ -170,7 +170,7 @@ def make_press_on(features: Features):
         slip = slip_at(facet, weights)
         apart = pace(collider, ctx.step)
         touching = meet(collider.shape, collider.size, collider.data, point_of(facet, weights), slip, thickness, apart)
-        if touching[3] >= -NOISE:  # its corners are outside; what is left may be rounding
+        if touching[3] >= -NOISE:  # its corners are outside; the rest may be rounding
             return press
         before = wp.vec4(0.0)
         if last.when == ctx.substep:
@@ -186,7 +186,7 @@ def make_press_on(features: Features):
         if last.when < ctx.substep - 1 or wp.max(last.stuck) == 0.0:
             press.stuck = weights
             press.anchor = point_of(facet, weights) - slip
-        # Friction acts where it is measured.
+        # Friction acts at the point where the slip is measured.
         press.rubbed = press.stuck
         w_rubbed = yielding(corners, press.rubbed, ctx)
         slid = point_of(facet, press.stuck) - press.anchor
@@ -206,8 +206,10 @@ def make_press_on(features: Features):
 
 
 def make_press(features: Features):
-    """The stage that finds how the facets of a body are to be pushed out of all colliders: thread t of `width` its
-    share."""
+    """Return the stage that computes the pushes of all colliders on the facets of a body.
+
+    Thread t of `width` does its share.
+    """
     press_on, near_of = make_press_on(features), make_near_of(features.listed)
 
     @wp.func
@@ -229,14 +231,14 @@ def make_press(features: Features):
                     if is_tested(corners, ctx, ctx.colliders[c], sweep):
                         found = press_on(corners, entry, ctx.colliders[c], sweep, last, ctx)
                         if longest_way(facet_of(corners, ctx, sweep)) > FAST * ctx.material.thickness:
-                            mark(corners, PRESSED, ctx)  # another point of it may come through, see stop.py
+                            mark(corners, PRESSED, ctx)  # another of its points may pass through, see facet_clamp.py
                     if wp.max(found.weights) > 0.0:
                         found.when = ctx.substep
                         ctx.state.contact.presses[entry] = found
                         note(c, near)
                         mark(corners, PRESSED, ctx)
                     elif last.when == ctx.substep:
-                        # What an earlier iteration pushed was enough.
+                        # The push of an earlier iteration was enough.
                         ctx.state.contact.presses[entry].push = wp.vec3(0.0)
                         ctx.state.contact.presses[entry].rub = wp.vec3(0.0)
                     c = next_of(c, near, stray)
@@ -246,7 +248,7 @@ def make_press(features: Features):
 
 @wp.func
 def share_in(q: int, i: int, c: int, ctx: Context) -> wp.vec3:
-    """What particle i takes of the push on facet q by collider c [kg m]."""
+    """Return the part of the push on facet q by collider c that particle i takes [kg m]."""
     press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
     if press.when != ctx.substep:
         return wp.vec3(0.0)
@@ -257,7 +259,7 @@ def share_in(q: int, i: int, c: int, ctx: Context) -> wp.vec3:
 
 @wp.func
 def wanted_of(i: int, c: int, ctx: Context) -> wp.vec3:
-    """The correction over the inverse mass [kg m] that all facets around particle i want of it for collider c."""
+    """Return the correction over the inverse mass [kg m] of particle i by collider c, summed over its facets."""
     slot = ctx.body.particles + i
     sum = wp.vec3(0.0)
     for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
@@ -267,7 +269,7 @@ def wanted_of(i: int, c: int, ctx: Context) -> wp.vec3:
 
 @wp.func
 def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
-    """The mean normal of a collider at the facets around particle i, each weighed by its push."""
+    """Return the mean normal of a collider at the facets around particle i, weighted by their pushes."""
     slot = ctx.body.particles + i
     normal = wp.vec3(0.0)
     for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
@@ -278,7 +280,7 @@ def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
 
 
 def make_yield(features: Features):
-    """The stage that moves particle i as its facets are pressed."""
+    """Return the stage that moves particle i as its facets are pressed."""
     least, touch = least_mass(features), make_touch(features)
 
     @wp.func
@@ -314,7 +316,7 @@ def make_yield(features: Features):
             if wp.static(features.order == 2):
                 moved = displacement - xyz(load4(ctx.position_lo, i))
                 add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
-            # Its facets may have moved it into a collider: it has the last word.
+            # Its facets may have moved the particle into a collider, so its own contact acts last.
             met.carries = False
             touch(i, met, ctx, 0.0)
             if wp.static(features.supported):
@@ -326,7 +328,7 @@ def make_yield(features: Features):
 
 
 def make_carry_presses(features: Features):
-    """The stage that begins a frame: what facets were asked for in its last substep is what the first goes on from."""
+    """Return the stage that begins a frame: the first substep continues from the presses of the last one before."""
     near_of = make_near_of(features.listed)
 
     @wp.func

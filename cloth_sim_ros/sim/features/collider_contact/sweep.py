@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 
 @wp.func
 def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
-    """The motion of a collider between two fractions of the frame; a resting one does not turn by rounding."""
+    """Return the motion of a collider between two fractions of the frame; one at rest gets no turn by rounding."""
     sweep = Sweep()
     q0 = c.start_orientation
     q1 = c.start_orientation
@@ -28,9 +28,10 @@ def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
 
 @wp.func
 def slip_of(start: wp.vec3, moved: wp.vec3, sweep: Sweep) -> wp.vec3:
-    """How far a point that moved [m] came in the axes of a collider, without the difference of two large positions.
+    """Return the displacement of a point that moved [m] in the axes of a collider.
 
-    start: where it was when the substep began, from where the collider ends [m]. Of a collider that turns by T and
-    moves by u it is R^T_end (moved - u) + T (start + u), as the collider itself began at -u.
+    It avoids the difference of two large positions. start: the point when the substep began, relative to the collider
+    at its end [m]. For a collider that turns by T and moves by u, the result is R^T_end (moved - u) + T (start + u), as
+    the collider itself began at -u.
     """
     return sweep.to_local * (moved - sweep.motion) + sweep.turn * (start + sweep.motion)

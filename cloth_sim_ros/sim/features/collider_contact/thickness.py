@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How thick the particles of a sheet are to a collider that could come between them, where the sheet is stretched."""
+"""Contact thickness of the particles of a stretched sheet, so that no collider fits between them."""
 
 import warp as wp
 
@@ -8,17 +8,17 @@ from cloth_sim_ros.sim.arrays.model import Body, Features
 from cloth_sim_ros.sim.colliders.collider import STRETCHED
 from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
 
-NEARBY = wp.constant(3.0)  # gaps between particles: how far facets reach from their corners, stretched threefold
-# As many times as wide a gap may count: what is around a collider would else drive itself apart without end.
+NEARBY = wp.constant(3.0)  # reach of facets from their corners, stretched threefold, in gaps between particles
+# Largest width of a gap as a multiple of the rest gap. Otherwise a cloth around a collider could expand without end.
 _WIDEST = wp.constant(6.0)
 
 
 @wp.func
 def widest_around(i: int, ctx: Context) -> float:
-    """How far a point of the panels around particle i lies from the nearest of their corners, at most [m].
+    """Return the largest distance of a point of the panels around particle i from the nearest of their corners [m].
 
-    It is the longest side over the root of 3 in a triangle (Jung 1901), and its half in a segment. Sides are taken
-    where the substep began, as other particles are moving now.
+    For a triangle it is at most the longest side over the root of 3 (Jung 1901), for a segment half of it. Sides are
+    measured where the substep began, as other particles are moving now.
     """
     square = float(0.0)
     slot = ctx.body.particles + i
@@ -35,10 +35,10 @@ def widest_around(i: int, ctx: Context) -> float:
 
 @wp.func
 def thick_enough(thickness: float, gap: float, roundness: float, body: Body) -> float:
-    """The thickness [m] at which a collider of this least radius of curvature does not come between particles.
+    """Return the thickness [m] at which a collider of this least radius of curvature does not fit between particles.
 
-    gap: the farthest that a point between them lies from the nearest of them [m], as in Collider.enters. As that has
-    told, the collider is round enough for gaps that are STRETCHED times as wide as at rest.
+    gap: largest distance of a point between them from the nearest one [m], as in Collider.enters. That test has shown
+    that the collider is round enough for gaps STRETCHED times as wide as at rest.
     """
     rest = wp.static(STRETCHED) * body.gap
     least = 0.5 * (rest * rest / wp.max(thickness, 1.0e-9) - thickness)
@@ -49,19 +49,19 @@ def thick_enough(thickness: float, gap: float, roundness: float, body: Body) -> 
 
 @wp.func
 def note_strain(strain: float, body: int, found: wp.array(dtype=float)):
-    """Remember the strain around a particle that a collider touches, where that may open a way for it.
+    """Record the strain around a particle that a collider touches, if the strain may let the collider through.
 
-    The frame of explicit steps is then done again, see executors/trial.py.
+    The frame of explicit steps is then repeated, see executors/trial.py.
     """
     if strain > wp.static(STRETCHED - 1.0):
         wp.atomic_max(found, body, strain)
 
 
 def make_thickness_for(features: Features):
-    """A Warp function: at which thickness particle i touches a collider, and how wide the panels around it are [m].
+    """Return a Warp function: the contact thickness of particle i, and the widest gap of the panels around it [m].
 
-    These are looked at where it is not `away` from the collider. A `gap` above 0 is known already. Explicit steps do
-    without, see note_strain.
+    away: lower bound of their distance [m]; the gap is measured only if this is small. gap: the width if it is known
+    already, else 0. Explicit steps skip this, see note_strain.
     """
 
     @wp.func
