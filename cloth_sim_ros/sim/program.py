@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program of a substep: which stages it has for the features of a scene, and in which order. Written once.
+"""The program of a substep: its stages for the features of a scene, in order. It is written once for all executors.
 
-The contract of an executor (block.py: a launch a frame; graph.py: launches between which objects meet):
+The contract of an executor (block.py: one launch a frame; graph.py: several launches, with contact of objects between):
 
 1. It gives every stage a `Context` of one body in one world: `begin` makes it for a frame, `enter` for a substep.
 2. Each substep runs `before`, then `solved` and `touched` in each iteration, then `kept` and `after`. `ending` ends the
    frame.
-   Where objects meet, they are kept apart before `touched`, so that what lies on a floor sticks to it, whatever lies on
-   top. They are bounded behind `kept`, so that nothing comes through a sheet, whatever pushes.
-3. A stage is run(t, width, ctx), called by `width` threads of numbers t, of which `threads` solve chains. What they
-   store is seen by all threads of the body before the next stage begins.
+   Contact between objects is solved before `touched`, so that an object on a floor sticks to it under any load. Their
+   displacements are clamped after `kept`, so that no push moves one object through another.
+3. A stage is run(t, width, ctx). `width` threads with numbers t call it, of which `threads` solve chains. All threads
+   of the body see what they stored before the next stage begins.
 4. A stage with `rounds` is run once for each round of lines, in order, with `ctx.group` set and a barrier between.
    Its `width` is a multiple of a warp on a GPU.
-5. It sets `ctx.step.first`, `store` and `repeats`, and `ctx.last`, which holds in the last iteration. Stages of
+5. It sets `ctx.step.first`, `store` and `repeats`, and `ctx.last`, which is True in the last iteration. Stages of
    `every` n substeps run in substeps that n divides.
-6. It knows no physics, and a stage knows no executor.
+6. An executor knows no physics, and a stage knows no executor.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step
 from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
 from cloth_sim_ros.sim.topology.line_layout import WARP
 
-_A_FRAME = 1 << 30  # more substeps than a frame has
+_A_FRAME = 1 << 30  # number of substeps, more than a frame has
 
 
 @dataclass
@@ -63,7 +63,10 @@ class Program:
 
 
 def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: bool = True) -> Program:
-    """The program for `features`; of chains, which `threads` of a block solve together, see make_solve_chain."""
+    """Return the program for `features`.
+
+    on_cpu: True for a CPU. threads, stored: for chains, see make_solve_chain.
+    """
     program = Program()
     before, explicit = program.before, features.method == "verlet"
     if features.shapes:
@@ -100,9 +103,9 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
 
 
 def _keep_out(program: Program, features: Features, ends) -> None:
-    """What keeps a body out of colliders, and what `ends` the substep.
+    """Add the stages that keep a body out of colliders, with `ends` as the end of the substep.
 
-    That goes with the last stage: a GPU waits once for both, and reads the many instructions of contact once.
+    `ends` joins the last stage: a GPU then waits once for both, and reads the many instructions of contact once.
     """
     met_in, contact = make_met_in(features), make_contact(features)
     if not features.surface:
@@ -116,7 +119,7 @@ def _keep_out(program: Program, features: Features, ends) -> None:
 
 
 def _look_around(features: Features) -> list[Stage]:
-    """What begins a frame and some of its substeps where there are colliders."""
+    """Return the stages that begin a frame, and some of its substeps, if there are colliders."""
     stages = []
     if features.surface:
         stages.append(Stage("carry_presses", make_carry_presses(features), every=_A_FRAME))
@@ -129,7 +132,7 @@ def _look_around(features: Features) -> list[Stage]:
 
 
 def make_begin(features: Features):
-    """A Warp function: what stages are given of body b of a world, with its particles in device arrays."""
+    """Return a Warp function: the Context of body b of a world for a frame, with its particles in device arrays."""
     separate = features.plate and features.method == "xpbd"
 
     @wp.func
@@ -162,7 +165,7 @@ def make_begin(features: Features):
 
 
 def make_enter(features: Features):
-    """A Warp function: the same in a substep, from what `begin` made."""
+    """Return a Warp function: the Context of a substep, from the one that `begin` made."""
 
     @wp.func
     def enter(given: Context, substep: int) -> Context:
@@ -170,7 +173,7 @@ def make_enter(features: Features):
         ctx.substep = substep
         smooth = bool(False)
         if wp.static(features.looks_back):
-            # What the substep before found; two places take turns, so that none is read while it is written.
+            # Read the flag of the substep before; two slots alternate, so none is read while it is written.
             smooth = ctx.state.events[2 * ctx.body.index + (substep + 1) % 2] != substep
             if substep == 0:
                 smooth = ctx.state.history[ctx.body.index] > 0

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the program of a substep runs: a body in blocks, a launch a part, a frame as a trial."""
+"""Executors run the program of a substep: one block a body, one launch a part, or a frame as a trial."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One launch a frame: a block (on the CPU, one thread) keeps a body of a world and runs all its substeps.
 
-On a GPU positions and displacements stay in the block's shared memory for the whole frame. A body may have at most
-`capacity(device)` particles there; on the CPU there is no limit. Blocks of different bodies never wait for one another.
-A large body may have several blocks, which wait for one another and share plain arrays.
+On a GPU positions and displacements stay in the block's shared memory for the whole frame. This limits a body to
+`capacity(device, features)` particles; on the CPU there is no limit. Blocks of different bodies never wait for one
+another. A large body may have several blocks, which wait for one another and use plain arrays.
 """
 
 from functools import lru_cache
@@ -21,12 +21,12 @@ from cloth_sim_ros.sim.kernels.intrinsics import BYTES_A_PARTICLE, beside, load_
 from cloth_sim_ros.sim.program import Program, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.ropes.scan import THREADS, scan_size
 
-_LEAST, _MOST = 64, 512  # threads of each of several blocks of a body; of more, contact would not fit the registers
+_LEAST, _MOST = 64, 512  # threads of each of several blocks of a body; contact needs too many registers for more
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 
 
 def capacity(device: wp.Device, features: Features) -> int:
-    """The most particles of a body that one block can hold."""
+    """Return the largest number of particles of a body that one block can hold."""
     if device.is_cpu:
         return 1 << 30
     spans = 16 * scan_size(THREADS) if features.chain else 0
@@ -34,14 +34,14 @@ def capacity(device: wp.Device, features: Features) -> int:
 
 
 def shared_memory(device: wp.Device) -> int:
-    """Bytes of it that a block has to itself."""
+    """Return the bytes of shared memory that a block has to itself."""
     return 0 if device.is_cpu else device.max_shared_memory_per_block - RESERVED
 
 
 class Block:
-    """The launch of one batch. `advance()` simulates one frame of every body in every world of it.
+    """The launch of one batch. `advance()` simulates one frame of every body in all its worlds.
 
-    largest: particles of the largest body. blocks, block: how many blocks of how many threads a body has.
+    largest: number of particles of the largest body. blocks, block: number of blocks a body, and of threads a block.
     """
 
     def __init__(
@@ -62,12 +62,12 @@ class Block:
         self._launch = wp.launch(kernel, dim=threads, inputs=inputs, device=device, block_dim=block, record_cmd=True)
 
     def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; the numbers are read from the device's Frame, where they are already."""
+        """Launch one frame; both numbers are already in the device's Frame, which the kernel reads."""
         self._launch.launch()
 
 
 def threads_for(features: Features, largest: int, device: wp.Device) -> int:
-    """The threads of a block for a body of `largest` particles.
+    """Return the number of threads of a block for a body of `largest` particles.
 
     A thread takes a segment of a rope, a particle of an explicit method, or its slots of a row of lines.
     """
@@ -82,9 +82,10 @@ def threads_for(features: Features, largest: int, device: wp.Device) -> int:
 
 
 def blocks_for(largest: int, bodies: int, device: wp.Device) -> tuple[int, int]:
-    """How many blocks, of how many threads each, share a body of `largest` particles, one of so many at a time.
+    """Return the number of blocks that share a body of `largest` particles, and of threads in each.
 
-    Many small blocks wait no longer for one another than few large ones, and each has a multiprocessor to itself.
+    bodies: number of bodies that run at a time. Many small blocks wait no longer for one another than a few large ones,
+    and each has a multiprocessor to itself.
     """
     blocks = max(2, min(device.sm_count // bodies, -(-largest // _LEAST)))
     return blocks, max(_LEAST, min(_MOST, -(-largest // blocks // 32) * 32))
@@ -92,10 +93,10 @@ def blocks_for(largest: int, bodies: int, device: wp.Device) -> tuple[int, int]:
 
 @lru_cache
 def make_frame(features: Features, shared: int, block: int, most_shared: int = 0):
-    """The kernel of a whole frame for `features`; `shared` particles in shared memory of `most_shared` bytes; 0 is
-    plain arrays.
+    """Return the kernel of a whole frame for `features`.
 
-    The compiler knows that a block has `block` threads, so that their registers fit the multiprocessor.
+    shared: number of particles in shared memory, 0 for plain arrays. block: threads of a block; the compiler knows it,
+    so that their registers fit the multiprocessor. most_shared: bytes of shared memory.
     """
     program = make_program(features, block == 1, block, shared == 0 or shared > THREADS)
     load, unload = _make_memory(features, shared, block, most_shared)
@@ -106,7 +107,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
 
     @compiled(module="unique", launch_bounds=block)
     def simulate_frame(given: argument):
-        # By the number of the thread alone: of two dimensions Warp would divide numbers of 64 bits.
+        # Use a one-dimensional launch: for two dimensions Warp would divide 64-bit integers.
         b = wp.tid() / wp.static(block)
         t = wp.tid() - b * wp.static(block)
         home = home_of(given, b, CooperativeGroup())
@@ -124,9 +125,9 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
 
 @lru_cache
 def make_spread_frame(features: Features, block: int):
-    """The same where several blocks of `block` threads have a body together, in plain arrays.
+    """Return the kernel of a frame in which several blocks of `block` threads share a body, in plain arrays.
 
-    A barrier of blocks takes as long as ten of a block, but each has the whole multiprocessor.
+    A barrier of blocks takes as long as ten barriers of a block, but each block has a whole multiprocessor.
     """
     program, home_of = make_program(features, False), make_home(features)
     simulate = _make_substeps(features, program, False, wait_in_group)
@@ -148,7 +149,7 @@ def make_spread_frame(features: Features, block: int):
 
 
 def make_home(features: Features):
-    """A Warp function: body b of all worlds, in device arrays, which a cooperative group has."""
+    """Return a Warp function: the Context of body b of all worlds in device arrays, for a cooperative group."""
     begin, argument = make_begin(features), given_type(features)
 
     @wp.func
@@ -167,7 +168,7 @@ def make_home(features: Features):
 
 
 def make_give_spans(slots: int):
-    """A Warp function: a body whose threads show one another spans of a chain in so many vec4 of shared memory."""
+    """Return a Warp function that gives a body `slots` vec4 of shared memory for the spans of its chain."""
     address = make_tile_address(slots) if slots else None
 
     @wp.func
@@ -180,7 +181,7 @@ def make_give_spans(slots: int):
 
 
 def _make_substeps(features: Features, program: Program, called: bool, wait=wait_in_block):
-    """A Warp function: the threads of a body run all substeps of a frame; wait(ctx) is a barrier of them."""
+    """Return a Warp function in which the threads of a body run all substeps of a frame; wait(ctx) is their barrier."""
     enter, before = make_enter(features), in_sequence(program.before, "before", called, wait)
     iterated = in_sequence([*program.solved, *program.touched], "iterated", called, wait)
     after = in_sequence([*program.kept, *program.after], "after", called, wait)
@@ -206,14 +207,14 @@ def _make_substeps(features: Features, program: Program, called: bool, wait=wait
 
 
 def _make_memory(features: Features, shared: int, block: int, most_shared: int):
-    """Two Warp functions: what brings a body into a block's shared memory, as far as there is room, and back."""
-    # What every particle reads and writes once a substep lies in shared memory too where there is room.
+    """Return two Warp functions: load a body into shared memory as far as it fits, and store it back."""
+    # Data that every particle reads and writes once a substep lies in shared memory too, if there is room.
     slots = scan_size(block) if block > 1 and features.chain else 0
     keeps_low = features.lines or features.chain
     all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
     tile_size = (3 if all_shared else 2) * shared
     tile_address = make_tile_address(tile_size) if shared else None
-    # Velocities and what order 2 looks back at, 10 floats a particle, which a rope would fetch from afar every substep.
+    # Velocities and the history of order 2 are 10 floats a particle; a rope would fetch them from afar every substep.
     history = 5 * shared // 2 if all_shared and features.chain and features.order == 2 else 0
     history = history if 16 * (tile_size + slots + history) <= most_shared else 0
     history_address = make_tile_address(history) if history else None
@@ -223,7 +224,7 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
     def load(t: int, home: Context) -> Context:
         ctx = home
         if wp.static(shared > 0):
-            # Of displacements and low parts, the one that a particle's neighbours read lies beside x.
+            # Of displacements and low parts, the array that neighbours read lies beside x.
             ctx.x = tile_address(wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared"))
             if wp.static(features.method == "verlet"):
                 ctx.position_lo = beside(ctx.x, wp.static(shared))
@@ -234,7 +235,7 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
             if wp.static(all_shared):
                 ctx.position_lo = beside(ctx.x, wp.static(2 * shared))
             for i in range(t, ctx.body.count, wp.static(block)):
-                # Both are asked for before one is stored, which the compiler could not tell.
+                # Load both before storing one; the compiler cannot reorder them itself.
                 position = load_row(ctx.state.positions, ctx.body.particles + i)
                 lost = load_row(ctx.state.position_lo, ctx.body.particles + i)
                 store4(ctx.x, i, position)

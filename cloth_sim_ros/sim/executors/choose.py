@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which executor advances the bodies of a batch."""
+"""Choose the executor that advances the bodies of a batch."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from cloth_sim_ros.sim.executors.graph import Graph, Member
 
 Executor = Block | Graph
 EXECUTORS = ("block", "graph")
-_ALONE = 1600  # particles that one block computes faster than several, on an H100
+_ALONE = 1600  # number of particles up to which one block is faster than several, on an H100
 
 
 def make_executor(
     features: Features, worlds: list[Arrays], counts: list[int], device: wp.Device, name: str | None
 ) -> Executor:
-    """The executor of bodies of equal `features` and so many particles each: that of a `name`, else the faster.
+    """Return the executor of bodies of equal `features`: the one of this `name`, or the faster one if it is None.
 
-    Raises ValueError where a body does not fit the one block that it is to have.
+    counts: number of particles of each body. Raises ValueError if a body does not fit the one block of "block".
     """
     largest, limit = max(counts), capacity(device, features)
     if name == "block" and largest > limit:
@@ -37,9 +37,9 @@ def make_executor(
 def make_safe_executor(
     features: Features, worlds: list[Arrays], frames: wp.array, counts: list[int], device: wp.Device
 ) -> Block:
-    """XPBD of first order for bodies whose explicit frame is rejected, in substeps as `frames` (worlds, 1) tell.
+    """Return the executor that repeats rejected explicit frames by XPBD of first order.
 
-    counts: how many particles each body has.
+    frames: (worlds, 1) Frame with the number of substeps. counts: number of particles of each body.
     """
     features = replace(features, method="xpbd", order=1, lines=True, redoes=True)
     again = []
@@ -53,9 +53,9 @@ def make_safe_executor(
 
 
 def _in_blocks(features: Features, worlds: list[Arrays], counts: list[int], alone: bool, device: wp.Device) -> Block:
-    """A block a body, or several where they do not fit one.
+    """Return an executor with one block a body, or with several if a body does not fit one.
 
-    Several compute a large sheet faster too; not if it shall be `alone`. The threads of a chain need one block.
+    Several blocks are also faster for a large sheet; `alone` forbids them. A chain always has one block.
     """
     largest, bodies = max(counts), len(counts) * len(worlds)
     if device.is_cuda and not features.chain and not alone and largest > min(_ALONE, capacity(device, features)):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies that touch one another advance together: a launch for each part of the program, and what meets between them.
+"""Bodies that touch one another advance together: a launch for each part of the program, and contact between parts.
 
-The same program as the block executor, on plain device arrays: both give the same state but for the rounding of the
-compiler's choices.
+The program is that of the block executor, on plain device arrays. Both give the same state up to rounding differences
+of the compiled code.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,22 +25,22 @@ from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative_
 from cloth_sim_ros.sim.program import make_enter, make_program
 from cloth_sim_ros.sim.ropes.scan import scan_size
 
-_KEPT = 4  # frames kept at a time, for as many pairs of substeps and iterations
+_KEPT = 4  # number of recorded frames, each for one pair of substeps and iterations
 
 
 class Launch(Protocol):
-    """What a frame is made of."""
+    """An element of a frame."""
 
     def launch(self) -> None: ...
 
 
 class Member:
-    """The parts of the program of a batch as launches, recorded once."""
+    """The parts of a batch's program as launches, recorded once."""
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device) -> None:
         counts = worlds[0].model.bodies.numpy()["count"]
         bodies = len(worlds) * len(counts)
-        if device.is_cpu or features.chain:  # whose threads are those of one block
+        if device.is_cpu or features.chain:  # a chain is solved by the threads of one block
             blocks, block = 1, threads_for(features, int(counts.max()), device)
         else:
             blocks, block = blocks_for(int(counts.max()), bodies, device)
@@ -49,11 +49,11 @@ class Member:
         self._given = [gathered(worlds, device), bodies, group]
         self._dims = {"dim": group.teams * group.width, "block_dim": block, "device": device}
         self._recorded: dict[tuple, wp.Launch] = {}
-        for kernel in self._kernels.values():  # as none may have to be loaded while a frame is captured
+        for kernel in self._kernels.values():  # none may be loaded while a frame is captured
             kernel.module.load(device, block)
 
     def run(self, part: str, substep: int, iteration: int = 0, store: int = 0, last: int = 1) -> list[wp.Launch]:
-        """The launch of a part of the program, for all bodies in all worlds; none of a part without stages."""
+        """Return the launch of a part of the program, for all bodies in all worlds; none for a part without stages."""
         if part not in self._kernels:
             return []
         key = (part, substep, iteration, store, last)
@@ -66,8 +66,8 @@ class Member:
 class Graph:
     """The launches of batches that advance together. `advance()` simulates a frame of every body in every world.
 
-    meeting: what tells whether parts of bodies may touch at all, what finds them, what keeps them apart, and what lets
-    none through.
+    meeting: contact between bodies. EarlyOut tells if parts may touch at all, and Search finds them. ContactSolve keeps
+    them apart, and CcdClamp lets none pass through another.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Graph:
         self._frames: dict[tuple[int, int], list[Launch]] = {}
 
     def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; what new numbers launch is recorded, and a few are kept."""
+        """Launch one frame; record it first for new numbers, and keep the last few."""
         settings = (substeps, iterations)
         if settings not in self._frames:
             if len(self._frames) == _KEPT:
@@ -119,14 +119,17 @@ def _run(launches: Sequence[Launch]) -> None:
 
 @dataclass(frozen=True)
 class Call:
-    """A launch like others, of several kernels."""
+    """A launch of several kernels."""
 
     launch: Callable[[], None]
 
 
 @lru_cache
 def make_kernels(features: Features, block: int) -> dict[str, wp.Kernel]:
-    """Part of the program -> its kernel, in one module. A body has blocks of `block` threads; 1 is a CPU."""
+    """Return the kernel of each part of the program, in one module.
+
+    block: threads of each block of a body; 1 means a CPU.
+    """
     program = make_program(features, block == 1, block if features.chain else 1)
     module = wp.get_module(f"cloth_sim_ros.graph.{features.key()}.{block}")
     called = block == 1 and bool(features.shapes)
@@ -135,7 +138,7 @@ def make_kernels(features: Features, block: int) -> dict[str, wp.Kernel]:
 
 
 def _make_kernel(part: str, run, features: Features, block: int, module: wp.Module) -> wp.Kernel:
-    """The kernel that runs a part in the substep and iteration of a launch."""
+    """Return the kernel that runs a part in the substep and iteration of a launch."""
     home_of, enter, argument = make_home(features), make_enter(features), given_type(features)
     give_spans = make_give_spans(scan_size(block) if part == "solved" and features.chain and block > 1 else 0)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a body that lives in shared memory keeps its velocities and what order 2 looks back at."""
+"""Velocities and the history of order 2 in shared memory, for a body that lives there."""
 
 import warp as wp
 
@@ -10,8 +10,10 @@ from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row
 
 @wp.func
 def with_history_at(begin: wp.uint64, capacity: int, body: Body, s: State) -> State:
-    """The state whose velocities, last velocities and last displacements, of the body alone, lie from address `begin`:
-    10 floats for each of `capacity` particles. They count through the batch like those elsewhere."""
+    """Return the state with velocities, last velocities and last displacements of one body at address `begin`.
+
+    They take 10 floats for each of `capacity` particles. Indices count through the batch as in other arrays.
+    """
     ctx = s
     end = body.particles + body.count
     skipped = wp.uint64(body.particles)
@@ -26,7 +28,7 @@ def with_history_at(begin: wp.uint64, capacity: int, body: Body, s: State) -> St
 
 @wp.func
 def copy_history(g: int, source: State, target: State):
-    """Copy these of particle g from one state to the other."""
+    """Copy velocity and history of particle g from one state to the other."""
     store_row(target.velocities, g, load_row(source.velocities, g))
     target.last_velocities[g] = source.last_velocities[g]
     target.last_displacements[g] = source.last_displacements[g]

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A frame of explicit steps is a trial: what it leaves is checked, and a body that is not good does the frame again.
+"""A frame of explicit steps is a trial: its result is checked, and a bad body repeats the frame.
 
-Explicit steps that are stable at rest may blow up where springs are strained far beyond it. At the end of a frame a
-body is rejected where fault recovery had to put it back, and where a spring is or was strained by more than
-TOO_STRAINED. Beyond STRAINED it is rejected if that changed by half since the frame before. So it is while a collider
-moves, which might come through between the particles. It then goes back to where the frame began and does it again by
-first-order XPBD, which is stable at any strain. All of that stays on the device; `redone` counts the frames.
+Explicit steps that are stable at rest may blow up if springs are strained far beyond it. A body is rejected at the end
+of a frame if fault recovery put it back, or if a spring is or was strained by more than TOO_STRAINED. Above STRAINED it
+is rejected if the strain changed by half since the frame before. It is also rejected there while a collider moves,
+which might pass between the particles. The body then goes back to the start of the frame and repeats it by first-order
+XPBD, which is stable at any strain. All of this stays on the device; `redone` counts the frames.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
 
 STRAINED = wp.constant(0.5)
-GROWTH = wp.constant(1.5)  # of the largest strain, over a frame, or its inverse
-# Explicit steps heat what is strained by more, however slowly it came there, and a collider may come through it.
+GROWTH = wp.constant(1.5)  # largest ratio of the largest strains of two frames in a row, either way
+# Strain above which explicit steps heat the body, however slowly it came, and a collider may pass through.
 TOO_STRAINED = wp.constant(STRETCHED - 1.0)
 
 
@@ -105,10 +105,11 @@ def remember_strain(given: wp.array(dtype=Arrays)):
 
 
 class Trial:
-    """An executor of explicit steps, and one of XPBD that does again what it leaves.
+    """An executor of explicit steps, with one of XPBD that repeats rejected frames.
 
-    lines: (kind, first, end) of the slots of every body; make_safe() builds the executor of XPBD, which touches
-    rejected bodies alone.
+    explicit: the executor of explicit steps. make_safe: builds the one of XPBD, which changes rejected bodies alone.
+    worlds: arrays of each world. counts: number of particles of each body. lines: (kind, first, end) of the slots of
+    every body.
     """
 
     def __init__(self, explicit, make_safe: Callable, worlds: list[Arrays], counts: list[int], lines: list) -> None:
@@ -117,7 +118,7 @@ class Trial:
         self._given = wp.array(worlds, dtype=Arrays, device=self._device)
         self._worlds, self._counts, self._lines = len(worlds), counts, lines
         self._any = wp.zeros(1, dtype=int, device=self._device)
-        self._safe = None  # on a CPU it is compiled when it is needed, or before by `make_ready`
+        self._safe = None  # on a CPU it is compiled when it is needed, or earlier by `make_ready`
         self._lock = threading.Lock()
         if not self._device.is_cpu:
             self.make_ready()
@@ -144,7 +145,7 @@ class Trial:
             self._safe = self._safe or self._make_safe()
 
     def advance(self, substeps: int, safe_substeps: int) -> None:
-        """Simulate one frame; of XPBD it would take `safe_substeps`."""
+        """Simulate one frame; a repeated one takes `safe_substeps`."""
         _run(self._before)
         self.explicit.advance(substeps, 1)
         _run([*self._measure, self._judge])

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The air on triangles and segments."""
+"""Forces of the air on triangles and segments."""

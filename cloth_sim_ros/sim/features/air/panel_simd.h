@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The air on eight triangles at a time; behind simd.h.
+// Forces of the air on eight triangles at a time; needs simd.h before it.
 for (int first = begin; first < end; first += LANES) {
     Lanes corners[3][4], speeds[3][4];
     for (int c = 0; c < 3; ++c) {

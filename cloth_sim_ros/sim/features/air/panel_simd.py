@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The air's force on eight triangles at a time in the vector registers of a CPU, as in physics/aerodynamics.py."""
+"""Forces of the air on eight triangles at a time, in CPU vector registers; formulas as in physics/aerodynamics.py."""
 
 import warp as wp
 
@@ -25,7 +25,7 @@ def _forces(
 
 @wp.func
 def triangle_forces(m: Model, s: State, body: Body, frame: Frame, x: wp.uint64, v: wp.uint64) -> bool:
-    """The air's force on all triangles of a body into State.panel_forces; on a GPU nothing, and False."""
+    """Store the air's force on all triangles of a body in State.panel_forces; on a GPU do nothing and return False."""
     return _forces(
         m.panels,
         body.panels,

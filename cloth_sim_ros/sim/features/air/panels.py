@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The air on bodies: its force on their panels, gathered by the particles around which these lie."""
+"""Forces of the air on panels, which the particles around them sum up."""
 
 import warp as wp
 
@@ -24,7 +24,7 @@ class Corners:
 
 
 def make_air(features: Features):
-    """The force of the air [N] on one particle of a panel, and its drag rate [N s/m]."""
+    """Return a Warp function: the force of the air [N] on one particle of a panel, and its drag rate [N s/m]."""
 
     @wp.func
     def air(p: Corners, frame: Frame, material: Material) -> wp.vec4:
@@ -39,9 +39,9 @@ def make_air(features: Features):
 
 
 def make_panels(features: Features):
-    """The stage that computes the air's force on all panels of a body: thread t of `width` its share.
+    """Return the stage that computes the air's force on all panels of a body; thread t of `width` does its share.
 
-    Under BDF2 it takes the body where it is after a substep as smooth as the last, so that it stays of second order.
+    Under BDF2 it takes the body extrapolated by one substep, so that the method stays of second order.
     """
     air = make_air(features)
 
@@ -74,7 +74,7 @@ def make_panels(features: Features):
             if triangle_forces(ctx.model, ctx.state, ctx.body, ctx.frame, x, v):
                 return
         for k in range(ctx.body.panels + t, ctx.body.panels_end, 2 * width):
-            # Two at once: the way to memory and back is most of it. The last one may be told twice, alike.
+            # Two panels at once, as memory latency dominates. The last panel may be stored twice, with equal values.
             beside = wp.min(k + width, ctx.body.panels_end - 1)
             one, two = corners_of(k, ctx.model, x, v), corners_of(beside, ctx.model, x, v)
             force, other = air(one, ctx.frame, ctx.material), air(two, ctx.frame, ctx.material)
@@ -85,9 +85,11 @@ def make_panels(features: Features):
 
 
 def make_push(features: Features):
-    """A Warp function: the air's force [N] on particle g of the batch by the panels around it, and its drag rate
-    [N s/m]."""
-    around = 6 if features.panels == "triangles" else 2  # so many within a grid, or along a rope
+    """Return a Warp function: the air's force [N] on particle g of the batch, and its drag rate [N s/m].
+
+    Both are sums over the panels around the particle.
+    """
+    around = 6 if features.panels == "triangles" else 2  # panels around a particle within a grid, or along a rope
     Panels, Forces = wp.types.vector(around, int), wp.types.matrix((around, 4), float)
 
     @wp.func
@@ -97,7 +99,7 @@ def make_push(features: Features):
         panels = Panels()
         forces = Forces()
         for k in range(first, end, wp.static(around)):
-            # All are asked for before any is added, and what is asked for too much weighs nothing.
+            # Load all panels before adding any; surplus loads are added with weight 0.
             for q in range(wp.static(around)):
                 panels[q] = m.particle_panels[wp.min(k + q, end - 1)]
             for q in range(wp.static(around)):

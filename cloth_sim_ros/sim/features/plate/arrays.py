@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bending of sheets as plates: arrays of a batch, and how many elements each has."""
+"""Bending of sheets as plates: arrays of a batch, and their sizes."""
 
 import warp as wp
 
@@ -8,15 +8,15 @@ from cloth_sim_ros.sim.arrays.model import Counts, Features
 
 @wp.struct
 class PlateState:
-    """Bending of sheets as plates; see State for the letters."""
+    """State of sheets that bend as plates; see State for the letters."""
 
     predicted: wp.array(dtype=wp.vec4)  # (N,) displacements before a sheet's bending moves particles
     curve_normals: wp.array(dtype=wp.vec3)  # (C,) unit normals of triangles that are curved at rest
-    curve_pulls: wp.array(dtype=wp.vec3)  # (C,) how these push their corners along it [1/m]
+    curve_pulls: wp.array(dtype=wp.vec3)  # (C,) weights with which these push their corners along the normal [1/m]
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Array -> its elements in one world; 0 where the features do not need it."""
+    """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {
         "predicted": n.particles if features.plate else 0,
         "curve_normals": n.curves,

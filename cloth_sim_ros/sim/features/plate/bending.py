@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bending of sheets: every particle gathers what its neighbours in the operator of topology/plate.py pull.
+"""Bending of sheets: each particle sums the forces of its neighbours in the operator of topology/plate.py.
 
-XPBD evaluates it at the predicted positions and moves particles by it before lines are solved. For a mode of rate omega
-that is BDF2, or implicit Euler, with the stiffness omega^2 / (1 - (omega h)^2): stable below 1, and exact for all but
-the shortest waves. Above MOST, where it would not be, the sheet is computed as much softer, and `report` says so.
+XPBD evaluates the operator at the predicted positions and moves particles by it before lines are solved. For a mode of
+rate omega this is BDF2, or implicit Euler, with the stiffness omega^2 / (1 - (omega h)^2). It is stable if omega h < 1,
+and exact for all but the shortest waves. A sheet stiffer than MOST allows is computed softer, and `report` says so.
 """
 
 import warp as wp
@@ -16,7 +16,7 @@ from cloth_sim_ros.sim.kernels.native import source
 from cloth_sim_ros.sim.physics.integrate import carried
 from cloth_sim_ros.sim.physics.plate import MOST_BENDING, rest_curvature
 
-MOST = wp.constant(MOST_BENDING)  # (omega h_e)^2 (1 + gamma) of the stiffest mode, gamma = dashpot time / h_e
+MOST = wp.constant(MOST_BENDING)  # limit of (omega h_e)^2 (1 + gamma), stiffest mode; gamma = dashpot time / h_e
 
 
 @wp.func_native(source(__file__, "plate_sum"))
@@ -31,13 +31,13 @@ def plate_sum(
     a: wp.uint64,
     b: wp.uint64,
 ) -> wp.vec3:
-    """sum_j w_ij (a_j - a_i + b_j - b_i) over the neighbours j of particle i; a, b: addresses of rows of four."""
+    """Return sum_j w_ij (a_j - a_i + b_j - b_i) over neighbours j of particle i; a, b: addresses of rows of four."""
     ...
 
 
 @wp.func
 def around(i: int, m: Model, body: Body, a: wp.uint64, b: wp.uint64) -> wp.vec3:
-    """The same for particle i of a body."""
+    """Return the plate_sum of particle i of a body."""
     across, along = m.plate_strides[0], m.plate_strides[1]
     if across == 0:
         across = body.count
@@ -48,13 +48,13 @@ def around(i: int, m: Model, body: Body, a: wp.uint64, b: wp.uint64) -> wp.vec3:
 
 @wp.func
 def rigidity_of(material: Material, body: Body, inverse_square: float) -> float:
-    """The rigidity [N m] that acts in a substep of 1 / sqrt(inverse_square) [s]."""
+    """Return the rigidity [N m] that acts in a substep of 1 / sqrt(inverse_square) [s]."""
     asked = 1.0 / wp.max(material.compliance[2], 1.0e-30)
     return wp.min(asked, MOST * inverse_square / wp.max(material.largest_inverse_mass * body.plate_rate, 1.0e-30))
 
 
 def make_plate_force(features: Features):
-    """A Warp function: the force of a plate of rigidity 1 N m on particle i at positions a + b [1/m^2 x m]."""
+    """Return a Warp function: the force of a plate of rigidity 1 N m on particle i at positions a + b [1/m^2 x m]."""
 
     @wp.func
     def plate_force(i: int, ctx: Context, a: wp.uint64, b: wp.uint64) -> wp.vec3:
@@ -75,7 +75,7 @@ def make_plate_force(features: Features):
 
 @wp.func
 def curve_triangle(c: int, ctx: Context, a: wp.uint64, b: wp.uint64):
-    """Normal and pulls of curved triangle c of the batch at positions a + b, for the particles that gather them."""
+    """Store the normal and pulls of curved triangle c of the batch at positions a + b; its particles read them."""
     t = ctx.model.curve_corners[c]
     origin = load4(a, t[0])
     moment = wp.vec3()
@@ -93,7 +93,7 @@ def curve_triangle(c: int, ctx: Context, a: wp.uint64, b: wp.uint64):
 
 
 def make_bending_force(features: Features):
-    """A Warp function: the force of bending and its dashpots on particle i [N], for explicit methods."""
+    """Return a Warp function: the force of bending and its dashpots on particle i [N], for explicit methods."""
     plate_force = make_plate_force(features)
 
     @wp.func
@@ -108,7 +108,7 @@ def make_bending_force(features: Features):
 
 
 def make_bend(features: Features):
-    """The stage that moves particle i by the sheet's bending: from its predicted displacement at `p` to that at `d`."""
+    """Return the stage that bends a sheet: it moves particle i from its displacement at `p` to that at `d`."""
     plate_force = make_plate_force(features)
 
     @wp.func
@@ -118,7 +118,7 @@ def make_bend(features: Features):
     ):
         predicted = load4(ctx.p, i)
         rigidity = rigidity_of(ctx.material, ctx.body, ctx.step.inverse_square)
-        # Dashpots of bending give way before its rigidity does.
+        # Limit the dashpots of bending before its rigidity.
         rate = ctx.material.largest_inverse_mass * ctx.body.plate_rate * rigidity
         room = MOST * ctx.step.inverse_square / wp.max(rate, 1.0e-30) - 1.0
         gamma = wp.clamp(ctx.material.damping * ctx.step.inverse, 0.0, wp.max(room, 0.0))

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The clamps between which a rope twists. An end is clamped while its last two particles are pinned, or held by a
-handle, which turns the rope with it. While one end is free the twist runs out of it, far faster than anything else
-moves."""
+"""Clamps at the ends of a rope with twist.
+
+An end is clamped while its last two particles are pinned, or held by a handle, which turns the rope with it. While one
+end is free the twist runs out of it, far faster than anything else moves.
+"""
 
 import warp as wp
 
@@ -13,7 +15,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import load4
 
 @wp.func
 def any_across(t: wp.vec3) -> wp.vec3:
-    """A unit vector across t: of the axis that t lies least along."""
+    """Return a unit vector across t, from the coordinate axis that is least aligned with t."""
     axis = wp.vec3(1.0, 0.0, 0.0)
     if wp.abs(t[0]) > wp.min(wp.abs(t[1]), wp.abs(t[2])):
         axis = wp.where(wp.abs(t[1]) < wp.abs(t[2]), wp.vec3(0.0, 1.0, 0.0), wp.vec3(0.0, 0.0, 1.0))
@@ -22,13 +24,13 @@ def any_across(t: wp.vec3) -> wp.vec3:
 
 @wp.func
 def across(t: wp.vec3, u: wp.vec3) -> wp.vec3:
-    """The unit vector across t that is nearest to u."""
+    """Return the unit vector across t that is nearest to u."""
     return wp.normalize(u - wp.dot(u, t) * t)
 
 
 @wp.func
 def without_twist(twist: Twist, first: wp.vec3) -> Twist:
-    """What an end that is free to turn leaves; `first` is the tangent of the start."""
+    """Return the state without twist, for a rope with a free end; `first` is the tangent at the start."""
     twist.known = 2
     twist.start = any_across(first)
     twist.turned = twist.wanted
@@ -38,12 +40,11 @@ def without_twist(twist: Twist, first: wp.vec3) -> Twist:
 
 
 def make_clamps(handles: bool):
-    """Three Warp functions, of a scene with or without handles: what clamps an end, and a twist whose ends are clamped
-    from now on or go on to be."""
+    """Return three Warp functions, for a scene with or without handles: clamped_by, clamp and turn_clamps."""
 
     @wp.func
     def clamped_by(i: int, j: int, ctx: Context) -> int:
-        """What holds both particle i at an end and its neighbour j: 0 nothing, -1 pins, else 1 + a handle's number."""
+        """Return the holder of both particle i at an end and its neighbour j: 0 none, -1 pins, else 1 + handle."""
         tip = wp.where(load4(ctx.x, i)[3] == 0.0, -1, 0)
         neighbour = wp.where(load4(ctx.x, j)[3] == 0.0, -1, 0)
         if wp.static(handles):
@@ -55,7 +56,7 @@ def make_clamps(handles: bool):
 
     @wp.func
     def turned_by(by: int, ahead: int, ctx: Context) -> wp.quat:
-        """How what clamps an end is turned, `ahead` substeps from where this one begins."""
+        """Return the orientation of a clamp, `ahead` substeps after this one begins."""
         q = wp.quat_identity()
         if wp.static(handles):
             if by > 0:
@@ -64,7 +65,7 @@ def make_clamps(handles: bool):
 
     @wp.func
     def turn_clamps(twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, ctx: Context) -> Twist:
-        """Turn the vectors of both ends, whose tangents are `first` and `last`, with what clamps them now."""
+        """Turn the vectors of both ends, whose tangents are `first` and `last`, with their present clamps."""
         if start_by != twist.start_by:
             twist.start_own = wp.quat_rotate_inv(turned_by(start_by, 0, ctx), twist.start)
         if end_by != twist.end_by:
@@ -79,8 +80,10 @@ def make_clamps(handles: bool):
     def clamp(
         twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, carried: wp.vec3, ctx: Context
     ) -> Twist:
-        """Begin with what the end is turned by at first, and without twist after an end was free. `carried` is the
-        vector of the start, carried along the rope to its end."""
+        """Start a twist with newly clamped ends: with the wanted angle at first, without twist after an end was free.
+
+        carried: the vector of the start, carried along the rope to its end.
+        """
         twist.angle = wp.where(twist.known == 0, twist.wanted, 0.0)
         twist.turned = twist.wanted
         twist.end = wp.quat_rotate(wp.quat_from_axis_angle(last, twist.angle - twist.wanted), carried)

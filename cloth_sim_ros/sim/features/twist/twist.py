@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Twist along a rope between two clamps. At the start of a substep one thread finds the torsional moment. What it
-pushes sideways with goes into the prediction, beside the bending moments of the last substep (see beam.py).
+"""Twist along a rope between two clamps.
 
-It is taken explicitly beside an implicit bending EI, at the positions that order 2 extrapolates to (as in semi-implicit
-BDF2: Ascher, Ruuth, Wetton 1995). That is stable as long as M k^3 < EI k^4 + 4 mu / h^2 for every wave number k, and
-where a rope buckles does not depend on the step.
+At the start of a substep one thread computes the torsional moment. Its sideways forces go into the prediction, as the
+bending moments of the last substep do (see beam.py).
+
+Twist is explicit beside an implicit bending stiffness EI. It is taken at the positions that order 2 extrapolates to (as
+in semi-implicit BDF2: Ascher, Ruuth, Wetton 1995). This is stable if M k^3 < EI k^4 + 4 mu / h^2 for every wave number
+k. The load at which a rope buckles does not depend on the step.
 """
 
 import warp as wp
@@ -19,7 +21,7 @@ from cloth_sim_ros.sim.physics.twist import angle_about, carried_across, half_bi
 
 
 def make_tangent(order: int):
-    """A Warp function: the unit tangent of segment k of the body, where the substep begins; order 2 looks ahead."""
+    """Return a Warp function: the unit tangent of segment k as the substep begins; order 2 extrapolates it."""
 
     @wp.func
     def tangent_at(k: int, ctx: Context) -> wp.vec3:
@@ -35,7 +37,7 @@ def make_tangent(order: int):
 
 @wp.func
 def push_of(i: int, m: Model, s: State, body: Body) -> wp.vec3:
-    """The force [N] of the twist on particle i, from the couples around it."""
+    """Return the force [N] of the twist on particle i, from the couples around it."""
     force = wp.vec3(0.0)
     for place in range(3):
         j = i - place
@@ -48,7 +50,7 @@ def push_of(i: int, m: Model, s: State, body: Body) -> wp.vec3:
 
 @wp.func
 def push_by_couples(i: int, ctx: Context):
-    """Add to the prediction of particle i what the couples around it do."""
+    """Add the effect of the couples around particle i to its prediction."""
     p = load4(ctx.d, i)
     if p[3] == 0.0:
         return
@@ -57,16 +59,16 @@ def push_by_couples(i: int, ctx: Context):
 
 
 def make_find_twist(order: int, handles: bool):
-    """A Warp function: one thread finds the twist of a body and the couples of its joints."""
+    """Return a Warp function in which one thread computes the twist of a body and the couples of its joints."""
     tangent_at = make_tangent(order)
     clamped_by, clamp, turn_clamps = make_clamps(handles)
 
     @wp.func
     def twist_anew(ctx: Context) -> float:
-        """The torsional moment [N m] from where the particles are, and in State.twists what belongs to it.
+        """Return the torsional moment [N m] at the present positions, and store the twist in State.twists.
 
-        At first, and whenever positions were set, the rope is without twist but for what its end is turned by. Clamped
-        anew, it is without any.
+        At first, and after positions were set, the only twist is the angle by which the end is turned. After a new
+        clamping there is none.
         """
         twist = ctx.state.twist.twists[ctx.body.index]
         last = ctx.body.count - 2
@@ -90,7 +92,7 @@ def make_find_twist(order: int, handles: bool):
                 length += ctx.model.segment_length[ctx.body.segments + k]
         if twist.known != 1:
             twist = clamp(twist, start_by, end_by, tangent_at(0, ctx), before, u, ctx)
-        # However far the end was turned; from one substep to the next the writhe changes by less than half a turn.
+        # The end may be turned by any angle; the writhe changes by less than half a turn from one substep to the next.
         turned = twist.angle + (twist.wanted - twist.turned)
         twist.angle = turned + wrap_angle(angle_about(before, u, twist.end) + twist.wanted - turned)
         twist.turned = twist.wanted

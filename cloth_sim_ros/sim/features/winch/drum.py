@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A winch at the start of a rope: rest length is fed to, or taken from, the segment between the drum and the rope.
+"""A winch at the start of a rope: it changes the rest length of the segment between the drum and the rope.
 
 All particles of a rope exist from the beginning. Those still on the drum lie at its point, held, with no length between
-them. `WinchState.index` is the last of them. The segment that begins there is the one that is fed. A segment is born
-when the fed one is longer than one and a half segments. The particle at the drum is let go where one whole segment
-ends, and the rest is fed on. The fed segment is swallowed when it is shorter than nearly half of one. The drum takes in
-its other particle then. Never is a segment so short that its mass or length would stiffen the solve.
+them. `WinchState.index` is the last of them, and the segment that begins there is fed. A segment is born when the fed
+one is longer than one and a half segments. The particle at the drum is then released where one whole segment ends, and
+the rest is fed on. The fed segment is swallowed when it is shorter than nearly half a segment. The drum then takes in
+its other particle. So no segment gets so short that its mass or length would stiffen the solve.
 
-Nothing of that jumps. Fed material enters at the pay-out rate of unstretched rope. A born particle lies on its segment
-where its material is, so that both parts keep the strain. It moves as that material does: with the rope ahead and with
-the feed behind it. A swallowed one leaves its neighbour's segment with the mean strain of the two that were. What a
-bend between them would pull taut is owed and fed little by little. The particle next to the drum weighs what of its two
-half segments is out.
+None of this causes a jump. Fed material enters at the pay-out rate of unstretched rope. A born particle lies on its
+segment at the place of its material, so that both parts keep the strain. It moves as that material does: with the rope
+ahead and with the feed behind it. If a segment is swallowed, the merged segment has the mean strain of the two. A bend
+between them would pull it taut, so that length is added to `backlog` and fed little by little. The particle next to the
+drum has the mass of the part of its two half segments that is out.
 
-The drum is a hinge: what bends leaves it in any direction. A joint of it that has come out begins straight.
+The drum is a hinge: a rope with bending stiffness leaves it in any direction. A joint that has just come out begins
+straight.
 """
 
 import warp as wp
@@ -26,16 +27,16 @@ from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.physics.integrate import split_sum
 from cloth_sim_ros.sim.physics.winch import next_rate
 
-BORN = wp.constant(0.5)  # of the next segment on the drum: with so much more than its own, a segment is two
-SWALLOWED = wp.constant(0.45)  # of its own length: with less it is part of the next
-SHORTEST = wp.constant(0.5)  # of the last segment: no winch takes in more
-REACHED = wp.constant(1.0e-5)  # of the rope: nearer to a limit of its length it is there
-SETTLING = wp.constant(0.2)  # [s] in which what is owed is fed
+BORN = wp.constant(0.5)  # excess over its own length at which the fed segment is split, in lengths of the next one
+SWALLOWED = wp.constant(0.45)  # fraction of its own length below which the fed segment joins the next
+SHORTEST = wp.constant(0.5)  # length that stays out, as a fraction of the last segment
+REACHED = wp.constant(1.0e-5)  # distance from a length limit that counts as reached, as a fraction of the rope
+SETTLING = wp.constant(0.2)  # time in which the backlog is fed [s]
 
 
 @wp.func
 def density_at(k: int, m: Model, body: Body) -> float:
-    """Mass per length [kg/m] of the rope where segment k begins: of both its ends the lighter, loads left out."""
+    """Return the rope's mass per length [kg/m] at segment k: the smaller of its two ends, which leaves out loads."""
     at = body.segments + k
     i = body.particles + k
     before = wp.where(k > 0, m.segment_length[wp.max(at - 1, 0)], 0.0)
@@ -47,7 +48,7 @@ def density_at(k: int, m: Model, body: Body) -> float:
 
 @wp.func
 def effective_materials(winch: WinchState, m: Model, body: Body) -> float:
-    """The mass [kg] of the particle beyond the drum, with as much of its segment as is out."""
+    """Return the mass [kg] of the particle after the drum, with the part of its segment that is out."""
     k = winch.index
     lacks = m.segment_length[body.segments + k] - winch.length
     return m.particle_masses[body.particles + k + 1] - 0.5 * density_at(k, m, body) * lacks
@@ -62,7 +63,7 @@ def weigh(i: int, mass: float, x: wp.uint64):
 
 
 def make_turn(order: int):
-    """A Warp function: one thread turns a body's drum at the start of a substep of length h [s]."""
+    """Return a Warp function in which one thread turns a body's drum at the start of a substep of length h [s]."""
 
     @wp.func
     def swallow(winch: WinchState, ctx: Context) -> WinchState:
@@ -105,7 +106,7 @@ def make_turn(order: int):
         position = xyz(drum)
         rest = split_sum(position, away)
         position += away
-        # How the material at this place moves: by (1 - part) with the rope ahead, by part with the feed.
+        # Velocity of the material at this place: (1 - part) of the rope ahead, and `part` of the feed.
         feed = (part * winch.rate / winch.length) * e
         velocity = (1.0 - part) * xyz(ctx.state.velocities[g + 1]) + feed
         store4(ctx.x, k, wp.vec4(position[0], position[1], position[2], 1.0 / ctx.model.particle_masses[g]))
@@ -138,7 +139,7 @@ def make_turn(order: int):
         shortest = wp.max(drive.shortest, SHORTEST * ctx.model.segment_length[ctx.body.segments_end - 1])
         longest = wp.min(drive.longest, winch.total)
         room = longest - out
-        slack = out - wp.max(winch.backlog, 0.0) - shortest  # what is owed cannot be hauled in
+        slack = out - wp.max(winch.backlog, 0.0) - shortest  # the backlog cannot be hauled in
         winch.rate = next_rate(winch.rate, drive.pay_out, drive.max_rate, drive.acceleration, room, slack, h)
         near = REACHED * winch.total
         winch.stopped = 0
@@ -149,7 +150,7 @@ def make_turn(order: int):
         length = winch.length + fed
         winch.last_fed = winch.fed
         winch.fed = length - winch.length
-        winch.backlog += (fed - winch.fed) - returned  # what rounding kept back, too
+        winch.backlog += (fed - winch.fed) - returned  # includes the rounding error of the length
         winch.length = length
         weigh(winch.index + 1, effective_materials(winch, ctx.model, ctx.body), ctx.x)
         ctx.state.winch.winches[ctx.body.index] = winch
@@ -159,14 +160,14 @@ def make_turn(order: int):
 
 @wp.func
 def rest_of(k: int, ctx: Context) -> float:
-    """The rest length [m] of segment k of the body."""
+    """Return the rest length [m] of segment k of the body."""
     winch = ctx.state.winch.winches[ctx.body.index]
     return wp.where(k == winch.index, winch.length, ctx.model.segment_length[ctx.body.segments + k])
 
 
 @wp.func
 def joint_out(j: int, joint: wp.vec4, winch: WinchState) -> wp.vec4:
-    """Joint j as in Model.joints, beside the segment that is fed or behind; without weights on the drum."""
+    """Return joint j as in Model.joints, with the present length of the fed segment; without weights on the drum."""
     if j < winch.index:
         return wp.vec4(0.0, 1.0, 0.0, 0.0)
     if j > winch.index:
@@ -175,8 +176,11 @@ def joint_out(j: int, joint: wp.vec4, winch: WinchState) -> wp.vec4:
 
 
 def make_fed(order: int):
-    """A Warp function: how much longer [m] segment k became in this substep by being fed, of a stretch of `length` [m]
-    per rest length. What of it order 2 carries on is left out, as of displacements."""
+    """Return a Warp function: the elongation [m] of segment k in this substep from being fed.
+
+    length: its present length, which scales the fed rest length [m]. As with displacements, the part that order 2
+    carries on is left out.
+    """
 
     @wp.func
     def fed_to(k: int, length: float, s: State, body: Body, second: bool) -> float:
@@ -192,5 +196,5 @@ def make_fed(order: int):
 
 @wp.func
 def first_out(s: State, body: Body) -> int:
-    """The first segment of the body that is out."""
+    """Return the first segment of the body that is out."""
     return s.winch.winches[body.index].index
