@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Springs solved line by line: a line as a whole, the lines of a family side by side."""
+"""Springs solved line by line: each line as a whole, and the lines of a family side by side."""

@@ -4,7 +4,7 @@
 typedef int Flags __attribute__((ext_vector_type(8)));
 constexpr float kShortest = 1.0e-12f;
 
-// What forward elimination keeps of each spring for the way back.
+// Data of each spring that forward elimination keeps for the way back.
 struct Spring {
     Lanes u[3], inverse, coupling, rest, weight;
 };
@@ -16,7 +16,7 @@ float* kept = multipliers.data + (size_t)8 * first;
 float* slip_rate = slips.data + (size_t)8 * first;
 
 Lanes x[4], d[4], motion[4];
-auto moved_of = [&](const int* at, const Lanes* d, Lanes* to) {  // this substep's motion, as a dashpot sees it
+auto moved_of = [&](const int* at, const Lanes* d, Lanes* to) {  // displacement in this substep, as dashpots see it
     Lanes rows[4];
     gather(position_lo, at, rows);
     for (int k = 0; k < 4; ++k) to[k] = d[k] - rows[k];
@@ -29,7 +29,7 @@ auto moved_of = [&](const int* at, const Lanes* d, Lanes* to) {  // this substep
         }
     }
 };
-auto longer = [&](const Lanes* edge, Lanes length, const Lanes* by) {  // than before it moved, without cancellation
+auto longer = [&](const Lanes* edge, Lanes length, const Lanes* by) {  // elongation by the motion, no cancellation
     Lanes was[3], sum[3];
     for (int axis = 0; axis < 3; ++axis) {
         was[axis] = edge[axis] - by[axis];
@@ -58,7 +58,7 @@ for (int k = 0; k + 1 < slots; ++k) {
     for (int r = 0; r < 4; ++r) {
         before_x[r] = next_x[r] - x[r];
         const Lanes edge = before_x[r] + (next_d[r] - d[r]);
-        e[r] = __builtin_shufflevector(edge, next_d[r], 0, 1, 2, 11, 4, 5, 6, 15);  // beside it the inverse mass
+        e[r] = __builtin_shufflevector(edge, next_d[r], 0, 1, 2, 11, 4, 5, 6, 15);  // the edge and the inverse mass
         x[r] = next_x[r];
     }
     transpose(e, columns);
@@ -130,7 +130,7 @@ auto push = [&](const int* at, const Lanes* by) {
         displacements[at[lane]] += change;
     }
 };
-// Adds the size of this family's force on a particle [N] to position_lo.w, and raises `tautness` to its tension there.
+// Add the size of this family's force on a particle [N] to position_lo.w, and raise `tautness` to its tension there.
 auto feel = [&](const int* at, const Lanes* impulse, Lanes pulls) {
     const Lanes force = weighs * __builtin_elementwise_sqrt(dot(impulse, impulse));
     const Lanes tension = 0.5f * weighs * (pulls > 0.0f ? pulls : Lanes(0.0f));

@@ -6,15 +6,15 @@ For the springs j of a line, with unit vectors u_j, inverse masses w and violati
     (J M^-1 J^T (1 + gamma) + alpha / h^2) dlambda = -(C + alpha / h^2 lambda + gamma slip)
 
 is Macklin, Mueller and Chentanez (2016, eq. 18 and 26) for the line as one block. The matrix is tridiagonal. Its
-diagonal is w_i + w_j, and beside it stands -w u_j . u_j+1 of the particle between two springs. A share of 1e-5 of w_i +
-w_j is added, so that a rigid line between two pins has a solution.
+diagonal is w_i + w_j. The entry beside it is -w u_j . u_j+1, with w of the particle between two springs. The diagonal
+is raised by a fraction of 1e-5, so that a rigid line between two pins has a solution.
 
-Lines that come later in the sweep move the particles on, so that the slip of a line is not yet that of the substep. Its
-dashpots would resist what is undone behind them: a sheet at rest under load would be too soft. So order 2 adds to the
-slip what came behind this solve in the substep before, which is all of that slip less `line_slips`.
+Later lines of the sweep move the particles on, so the slip of a line is not yet that of the substep. Dashpots would
+resist motion that later lines undo, and a sheet at rest under load would be too soft. So order 2 adds to the slip the
+part that followed this solve in the substep before. This is all of that slip less `line_slips`.
 
-In substeps that weigh (see WEIGHED in integrate.py), lines of what is pinned or held make their particles heavier. Each
-adds the size of its force there. The largest tension of a line counts too.
+In substeps that weigh (see WEIGHED in integrate.py), lines of a body with pinned or held particles make their particles
+heavier. Each adds the size of its force there. The largest tension of a line counts too.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ def _source(slots: int) -> str:
 
 @lru_cache
 def make_solve_row(slots_a_thread: int):
-    """A Warp function that moves the particles of one row of lines; all 32 threads of a warp call it together.
+    """Return a Warp function that moves the particles of one row of lines; all 32 threads of a warp call it together.
 
-    slots_a_thread: particles that each thread of a warp holds.
+    slots_a_thread: number of particles that each thread of a warp holds.
     """
 
     @wp.func_native(_source(slots_a_thread))
@@ -74,7 +74,7 @@ def make_solve_row(slots_a_thread: int):
 
 
 def make_solve_line_row(features: Features):
-    """A Warp function that solves row r of the lines of a family."""
+    """Return a Warp function that solves row r of the lines of a family."""
     solve_row = make_solve_row(features.line_slots)
 
     @wp.func

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One Newton step of XPBD along the lines of a row by the 32 threads of a warp, each of which holds `Slots` particles.
-// solve.py declares the arguments and states the equations. Each thread eliminates all but its first spring. The
-// 32 that are left are solved by parallel cyclic reduction (Hockney 1965) in shuffles.
+// solve.py declares the arguments and states the equations. Each thread eliminates all but its first spring. Parallel
+// cyclic reduction (Hockney 1965) in shuffles solves the remaining 32.
 constexpr unsigned kAll = 0xffffffffu;
 constexpr float kShortest = 1.0e-12f;
 const int lane = threadIdx.x & 31;
@@ -22,13 +22,13 @@ for (int j = 0; j < Slots; ++j) {
 x[Slots] = make_float4(down(x[0].x, 1), down(x[0].y, 1), down(x[0].z, 1), 0.0f);
 d[Slots] = make_float4(down(d[0].x, 1), down(d[0].y, 1), down(d[0].z, 1), 0.0f);
 const float w_next = down(w[0], 1);
-// By how much longer an edge is than before it moved by (x, y, z), without cancellation.
+// Return the elongation of an edge by its motion (x, y, z), without cancellation.
 auto longer = [](float ex, float ey, float ez, float length, float x, float y, float z) {
     const float bx = ex - x, by = ey - y, bz = ez - z, square = bx * bx + by * by + bz * bz;
     const float was_long = square * rsqrtf(square + 1.0e-30f);
     return __fdividef((ex + bx) * x + (ey + by) * y + (ez + bz) * z, length + was_long + 1.0e-30f);
 };
-float slip[Slots];  // what a dashpot feels of the substep before, less what came behind its solve
+float slip[Slots];  // slip of the substep before, less the part up to its solve
 if (gamma > 0.0f && carried > 0.0f) {
     float4 v[Slots + 1];
     #pragma unroll
@@ -45,7 +45,7 @@ if (gamma > 0.0f && carried > 0.0f) {
             - span * slips.data[(size_t)(first + j) * 32 + lane];
     }
 }
-float4 m[Slots + 1];  // this substep's motion, as a dashpot sees it
+float4 m[Slots + 1];  // displacement in this substep, as dashpots see it
 if (gamma > 0.0f) {
     #pragma unroll
     for (int j = 0; j < Slots; ++j) {

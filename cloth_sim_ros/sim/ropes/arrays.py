@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ropes that are solved as a whole: arrays of a batch, and how many elements each has."""
+"""Ropes with a direct solve: arrays of a batch, and their sizes."""
 
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Counts, Features
 
-NUMBERS = 2 * 37  # a particle: planes of the larger layout, each up to twice as long as there are particles
+NUMBERS = 2 * 37  # float64 a particle in `ladder`: planes of the larger layout, each up to 2 N long for N particles
 
-# Array -> what it has a row of; cleared where a body is put elsewhere.
+# Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.
 FORGOTTEN = {"tensions": "segment", "chain_forces": "particle", "moments": "segment"}
 
 
@@ -45,27 +45,27 @@ class BeamRow:
     first: float
     second: float
     move: wp.vec3
-    turn: wp.vec3  # y of beam_rotation.py, where the rest shape is bent
+    turn: wp.vec3  # y of beam_rotation.py, if the rest shape is bent
 
 
 @wp.struct
 class RopeState:
-    """Ropes that are solved as a whole; see State for the letters."""
+    """State of ropes with a direct solve; see State for the letters."""
 
     tensions: wp.array(dtype=float)  # (C,) [N]
-    targets: wp.array(dtype=wp.vec3)  # (N,) where particles of a chain would be without it [m], chains alone
-    solved: wp.array(dtype=wp.vec3)  # (N,) where its last solve put them [m], chains alone
-    chain_forces: wp.array(dtype=wp.vec3)  # (N,) of a chain on its particles in the last substep [N], chains alone
+    targets: wp.array(dtype=wp.vec3)  # (N,) displacements that particles would have without the chain [m], chains alone
+    solved: wp.array(dtype=wp.vec3)  # (N,) displacements after the chain's last solve [m], chains alone
+    chain_forces: wp.array(dtype=wp.vec3)  # (N,) force of a chain on its particles, last substep [N], chains alone
     segments: wp.array(dtype=Segment)  # (C,)
-    ladder: wp.array(dtype=wp.float64)  # scratch of the same on a CPU (see ropes/elimination.py)
-    moments: wp.array(dtype=wp.vec3)  # (C,) bending moment [N m] behind each segment of a chain that bends
+    ladder: wp.array(dtype=wp.float64)  # scratch of the direct solve on a CPU (see ropes/elimination.py)
+    moments: wp.array(dtype=wp.vec3)  # (C,) bending moment [N m] after each segment of a chain that bends
     beam: wp.array(dtype=BeamRow)  # (N,)
-    bend_moves: wp.array(dtype=wp.vec3)  # (N,) [m] by bending so far in this substep, of ropes that are bent at rest
-    overstretched: wp.array(dtype=int)  # (B,) whether a chain is in this substep, as a graph
+    bend_moves: wp.array(dtype=wp.vec3)  # (N,) displacement by bending so far in this substep [m], ropes bent at rest
+    overstretched: wp.array(dtype=int)  # (B,) 1 if a chain is overstretched in this substep
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Array -> its elements in one world; 0 where the features do not need it."""
+    """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {
         "tensions": n.segments,
         "targets": n.particles if features.chain else 0,

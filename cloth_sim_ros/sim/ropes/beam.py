@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The direct solve of a rope's bending, beside that of its stretch (see chain_solve.py), by one thread.
+"""The direct solve of a rope's bending by one thread, after the solve of its stretch (see chain_solve.py).
 
-Joint j lies between two segments of the inverse lengths w0 and w1. The turn vector kappa = w1 (x_j+1 - x_j) - w0 (x_j -
+Joint j lies between two segments of inverse lengths w0 and w1. The turn vector kappa = w1 (x_j+1 - x_j) - w0 (x_j -
 x_j-1) is the difference of their unit tangents. The moment there is M = EI / span (kappa - rest). The force on the
-particles is -G^T M with the same weights G = (w0, -(w0 + w1), w1). Moments carry over like tensions: the prediction
-holds their force, and one solve finds by how much they change. It is linear, and the same for x, y and z: a scalar,
-symmetric, pentadiagonal matrix m + G^T (EI / span) G. The solve factors it as L D L^T from one end to the other.
+particles is -G^T M with the weights G = (w0, -(w0 + w1), w1). Moments carry over like tensions: the prediction contains
+their force, and one solve finds their change. It is linear, and the same for x, y and z: a scalar, symmetric,
+pentadiagonal matrix m + G^T (EI / span) G. The solve factors it as L D L^T from one end to the other.
 
-A bent rest shape is a length of kappa; rest points where kappa did before the substep, turned with the rope as a whole
-(see beam_rotation.py). Where rest pointed along the prediction, joint by joint, a solve would give energy to the rope.
-Its moments pull along the segments too, which its tension has not met yet, and are not carried over.
+A bent rest shape is given by a length of kappa. The rest vector points along kappa before the substep, turned with the
+rope as a whole (see beam_rotation.py). If it pointed along the predicted kappa at each joint, a solve would add energy
+to the rope. Moments of a bent rest shape also pull along the segments, where the tension has not met them yet. So they
+are not carried over.
 """
 
 import functools
@@ -27,22 +28,22 @@ from cloth_sim_ros.sim.physics.bending import rest_turn
 from cloth_sim_ros.sim.ropes.arrays import BeamRow
 from cloth_sim_ros.sim.ropes.beam_rotation import Sums, rotation_of, with_joint, with_particle
 
-# Beyond this many times the particles' inertia float32 could not tell the one from the other: stiffer is as stiff.
+# Largest ratio of bending stiffness to the particles' inertia. Above it float32 loses the inertia, so it is clamped.
 STIFFEST = wp.constant(1.0e5)
 
 
 class Joints(NamedTuple):
-    """Warp functions of joint j of a body."""
+    """Warp functions of joint j of a body (see make_joints)."""
 
-    weights: Callable  # by which its particles turn it [1/m]
-    stiffness: Callable  # EI / span in units of mass x m^2, as far as it can be resolved
+    weights: Callable  # weights of its three particles in its turn vector [1/m]
+    stiffness: Callable  # EI / span in units of mass x m^2, limited by STIFFEST
     turn: Callable  # its turn vector
-    rest: Callable  # the one at rest, which points where the turn vector did before the substep
+    rest: Callable  # its rest vector, along the turn vector before the substep
 
 
 @functools.cache
 def make_joints(winch: bool) -> Joints:
-    """The joints of ropes, or of ropes on a winch: what is on the drum has none."""
+    """Return the joints of ropes; with `winch`, those on the drum have no weights."""
 
     @wp.func
     def joint_of(j: int, ctx: Context) -> wp.vec4:
@@ -88,8 +89,10 @@ ALL = make_joints(winch=False)
 
 
 def make_bend_by_moments(bent: bool, winch: bool):
-    """A Warp function: add to the prediction of particle i what the moments of the last substep do to it, where joints
-    are straight at rest."""
+    """Return a Warp function that adds the effect of the last substep's moments to the prediction of particle i.
+
+    It skips joints that are bent at rest.
+    """
     weights_at = make_joints(winch).weights
 
     @wp.func
@@ -115,11 +118,11 @@ def make_bend_by_moments(bent: bool, winch: bool):
 
 
 def make_keep_moment(bent: bool, winch: bool = False):
-    """A Warp function: the moment at joint j after a solve. Its particles are to move by the rows of `moves`, and the
-    rest shape turned by `rotation` + 1.
+    """Return a Warp function that stores the moment at joint j after a solve.
 
-    Told before they are moved: with what rounds their places moments would know more than they did, and give stiff
-    ropes energy.
+    moves: displacements of its particles, in rows. rotation: rotation of the rest shape, minus the identity. Moments
+    are computed before particles are moved. Otherwise they would include rounding of the positions, and give energy to
+    stiff ropes.
     """
     weights_at, stiffness_at, turn_at, rest_at = make_joints(winch)
 
@@ -148,7 +151,7 @@ def add_joint(
     y: wp.mat33,
     sums: Sums,
 ) -> Sums:
-    """The sums of beam_rotation.py with joint j, whose particles the rows of u and y move."""
+    """Add joint j to the sums of beam_rotation.py; rows of u and y are displacements of its particles."""
     weights = ALL.weights(j, ctx)
     stiff = ALL.stiffness(j, ctx)
     rest = ALL.rest(j, ctx)
@@ -158,20 +161,20 @@ def add_joint(
 
 @wp.func
 def _turned(moves: wp.mat33, weights: wp.vec3) -> wp.vec3:
-    """By how much three particles that move turn their joint."""
+    """Return the change of a joint's turn vector by displacements of its three particles."""
     return (moves[2] - moves[1]) * weights[2] - (moves[1] - moves[0]) * weights[0]
 
 
 def _make_eliminations(bent: bool, winch: bool):
-    """Two Warp functions: elimination, and substitution."""
+    """Return two Warp functions: elimination and substitution."""
     weights_at, stiffness_at, turn_at, rest_at = make_joints(winch)
 
     @wp.func
     def eliminate(ctx: Context):
-        """From the first particle to the last: L D L^T, and what it makes of the pulls."""
+        """Factor the matrix as L D L^T from the first particle to the last, and eliminate the pulls."""
         square = ctx.step.effective * ctx.step.effective
         joints = ctx.body.count - 2
-        # The three joints around a particle, the one that it begins, is the middle of, and ends.
+        # The three joints around a particle: the one that it begins (no suffix), is the middle of, and ends.
         near = wp.vec3(0.0)
         change_near = wp.vec3(0.0)
         rest_near = wp.vec3(0.0)
@@ -230,13 +233,13 @@ def _make_eliminations(bent: bool, winch: bool):
 
     @wp.func
     def substitute(s: State, body: Body):
-        """From the last particle to the first: how they move."""
+        """Substitute from the last particle to the first, which gives the displacements."""
         one = BeamRow()
         two = BeamRow()
         for r in range(body.count):
             g = body.particles + body.count - 1 - r
             row = s.rope.beam[g]
-            # What couples a row to those behind it is theirs; all of a pinned one is 0.
+            # The factors that couple a row to later ones are stored there; all of a pinned row is 0.
             row.move = row.inverse * row.move - one.first * one.move - two.second * two.move
             if wp.static(bent):
                 row.turn = row.inverse * row.turn - one.first * one.turn - two.second * two.turn
@@ -249,7 +252,7 @@ def _make_eliminations(bent: bool, winch: bool):
 
 @wp.func
 def _rotation(ctx: Context) -> wp.mat33:
-    """By how much the rest shape turns, less 1, when rows tell how particles move."""
+    """Return the rotation of the rest shape minus the identity, from the displacements in rows."""
     sums = Sums()
     for i in range(ctx.body.count):
         row = ctx.state.rope.beam[ctx.body.particles + i]
@@ -269,8 +272,10 @@ def _rotation(ctx: Context) -> wp.mat33:
 
 
 def make_solve_beam(bent: bool, winch: bool):
-    """A Warp function: one solve over all joints of a body, `bent` at rest or straight, or of what is out of a `winch`,
-    by one thread; it moves the particles and changes the moments."""
+    """Return a Warp function in which one thread solves all joints of a body, moves particles and updates moments.
+
+    bent: True if the rope is bent at rest. winch: True to solve only the part of it that is out.
+    """
     keep_moment = make_keep_moment(bent, winch)
     eliminate, substitute = _make_eliminations(bent, winch)
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How particles are to move.
+// Compute the displacements of particles.
 const int steps = rows / 2 - 1;
 Two* kept = (Two*)plane(STEPS);
 auto both = [&](int which, int i, int j) { return Two{plane(which)[i], plane(which)[j]}; };
@@ -20,7 +20,7 @@ for (int s = 0; s < steps; ++s) {
     two = one;
     one = here;
 }
-// Of the two rows in the middle, from each end one is the next and the other the one after that.
+// The two rows in the middle: from each end, one is the next row and the other the one after that.
 const int i = steps, j = steps + 1;
 const Two beyond = both(BEYOND, i, j + 2), below = both(BELOW, i, j + 1) - beyond * one.first;
 const Two second = beyond * two.inverse, first = below * one.inverse;

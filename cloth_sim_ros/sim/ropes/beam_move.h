@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Particles are moved, the rest shape is turned, and moments are what they are then.
+// Move particles, turn the rest shape, and update moments.
 auto rotate = [&](int which, int by, int i) {
     const Four v[3] = {at(by, i), at(by + 1, i), at(by + 2, i)};
     for (int axis = 0; axis < 3; ++axis) {

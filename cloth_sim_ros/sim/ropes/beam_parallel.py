@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The direct solve of a rope's bending by many threads: all tell what joints and rows are, and one eliminates.
+"""The direct solve of a rope's bending by many threads: all compute joints and rows, and one eliminates.
 
-The equations are those of beam.py, where one thread does everything in one elimination. What depends on the row before
-is little, and lies in shared memory.
+The equations are those of beam.py, where one thread does everything in one elimination. The sequential part is small,
+and its data lie in shared memory.
 """
 
 import warp as wp
@@ -16,19 +16,21 @@ from cloth_sim_ros.sim.ropes.scan import scan_size
 
 
 def rows_of(bent: bool) -> int:
-    """vec4 a particle: two of its row, and one of the joint that it begins; one more of each where rest is bent."""
+    """Return the vec4 per particle: two of its row and one of the joint that it begins; 5 if rest is bent."""
     return 5 if bent else 3
 
 
 def most_together(threads: int, bent: bool) -> int:
-    """The particles of the longest body that `threads` threads solve together in the shared memory of their scans."""
+    """Return the particles of the longest body that `threads` threads solve together in the shared memory of scans."""
     return (scan_size(threads) - (SUMS * threads // 32 if bent else 0)) // rows_of(bent)
 
 
 @wp.struct
 class Joint:
-    """One joint: the weights of its particles, its stiffness, by how much its moment is to change, and what that would
-    be without its rest turn."""
+    """One joint: weights of its particles, stiffness, and change of its moment.
+
+    rest: the stiffness times the rest vector, 0 if rest is straight.
+    """
 
     weights: wp.vec3
     change: wp.vec3
@@ -37,7 +39,7 @@ class Joint:
 
 
 def _make_joint_at(bent: bool):
-    """A Warp function: joint j of a body before a solve."""
+    """Return a Warp function: joint j of a body before a solve."""
 
     @wp.func
     def joint_at(j: int, ctx: Context) -> Joint:
@@ -59,9 +61,11 @@ def _make_joint_at(bent: bool):
 
 @wp.func
 def _row_of(w: float, begun: Joint, near: Joint, far: Joint):
-    """The row of a particle of inverse mass w that one joint begins with, one has in its middle and one ends with. It
-    has the pivot so far, what couples it to the two before it, and its inertia, 0 where it is pinned. It also has the
-    pull, and what that would be from the rest turns alone."""
+    """Return the row of a particle of inverse mass w, its pull, and the part of the pull from rest vectors alone.
+
+    begun, near, far: the joints that the particle begins, is the middle of, and ends. The row has the diagonal, the
+    couplings to the two particles before, and the inertia (0 if pinned).
+    """
     row = wp.vec4(0.0)
     pull = wp.vec3(0.0)
     turning = wp.vec3(0.0)
@@ -77,14 +81,14 @@ def _row_of(w: float, begun: Joint, near: Joint, far: Joint):
 
 
 def _make_eliminations(bent: bool):
-    """Two Warp functions by one thread: elimination, and substitution."""
+    """Return two Warp functions for one thread: elimination and substitution."""
     width = rows_of(bent)
 
     @wp.func
     def eliminate(count: int, rows: wp.uint64):
-        """From the first particle to the last: L D L^T, and what it makes of the pulls.
+        """Factor the matrix as L D L^T from the first particle to the last, and eliminate the pulls.
 
-        In a row that is pinned all is 0, and so is what couples the next two to it.
+        All entries of a pinned row are 0, and so are the couplings of the next two to it.
         """
         one = BeamRow()
         two = BeamRow()
@@ -94,7 +98,7 @@ def _make_eliminations(bent: bool):
         if wp.static(bent):
             turning = load4(rows, 3)
         for i in range(count):
-            # One ahead: the next row comes while this one is reckoned.
+            # Load one row ahead, while this one is computed.
             after = width * wp.min(i + 1, count - 1)
             next_row = load4(rows, after)
             next_pull = load4(rows, after + 1)
@@ -120,7 +124,7 @@ def _make_eliminations(bent: bool):
 
     @wp.func
     def substitute(count: int, rows: wp.uint64):
-        """From the last particle to the first: how they move."""
+        """Substitute from the last particle to the first, which gives the displacements."""
         one = wp.vec3(0.0)
         two = wp.vec3(0.0)
         turn_one = wp.vec3(0.0)
@@ -154,9 +158,10 @@ def _make_eliminations(bent: bool):
 
 
 def make_solve_beam_together(threads: int, bent: bool):
-    """A Warp function that all of `threads` threads call together: one solve over all joints of a body, `bent` at rest
-    or straight. It moves the particles and changes the moments. `rows` is the address of what the threads share, by no
-    more than most_together() particles.
+    """Return a Warp function that all of `threads` threads call together to solve all joints of a body.
+
+    It moves the particles and updates the moments. bent: True if the rope is bent at rest. Its argument `rows` is the
+    address of shared memory, for no more than most_together() particles.
     """
     width = rows_of(bent)
     joint_at, keep_moment = _make_joint_at(bent), make_keep_moment(bent)
@@ -164,7 +169,7 @@ def make_solve_beam_together(threads: int, bent: bool):
 
     @wp.func
     def shown(j: int, ctx: Context, rows: wp.uint64) -> Joint:
-        """Joint j as a thread has shown it; without stiffness where there is none."""
+        """Return joint j as a thread has stored it; without stiffness if there is no such joint."""
         joint = Joint()
         if j >= 0 and j < ctx.body.count - 2:
             row = load4(rows, width * j + 2)
@@ -177,7 +182,7 @@ def make_solve_beam_together(threads: int, bent: bool):
 
     @wp.func
     def moved(j: int, place: int, rows: wp.uint64) -> wp.mat33:
-        """What rows hold at `place` for the particles of joint j."""
+        """Return the vectors at index `place` of the rows of joint j's particles."""
         first = xyz(load4(rows, width * j + place))
         middle = xyz(load4(rows, width * (j + 1) + place))
         return wp.matrix_from_rows(first, middle, xyz(load4(rows, width * (j + 2) + place)))
@@ -188,7 +193,7 @@ def make_solve_beam_together(threads: int, bent: bool):
         ctx: Context,
         rows: wp.uint64,
     ) -> wp.mat33:
-        """By how much the rest shape turns, less 1, when rows tell how particles move."""
+        """Return the rotation of the rest shape minus the identity, from the displacements in rows."""
         sums = Sums()
         for i in range(t, ctx.body.count, threads):
             w = load4(ctx.d, i)[3]

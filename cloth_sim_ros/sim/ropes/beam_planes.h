@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Planes of numbers, in the room of elimination.py, which is done by then. Of every joint: its stiffness, the inverse
-// lengths before and behind it, and by how much its moment is to change. Of every particle: inverse mass, row, pull and
-// move. Of every step, from both ends side by side: what couples a row to the two before it, and D^-1 of its pull.
-// Before the first and behind the last there are two places where nothing is. Where rows are one too few for
-// eliminations of as many steps and two between them, one more is there, which moves nothing. Where rest is bent
-// (beam_rotation.py), pulls and moves have three columns more, by which the rest shape turns. There are also the rest
-// turn of every joint and by how much bending has moved every particle before.
+// Planes of numbers, in the memory of elimination.py, which is done by then. A joint has its stiffness, the inverse
+// lengths before and after it, and the change of its moment. A particle has its inverse mass, row, pull and
+// displacement. A step, from both ends side by side, has the couplings of a row to the two before it, and D^-1 times
+// its pull. Each plane has two empty entries before the first and after the last. The elimination needs equally many
+// steps from either end and two rows between. If one row is missing for that, an extra row is added that moves nothing.
+// If rest is bent (beam_rotation.py), pulls and moves have three more columns, by which the rest shape turns. Then there
+// are also the rest vector of each joint, and the earlier displacement of each particle by bending.
 enum { STIFF, BEFORE, BEHIND, CHANGE, WEIGHT = 6, DIAGONAL, BELOW, BEYOND, PULL, COLUMNS = BENT ? 6 : 3,
     MOVED = PULL + COLUMNS, STEPS = MOVED + COLUMNS, REST = STEPS + 2 + COLUMNS + 1,
     KNOWN = REST + 3 };
@@ -22,7 +22,7 @@ auto column = [](const Row* from, int k) {
     return __builtin_convertvector(Row{from[0][k], from[1][k], from[2][k], from[3][k]}, Four);
 };
 auto larger = [](Four a, Four b) { return a > b ? a : b; };
-// How vectors by particles turn four joints from j on, and what of their turn vectors rest is not.
+// Changes of the turn vectors of four joints from j on by vectors of particles, and their turn minus rest vectors.
 auto turned = [&](int which, int j) {
     const double* move = plane(which) + j;
     const Four first = *(Four*)(move + 1) - *(Four*)move, last = *(Four*)(move + 2) - *(Four*)(move + 1);

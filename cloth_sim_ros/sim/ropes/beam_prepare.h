@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The planes of joints and rows.
+// Fill the planes of joints and rows.
 for (int which = STIFF; which < (BENT ? KNOWN + 3 : (int)MOVED); ++which) {
     if (which == STEPS) which = REST;
     double* place = plane(which);
@@ -43,7 +43,7 @@ for (int begin = 0; begin < turns; begin += 4) {
 }
 for (int begin = 0; begin < count; begin += 4) {
     const int i = begin < count - 4 ? begin : count - 4;
-    // The joints that a particle begins, is the middle of and ends.
+    // The joints that a particle begins, is the middle of, and ends.
     const Four first = at(BEFORE, i), middle = -(at(BEFORE, i - 1) + at(BEHIND, i - 1)), last = at(BEHIND, i - 2);
     const Four begun = at(STIFF, i) * first, near = at(STIFF, i - 1) * middle, far = at(STIFF, i - 2) * last;
     const Four w = at(WEIGHT, i);

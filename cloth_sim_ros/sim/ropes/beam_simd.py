@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bending of a rope by one thread of a CPU (see beam_ends.py): joints and rows four at a time, elimination in pairs."""
+"""Bending of a rope by one CPU thread (see beam_two_sided.py): joints and rows in fours, elimination in pairs."""
 
 from collections.abc import Callable
 
@@ -10,12 +10,12 @@ from cloth_sim_ros.sim.ropes.arrays import NUMBERS
 
 
 def _code(file: str, bent: bool, otherwise: str = "") -> str:
-    """C++ of a CPU for a rope that is bent at rest, or straight."""
+    """Return C++ for a CPU, for a rope that is bent at rest or straight."""
     return on_cpu(source(__file__, "beam_planes", file, BENT=int(bent), NUMBERS=NUMBERS), otherwise)
 
 
 def make_lanes(bent: bool) -> tuple[Callable, ...]:
-    """Four Warp functions, of which a GPU does nothing: prepare, eliminate, add_up and move."""
+    """Return four Warp functions: prepare, eliminate, add_up and move. They do nothing on a GPU."""
 
     @wp.func_native(_code("beam_prepare", bent))
     def prepare(
@@ -32,19 +32,19 @@ def make_lanes(bent: bool) -> tuple[Callable, ...]:
         effective: float,
         stiffest: float,
     ):
-        """The planes of joints and rows of `count` particles."""
+        """Compute the planes of joints and rows of `count` particles."""
         ...
 
     @wp.func_native(_code("beam_elimination", bent))
     def eliminate(particles: int, count: int, x: wp.uint64, d: wp.uint64, ladder: wp.array(dtype=wp.float64)):
-        """How particles are to move."""
+        """Compute the displacements of particles."""
         ...
 
     @wp.func_native(_code("beam_sum", bent, "return wp::mat_t<6, 3, float>();"))
     def add_up(
         particles: int, count: int, x: wp.uint64, d: wp.uint64, ladder: wp.array(dtype=wp.float64)
     ) -> wp.types.matrix((6, 3), float):
-        """The inertia and the lag of beam_rotation.py, where rest is bent."""
+        """Return the inertia and the lag of beam_rotation.py, if rest is bent."""
         ...
 
     @wp.func_native(_code("beam_move", bent))
@@ -60,7 +60,7 @@ def make_lanes(bent: bool) -> tuple[Callable, ...]:
         inverse_square: float,
         rotation: wp.mat33,
     ):
-        """Particles are moved, the rest shape is turned by `rotation` + 1, and moments are what they are then."""
+        """Move particles, turn the rest shape by `rotation` + 1, and update moments."""
         ...
 
     return prepare, eliminate, add_up, move

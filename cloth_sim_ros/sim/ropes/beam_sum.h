@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sums of beam_rotation.py, the inertia and then the lag.
+// Sum the inertia and then the lag of beam_rotation.py.
 Four inertia[9] = {}, lag[9] = {};
 auto add = [](const Four* a, const Four* b, Four* to) {
     for (int k = 0; k < 9; ++k) to[k] += a[k / 3] * b[k % 3];

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The direct solve of a rope's bending by one thread of a CPU: from both its ends at once, in double precision.
+"""The direct solve of a rope's bending by one CPU thread: from both its ends at once, in double precision.
 
-The equations are those of beam.py. Joints and rows are computed four at a time. The elimination has to wait for one
-quotient after the other. It goes from either end to the two rows in the middle, each side in one half of a vector
-register.
+The equations are those of beam.py. Joints and rows are computed four at a time. The elimination is a chain of dependent
+quotients. It goes from either end to the two rows in the middle, each side in one half of a vector register.
 """
 
 import warp as wp
@@ -16,8 +15,11 @@ from cloth_sim_ros.sim.ropes.elimination import FEWEST
 
 
 def make_solve_beam_two_sided(bent: bool):
-    """A Warp function: one solve over all joints of a body, `bent` at rest or straight. It moves the particles and
-    changes the moments. It is False where this is not a CPU or joints are few."""
+    """Return a Warp function that solves all joints of a body, moves its particles and updates the moments.
+
+    It returns False on a GPU or if there are few particles, and then does nothing. bent: True if the rope is bent at
+    rest.
+    """
     prepare, eliminate, add_up, move = make_lanes(bent)
 
     @wp.func

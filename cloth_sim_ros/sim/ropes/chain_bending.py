@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What bending and twist do to a chain around the solve of its stretch."""
+"""Bending and twist of a chain, before and after the solve of its stretch."""
 
 import warp as wp
 
@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.ropes.beam_two_sided import make_solve_beam_two_sided
 
 
 def make_bend_before(features: Features, threads: int):
-    """A Warp function: the moments of the last substep act, and the twist of now. None of what does not bend."""
+    """Return a Warp function that applies the last substep's moments and the present twist; None without bending."""
     if not features.beam:
         return None
     bend_by_moments = make_bend_by_moments(features.bent, features.winch)
@@ -36,7 +36,7 @@ def make_bend_before(features: Features, threads: int):
 
 
 def make_bend_after(features: Features, threads: int):
-    """A Warp function: the moments are solved for. None of what does not bend."""
+    """Return a Warp function that solves for the moments; None without bending."""
     if not features.beam:
         return None
     bent, winch = features.bent, features.winch

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The forces in all segments. One elimination goes from the start on, the other from the end back, until one edge
-// is left between them. Where their steps are not as many, the second stays where it is in the last. Symmetric matrices
-// are six numbers: 00, 11, 22, 01, 02 and 12.
+// Compute the forces in all segments. One elimination goes from the start on, the other from the end back, until one
+// edge is left between them. If their numbers of steps differ, the second one pauses in the last step. Symmetric
+// matrices are six numbers: 00, 11, 22, 01, 02 and 12.
 const int back = (n - 1) / 2, ahead = n - 1 - back;
 const Two way = {1.0, -1.0};
 const Two zero = {}, one = 1.0;
@@ -16,7 +16,8 @@ auto product = [](const Two* m, const Two* v, Two* to) {
     to[2] = m[4] * v[0] + m[5] * v[1] + m[2] * v[2];
 };
 struct Edge { Two force[3], passed[6]; };  // f_0 and P
-// The edges i and j, between particles that yield by W together and would move apart by `apart` but for the pull H.
+// Pass the edges i and j. W: joint compliance of both particles of an edge. apart: their relative displacement without
+// the pull H.
 auto pass = [&](int i, int j, const Two* W, const Two* apart) {
     Edge edge;
     Two M[6], c[6], n[3], opened[3], v[3], a[3];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Four at a time: rows to their columns, products, and how much longer an edge became (physics/distance.py).
+// Four at a time: transposition of rows, products, and the elongation of an edge (physics/distance.py).
 auto turn = [](const Row* from, Four* to) {
     const Row ab = __builtin_shufflevector(from[0], from[1], 0, 4, 1, 5);
     const Row cd = __builtin_shufflevector(from[2], from[3], 0, 4, 1, 5);

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where planes begin, each as long as the chain. Of every segment: n, g, how far it reaches, g unless it turns and its
-// largest turn so far, kappa, gap / alpha, how much H is along n, and its force. Of every particle: w, how far it lies
-// from where it would be without the chain, and how it is to move. Of every step from either end, side by side: T and
-// f_0. See elimination.py.
+// Start of each plane, each as long as the chain. A segment has n, g, its reach, g without turns, its largest squared
+// turn so far, kappa, gap / alpha, the size of H along n, and its force. A particle has w, the vector to its place
+// without the chain, and its displacement. A step from either end, side by side, has T and f_0. See elimination.py.
 enum {
     N, G = N + 3, REACH, ACROSS, TURN, KAPPA, PUSH, HELD, WEIGHT, MISSING, MOVED = MISSING + 3, FORCE = MOVED + 3,
     STEPS = FORCE + 3

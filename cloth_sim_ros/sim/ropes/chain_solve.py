@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Direct solves along chains: one Newton step over all segments of a rope (see physics/chain.py).
 
-Positions and multipliers start from where the last substep and iteration left them. The tension carries over, so that
-the first tangent already knows the geometric stiffness. The static balance does not depend on step or iterations.
+Positions and multipliers start from the last substep and iteration. The tension carries over, so that the first tangent
+already contains the geometric stiffness. The static balance does not depend on step or iterations.
 
-A thread takes neighbouring segments. Alone it eliminates to the end and back, on a CPU from both ends at once
-(two_sided.py) but for the shortest chains and those on a winch. Many first join their segments to spans and scan these,
-from both ends of the chain, so that each knows what lies before its own and how its end moves.
+A thread takes neighbouring segments. One thread alone eliminates to the end and back. On a CPU it goes from both ends
+at once (two_sided.py), except for the shortest chains and those on a winch. Many threads first join their segments to
+spans and scan these from both ends of the chain. Each then knows what lies before its segments, and how their end
+moves.
 """
 
 import warp as wp
@@ -26,9 +27,9 @@ from cloth_sim_ros.sim.ropes.two_sided import prepare_two_sided, solve_two_sided
 
 @wp.func
 def missing_of(i: int, ctx: Context) -> wp.vec3:
-    """How far particle i lies from where it would be without the chain [m].
+    """Return the vector from particle i to its place without the chain [m].
 
-    Whatever moved it since the last solve of the substep (bending, contact) counts as part of where it would be.
+    Any displacement since the last solve of the substep (bending, contact) counts as part of that place.
     """
     if ctx.step.first and not ctx.step.store:
         return wp.vec3(0.0)
@@ -43,7 +44,7 @@ def missing_of(i: int, ctx: Context) -> wp.vec3:
 
 @wp.func
 def _keep(i: int, p: wp.vec4, ctx: Context):
-    """Keep what the chain did to particle i, which is at p now, for those who read it and for the next iteration."""
+    """Store the chain's force on particle i, whose displacement is p now, and p itself for the next iteration."""
     g = ctx.body.particles + i
     if p[3] > 0.0 and ctx.step.store:
         ctx.state.rope.chain_forces[g] = (xyz(p) - ctx.state.rope.targets[g]) * quick_quotient(
@@ -64,17 +65,17 @@ def _move(i: int, u: wp.vec3, ctx: Context):
 
 @wp.func
 def owns(share: Share, r: int) -> bool:
-    """Whether the thread moves the far particle of its segment r: where both sides meet, one of them does."""
+    """Return True if the thread moves the far particle of its segment r; one side does so in the middle."""
     return not (share.yields and r + 1 == share.count)
 
 
 def make_solve_chain(features: Features, threads: int, stored: bool):
-    """A Warp function by which thread t of `threads` solves its part of a body's chain; whether that was overstretched.
+    """Return a Warp function in which thread t of `threads` solves its part of a body's chain.
 
-    `stored`: a thread may have several segments, kept in State.segments; otherwise its one stays in registers. The
-    address is that of scan_size(threads) vec4 that the threads share, unused by one thread. A beam also resists
-    bending, solved after its stretch, and between two clamps twist. Of a chain on a winch what is out is solved, its
-    bending by one thread.
+    It returns True if that was overstretched. stored: True if a thread may have several segments, kept in
+    State.segments; otherwise its one segment stays in registers. `shared` is the address of scan_size(threads) vec4 of
+    shared memory, which one thread does not use. A beam also resists bending, solved after its stretch, and twist
+    between two clamps. On a winch, only the part that is out is solved, and one thread solves its bending.
     """
     beam, winch = features.beam, features.winch
     bend_before, bend_after = make_bend_before(features, threads), make_bend_after(features, threads)
@@ -124,7 +125,7 @@ def make_solve_chain(features: Features, threads: int, stored: bool):
 
 @wp.func
 def _solve_two_sided(ctx: Context) -> bool:
-    """A whole chain by one thread of a CPU, from both its ends; whether it was overstretched."""
+    """Solve a whole chain from both its ends by one CPU thread; return True if it was overstretched."""
     if ctx.step.store or not ctx.step.first:
         for i in range(ctx.body.count):
             lack(i, missing_of(i, ctx), ctx.body.particles, ctx.body.count - 1, ctx.state.rope.ladder)
@@ -136,8 +137,10 @@ def _solve_two_sided(ctx: Context) -> bool:
 
 
 def _make_find_tangent(features: Features, threads: int, stored: bool):
-    """A Warp function: the tangents of a thread's segments in a Newton step. It returns the last, and the frame of the
-    first."""
+    """Return a Warp function that computes the tangents of a thread's segments in a Newton step.
+
+    It returns the last segment, and the frame of the first.
+    """
     prepare = make_prepare(features.order, features.winch, threads > 1)
 
     @wp.func
@@ -165,7 +168,7 @@ def _make_find_tangent(features: Features, threads: int, stored: bool):
 
 
 def _make_move(stored: bool):
-    """A Warp function that moves a thread's particles as its segments say, and keeps the tensions."""
+    """Return a Warp function that moves a thread's particles as its segments say, and stores the tensions."""
 
     @wp.func
     def move(share: Share, last: Segment, near: wp.vec3, ctx: Context):

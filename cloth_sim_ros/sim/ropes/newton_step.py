@@ -13,10 +13,11 @@ from cloth_sim_ros.sim.ropes.segments import ATTEMPTS, backward, forward, settle
 
 
 def make_attempt(threads: int, stored: bool):
-    """A Warp function: a Newton step of a thread's segments, taken again where one of them would go too far.
+    """Return a Warp function: a Newton step of a thread's segments, repeated if one of the chain goes too far.
 
-    It returns the last segment, how its near particle moves, whether anything happened to the chain, whether a segment
-    of it went too far or is overstretched, and how many of the thread's own are unsettled.
+    It returns the last segment and the displacement of its near particle. It also returns True if any event happened in
+    the chain, and True if a segment of it went too far or is overstretched. Last comes the number of the thread's own
+    unsettled segments.
     """
     sweep, settle_all = _make_sweep(threads, stored), _make_settle_all(threads, stored)
 
@@ -35,8 +36,8 @@ def make_attempt(threads: int, stored: bool):
             segment, u, near, change = sweep(t, share, segment, missing, first, ctx, shared)
             segment, near, found = settle_all(share, segment, u, near, change, ctx)
             unsettled = found[2]
-            # One vote, as long as nothing happens. It also holds back what is stored next for the others: what they
-            # read of displacements, spans and meeting was before it.
+            # One vote is enough as long as nothing happens. It is also a barrier: all threads have read displacements,
+            # spans and the meeting point before others store new ones.
             eventful = sync_any(found[0] + found[1] + found[2]) > 0
             solved = bool(True)
             if eventful:
@@ -51,8 +52,11 @@ def make_attempt(threads: int, stored: bool):
 
 
 def _make_sweep(threads: int, stored: bool):
-    """A Warp function: the elimination of a thread's segments, between those of the other threads. It returns the last
-    segment, how its far particle moves, how the near one does where many threads work, and how its pull changes."""
+    """Return a Warp function that eliminates a thread's segments, between those of the other threads.
+
+    It returns the last segment and the displacement of its far particle. For many threads it also returns that of the
+    near particle, and the change of the segment's pull.
+    """
     gather, reach_back = make_gather(stored), make_reach_back(stored)
     scan_forward, meet, scan_backward = make_scans(threads, stored) if threads > 1 else (None, None, None)
 
@@ -60,7 +64,7 @@ def _make_sweep(threads: int, stored: bool):
     def sweep(t: int, share: Share, last: Segment, missing: wp.vec3, first: wp.mat33, ctx: Context, shared: wp.uint64):
         segment = last
         near = wp.vec3(0.0)
-        # What lies before the thread's first segment, in that one's frame.
+        # Compliance and free displacement of all before the thread's first segment, in that segment's frame.
         y = wp.identity(n=3, dtype=float) * load4(ctx.d, share.start)[3]
         q = missing
         if wp.static(threads > 1):
@@ -95,8 +99,11 @@ def _make_sweep(threads: int, stored: bool):
 
 
 def _make_settle_all(threads: int, stored: bool):
-    """A Warp function: how a thread's particles move, from the far one of its last segment back. It returns the last
-    segment, how its near particle moves, and how many segments go too far, are overstretched, and are unsettled."""
+    """Return a Warp function that computes the displacements of a thread's particles, from its last far one back.
+
+    It returns the last segment processed, the displacement of its near particle, and three counts: segments that go too
+    far, are overstretched, and are unsettled.
+    """
 
     @wp.func
     def settle_all(share: Share, last: Segment, far: wp.vec3, moved: wp.vec3, change: wp.vec3, ctx: Context):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A thread's share of a chain: which segments it has, and what they are together, for the scans over all shares."""
+"""A thread's share of a chain: its segments, and their combined span for the scans over all shares."""
 
 import warp as wp
 
@@ -13,27 +13,27 @@ from cloth_sim_ros.sim.ropes.segments import pull_of, stiffness_across
 
 @wp.struct
 class Share:
-    """A thread's part of a chain, eliminated from the start of the chain or from its end, whichever side it is on."""
+    """A thread's part of a chain, eliminated from the start of the chain or from its end, depending on its side."""
 
-    lane: int  # the thread's place among the `lanes` of its side that take part, of both sides at `most`
-    lanes: int
-    most: int
+    lane: int  # the thread's index among the active threads of its side
+    lanes: int  # number of active threads of its side
+    most: int  # larger number of active threads of both sides
     way: int  # 1 from the start of the chain, -1 from its end
-    first: int  # its first segment on the way, of the body
-    count: int  # of its segments
-    start: int  # the particle at which its side begins, of the body
-    ahead: int  # from a segment to its far particle
-    coupled: bool  # whether there is another side
-    yields: bool  # whether its last particle is one of the other side
+    first: int  # its first segment on the way, counted in the body
+    count: int  # number of its segments
+    start: int  # particle at which its side begins, counted in the body
+    ahead: int  # offset from a segment to its far particle
+    coupled: bool  # True if there is another side
+    yields: bool  # True if its last particle belongs to the other side
 
 
 @wp.struct
 class Reach:
-    """How the force in the first of some segments follows the one f behind them: passed f + force, in the world, in
-    units of mass times length.
+    """The force in the first of some segments as a function of the force f after them: passed f + force.
 
-    Were these displacements, products of them would lose what rigid segments yield along themselves, all that tells
-    their tension, beside what they yield across. Forces differ from one to the next by what moves a particle alone.
+    Forces are in world axes, in units of mass times length. With displacements instead, products would lose the tiny
+    compliance of rigid segments along themselves beside that across, and with it their tension. Forces of neighbours
+    differ only by what moves one particle.
     """
 
     passed: wp.mat33
@@ -41,9 +41,10 @@ class Reach:
 
 
 def make_share(threads: int, stored: bool):
-    """A Warp function: the part of thread t of `threads`, of the `out` segments of a body from `first`.
+    """Return a Warp function: the part of thread t of `threads`, of the `out` segments of a body from `first`.
 
-    `stored`: a thread may have several. One thread takes all of the chain; many take half of it from either end.
+    stored: True if a thread may have several segments. One thread takes the whole chain; many take half of it from
+    either end.
     """
     half = max(threads // 2, 1)
 
@@ -82,7 +83,7 @@ def make_share(threads: int, stored: bool):
 
 
 def make_gather(stored: bool):
-    """A Warp function: the segments of a thread as one span."""
+    """Return a Warp function that joins the segments of a thread to one span."""
 
     @wp.func
     def gather(share: Share, segment: Segment, s: State, body: Body) -> Span:
@@ -106,14 +107,15 @@ def make_gather(stored: bool):
 
 @wp.func
 def reach_of(segment: Segment, pull: wp.vec3) -> Reach:
-    """Of one segment that is passed, where `pull` is what moves its far particle.
+    """Return the Reach of one segment that is passed; `pull` is the force that moves its far particle.
 
-    By Newton's second law that particle, of mass m and compliance Y, hands on what it does not take of the force f
-    behind it: (1 - m Y) f + m (missing - q), with the displacement q = Y pull that it has alone. Pinned, it takes all.
+    By Newton's second law that particle, of mass m and compliance Y, hands on the part of the force f after it that it
+    does not take: (1 - m Y) f + m (missing - q). Here q = Y pull is the displacement that it has alone. Pinned, it
+    takes all.
     """
     reach = Reach()
     back = wp.transpose(segment.frame)
-    # Without a branch: it is reckoned while both sides meet.
+    # Avoid a branch, so that this is computed while both sides meet.
     m = quick_quotient(1.0, wp.max(segment.far, 1.0e-15))
     y = inverse_beside(m, segment.admittance)
     reach.passed = wp.identity(n=3, dtype=float) - m * symmetric_product(back * y, back)
@@ -122,9 +124,10 @@ def reach_of(segment: Segment, pull: wp.vec3) -> Reach:
 
 
 def make_reach_back(stored: bool):
-    """A Warp function: how the force in the first of a thread's segments follows the one behind them, and that first.
+    """Return a Warp function: the Reach over a thread's segments, and the first of them.
 
-    pull: what moves the far particle of `segment`, the last of them, which is left out where both sides meet.
+    pull: force that moves the far particle of `segment`, the last of them. The last segment of a side is left out,
+    where both sides meet.
     """
 
     @wp.func

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The threads of a block scan a chain from both its ends: from spans of their own segments to what lies before them.
+"""Scans of a chain by the threads of a block, from both its ends: each thread gets the span before its segments.
 
 The first half of the threads goes from the start of the chain to its middle, the other from its end, as if it began
-there. Where they meet, one particle is moved by both sides; from there the forces reach back. Both ways take log2 of
-the threads of a side (Hillis and Steele 1986). Threads show one another their spans in shared memory, in two copies
-that take turns. What a step stores in one was last read two steps ago, so that each step needs one barrier. A side of
-at most half a warp, or a whole one, never waits for another warp.
+there. In the middle both sides move one particle, and from there forces propagate back. Each way takes log2 of the
+threads of a side (Hillis and Steele 1986). Threads exchange spans in shared memory, in two copies that alternate. A
+step overwrites data that was last read two steps ago, so each step needs one barrier. A side of at most half a warp, or
+a whole one, never waits for another warp.
 """
 
 import warp as wp
@@ -24,19 +24,19 @@ from cloth_sim_ros.sim.ropes.arrays import Segment
 from cloth_sim_ros.sim.ropes.partition import Reach, Share
 from cloth_sim_ros.sim.ropes.segments import change_of, near_of
 
-THREADS = 256  # most that share a chain
-SLOTS = wp.constant(9)  # vec4 by which a thread hands on its span and a frame: odd, so that no two meet in a bank
-MEETING = wp.constant(5)  # vec4 by which a side hands on how it pulls where both meet
+THREADS = 256  # largest number of threads that share a chain
+SLOTS = wp.constant(9)  # vec4 in which a thread hands on its span and a frame: odd, to avoid bank conflicts
+MEETING = wp.constant(5)  # vec4 in which a side hands on its pull where both meet
 
 
 def scan_size(threads: int) -> int:
-    """The vec4 of shared memory that `threads` threads need."""
+    """Return the vec4 of shared memory that `threads` threads need."""
     return 2 * SLOTS * threads + 2 * MEETING
 
 
 @wp.func
 def _post_end(at: int, span: Span, shared: wp.uint64):
-    """Show how the end of a span yields and moves."""
+    """Store the compliance and free displacement of a span's end."""
     c = span.compliance
     j = span.inertia
     store4(shared, at, wp.vec4(c[0, 0], c[1, 1], c[2, 2], span.free[0]))
@@ -46,7 +46,7 @@ def _post_end(at: int, span: Span, shared: wp.uint64):
 
 @wp.func
 def _post(at: int, span: Span, beside: float, shared: wp.uint64):
-    """Show a span, and a number."""
+    """Store a span, and a number."""
     a = span.passed
     j = span.inertia
     _post_end(at, span, shared)
@@ -99,7 +99,7 @@ def _reach_at(at: int, shared: wp.uint64) -> Reach:
 
 @wp.func
 def _post_side(at: int, segment: Segment, pull: wp.vec3, shared: wp.uint64):
-    """Show how the last segment of a side holds and pulls its far particle, in its frame."""
+    """Store admittance and pull of the last segment of a side at its far particle, in its frame."""
     f = segment.frame
     a = segment.admittance
     store4(shared, at, wp.vec4(a[0, 0], a[1, 1], a[2, 2], pull[0]))
@@ -120,9 +120,9 @@ def _side_at(at: int, shared: wp.uint64):
 
 
 def make_scans(threads: int, stored: bool):
-    """Three Warp functions that all of `threads` threads call together: scan_forward, meet and scan_backward.
+    """Return three Warp functions that all of `threads` threads call together: scan_forward, meet and scan_backward.
 
-    `stored`: a thread may have several segments.
+    stored: True if a thread may have several segments.
     """
     sync_side = sync_warp if threads <= 64 else sync
     copy = SLOTS * threads
@@ -133,9 +133,10 @@ def make_scans(threads: int, stored: bool):
     def scan_forward(
         t: int, share: Share, start: Span, own: Span, first: wp.mat33, last: wp.mat33, shared: wp.uint64
     ) -> Span:
-        """How what lies before a thread's segments yields and moves at its end, `start` before the first thread's.
+        """Return the span of everything before a thread's segments, in the frame `first`.
 
-        own: its segments; first, last: frames of the first and the last of them; the result is in `first`.
+        start: the span before the first thread. own: the span of the thread's segments. first, last: frames of the
+        first and the last of them.
         """
         at = SLOTS * t
         takes_part = share.lane < share.lanes
@@ -160,7 +161,7 @@ def make_scans(threads: int, stored: bool):
                 span = join(_span_at(half + at - SLOTS * offset, shared), span)
             half = copy - half
             offset *= 2
-        # In the last step all that a thread takes on begins at an end of the chain.
+        # In the last step, every span that a thread takes over begins at an end of the chain.
         if offset < share.most:
             if takes_part:
                 _post_end(half + at, span, shared)
@@ -171,19 +172,19 @@ def make_scans(threads: int, stored: bool):
 
     @wp.func
     def meet(share: Share, segment: Segment, pull: wp.vec3, shared: wp.uint64) -> wp.vec3:
-        """How the particle moves where both sides meet; `segment` is the last one that the thread has passed, and
-        `pull` what moves its far particle, in its frame.
+        """Return the displacement of the particle where both sides meet.
 
-        Every thread finds it from the same numbers in the same way, to the bit.
+        segment: the last segment that the thread has passed. pull: force that moves its far particle, in its frame.
+        Every thread computes it from the same numbers in the same way, with equal bits.
         """
         if share.lane + 1 == share.lanes:
             place = wp.where(share.way > 0, meeting, meeting + MEETING)
             _post_side(place, segment, pull, shared)
             if not share.coupled:
                 _post_side(meeting + MEETING, Segment(), wp.vec3(0.0), shared)
-        # A vote of the whole block lies between this and the next meeting, or scan forward, which would store anew.
+        # A vote of the whole block follows before the next meeting or forward scan stores here again.
         sync()
-        # Without a branch, so that what needs none of it is reckoned meanwhile.
+        # Avoid a branch, so that independent work is computed meanwhile.
         frame, both, pulled, w = _side_at(meeting, shared)
         other, admittance, push, there = _side_at(meeting + MEETING, shared)
         both += turn_frame(admittance, other, frame)
@@ -193,8 +194,11 @@ def make_scans(threads: int, stored: bool):
 
     @wp.func
     def scan_backward(t: int, share: Share, reach: Reach, first: Segment, last: Segment, u: wp.vec3, shared: wp.uint64):
-        """How the last particle of a thread's segments moves, and the one before its first, and how the force in that
-        changes, in its frame. u: how the last particle of the side moves, behind its segment `last`."""
+        """Return the displacements of a thread's last particle and of the one before its first segment.
+
+        It also returns the change of force in that segment, in its frame. u: displacement of the side's last particle,
+        after its segment `last`.
+        """
         if share.lane + 1 == share.lanes:
             force = wp.transpose(last.frame) * (change_of(last, u) + wp.vec3(last.tension, 0.0, 0.0))
             if wp.static(stored):
@@ -207,7 +211,7 @@ def make_scans(threads: int, stored: bool):
             ctx = wp.static(copy) * (step % 2)
             _post_reach(ctx + at, reach, shared)
             sync_side()
-            # A thread that reaches the end of its side follows nothing: what it takes from there counts for 0.
+            # A thread at the end of its side follows none: what it reads from there is multiplied by 0.
             after = ctx + wp.min(at + SLOTS * (1 << step), ends)
             behind = _reach_at(after, shared)
             reach.force += reach.passed * behind.force

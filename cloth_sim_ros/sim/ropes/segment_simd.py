@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the segments of a chain are, and what its particles do, told of four at a time by one thread of a CPU.
+"""Segments of a chain and displacements of its particles, computed four at a time by one CPU thread.
 
-That is what no segment waits for; the rest is elimination.py.
+This is the parallel part; the sequential part is in elimination.py.
 """
 
 import warp as wp
@@ -9,15 +9,14 @@ import warp as wp
 from cloth_sim_ros.sim.kernels.native import on_cpu, source
 from cloth_sim_ros.sim.ropes.elimination import PLANES
 
-# What a linear solve cannot tell of a motion: that a segment turns too far, changes its length too much, or had better
-# be solved again.
+# Events that a linear solve cannot see: a segment turns too far, changes its length too much, or needs another solve.
 TOO_FAR = wp.constant(1)
 OVERSTRETCHED = wp.constant(2)
 UNSETTLED = wp.constant(4)
 
 
 def _code(file: str, otherwise: str = "", **constants: int) -> str:
-    """C++ of a CPU, behind what the planes of a chain are."""
+    """Return C++ for a CPU, after the definition of a chain's planes."""
     return on_cpu(PLANES + source(__file__, "chain_fours", file, **constants), otherwise)
 
 
@@ -41,9 +40,10 @@ def prepare_segments(
     least: float,
     shortest: float,
 ) -> bool:
-    """Tell the planes of the n segments from `segments` on; whether all have a length to speak of.
+    """Fill the planes of the n segments from `segments` on; return True if all have a usable length.
 
-    compliance: of material [1/N]; gamma: dashpot time / h; carries: whether a part of the last displacement goes on.
+    compliance: of the material [1/N]. gamma: dashpot time / h. carries: True if order 2 carries a part of the last
+    displacement on.
     """
     ...
 
@@ -58,13 +58,13 @@ def judge_segments(
     settled: float,
     overstretched: float,
 ) -> int:
-    """How particles are to move by those forces, and what a linear solve cannot tell of that: events."""
+    """Compute the displacements of particles by those forces, and return the events as bits."""
     ...
 
 
 @wp.func_native(_code("segments_stiffen"))
 def stiffen_segments(particles: int, n: int, ladder: wp.array(dtype=wp.float64)):
-    """Segments that turned become stiffer across, see segments.py."""
+    """Stiffen segments that turned, in the directions across them; see segments.py."""
     ...
 
 
@@ -78,13 +78,13 @@ def move_particles(
     inverse_square: float,
     ladder: wp.array(dtype=wp.float64),
 ):
-    """Particles are moved and tensions changed."""
+    """Move particles and update tensions."""
     ...
 
 
 @wp.func_native(_code("segments_lack"))
 def lack_more(particles: int, n: int, lacking: bool, ladder: wp.array(dtype=wp.float64)):
-    """What particles lack after they were moved."""
+    """Update the missing displacement of particles after they were moved."""
     ...
 
 
@@ -92,5 +92,5 @@ def lack_more(particles: int, n: int, lacking: bool, ladder: wp.array(dtype=wp.f
     on_cpu(PLANES + "for (int k = 0; k < 3; ++k) plane(MISSING + k)[i] = plane(WEIGHT)[i] > 0.0 ? missing[k] : 0.0;\n")
 )
 def lack(i: int, missing: wp.vec3, particles: int, n: int, ladder: wp.array(dtype=wp.float64)):
-    """Tell how far particle i lies from where it would be without the chain [m]."""
+    """Store the vector from particle i to its place without the chain [m]."""
     ...

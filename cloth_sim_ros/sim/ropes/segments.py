@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One segment of a chain in a direct solve: what its tangent needs, and the ways past it, there and back.
+"""One segment of a chain in a direct solve: its tangent, and the steps of elimination past it, there and back.
 
 See physics/chain.py for the quantities, and chain_solve.py for the elimination.
 """
@@ -14,43 +14,44 @@ from cloth_sim_ros.sim.physics.distance import elongation, opened
 from cloth_sim_ros.sim.physics.integrate import carried
 from cloth_sim_ros.sim.ropes.arrays import Segment
 
-# A segment whose correction turns it by more than the root of this [rad^2] left what a linear solve can tell.
+# Largest squared turn of a segment by a correction [rad^2]; above it a linear solve is not valid.
 LARGEST_TURN = wp.constant(0.09)
 
-# Across, a linear solve leaves a segment too long by half the square of its turn. The next substep would take that back
-# at once: a load that outweighs the chain by far hops at that speed, falls into the slack, and gains energy. Where the
-# speed is more than this [m/s], another Newton step follows at once instead.
+# Speed [m/s] of the length error above which another Newton step follows at once. Across, a linear solve leaves a
+# segment too long by half the square of its turn. The next substep would undo that at once. A load that far outweighs
+# the chain would then hop at that speed, fall into the slack, and gain energy.
 SETTLED_SPEED = wp.constant(1.0e-3)
 
-# A segment that turned too far is solved again, stiffer across, as far as the turn stretches it (a bound of the energy
-# from above), this often at most. Newton steps until all is settled there are this many at most.
+# ATTEMPTS: largest number of solves of a segment that turned too far. Each is stiffer across, as much as the turn
+# stretches it (an upper bound of the energy). NEWTON_STEPS: largest number of Newton steps until all is settled.
 ATTEMPTS = wp.constant(5)
 NEWTON_STEPS = wp.constant(8)
 
-# Of what a rope's whole mass yields, what the tangent of a rigid segment yields along it.
+# Smallest compliance of a rigid segment along it, in the tangent, as a fraction of that of a rope's whole mass.
 STIFFEST = wp.constant(1.0e-4)
 
-# A chain is overstretched where a segment needs several attempts, or changes its length by this share in a substep.
+# Largest change of a segment's length in a substep, as a fraction of its length. Beyond it, or after several attempts,
+# a chain counts as overstretched.
 MOST_STRETCHED = wp.constant(0.02)
 
 
 @wp.func
 def stiffest_of(ctx: Context) -> float:
-    """What the tangent of a segment yields along it at least [1/kg]."""
+    """Return the smallest compliance of a segment along it in the tangent [1/kg]."""
     return STIFFEST * (ctx.material.largest_inverse_mass * ctx.body.yielding)
 
 
 @wp.func
 def stiffness_across(segment: Segment) -> float:
-    """The stiffness across a segment, the turn of earlier attempts in it."""
+    """Return the stiffness across a segment, including the turn of earlier attempts."""
     return segment.across + quick_quotient(wp.min(0.25 * segment.turn, 1.0), segment.along)
 
 
 def make_prepare(order: int, winch: bool, two_sided: bool):
-    """A Warp function: everything that the tangent at segment k needs and that does not depend on others.
+    """Return a Warp function: the part of segment k's tangent that does not depend on other segments.
 
-    way: 1 where the chain is eliminated along to its end; -1 where it is back from there, as if it began there.
-    missing: of the particle at the segment's far end on the way.
+    way: 1 if the chain is eliminated from its start, -1 if from its end, as if it began there. missing: vector from the
+    segment's far particle on that way to its place without the chain [m].
     """
     fed_to = make_fed(order)
 
@@ -63,14 +64,14 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
     ) -> Segment:
         index = ctx.body.segments + k
         g = ctx.body.particles + k
-        held = ctx.state.rope.tensions[index]  # from afar: first
+        held = ctx.state.rope.tensions[index]  # a slow load, so it comes first
         rest = ctx.model.segment_length[index]
         p = load4(ctx.d, k)
         q = load4(ctx.d, k + 1)
         de = xyz(q) - xyz(p)
         e = opened((xyz(load4(ctx.x, k + 1)) - xyz(load4(ctx.x, k))) + de, k)
         square = wp.dot(e, e)
-        length = root(square)  # as exact as can be: it is what the stretch is told from
+        length = root(square)  # as exact as possible, as the stretch depends on it
         n = inverse_root(square) * e
         if wp.static(winch):
             rest = rest_of(k, ctx)
@@ -99,8 +100,8 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
         segment.frame = edge_frame(ahead)
         eased = quick_quotient(1.0, 1.0 + gamma)
         segment.gap = gap * eased
-        # Between a rigid edge and a pinned particle nothing would be left to divide by, and rounding across the edge
-        # reaches a tangent that is much stiffer: the rope trembles. Much softer than all that hangs on it, it lags.
+        # Between a rigid edge and a pinned particle the divisor would vanish. Rounding across the edge would also reach
+        # a much stiffer tangent, and the rope would tremble. A tangent much softer than its load lags.
         segment.along = larger(alpha * eased, larger(1.0e-9 * larger(p[3], q[3]), stiffest_of(ctx)))
         segment.across = quick_quotient(larger(segment.tension, 0.0), larger(length, 1.0e-3 * rest))
         segment.reach = larger(length, rest)
@@ -114,7 +115,7 @@ def make_prepare(order: int, winch: bool, two_sided: bool):
 
 @wp.func
 def pull_of(segment: Segment, admittance: wp.mat33, q: wp.vec3) -> wp.vec3:
-    """What moves the far particle of a segment that is passed, in units of mass times length, in its frame."""
+    """Return the force that moves the far particle of a passed segment, in mass times length, in its frame."""
     pull = admittance * (segment.frame * q - wp.vec3(segment.gap, 0.0, 0.0)) - wp.vec3(segment.tension, 0.0, 0.0)
     if segment.far > 0.0:
         pull += segment.missing * quick_quotient(1.0, segment.far)
@@ -123,11 +124,11 @@ def pull_of(segment: Segment, admittance: wp.mat33, q: wp.vec3) -> wp.vec3:
 
 @wp.func
 def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
-    """Past a segment, from the particle before it with compliance y, in the segment's frame, and free displacement q.
+    """Pass a segment, from the particle before it with compliance y (segment's frame) and free displacement q.
 
-    Returns the segment with what the way back needs: compliance and free displacement of its far particle. Also what
-    moves that particle, in units of mass times length, in the segment's frame. Displacements are in the world:
-    differences of turned ones would lose digits.
+    Returns the segment with data for the way back, compliance and free displacement of its far particle, and the pull
+    on that particle. The pull is in units of mass times length, in the segment's frame. Displacements are in world axes
+    because differences of rotated ones would lose digits.
     """
     # The edge's present tension pulls its first particle; the rest of the pull is solved for.
     q += wp.transpose(segment.frame) * (y * wp.vec3(segment.tension, 0.0, 0.0))
@@ -144,19 +145,19 @@ def forward(segment: Segment, y: wp.mat33, q: wp.vec3):
 
 @wp.func
 def change_of(segment: Segment, u: wp.vec3) -> wp.vec3:
-    """By how much the force in a segment changes when the particle behind it moves by u, in the segment's frame."""
+    """Return the change of force in a segment if the particle after it moves by u, in the segment's frame."""
     return segment.admittance * (segment.frame * (u - segment.free) + wp.vec3(segment.gap, 0.0, 0.0))
 
 
 @wp.func
 def near_of(segment: Segment, change: wp.vec3) -> wp.vec3:
-    """How the particle before a segment moves when the force in it changes so."""
+    """Return the displacement of the particle before a segment if the force in it changes by `change`."""
     return segment.free + wp.transpose(segment.frame) * (segment.compliance * change)
 
 
 @wp.func
 def settle(segment: Segment, u: wp.vec3, near: wp.vec3, change: wp.vec3, h: float) -> Segment:
-    """The segment with how its ends move and with its new pull and turn."""
+    """Store the displacement of a segment's far end, its pull and turn, and its events; h: substep length [s]."""
     segment.moved = u
     turned = segment.frame * (u - near)
     turn = quick_quotient(turned[1] * turned[1] + turned[2] * turned[2], segment.reach * segment.reach)
@@ -170,7 +171,7 @@ def settle(segment: Segment, u: wp.vec3, near: wp.vec3, change: wp.vec3, h: floa
 
 @wp.func
 def backward(segment: Segment, u: wp.vec3, h: float):
-    """How the particle before a segment moves when the one behind it moves by u, and the segment settled."""
+    """Return the settled segment and the displacement of the particle before it; the one after it moves by u."""
     change = change_of(segment, u)
     near = near_of(segment, change)
     return settle(segment, u, near, change, h), near

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How particles are to move, and events.
+// Compute displacements of particles, and events.
 for (int begin = 0; begin <= n; begin += 4) {
     const int k = begin < n - 3 ? begin : n - 3;
     for (int axis = 0; axis < 3; ++axis) {

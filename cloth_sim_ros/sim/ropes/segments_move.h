@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Particles are moved and tensions changed.
+// Move particles and update tensions.
 for (int k = 0; k < n; ++k) {
     const double *forces = plane(FORCE) + k + 1, *direction = plane(N) + k;
     double along = -plane(HELD)[k];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What segments are; the last four overlap those before.
+// Fill the planes of segments; the last four overlap those before.
 const Row* rows = (const Row*)d;
 for (int i = 0; i <= n; ++i) plane(WEIGHT)[i] = rows[i][3];
 const Row *places = (const Row*)x, *lost = (const Row*)position_lo;
@@ -38,7 +38,7 @@ for (int begin = 0; begin < n; begin += 4) {
     const Four near = at(WEIGHT, k), far = at(WEIGHT, k + 1);
     const Four along = 1.0 / larger(yields * eased, larger(1.0e-9 * larger(near, far), Four(least)));
     const Four across = larger(t, Four(0.0)) / larger(length, 1.0e-3 * rest);
-    const auto held = near + far == 0.0;  // nothing moves between two that are pinned
+    const auto held = near + far == 0.0;  // nothing moves between two pinned particles
     at(G, k) = at(ACROSS, k) = held ? Four(0.0) : across;
     at(KAPPA, k) = held ? Four(0.0) : along - across;
     at(PUSH, k) = held ? Four(0.0) : along * gap * eased;

@@ -28,7 +28,7 @@ from cloth_sim_ros.sim.ropes.segments import (
 
 @wp.func
 def prepare_two_sided(ctx: Context) -> bool:
-    """What the segments of a chain are as they lie; False where this is no CPU, they are few or one has no length."""
+    """Prepare the segments of a chain; return False on a GPU, or if they are few or one has no length."""
     n = ctx.body.segments_end - ctx.body.segments
     if n < FEWEST or ctx.state.rope.ladder.shape[0] == 0:
         return False
@@ -55,7 +55,7 @@ def prepare_two_sided(ctx: Context) -> bool:
 
 @wp.func
 def solve_two_sided(ctx: Context) -> bool:
-    """Newton steps along a prepared chain until it is settled, see chain_solve.py; whether it was overstretched."""
+    """Take Newton steps along a prepared chain until it settles, see chain_solve.py; True if it was overstretched."""
     n = ctx.body.segments_end - ctx.body.segments
     lacking = not ctx.step.first
     overstretched = bool(False)
