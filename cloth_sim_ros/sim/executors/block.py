@@ -224,7 +224,7 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
     def load(t: int, home: Context) -> Context:
         ctx = home
         if wp.static(shared > 0):
-            # Of displacements and low parts, the array that neighbours read lies beside x.
+            # Beside x lies the array that neighbours read: displacements or low parts.
             ctx.x = tile_address(wp.tile_empty(shape=(wp.static(tile_size),), dtype=wp.vec4, storage="shared"))
             if wp.static(features.method == "verlet"):
                 ctx.position_lo = beside(ctx.x, wp.static(shared))
@@ -235,7 +235,7 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
             if wp.static(all_shared):
                 ctx.position_lo = beside(ctx.x, wp.static(2 * shared))
             for i in range(t, ctx.body.count, wp.static(block)):
-                # Load both before storing one; the compiler cannot reorder them itself.
+                # Load both before storing one; the compiler cannot know that this is safe.
                 position = load_row(ctx.state.positions, ctx.body.particles + i)
                 lost = load_row(ctx.state.position_lo, ctx.body.particles + i)
                 store4(ctx.x, i, position)

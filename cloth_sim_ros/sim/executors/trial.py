@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A frame of explicit steps is a trial: its result is checked, and a bad body repeats the frame.
 
-Explicit steps that are stable at rest may blow up if springs are strained far beyond it. A body is rejected at the end
-of a frame if fault recovery put it back, or if a spring is or was strained by more than TOO_STRAINED. Above STRAINED it
+Explicit steps that are stable at rest may blow up if springs are strained far beyond it. At the end of a frame a body
+is rejected if fault recovery put it back, or if a spring is or was strained beyond TOO_STRAINED. Above STRAINED it
 is rejected if the strain changed by half since the frame before. It is also rejected there while a collider moves,
 which might pass between the particles. The body then goes back to the start of the frame and repeats it by first-order
 XPBD, which is stable at any strain. All of this stays on the device; `redone` counts the frames.

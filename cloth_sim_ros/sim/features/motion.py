@@ -61,7 +61,7 @@ def force_of_spring(e: wp.vec3, rest: float, constant: float, lost: float, dampi
     """Return the force [N] of the spring and dashpot along e [m] on the particle where e begins.
 
     apart: de/dt [m/s]. lost: the part of the rest length that float32 lost, relative to it. Without it all springs of a
-    grid would be strained alike by up to 6e-8, a thousandth of what its own weight does to a stiff sheet.
+    grid would be strained alike by up to 6e-8. This is a thousandth of what its own weight does to a stiff sheet.
     """
     inverse = inverse_root(wp.max(wp.dot(e, e), SHORTEST * SHORTEST))
     pull = (1.0 - rest * inverse) - lost

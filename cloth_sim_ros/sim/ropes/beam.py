@@ -91,7 +91,7 @@ ALL = make_joints(winch=False)
 def make_bend_by_moments(bent: bool, winch: bool):
     """Return a Warp function that adds the effect of the last substep's moments to the prediction of particle i.
 
-    It skips joints that are bent at rest.
+    bent: True if joints may be bent at rest; it skips these. winch: True for a rope on a winch.
     """
     weights_at = make_joints(winch).weights
 

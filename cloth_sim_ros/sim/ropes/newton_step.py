@@ -17,7 +17,7 @@ def make_attempt(threads: int, stored: bool):
 
     It returns the last segment and the displacement of its near particle. It also returns True if any event happened in
     the chain, and True if a segment of it went too far or is overstretched. Last comes the number of the thread's own
-    unsettled segments.
+    unsettled segments. stored: True if a thread may have several segments.
     """
     sweep, settle_all = _make_sweep(threads, stored), _make_settle_all(threads, stored)
 

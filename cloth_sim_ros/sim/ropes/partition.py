@@ -83,7 +83,10 @@ def make_share(threads: int, stored: bool):
 
 
 def make_gather(stored: bool):
-    """Return a Warp function that joins the segments of a thread to one span."""
+    """Return a Warp function that joins the segments of a thread to one span.
+
+    stored: True if a thread may have several segments, kept in State.segments.
+    """
 
     @wp.func
     def gather(share: Share, segment: Segment, s: State, body: Body) -> Span:
@@ -109,9 +112,8 @@ def make_gather(stored: bool):
 def reach_of(segment: Segment, pull: wp.vec3) -> Reach:
     """Return the Reach of one segment that is passed; `pull` is the force that moves its far particle.
 
-    By Newton's second law that particle, of mass m and compliance Y, hands on the part of the force f after it that it
-    does not take: (1 - m Y) f + m (missing - q). Here q = Y pull is the displacement that it has alone. Pinned, it
-    takes all.
+    Let that particle have mass m and compliance Y. By Newton's second law it takes a part of the force f after it, and
+    hands on (1 - m Y) f + m (missing - q). Here q = Y pull is the displacement that it has alone. Pinned, it takes all.
     """
     reach = Reach()
     back = wp.transpose(segment.frame)
@@ -126,8 +128,8 @@ def reach_of(segment: Segment, pull: wp.vec3) -> Reach:
 def make_reach_back(stored: bool):
     """Return a Warp function: the Reach over a thread's segments, and the first of them.
 
-    pull: force that moves the far particle of `segment`, the last of them. The last segment of a side is left out,
-    where both sides meet.
+    stored: True if a thread may have several segments. pull: force that moves the far particle of `segment`, the last
+    of them. The last segment of a side, where both sides meet, is left out.
     """
 
     @wp.func

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans of a chain by the threads of a block, from both its ends: each thread gets the span before its segments.
 
-The first half of the threads goes from the start of the chain to its middle, the other from its end, as if it began
-there. In the middle both sides move one particle, and from there forces propagate back. Each way takes log2 of the
-threads of a side (Hillis and Steele 1986). Threads exchange spans in shared memory, in two copies that alternate. A
-step overwrites data that was last read two steps ago, so each step needs one barrier. A side of at most half a warp, or
-a whole one, never waits for another warp.
+The first half of the threads goes from the start of the chain to its middle. The other half goes from the end, as if
+the chain began there. In the middle both sides move one particle, and from there forces propagate back. Each way takes
+log2 of the threads of a side (Hillis and Steele 1986). Threads exchange spans in shared memory, in two copies that
+alternate. A step overwrites data that was last read two steps ago, so each step needs one barrier. A side of at most
+half a warp, or a whole one, never waits for another warp.
 """
 
 import warp as wp

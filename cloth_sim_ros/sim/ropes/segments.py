@@ -50,8 +50,8 @@ def stiffness_across(segment: Segment) -> float:
 def make_prepare(order: int, winch: bool, two_sided: bool):
     """Return a Warp function: the part of segment k's tangent that does not depend on other segments.
 
-    way: 1 if the chain is eliminated from its start, -1 if from its end, as if it began there. missing: vector from the
-    segment's far particle on that way to its place without the chain [m].
+    two_sided: True if `way` may be -1. way: 1 to eliminate the chain from its start, -1 from its end. missing: vector
+    from the segment's far particle on that way to its place without the chain [m].
     """
     fed_to = make_fed(order)
 

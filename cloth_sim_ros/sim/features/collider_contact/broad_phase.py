@@ -132,7 +132,10 @@ def note(c: int, near: Near):
 
 
 def make_forget_contacts(listed: bool):
-    """Return the stage that begins a frame: clear the contacts and forces of colliders."""
+    """Return the stage that begins a frame: clear the contacts and forces of colliders.
+
+    listed: True if bodies have a list of colliders; only listed ones are cleared then.
+    """
     near_of = make_near_of(listed)
 
     @wp.func

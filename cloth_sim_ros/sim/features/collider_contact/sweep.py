@@ -31,7 +31,7 @@ def slip_of(start: wp.vec3, moved: wp.vec3, sweep: Sweep) -> wp.vec3:
     """Return the displacement of a point that moved [m] in the axes of a collider.
 
     It avoids the difference of two large positions. start: the point when the substep began, relative to the collider
-    at its end [m]. For a collider that turns by T and moves by u, the result is R^T_end (moved - u) + T (start + u), as
-    the collider itself began at -u.
+    at its end [m]. For a collider that turns by T and moves by u, the result is R^T_end (moved - u) + T (start + u).
+    The collider itself began at -u.
     """
     return sweep.to_local * (moved - sweep.motion) + sweep.turn * (start + sweep.motion)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clamp displacements so that no part passes through another in a substep.
 
-Two parts begin a substep on opposite sides of the plane between their nearest points. If they would not end it on two
-sides of a plane of that direction, each particle stops on its own side of the starting plane (divide and truncate,
-Chen et al. 2025, Offset geometric contact). Paths are straight, so nothing crosses on the way either.
+Two parts begin a substep on opposite sides of the plane between their nearest points. They should also end it on two
+sides of some plane of that direction. Otherwise each particle stops on its own side of the starting plane (divide and
+truncate, Chen et al. 2025, Offset geometric contact). Paths are straight, so nothing crosses on the way either.
 
 If nothing is pinned, planes move at the mean velocity of all bodies. A group that flies as a whole is not slowed.
 """

@@ -59,7 +59,10 @@ def push_by_couples(i: int, ctx: Context):
 
 
 def make_find_twist(order: int, handles: bool):
-    """Return a Warp function in which one thread computes the twist of a body and the couples of its joints."""
+    """Return a Warp function in which one thread computes the twist of a body and the couples of its joints.
+
+    order: order of the time integration. handles: True if the scene has handles, which may clamp the ends.
+    """
     tangent_at = make_tangent(order)
     clamped_by, clamp, turn_clamps = make_clamps(handles)
 

@@ -5,7 +5,7 @@ All particles of a rope exist from the beginning. Those still on the drum lie at
 them. `WinchState.index` is the last of them, and the segment that begins there is fed. A segment is born when the fed
 one is longer than one and a half segments. The particle at the drum is then released where one whole segment ends, and
 the rest is fed on. The fed segment is swallowed when it is shorter than nearly half a segment. The drum then takes in
-its other particle. So no segment gets so short that its mass or length would stiffen the solve.
+the particle at its other end. So no segment gets so short that its mass or length would stiffen the solve.
 
 None of this causes a jump. Fed material enters at the pay-out rate of unstretched rope. A born particle lies on its
 segment at the place of its material, so that both parts keep the strain. It moves as that material does: with the rope
@@ -27,7 +27,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.physics.integrate import split_sum
 from cloth_sim_ros.sim.physics.winch import next_rate
 
-BORN = wp.constant(0.5)  # excess over its own length at which the fed segment is split, in lengths of the next one
+BORN = wp.constant(0.5)  # excess over its own length that splits the fed segment, as a fraction of the next one
 SWALLOWED = wp.constant(0.45)  # fraction of its own length below which the fed segment joins the next
 SHORTEST = wp.constant(0.5)  # length that stays out, as a fraction of the last segment
 REACHED = wp.constant(1.0e-5)  # distance from a length limit that counts as reached, as a fraction of the rope
