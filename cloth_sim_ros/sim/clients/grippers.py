@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parallel grippers: two boxes that close on what is between them, to an opening or with a force.
+"""Parallel grippers: two boxes that close on an object between them, to an opening or with a force.
 
-A gripper is made of two ordinary colliders, which its driver moves a little in every frame. So the core knows nothing
-of it, and what it pinches it holds by friction alone.
+A gripper is two ordinary colliders, which its driver moves a little in every frame. So the simulation core does not
+know of grippers, and a gripper holds objects by friction alone.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Gripper:
         }
 
     def poses(self, opening: float) -> dict[str, Pose]:
-        """Where the fingers are at an opening [m], by side."""
+        """Poses of the fingers at an opening [m], by side."""
         away = 0.5 * (opening + self.finger_size[1])
         offsets = rotate(self.orientation, np.array([(0.0, way * away, 0.0) for way in SIDES.values()]))
         places = np.asarray(self.position) + offsets
@@ -107,18 +107,18 @@ class GripperDriver:
         self.gripper = replace(self.gripper, force=force)
 
     def set_speed(self, speed: float) -> None:
-        """How fast the opening changes at most from now on [m/s]."""
+        """Set the largest speed at which the opening changes [m/s]."""
         self.gripper = replace(self.gripper, speed=speed)
 
     def measure(self, sim: Simulation, world: int = 0) -> float:
-        """With which force [N] each finger pressed in the last frame: the mean of both."""
+        """Force [N] with which each finger pressed in the last frame: the mean of both."""
         along = rotate(self.gripper.orientation, np.array([(0.0, 1.0, 0.0)]))[0]
         loads = {side: sim.wrench(f"{self.name}_{side}", world)[0] @ along for side in SIDES}
         self.felt = 0.5 * float(sum(way * loads[side] for side, way in SIDES.items()))
         return self.felt
 
     def poses(self, frame_dt: float) -> dict[str, Pose]:
-        """Where each finger, by the name of its collider, is to be at the end of the next frame [s]."""
+        """Name of each finger's collider -> wanted pose at the end of the next frame, of length `frame_dt` [s]."""
         most = self.gripper.speed * frame_dt
         step = float(np.clip(self._wanted() - self.opening, -most, most))
         before = self.opening
@@ -128,7 +128,7 @@ class GripperDriver:
         return self.places()
 
     def places(self) -> dict[str, Pose]:
-        """Where each finger is at the present opening, by the name of its collider."""
+        """Name of each finger's collider -> pose at the current opening."""
         return {f"{self.name}_{side}": pose for side, pose in self.gripper.poses(self.opening).items()}
 
     def _wanted(self) -> float:

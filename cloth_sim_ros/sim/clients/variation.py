@@ -30,7 +30,7 @@ DISTRIBUTIONS: dict[str, Callable] = {
 
 
 class Variation:
-    """What varies: name of a live parameter, or "position" or "orientation" of anything in the scene -> distribution.
+    """Distributions by name of a live parameter, or of the "position" or "orientation" of anything in the scene.
 
     vary: such as {"cloth.stretch_compliance": {"log_uniform": [1e-4, 1e-2]}, "wind.velocity": {"normal": [[1, 0, 0],
     0.5]}}; a name of DISTRIBUTIONS with its two numbers, or vectors as long as the parameter. Orientations are scaled
@@ -92,7 +92,7 @@ def _placed(sim: Simulation) -> dict[str, Any]:
 
 
 def _owner(name: str, placed: Mapping[str, Any]) -> str:
-    """Whose pose `name` is part of, "" for what is none."""
+    """Owner of the pose that `name` is part of, or "" if it is none."""
     owner, _, part = name.rpartition(".")
     return owner if part in _POSE and owner in placed else ""
 

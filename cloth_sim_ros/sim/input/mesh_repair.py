@@ -12,7 +12,7 @@ SHORTEST = 1e-6  # of an edge or a height, relative to the mesh: float32 cannot 
 
 
 class Unfit(ValueError):
-    """What is wrong with a mesh, in words that follow its name."""
+    """A mesh cannot be used; the message follows its name."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def _welded(points: np.ndarray, label: np.ndarray, triangles: np.ndarray, near: 
 
 
 def _carries(points: np.ndarray, triangles: np.ndarray, shortest: float) -> np.ndarray:
-    """Whether each triangle has an area, or else lies between two others at every edge and has no corner of its own."""
+    """True for triangles with an area, or between two others at every edge and without a corner of their own."""
     corners = points[triangles]
     sides = np.roll(corners, -1, axis=1) - corners
     twice_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)

@@ -25,7 +25,7 @@ def plate_force(rigidity: float, weight: float, difference: wp.vec3, slip: wp.ve
 
 @wp.struct
 class RestCurvature:
-    """What a curved rest shape does to a triangle for B = 1: forces [1/m] along its unit normal.
+    """Effect of a curved rest shape on a triangle for B = 1: forces [1/m] along its unit normal.
 
     Particle j of the triangle's stencil feels `gradients[j] * normal`, its own three vertices also `pull[k] * normal`.
     """

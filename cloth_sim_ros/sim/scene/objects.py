@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is simulated: cloths and ropes with their materials, plain and frozen. Nothing here touches a device.
+"""The simulated objects: cloths and ropes with their materials, as frozen descriptions without a device.
 
 Every number is checked on construction; a bad one raises ValueError (see checks.py).
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast the springs of an object can shake: found once for a shape, then read off for any stiffness."""
+"""Highest frequency of an object's springs: tabulated once per shape, then interpolated for any stiffness."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from cloth_sim_ros.sim.topology.springs import Elements
 
-_POWERS = 60  # of the power iteration
-_APART = 0.125  # of the logarithm of two stiffnesses' ratio, between places of the table
-_FEW = 4  # stiffnesses that are computed one by one before a table pays
+_POWERS = 60  # number of power iterations
+_APART = 0.125  # spacing of the table in the logarithm of the ratio of two stiffnesses
+_FEW = 4  # number of stiffnesses computed one by one before a table pays
 _MOST_KNOWN = 64
-_SAFETY, _LEAST_MARGIN = 30.0, 1e-5  # of what is read off the table
+_SAFETY, _LEAST_MARGIN = 30.0, 1e-5  # factor of the table's error estimate, and minimum relative error
 
 
 class Frequencies:
@@ -97,7 +97,7 @@ class Frequencies:
 
 
 def _interpolated(places: range, values: list[float], place: float) -> float:
-    """At a place, the polynomial through values at whole places (Lagrange)."""
+    """Evaluate at a place the polynomial through values at whole places (Lagrange)."""
     total = 0.0
     for i, value in zip(places, values, strict=True):
         for j in places:
