@@ -208,7 +208,7 @@ def _read(box: zipfile.ZipFile, name: str, most: int) -> np.ndarray:
 
 
 def is_finite(array: np.ndarray) -> bool:
-    """Whether all floats of an array, also those in fields, are finite."""
+    """True if all floats of an array, also those in fields, are finite."""
     if array.dtype.names is not None:
         return all(is_finite(array[name]) for name in array.dtype.names)
     return array.dtype.kind != "f" or bool(np.isfinite(array).all())

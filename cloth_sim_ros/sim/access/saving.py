@@ -209,7 +209,7 @@ def _check_indices(path: Path, bodies: Bodies, arrays: dict[str, np.ndarray]) ->
 
 
 def structure_of(bodies: Bodies) -> dict[str, str]:
-    """What arrays and kernels depend on and no live change touches: name -> words that differ where it differs.
+    """Structure that arrays and kernels depend on and live changes keep: name -> text that differs if it differs.
 
     It follows from the descriptions alone, which are the same on every machine.
     """

@@ -18,23 +18,24 @@ from cloth_sim_ros.sim.input.checks import check_fields
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector, rotate, unit_quaternion
 from cloth_sim_ros.sim.simulation import Simulation
 
-SIDES = {"left": 1.0, "right": -1.0}  # finger -> on which side along the gripper's y axis
-_LOOSE = 0.01  # of the wanted force, below which the fingers count as not touching
-_MANY = 64  # points of contact
-_SHARE = 0.5  # of the way to the opening at which the force would be right, that the fingers go in a frame
-_TOLD = 0.05  # change of the force, over it, that tells where the fingers touch
-_FORGETS = 0.8  # what is left of the known stiffness after a frame in which the fingers touch nothing
+SIDES = {"left": 1.0, "right": -1.0}  # finger -> its side along the gripper's y axis
+_LOOSE = 0.01  # fraction of the wanted force below which the fingers count as not touching
+_MANY = 64  # number of points of contact that bounds the stiffness
+_SHARE = 0.5  # fraction of the way to the opening with the wanted force that the fingers go in a frame
+_TOLD = 0.05  # relative change of the force from which the opening of first contact can be found
+_FORGETS = 0.8  # factor of the known stiffness after a frame in which the fingers touch nothing
 
 Pose = tuple[tuple[float, ...], tuple[float, ...]]  # position [m], orientation x y z w
 
 
 @dataclass(frozen=True)
 class Gripper:
-    """Two fingers that open along local y, at a pose halfway between their faces. Raises ValueError for what cannot be.
+    """Two fingers that open along local y, at a pose halfway between their faces.
 
-    finger_size: x y z [m] of each. opening [m] is the gap between their faces, at most max_opening. With a force [N]
-    above 0 they close until each finger presses as hard; else they go to `opening`. speed [m/s] is how fast the opening
-    changes at most. compliance [m/N] of each point of contact is what the force comes from, so it is above 0.
+    finger_size: x y z [m] of each. opening [m]: gap between their faces, at most max_opening. force [N]: above 0, the
+    fingers close until each presses with it; at 0 they go to `opening`. speed [m/s]: largest rate of the opening.
+    compliance [m/N]: of each point of contact; it is above 0, as the force follows from it. Raises ValueError for a
+    value that is not allowed.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -79,8 +80,8 @@ class Gripper:
 class GripperDriver:
     """Drives the fingers of a gripper called `name` in one world of a simulation: `advance` before each step.
 
-    opening [m]: between the fingers now. speed [m/s]: at which it changed last. felt [N]: with which each finger
-    pressed in the last frame. gripper: where it is and what is wanted of it.
+    opening [m]: current gap between the fingers. speed [m/s]: its last rate of change. felt [N]: force of each finger
+    in the last frame. gripper: its pose and targets.
     """
 
     def __init__(self, name: str, gripper: Gripper) -> None:

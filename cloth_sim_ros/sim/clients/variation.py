@@ -34,7 +34,8 @@ class Variation:
 
     vary: such as {"cloth.stretch_compliance": {"log_uniform": [1e-4, 1e-2]}, "wind.velocity": {"normal": [[1, 0, 0],
     0.5]}}; a name of DISTRIBUTIONS with its two numbers, or vectors as long as the parameter. Orientations are scaled
-    to length 1: normal of mean 0 is any. What has a "scale" starts anew. Raises ValueError for what cannot be.
+    to length 1, so a normal distribution of mean 0 gives any orientation. An object with a "scale" is restarted.
+    Raises ValueError for a name or a distribution that is not allowed.
     """
 
     def __init__(self, vary: Mapping[str, Mapping[str, Any]], seed: int = 0) -> None:

@@ -19,7 +19,8 @@ from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_address, xyz
 from cloth_sim_ros.sim.kernels.native import LANES
 
-# Of the root of the mean area of a triangle. There a list has about 27 of them, and lists take 1.5 kB a triangle.
+# Spacing of the grid over the root of the mean triangle area. A list then has about 27 triangles, and lists take 1.5 kB
+# per triangle.
 _SPACING = 1.2
 _LEAST, _MOST = 16, 1 << 21  # minimum number of cells along the longest side, and maximum number in all
 _OUTSIDE, _INSIDE = 3.0, 1.0  # distance from the surface up to which cells have lists, in spacings
@@ -174,7 +175,7 @@ def _list(
 
 @compiled
 def _nearest_along(before: wp.array(dtype=float), length: int, after: wp.array(dtype=float)):
-    """Of each place of a line, the least of a square and that of the way to it, both in cells."""
+    """For each place of a line, find the least sum of a square and the squared distance to it, both in cells."""
     first = wp.tid() / length * length
     least = float(wp.static(_FAR))
     for k in range(length):

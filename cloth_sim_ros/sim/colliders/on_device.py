@@ -13,7 +13,7 @@ import warp as wp
 
 
 class OnDevice:
-    """Device arrays, kept alive by this object; `id` is the address of the first."""
+    """Device arrays kept alive by this object; `id` is the address of the first."""
 
     def __init__(self, first: wp.array, *others: Any) -> None:
         self.id, self._kept = first.ptr, (first, *others)

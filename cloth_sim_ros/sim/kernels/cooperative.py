@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launches whose threads are all on the device at once, so that they can wait for one another in the middle.
 
-What would be ten launches is one: a barrier takes a GPU less than half as long as a launch. A block a multiprocessor
-always fits, as long as nothing else runs beside it that waits for it. A CPU has one thread, which waits for nobody.
+One such launch replaces ten, as a barrier takes a GPU less than half as long as a launch. One block per multiprocessor
+always fits, unless another kernel that waits for it runs at the same time. A CPU has one thread and no waiting.
 """
 
 from collections.abc import Callable

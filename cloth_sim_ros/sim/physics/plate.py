@@ -3,8 +3,8 @@
 
 H is the Hessian of the positions, constant on a triangle and linear in the positions, n the normal of the triangle,
 n kappa the Hessian at rest. The square of H gives a force that is linear in the positions (Bergou et al. 2006, A
-quadratic bending model for inextensible surfaces); see topology/plate.py. What is left is one more term on each
-triangle of a sheet that is curved at rest.
+quadratic bending model for inextensible surfaces); see topology/plate.py. A triangle that is curved at rest has one
+more term, given here.
 """
 
 import warp as wp

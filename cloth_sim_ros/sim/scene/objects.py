@@ -26,19 +26,23 @@ _LOG = logging.getLogger(__name__)
 class Cloth:
     """A rectangular sheet (or, from `Cloth.from_mesh`, any manifold triangle mesh) of springs.
 
-    Particle (ix, iy) is index iy*nx + ix at local (ix*w/(nx-1) - w/2, iy*h/(ny-1) - h/2, 0). stretch_compliance,
-    shear_compliance [m/N]: 1/constant of every spring of a square grid, borders twice as compliant. On a mesh the edge
-    between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same on a grid (Van
-    Gelder 1998). bend_compliance is None for no bending. With bending="springs" [m/N] it is 1/constant of the distance
-    springs over two edges. With "dihedral" [1/(N m)] it is 1/flexural rigidity B of a sheet whose Poisson ratio is 0 in
-    bending. Its energy is B/2 times the integral of the squared curvatures (kxx^2 + 2 kxy^2 + kyy^2). A strip of width
-    w bends with B w and twists with 2 B w, in any direction of any mesh. The energy is quadratic in the positions
-    (Bergou et al. 2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of three pinned
-    particles is a clamp: two pinned rows hold the sheet at the second one. shear_compliance None means no shear
-    springs. Compliance 0 is rigid. mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem).
-    damping [s]: c = damping x constant. thickness [m] is the distance at which the cloth touches a collider. With
-    self_contact its parts keep twice that from one another. With tear_strain above 0, structural and shear springs
-    that are strained by more than that fail for good, and `Simulation.cut` cuts them.
+    Particle (ix, iy) is index iy*nx + ix at local (ix*w/(nx-1) - w/2, iy*h/(ny-1) - h/2, 0).
+
+    stretch_compliance, shear_compliance [m/N]: 1/constant of every spring of a square grid, borders twice as compliant.
+    On a mesh the edge between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same
+    on a grid (Van Gelder 1998). shear_compliance None means no shear springs. Compliance 0 is rigid.
+
+    bend_compliance: None for no bending. With bending="springs" [m/N] it is 1/constant of the distance springs over two
+    edges. With "dihedral" [1/(N m)] it is 1/flexural rigidity B of a sheet whose Poisson ratio is 0 in bending. Its
+    energy is B/2 times the integral of the squared curvatures (kxx^2 + 2 kxy^2 + kyy^2). A strip of width w bends with
+    B w and twists with 2 B w, in any direction of any mesh. The energy is quadratic in the positions (Bergou et al.
+    2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of three pinned particles is a
+    clamp: two pinned rows hold the sheet at the second one.
+
+    mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem). damping [s]: dashpot coefficient
+    c = damping x constant. thickness [m]: distance at which the cloth touches a collider. With self_contact its parts
+    keep twice the thickness from one another. With tear_strain above 0, structural and shear springs fail for good
+    beyond that strain, and `Simulation.cut` can cut them.
     """
 
     resolution: tuple[int, int] = (32, 32)
@@ -160,15 +164,18 @@ class Rope:
     """A chain of particles, from `points` (N, 3) [m] or `start`, `end`, `segments`, in local axes.
 
     stretch_compliance [1/N] = 1/EA. bend_compliance [1/(N m^2)] = 1/EI or None for no bending. 0 is rigid. mass [kg] is
-    the total, lumped by length; particle_masses (N,) [kg] overrides it. end_mass [kg] is a load at the last particle,
-    on top of either. radius [m]. pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of
-    each segment. winch: a drum at the start, which must be pinned; the end may be. What it has not paid out lies on it.
+    the total, lumped by length; particle_masses (N,) [kg] overrides it. end_mass [kg]: an additional load at the last
+    particle. radius [m]. pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of each
+    segment. With self_contact its parts keep twice the radius from one another.
+
+    winch: a drum at the start, which must be pinned; the end may be. The part that is not paid out lies on the drum.
     The rest, measured from the end, lies along the path from the start. It bends about a hinge at the drum, and is
-    straight at rest. twist_compliance [1/(N m^2)] = 1/GJ or None for no twist. An end is clamped while its last two
-    particles are pinned, or held by a handle, which turns the rope with it. Between two clamps the rope resists twist;
-    while an end is free it has none. end_turn [rad] is by how much the end is turned about its axis against the start.
-    It counts from when both were clamped, or positions set. With self_contact its parts keep twice the radius from one
-    another.
+    straight at rest.
+
+    twist_compliance [1/(N m^2)] = 1/GJ or None for no twist. An end is clamped while its last two particles are pinned,
+    or held by a handle, which turns the rope with it. Between two clamps the rope resists twist; while an end is free
+    it has none. end_turn [rad]: turn of the end about its axis relative to the start, counted from when both were
+    clamped, or positions set.
     """
 
     points: Any = field(default=None, repr=False, compare=False)

@@ -42,13 +42,15 @@ class PlateParts:
 
 @dataclass(frozen=True)
 class Plate:
-    """The bending operator of a sheet of rigidity 1 N m, from `plate.of_triangles`: what acts on the positions x.
+    """The bending operator of a sheet of rigidity 1 N m on the positions x, from `plate.of_triangles`.
 
-    The force on particle i is -B sum_j weights[i, j] (x[neighbours[i, j]] - x_i), B [N m] the rigidity. neighbours (N,
-    W), weights (N, W) [1/m^2]: 0 for places that are not used. Of a sheet that is curved at rest, each triangle adds
-    the energy -B n . s. There s = sum_j gradients[t, j] x[stencil[t, j]] and n is its unit normal. stencil (C, S): the
-    first three are the triangle's own. gradients (C, S) [1/m]. Both are None for a sheet that is flat at rest. parts:
-    None for a sheet that does not tear.
+    The force on particle i is -B sum_j weights[i, j] (x[neighbours[i, j]] - x_i), with the rigidity B [N m].
+    neighbours: (N, W). weights: (N, W) [1/m^2], 0 for unused places.
+
+    In a sheet that is curved at rest, each such triangle adds the energy -B n . s. Here
+    s = sum_j gradients[t, j] x[stencil[t, j]], and n is the triangle's unit normal. stencil: (C, S), first the
+    triangle's own three particles. gradients: (C, S) [1/m]. Both are None for a sheet that is flat at rest. parts: None
+    for a sheet that does not tear.
     """
 
     neighbours: np.ndarray

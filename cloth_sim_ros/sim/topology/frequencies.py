@@ -33,10 +33,10 @@ class Frequencies:
         self._last: tuple[tuple[float, ...], tuple[float, float]] | None = None  # asked with dashpots and without
 
     def near(self, constants: tuple[float, ...]) -> tuple[float, float]:
-        """omega^2 for a stiffness [N/m] of each kind of springs, and by what share of it that may be off.
+        """omega^2 for a stiffness [N/m] of each kind of springs, and the largest relative error of it.
 
-        It grows with all stiffnesses alike, so that two kinds leave one ratio to tell. After a few it is interpolated
-        between ratios that are computed once. What fewer places would tell bounds the error.
+        omega^2 is proportional to a common factor of all stiffnesses, so for two kinds only their ratio matters. After
+        a few calls it is interpolated in a table of ratios. Interpolations with fewer entries bound the error.
         """
         if self._last is None or self._last[0] != constants:
             self._last = constants, self._near(constants)
