@@ -150,7 +150,7 @@ class GripperDriver:
         return self.opening + _SHARE * (goal - self.opening) if self._stiffness > 0.0 else goal
 
     def _find_line(self, at: float) -> None:
-        """The force grows from 0 where the fingers touch to what they feel at an opening [m]."""
+        """Fit the line by which the force grows from 0 at first contact to the force felt at an opening [m]."""
         if self._before is not None:
             closed, more = self._before[0] - at, self.felt - self._before[1]
             if closed * more > 0.0 and abs(more) > _TOLD * self.felt:

@@ -46,8 +46,11 @@ class Variation:
         self.seed, self._vary = seed, {name: _checked(name, spec) for name, spec in vary.items()}
 
     def draw(self, lengths: Mapping[str, int], worlds: int, episode: int = 0) -> dict[str, np.ndarray]:
-        """Name -> values (worlds, length) float64. Those of a world depend on the seed, the name, the episode and the
-        number of the world alone: neither on what else varies nor on how many worlds there are."""
+        """Draw name -> values (worlds, length) float64.
+
+        The values of a world depend only on the seed, the name, the episode and the number of the world. They do not
+        depend on other variations or on the number of worlds.
+        """
         found = {}
         for name, (kind, first, second) in self._vary.items():
             seed = np.random.SeedSequence([self.seed, episode, zlib.crc32(name.encode())])
@@ -58,11 +61,12 @@ class Variation:
         return found
 
     def apply(self, sim: Simulation, mask: Any = None, episode: int = 0) -> dict[str, np.ndarray]:
-        """Draw for all worlds and set what is drawn in those of a mask (worlds,) of bool, or for None in all; returns
-        name -> (worlds,) or (worlds, length). Colliders, handles and objects are at their poses at once, so a reset
-        comes first. Handles that hold something from the start grasp anew where they, or objects, are then.
+        """Draw for all worlds, and set the values in those of a mask (worlds,) of bool, or in all for None.
 
-        Raises ValueError for a name that the scene has not, and values that are not allowed.
+        Returns name -> (worlds,) or (worlds, length). Call it after a reset, as colliders, handles and objects are at
+        their poses at once. If handles or objects moved or changed scale, initially attached handles grasp again.
+
+        Raises ValueError for a name that the scene does not have, or a value that is not allowed.
         """
         if not isinstance(episode, Integral) or episode < 0:
             raise ValueError(f"episode is {episode!r}; allowed is a whole number, 0 or more")
@@ -88,7 +92,7 @@ class Variation:
 
 
 def _placed(sim: Simulation) -> dict[str, Any]:
-    """Name -> what has a position and an orientation."""
+    """Name -> object, collider or handle with a position and an orientation."""
     return {**sim.scene.objects, **sim.scene.colliders, **sim.scene.handles}
 
 

@@ -37,16 +37,17 @@ def predict_displacement(base: wp.vec3, v: wp.vec3, a: wp.vec3, h: float, eased:
 
 # Families of lines pull at a particle in turn. Beside a corner that a sheet hangs by, each would move it by more than a
 # spring is long, and the next would find springs that point elsewhere. So such a particle gets heavier, until all of
-# them move it by this share of the spacing. It rests where it would, since all its forces count for less alike. What
-# moves on may be moved by some times its own way, and by more times what its weight does, as in long substeps.
+# them move it by this share of the spacing. Its rest position stays, since all its forces scale alike. A particle that
+# moves may be moved by a multiple of its own move, and by a larger multiple of the move by its weight, as in long
+# substeps.
 MOST_ASIDE, MOST_WAYS, MOST_WEIGHTS = wp.constant(0.02), wp.constant(2.0), wp.constant(20.0)
 
 # A taut line moves a particle that lies beside it by 4 w h^2 T / l times as far, where T is its tension and l the
 # length of its springs. Beyond 2 it swings to and fro ever farther, beyond 1 it comes out on the other side. A particle
 # gets heavier until it does not: geometric stiffness as mass, after the same paper.
 MOST_TAUT = wp.constant(0.25)
-# Springs that cannot be met at all, as rigid ones between pins that move apart, pull the more the heavier their
-# particles are. Less than this share of an inverse mass is never left, or these would fly on as if they were free.
+# Least share of an inverse mass that is kept. Unsatisfiable springs, such as rigid ones between pins that move apart,
+# pull the more the heavier their particles are. With less, these would fly on as if they were free.
 LEAST_SHARE = wp.constant(1.0e-3)
 # These forces and tensions are looked at in the first substep of a frame, in every so many while a collider or handle
 # moves, and behind each that was not smooth, as under a stroke.

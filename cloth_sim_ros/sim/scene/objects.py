@@ -83,9 +83,9 @@ class Cloth:
 
     @classmethod
     def of(cls, material: str, **fields: Any) -> Cloth:
-        """A sheet of a material of `materials.FABRICS`; `fields` of Cloth, such as size and resolution, win over it.
+        """Make a sheet of a material in `materials.FABRICS`; `fields` of Cloth, such as size, override it.
 
-        The mass follows from the size. Its moduli hold where cells are square. Raises ValueError for an unknown
+        The mass follows from the size. The moduli are exact for square cells. Raises ValueError for an unknown
         material.
         """
         area = math.prod(table.check(table.row(table.CLOTH, "size"), fields.get("size", cls.size), "Cloth.size"))
@@ -93,15 +93,23 @@ class Cloth:
 
     @classmethod
     def from_mesh(cls, vertices: Any, triangles: Any, material: str = "", scale: float = 1.0, **fields: Any) -> Cloth:
-        """A cloth over `vertices` (N, 3) in local axes, in units of `scale` [m], and `triangles` (T, 3); `fields` are
-        those of Cloth.
+        """Make a cloth from a triangle mesh.
 
-        With a `material` of `materials.FABRICS` they win over its numbers, and the mass follows from the area. Its
-        edges carry stretch and shear alike, so it has no shear_compliance; pins are indices, "all named pins" of a grid
-        do not exist. Triangles without an area, and vertices that no other needs, are left out, which the log tells.
-        Particles are the vertices that stay, in their order; pins and particle_masses go by the numbers as given.
-        Raises ValueError for a triangle that names a vertex that does not exist. A Simulation raises it for a mesh that
-        is not manifold.
+        Edges carry both stretch and shear, so the cloth has no shear_compliance. Pins are indices; the named pins of a
+        grid do not exist. Triangles without an area, and vertices that no other triangle uses, are dropped, which the
+        log reports. Particles are the remaining vertices in their order. Pins and particle_masses use the given
+        numbering.
+
+        Args:
+            vertices: (N, 3) in local axes, in units of `scale`.
+            triangles: (T, 3) indices of vertices.
+            material: A name in `materials.FABRICS`, or "". The mass then follows from the area.
+            scale: Length of a unit of the vertices [m].
+            fields: Fields of Cloth, which override those of the material.
+
+        Raises:
+            ValueError: A triangle names a vertex that does not exist. A Simulation raises it for a mesh that is not
+                manifold.
         """
         for name in ("resolution", "size"):
             if name in fields:
@@ -227,10 +235,10 @@ class Rope:
 
     @classmethod
     def of(cls, material: str, **fields: Any) -> Rope:
-        """A rope of a material of `materials.CORDS`; `fields` of Rope, such as start and end, win over it.
+        """Make a rope of a material in `materials.CORDS`; `fields` of Rope, such as start and end, override it.
 
-        The mass follows from the length, and what a thicker rope has from the radius.
-        Raises ValueError for an unknown material.
+        The mass follows from the length. Another radius than the preset's scales mass and stiffness. Raises ValueError
+        for an unknown material.
         """
         path = fields.get("points")
         if path is None:
@@ -248,8 +256,10 @@ class Rope:
 
 
 def _renumbered(fields: dict[str, Any], place: np.ndarray, count: int) -> dict[str, Any]:
-    """`fields` of Cloth for `count` particles of which `place` (N,) says which each of N vertices is, or -1. Raises
-    ValueError for a pin at a vertex that is none."""
+    """Renumber `fields` of Cloth for `count` particles; `place` (N,) is the particle of each vertex, or -1.
+
+    Raises ValueError for a pin at a vertex that is no particle.
+    """
     pins, masses = fields.get("pins"), fields.get("particle_masses")
     if pins is not None and not isinstance(pins, str):
         pins = table.check(table.row(table.CLOTH, "pins"), pins, "Cloth.pins")
@@ -279,7 +289,7 @@ def _check_pins(thing: Any, names: tuple[str, ...], count: int) -> None:
 
 
 def _take_masses(thing: Any, count: int) -> None:
-    """Check `particle_masses` where they are given, and let them make up the total. Raises ValueError."""
+    """Check `particle_masses` if they are given, and set the total mass to their sum. Raises ValueError."""
     if thing.particle_masses is None:
         return
     masses, name = np.array(thing.particle_masses, dtype=np.float64), f"{type(thing).__name__}.particle_masses"
