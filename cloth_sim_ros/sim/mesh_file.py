@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Triangle meshes from files: read apart from the thread that answers requests, and checked before they are used.
+"""Triangle meshes from files, checked before use.
 
-Readers of text formats hold the interpreter for seconds on a large file. So a process of its own reads a large one.
+Readers of text formats hold the interpreter for seconds on a large file. So a separate process reads large files.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from cloth_sim_ros.shared_files import PACKAGE, shared
 from cloth_sim_ros.sim.input.mesh_reading import LINK, MOST_BYTES, URDF, Mesh, Read, read
 from cloth_sim_ros.sim.input.regular_file import check_regular
 
-APART_BYTES = 4 << 20  # beyond this another process reads it
-APART = (".glb", ".gltf")  # so too what may ask for any amount of memory in a few bytes
-_MOST_MEMORY = 8 << 30  # [bytes] of such a process
+APART_BYTES = 4 << 20  # file size [bytes] above which a separate process reads the file
+APART = (".glb", ".gltf")  # formats always read so, as a few bytes of them may ask for any amount of memory
+_MOST_MEMORY = 8 << 30  # memory limit of such a process [bytes]
 
 _LOG = logging.getLogger(__name__)
 _readers: set[subprocess.Popen] = set()
 
 
 def load_mesh(path: str, parameter: str, scale: float = 1.0) -> Mesh:
-    """Vertices (N, 3) in units of `scale` [m] and triangles (T, 3) of a mesh file, read again only when it has changed.
+    """Return vertices (N, 3) in units of `scale` [m] and triangles (T, 3) of a mesh file.
 
-    What has no area is left out, which the log tells, and vertices on open edges are welded, see mesh_repair. path: as
-    `local_path` takes it. FILE.urdf#LINK is what of a robot's link collides, in the axes of the link. Raises
-    ValueError, in one sentence about `parameter`.
+    The file is read again only when it has changed. Triangles without area are dropped, which the log reports. Vertices
+    on open edges are welded, see mesh_repair. path: as `local_path` takes it. FILE.urdf#LINK is the collision geometry
+    of a robot's link, in the axes of the link. Raises ValueError, in one sentence about `parameter`.
     """
     try:
         name, _, link = path.partition(LINK) if LINK in path else (path, "", "")
@@ -61,16 +61,16 @@ def load_mesh(path: str, parameter: str, scale: float = 1.0) -> Mesh:
 
 @lru_cache(maxsize=1024)
 def _tell(sentence: str) -> None:
-    """Log a sentence, once: a scene is looked at whenever a parameter is set."""
+    """Log a sentence once, as a scene is checked whenever a parameter is set."""
     _LOG.warning(sentence)
 
 
 class _Unresolved(ValueError):
-    """A package is not there."""
+    """A package is not installed."""
 
 
 def local_path(path: str, parameter: str) -> Path:
-    """Where a file lies that is named by `package://NAME/PATH`, `file:///PATH` or a plain path.
+    """Return the local path of `package://NAME/PATH`, `file:///PATH` or a plain path.
 
     Raises ValueError, in one sentence about `parameter`.
     """
@@ -81,7 +81,7 @@ def local_path(path: str, parameter: str) -> Path:
     if scheme == "file":
         return Path("/" + rest.partition("/")[2])
     package, _, inside = rest.partition("/")
-    if package == PACKAGE:  # which also runs where no ROS has installed it
+    if package == PACKAGE:  # also found without a ROS installation
         return shared(inside)
     try:
         from ament_index_python.packages import get_package_share_directory
@@ -96,13 +96,13 @@ def local_path(path: str, parameter: str) -> Path:
 
 @lru_cache(maxsize=32)
 def _load(path: str, link: str, scale: float, size: int, modified_ns: int) -> Read | str:
-    """As mesh_reading.read gives it."""
+    """Return the result of mesh_reading.read, or why there is none."""
     if size > MOST_BYTES:
         return f"has {size / 1e6:.0f} MB; allowed are at most {MOST_BYTES / 1e6:.0f} MB"
     if size <= APART_BYTES and not path.lower().endswith(APART):
         return read(path, link, scale, load_mesh)
     command = [sys.executable, "-m", "cloth_sim_ros.sim.mesh_file", path, link, str(scale)]
-    env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # each thread would take from the memory that it may have
+    env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # each thread would use up part of the memory limit
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=env) as reader:
         _readers.add(reader)
         output, _ = reader.communicate()
@@ -114,7 +114,7 @@ def _load(path: str, link: str, scale: float, size: int, modified_ns: int) -> Re
 
 
 def stop_reading() -> None:
-    """Ends the processes that read meshes."""
+    """Kill the processes that read meshes."""
     for reader in tuple(_readers):
         reader.kill()
 

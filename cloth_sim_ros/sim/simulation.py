@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The public face: a scene and settings on a device, advanced frame by frame and read back by name.
+"""The public interface: a scene and settings on a device, advanced frame by frame and read back by name.
 
-A Simulation is composed of parts: Bodies (how objects are computed, and where), Queries (what is read of them), Ropes
-(the same of ropes alone), Hands (what handles hold), Live (what may change while it runs), Placing (where objects are
-put), Cuts (what is cut), Tensors (all worlds at once) and Saving (its state in a file). Here are time and state.
+A Simulation is composed of parts. Bodies decides how objects are computed and holds their arrays. Queries reads
+objects, and Ropes reads what only ropes have. Hands manages handles. Live changes parameters while the simulation
+runs. Placing moves objects, and Cuts cuts them. Tensors reads and writes all worlds at once. Saving writes the state to
+a file. This module handles time and state.
 """
 
 from __future__ import annotations
@@ -42,17 +43,29 @@ _LOG = logging.getLogger(__name__)
 
 
 class Simulation:
-    """Cloths and ropes of `scene`, computed as `settings` say on `device` ("cpu", "cuda:0" or "auto").
+    """Cloths and ropes of a scene, simulated on a device.
 
-    Whatever takes a value raises ValueError with one sentence where the value cannot be, and changes nothing then.
-    `step` may return before a GPU is done; whatever reads the state waits. `worlds` copies of the scene run side by
-    side in the same launches. Each has its own state, materials, collider poses, wind and gravity. What reads takes the
-    number of a world. What writes takes one, a mask (worlds,) of bool or, with None, all of them.
+    Every method that takes a value raises ValueError with one sentence if the value is not allowed. Nothing changes
+    then. `step` may return before a GPU is done; methods that read the state wait for it.
 
-    executor: "block" has a body in one block of a GPU, or a thread of a CPU; "graph" has a launch for each part of a
-    substep; None chooses.
+    The `worlds` copies of the scene run side by side in the same launches. Each has its own state, materials, collider
+    poses, wind and gravity. Methods that read take the number of a world. Methods that write take a number, a mask
+    (worlds,) of bool, or None for all worlds.
 
-    moved: name -> depth and way [m] of objects that the scene puts inside of a collider and that start outside of it.
+    Args:
+        scene: The objects, colliders, handles and forces.
+        settings: The solver's settings; None takes the defaults.
+        device: "cpu", a GPU such as "cuda:0", or "auto".
+        worlds: The number of copies of the scene.
+        executor: "block" computes each body in one block of a GPU or one thread of a CPU. "graph" launches each part
+            of a substep separately. None chooses.
+
+    Attributes:
+        moved: Name -> (depth, distance moved) [m] of each object that the scene places inside a collider and that
+            starts outside it.
+
+    Raises:
+        ValueError: An argument is not allowed.
     """
 
     def __init__(
@@ -111,7 +124,7 @@ class Simulation:
 
     @property
     def builds(self) -> int:
-        """How often the arrays on the device were made; those of `device_arrays` hold until it changes."""
+        """Number of times the device arrays were built; results of `device_arrays` are valid until it changes."""
         return self._bodies.builds
 
     @property
@@ -121,12 +134,12 @@ class Simulation:
 
     @property
     def method(self) -> str:
-        """Methods, orders and executors in words, for diagnostics."""
+        """Methods, orders and executors as text for diagnostics."""
         return self._bodies.method
 
     @property
     def choices(self) -> dict[str, Choice]:
-        """Name -> how the object is computed now, in all worlds, and why."""
+        """Name -> the method and substeps chosen for the object in all worlds, with the reason."""
         return self._bodies.choices
 
     @property
@@ -135,11 +148,12 @@ class Simulation:
         return self._frames * self._bodies.settings.frame_dt
 
     def step(self, frames: int = 1) -> None:
-        """Simulate `frames` frames of settings.frame_dt each, to the same bits as by as many calls.
+        """Simulate `frames` frames of settings.frame_dt each, bit-identical to as many single calls.
 
-        A GPU runs up to ten of them as one CUDA graph. Frames in which colliders or handles move run one by one, as the
-        host tells the next one that they rest. So do those of objects that touch themselves or one another, as the host
-        looks after their tree of boxes. Raises ValueError for a number of frames that cannot be.
+        A GPU runs up to ten frames as one CUDA graph. Frames in which colliders or handles move run one by one, because
+        the host has to mark them as resting in the next frame. Frames with self contact or object contact also run one
+        by one, because the host maintains their tree of boxes. Raises ValueError unless `frames` is a whole number of 0
+        or more.
         """
         if isinstance(frames, bool) or not isinstance(frames, Integral) or frames < 0:
             raise ValueError(f"step is asked for {frames!r} frames; allowed is a whole number, 0 or more")
@@ -154,16 +168,16 @@ class Simulation:
         self._bodies.advance()
 
     def make_ready(self) -> None:
-        """Compile what only some frames need, so that none of them waits; may run in a thread beside `step`."""
+        """Compile the kernels that only some frames need, so that no frame waits; may run in a thread beside `step`."""
         for batch in list(self._bodies.batches):
             batch.make_ready()
 
     def step_and_estimate(self) -> dict[str, float]:
-        """One frame as by `step`, to the same bits, and name -> by how much it goes astray in world 0 [m].
+        """Simulate one frame, bit-identical to `step`, and return name -> estimated error in world 0 [m].
 
-        That is the RMS error over the particles of this frame alone, as it would be from the exact state. It comes by
-        Richardson from two trials, one with twice the substeps. docs/explanation/study.md says how well it tracks the
-        true error. Takes four frames' time, and memory for a second state.
+        The error is the RMS over particles of this frame alone, as if it started from the exact state. Richardson
+        extrapolation estimates it from two trials, one with twice the substeps. docs/explanation/study.md shows how
+        well it tracks the true error. The call takes the time of four frames, and memory for a second state.
         """
         self._begin()
         for batch in self._bodies.batches:
@@ -171,7 +185,7 @@ class Simulation:
         trials = [self._trial(1), self._trial(2)]
         self._advance(ending=self._hands.ending)
         self._frames += 1
-        # Explicit steps are of second order, but for the air.
+        # Explicit steps are of second order without air, and of first order with it.
         explicit = 1 if self._bodies.scene.wind is not None else 2
         orders = {
             name: explicit if choice.method == "verlet" else choice.order
@@ -181,8 +195,7 @@ class Simulation:
         return {name: float(apart[name] / (1.0 - 0.5 ** orders[name])) for name in self._bodies.batch}
 
     def _trial(self, finer: int) -> dict[str, np.ndarray]:
-        """Positions after the frame with `finer` times the substeps, from its start without history; the state is put
-        back."""
+        """Return positions after one frame with `finer` times the substeps and no history; then restore the state."""
         for batch in self._bodies.batches:
             batch.forget_steps()
         self._advance(finer)
@@ -196,9 +209,9 @@ class Simulation:
         return found
 
     def reset(self, world: Any = None) -> None:
-        """Objects, colliders and handles back to where the scene put them, at rest; live parameters stay as they are.
+        """Put objects, colliders and handles back to where the scene placed them, at rest.
 
-        Resetting all worlds (None) sets the time to 0; some alone go on with the time of the others.
+        Live parameters keep their values. Resetting all worlds (None) sets the time to 0; resetting some does not.
         """
         some = self._bodies.some(world)
         chosen = self._bodies.chosen(some)
@@ -211,29 +224,33 @@ class Simulation:
             self._frames = 0
 
     def get(self, name: str, world: int = 0) -> Any:
-        """What `set` has set last, or the scene before, of a live parameter in one world; the position or orientation
-        of a collider or handle too. Raises ValueError where the scene has none of that name."""
+        """Return the current value of a live parameter in one world.
+
+        It also returns the position or orientation of a collider or handle. Raises ValueError if the scene has no
+        parameter of that name.
+        """
         return live_value(self._bodies, self._hands, name, world)
 
     def save(self, path: str | os.PathLike, notes: Any = None) -> None:
-        """Write the whole state of all worlds into one .npz file, and `notes` of what JSON can hold.
+        """Write the whole state of all worlds, and JSON-serializable `notes`, into one .npz file.
 
-        A saved state that was there before is replaced by the whole file at once, or stays. Raises ValueError where the
-        file cannot be written, or where anything else is at `path`.
+        An earlier saved state at `path` is replaced atomically. Raises ValueError if the file cannot be written, or if
+        `path` holds anything but a saved state.
         """
         self._saving.save(path, self._frames, notes)
 
     def load(self, path: str | os.PathLike) -> Any:
-        """Go on from what `save` wrote of a scene of the same structure, to the same bits, and return its notes.
+        """Continue, bit-identically, from a file that `save` wrote, and return its notes.
 
-        Live numbers, pins, added colliders and grasps become those of the file; `builds` may change. Raises ValueError
-        for a file that is damaged, or not of such a scene on such a device. Nothing changes then.
+        The file's scene must have the same structure. Live numbers, pins, added colliders and grasps become those of
+        the file; `builds` may change. Raises ValueError if the file is damaged, or from another structure or kind of
+        device. Nothing changes then.
         """
         self._frames, notes = self._saving.load(path)
         return notes
 
     def _advance(self, finer: int = 1, frames: int = 1, ending: Callable[[], None] | None = None) -> None:
-        """Frames as by `Frames.advance`, with the live numbers as they are now."""
+        """Upload the live numbers, then advance by `Frames.advance`."""
         self._upload(finer)
         self._bodies.frames.advance(finer, frames, ending)
 
@@ -249,32 +266,42 @@ class Simulation:
             batch.upload()
 
     def take_over(self, name: str, other: Simulation) -> None:
-        """An object goes on, in all worlds, from where it is in the first world of another simulation. That one has to
-        have it with the same structure. It keeps positions, velocities, what a winch has paid out and the twist. Its
-        scale is not taken along. Raises ValueError, and then nothing has changed."""
+        """Continue an object, in all worlds, from its state in the first world of another simulation.
+
+        The object must have the same structure there. Positions, velocities, the length a winch has paid out, twist,
+        torn springs and grasps carry over; the scale does not. Raises ValueError if the structure differs; nothing
+        changes then.
+        """
         if not isinstance(other, Simulation):
             raise ValueError(f"take_over of {name} is from {other!r}; allowed is a Simulation")
         self._placing.take_over(name, other._placing)
         self.moved.pop(name, None)
 
     def report(self, world: int = 0) -> dict[str, dict[str, float]]:
-        """Name -> kinetic_energy [J], max_strain [-], max_penetration [m], particle_penetration [m], contacts, residual
-        [m], recoveries, redone, substeps, iterations, expected_error and bending_share. A rope also has max_tension,
-        start_tension and end_tension [N]: of all, the first and the last of its segments. On a winch it has paid_out
-        [m], pay_out [m/s] and winch_stopped, whether a limit of length holds it back. One that resists twist has twist
-        [rad] from start to end and torsion [N m]. A sheet that tears has torn, the springs that failed.
+        """Return name -> measures of the object in one world.
 
-        residual is the largest violation |C + compliance x force| of a spring that the iterations left in the last
-        substep. max_penetration is how much deeper than the thickness the surface lies, and particle_penetration how
-        much deeper a particle does. contacts counts particles that colliders push, or facets around them. recoveries
-        counts how often the object was put back, at rest, to where it was last good, because a particle was not finite
-        or ran away. redone counts frames of explicit steps that were done again by XPBD. expected_error is meant as
-        solver.error is, for the world where it is largest. bending_share is the share of a sheet's bending rigidity
-        that acts.
+        Every object has:
+            kinetic_energy: [J].
+            max_strain: Largest relative change of a spring's length [-].
+            max_penetration: How much deeper than the thickness the surface lies in a collider [m].
+            particle_penetration: The same for the deepest particle [m].
+            contacts: Number of particles that colliders push, directly or through the facets around them.
+            residual: Largest violation |C + compliance x force| of a spring left in the last substep [m].
+            recoveries: Number of times the object was put back to its last good positions, at rest, because a particle
+                was not finite or ran away.
+            redone: Number of frames of explicit steps that XPBD computed again.
+            substeps, iterations: Numbers per frame and per substep.
+            expected_error: Expected error in the units of solver.error, for the world where it is largest.
+            bending_share: Share of a sheet's bending rigidity that acts.
 
-        Of what is kept apart from itself or others, pairs is how many corners and triangles, or edges, are near one
-        another in the whole world. pairs_lost is for how many of them there was no room. crossings is how many edges of
-        the object go through a triangle of what it is kept apart from.
+        A rope also has max_tension, start_tension and end_tension [N], over all segments, the first and the last. A
+        rope on a winch has paid_out [m], pay_out [m/s] and winch_stopped (a length limit holds the winch). A rope that
+        resists twist has twist [rad] from start to end and torsion [N m]. A sheet that tears has torn, the number of
+        failed structural and shear springs.
+
+        Objects with self contact or object contact have counts of contact pairs. pairs counts corner-triangle and
+        edge-edge pairs that are near one another in the whole world. pairs_lost counts pairs for which there was no
+        room. crossings counts edges of the object that go through a triangle it is kept apart from.
         """
         self._bodies.one(world)
         self._upload()
@@ -294,147 +321,216 @@ class Simulation:
         return self._queries.masses(name, world)
 
     def triangles(self, name: str, world: int = 0) -> np.ndarray:
-        """Triangles (T, 3) int32, counter-clockwise seen from their normals; none for a rope. Of a sheet that tears,
-        those that are left in one world."""
+        """Triangles (T, 3) int32, counter-clockwise seen from their normals; none for a rope.
+
+        A sheet that tears returns the triangles that are left in one world.
+        """
         return self._queries.triangles(name, world)
 
     def rest_positions(self, name: str, world: int = 0) -> np.ndarray:
-        """Rest positions (N, 3) float32 [m] in one world, where the scene puts the object."""
+        """Rest positions (N, 3) float32 [m] in one world, at the object's place in the scene."""
         return self._queries.rest_positions(name, world)
 
     def springs(self, name: str, world: int = 0) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Kind -> (pairs (S, 2) int, rest_length (S,) [m], constant (S,) [N/m], infinite where rigid), as they are
-        now."""
+        """Return kind -> (pairs, rest_length, constant) of the springs as they are now.
+
+        pairs is (S, 2) int, rest_length (S,) [m], and constant (S,) [N/m], infinite for rigid springs.
+        """
         return self._queries.springs(name, world)
 
     def torn(self, name: str, world: int = 0) -> dict[str, np.ndarray]:
-        """Kind -> (S,) bool, which of `springs` failed in one world. Raises ValueError where the object does not
-        tear."""
+        """Return kind -> (S,) bool, True for each of `springs` that failed in one world.
+
+        Raises ValueError if the object does not tear.
+        """
         return self._queries.torn(name, world)
 
     def tears(self, name: str) -> bool:
-        """Whether an object tears."""
+        """Return True if an object can tear."""
         return self._queries.tears(name)
 
     def panels_left(self, name: str, world: int) -> wp.array:
-        """The triangles (T,) vec3i of a sheet that tears on the device; those that failed have three equal corners."""
+        """Triangles (T,) vec3i of a sheet that tears, on the device; failed triangles have three equal corners."""
         return self._queries.panels_left(name, world)
 
     def cut(self, name: str, polygon: Any, world: Any = None) -> int:
-        """Every spring of a sheet that goes through a planar polygon (n, 3) [m] of 3 or more corners fails for good.
+        """Cut a sheet: every spring that crosses a planar polygon fails for good.
 
-        Returns how many structural and shear springs did in all worlds that are cut. Raises ValueError where the
-        object does not tear, or for what is no polygon.
+        Args:
+            name: The sheet; it must have a tear_strain above 0.
+            polygon: Corners (n, 3) [m], 3 or more.
+            world: The number of a world, a mask (worlds,) of bool, or None for all.
+
+        Returns:
+            The number of structural and shear springs that failed, over all worlds that are cut.
+
+        Raises:
+            ValueError: The object does not tear, or the polygon is not flat or has no area.
         """
         return self._cuts.cut(name, polygon, world)
 
     def set_positions(self, name: str, positions: Any, world: Any = None) -> None:
-        """Move all particles to `positions` (N, 3) [m], pinned ones too; history and multipliers start anew.
+        """Move all particles to `positions`, pinned ones too; history and multipliers are cleared.
 
-        Those that strain a spring by more than half are taken with a nudge, see starts.off_symmetry.
+        Positions that strain a spring by more than half get a small perturbation, see starts.off_symmetry.
+
+        Args:
+            name: The object.
+            positions: (N, 3) [m].
+            world: The number of a world, a mask (worlds,) of bool, or None for all.
+
+        Raises:
+            ValueError: The positions have another shape, or are not finite or too large.
         """
         self._placing.set_positions(name, positions, world)
 
     def set_velocities(self, name: str, velocities: Any, world: Any = None) -> None:
-        """Give all particles `velocities` (N, 3) [m/s], pinned ones stay at rest; history and multipliers start
-        anew."""
+        """Set the velocities of all particles; pinned ones stay at rest, and history and multipliers are cleared.
+
+        Args:
+            name: The object.
+            velocities: (N, 3) [m/s].
+            world: The number of a world, a mask (worlds,) of bool, or None for all.
+
+        Raises:
+            ValueError: The velocities have another shape, or are not finite or too large.
+        """
         self._placing.set_velocities(name, velocities, world)
 
     def positions(self, name: str, world: Any = 0) -> np.ndarray:
-        """Positions (N, 3) float32 [m] in one world, or (k, N, 3) in several, all for None, in one copy."""
+        """Positions (N, 3) float32 [m] in one world, or (k, N, 3) in several (None: all), in one copy."""
         return self._queries.positions(name, world)
 
     def velocities(self, name: str, world: Any = 0) -> np.ndarray:
-        """Velocities (N, 3) float32 [m/s] in one world, or (k, N, 3) in several, all for None, in one copy."""
+        """Velocities (N, 3) float32 [m/s] in one world, or (k, N, 3) in several (None: all), in one copy."""
         return self._queries.velocities(name, world)
 
     def device_arrays(self, name: str, world: int = 0) -> tuple[Arrays, slice, wp.Device]:
-        """The arrays of the batch that holds an object in one world, where its particles lie in them, their device.
+        """Return the arrays of an object's batch in one world, the slice of its particles in them, and the device.
 
-        They hold until `builds` changes: method auto may build anew when live parameters or positions are set.
+        They are valid until `builds` changes. Method auto may rebuild them when live parameters or positions are set.
         """
         return self._queries.device_arrays(name, world)
 
     def tensor(self, name: str, what: str) -> wp.array:
-        """A view of the `what` of an object, collider or handle in all worlds, on the device.
+        """Return a view of one quantity of an object, collider or handle in all worlds, on the device.
 
-        Of an object "positions" [m] and "velocities" [m/s], (worlds, N, 3) float32; "contact_forces" (worlds, N, 3)
-        [N], of all colliders together on each particle, means over the last frame; and "recoveries", (worlds,) int32:
-        how often it was put back. Of a rope "tensions" (worlds, S) float32 [N] too, see `tensions`. Of a collider or
-        handle "pose", (worlds, 7) float32: x y z [m], then x y z w of the orientation; and "wrench", (worlds, 6)
-        float32: force [N], then torque [N m] about its origin.
+        Objects have:
+            "positions": (worlds, N, 3) float32 [m].
+            "velocities": (worlds, N, 3) float32 [m/s].
+            "contact_forces": (worlds, N, 3) [N], the sum over colliders on each particle, mean over the last frame.
+            "recoveries": (worlds,) int32, the number of times the object was put back.
+            "tensions": (worlds, S) float32 [N], ropes only, see `tensions`.
 
-        It is no copy: it shows the state after the last frame that was launched, on Warp's stream of the device.
-        Tensions, wrenches, and contact forces of several colliders are computed when they are asked for, and show that
-        until they are again. A tensor goes to torch, JAX and CuPy by DLPack, and is for reading. It holds until
-        `builds` changes: method auto may build anew when live parameters or positions are set.
+        Colliders and handles have:
+            "pose": (worlds, 7) float32, position x y z [m], then orientation x y z w.
+            "wrench": (worlds, 6) float32, force [N], then torque [N m] about the origin.
+
+        The view shows the state after the last launched frame, on Warp's stream of the device. Tensions, wrenches, and
+        contact forces of several colliders are computed by this call and change only with the next one. A tensor goes
+        to torch, JAX and CuPy by DLPack; treat it as read-only. It is valid until `builds` changes. Method auto may
+        rebuild the arrays when live parameters or positions are set.
         """
         return self._tensors.tensor(name, what)
 
     def write(self, name: str, what: str, array: Any, mask: Any = None, sweep: bool = True) -> None:
-        """Write the `what` of a whole tensor into the worlds of a mask (worlds,) of bool, or for None into all.
+        """Write one quantity of an object, collider or handle in many worlds.
 
-        Of an object "positions" or "velocities" (worlds, N, 3), of a collider or handle "pose" (worlds, 7), which it
-        reaches at the end of the next frame; without `sweep` it is there at once. The "pose" of an object takes the
-        place of the scene's: it is there in its rest shape, at rest. Arrays are NumPy's, Warp's or what
-        DLPack takes. Pinned particles move and stay at rest; history and multipliers of the object start anew. It waits
-        for the device, to see that all numbers are allowed; otherwise nothing changes.
+        Pinned particles move and stay at rest. History and multipliers of the object are cleared. The call waits for
+        the device to check all numbers.
+
+        Args:
+            name: The object, collider or handle.
+            what: "positions" [m] or "velocities" [m/s] (worlds, N, 3) of an object, or "pose" (worlds, 7) of any. The
+                "pose" of an object places its rest shape there, at rest.
+            array: An array of NumPy or Warp, or any that DLPack takes; its first axis is all worlds.
+            mask: (worlds,) of bool, the worlds to write; None writes all.
+            sweep: If True, a collider or handle reaches the pose at the end of the next frame. If False, it is there
+                at once.
+
+        Raises:
+            ValueError: A name, shape or number is not allowed; nothing changes then.
         """
         self._tensors.write(name, what, array, mask, sweep)
 
     def recovered(self) -> np.ndarray:
-        """(worlds,) bool: in which worlds an object was put back at the end of the last frame, see `report`."""
+        """(worlds,) bool: True where an object was put back at the end of the last frame, see `report`."""
         return self._tensors.recovered()
 
     def wrench(self, collider: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Force (3,) [N] and torque (3,) [N m] about its origin on a collider by all objects, in world axes.
+        """Force (3,) [N] and torque (3,) [N m] of all objects on a collider, about its origin, in world axes.
 
-        They are means over the last frame; the torque takes particles where the frame leaves them. The weight of a
+        Both are means over the last frame. The torque uses particle positions at the end of the frame. The weight of a
         cloth that lies on the collider points down.
         """
         return self._queries.wrench(collider, world)
 
     def wrenches(self, world: int = 0) -> np.ndarray:
-        """The same of all rows of colliders (K, 6) float32: force [N], then torque [N m]."""
+        """Wrenches of all rows of colliders (K, 6) float32: force [N], then torque [N m], see `wrench`."""
         return self._queries.wrenches(world)
 
     def tensions(self, name: str, world: int = 0) -> np.ndarray:
-        """Tensions (S,) float32 [N] of a rope's segments at the end of the last substep in one world, also where they
-        are rigid. They are below 0 where a segment is pushed together, and 0 on a winch. Raises ValueError for a
-        cloth."""
+        """Tensions (S,) float32 [N] of a rope's segments at the end of the last substep in one world.
+
+        Rigid segments have tensions too. A tension is below 0 for a compressed segment, and 0 for a segment on a winch.
+        Raises ValueError for a cloth.
+        """
         return self._ropes.tensions(name, world)
 
     def tensions_into(self, out: wp.array, column: int, name: str, world: int = 0) -> Tensions:
-        """What writes the tensions of a rope into a column of a device array (N, columns) float, a particle a row; it
-        holds until `builds` changes. Raises ValueError for a cloth."""
+        """Return an object whose launch() writes the tensions of a rope into a column of a device array.
+
+        Args:
+            out: (N, columns) float on the device, one row per particle.
+            column: The column to write.
+            name: The rope.
+            world: The number of the world.
+
+        Returns:
+            A Tensions, valid until `builds` changes.
+
+        Raises:
+            ValueError: The object is a cloth.
+        """
         return self._ropes.tensions_into(out, column, name, world)
 
     def directors(self, name: str, world: int = 0) -> np.ndarray:
-        """Unit vectors (S, 3) float64 across the segments of a rope that resists twist, which turn with its material,
-        in one world, as of the last substep. Raises ValueError for what does not resist twist."""
+        """Unit vectors (S, 3) float64 across a rope's segments, which turn with its material, in one world.
+
+        They are those of the last substep. Raises ValueError if the object does not resist twist.
+        """
         return self._ropes.directors(name, world)
 
     def end_wrenches(self, name: str, world: int = 0) -> np.ndarray:
-        """(2, 6) float32: force [N] and torque [N m] in world axes with which a rope loads what holds its start, then
-        its end, in one world.
+        """Loads (2, 6) float32 of a rope on the supports of its start and its end, in one world.
 
-        All particles held from an end on count, with their weight, and the torque is about the end particle: of a clamp
-        of two particles it is the clamping moment. An end that is free loads nothing. Raises ValueError for a cloth.
+        Each row is force [N], then torque [N m] about the end particle, in world axes. All particles held from an end
+        on count, with their weight. With a clamp of two particles the torque is the clamping moment. A free end has no
+        load. Raises ValueError for a cloth.
         """
         return self._ropes.end_wrenches(name, world)
 
     def end_wrenches_into(self, out: wp.array, name: str, world: int = 0) -> EndWrenches:
-        """What writes the end wrenches of a rope into a device array (2, 6) float; it holds until `builds` changes.
-        Raises ValueError for a cloth."""
+        """Return an object that writes the end wrenches of a rope into a device array (2, 6) float.
+
+        It is valid until `builds` changes. Raises ValueError for a cloth.
+        """
         return self._ropes.end_wrenches_into(out, name, world)
 
     def set(self, name: str, value: Any, world: Any = None) -> None:
-        """Set a live parameter such as "cloth.stretch_compliance", "cloth.mass", "cloth.scale", "ball.radius",
-        "gravity" or "solver.substeps".
+        """Set a live parameter.
 
-        An array whose first axis is all worlds gives each its own number or vector. Those of the solver hold in all
-        worlds. With another scale an object starts anew: its rest shape is so many times as large, and all else is as
-        set, its total mass too. A sheet grows about its position, a rope from its start.
+        Setting a scale restarts the object with its rest shape scaled; all else stays as set, the total mass too. A
+        sheet grows about its position, a rope from its start.
+
+        Args:
+            name: Such as "cloth.stretch_compliance", "cloth.mass", "cloth.scale", "ball.radius", "gravity" or
+                "solver.substeps".
+            value: One value, or an array whose first axis is all worlds.
+            world: The number of a world, a mask (worlds,) of bool, or None for all. Solver settings take None only.
+
+        Raises:
+            ValueError: The name or value is not allowed; nothing changes then.
         """
         self._live.set(name, value, world)
 
@@ -450,22 +546,30 @@ class Simulation:
         sweep: bool = True,
         world: Any = None,
     ) -> None:
-        """Move a collider: it reaches the pose [m], x y z w, at the end of the next frame, swept in between.
+        """Move a collider to a pose.
 
-        Arrays whose first axis is all worlds give each its own. Without `sweep` it is there at once and was never
-        anywhere else: for placing it, not for pushing with it.
+        Args:
+            name: The collider.
+            position: (3,) [m], or an array whose first axis is all worlds.
+            orientation: Quaternion (4,) x y z w, or an array whose first axis is all worlds.
+            sweep: If True, the collider sweeps to the pose and reaches it at the end of the next frame. If False, it is
+                there at once, without a motion: for placing it, not for pushing.
+            world: The number of a world, a mask (worlds,) of bool, or None for all.
+
+        Raises:
+            ValueError: There is no such collider, or the pose is not allowed.
         """
         self._live.set_collider_pose(name, position, orientation, sweep, world)
 
     def add_collider(self, name: str, collider: Collider) -> None:
-        """Put a collider of one of SPARE_SHAPES where there is room for one, in all worlds, from the next frame on.
+        """Add a collider of one of SPARE_SHAPES in all worlds, from the next frame on.
 
-        It takes the place of one of the same name that was added before.
+        It replaces an added collider of the same name. Raises ValueError if no spare collider is left.
         """
         self._live.add_collider(name, collider)
 
     def remove_collider(self, name: str) -> None:
-        """Take away a collider that was added."""
+        """Remove an added collider."""
         self._live.remove_collider(name)
 
     def set_handle_pose(
@@ -476,40 +580,48 @@ class Simulation:
         sweep: bool = True,
         world: Any = None,
     ) -> None:
-        """Move a handle: it reaches the pose [m], x y z w, at the end of the next frame, with what it holds.
+        """Move a handle, and the particles it holds, to a pose.
 
-        Arrays whose first axis is all worlds give each its own. Without `sweep` it is there at once: for placing an
-        empty one, as what it holds would be torn along.
+        Args:
+            name: The handle.
+            position: (3,) [m], or an array whose first axis is all worlds.
+            orientation: Quaternion (4,) x y z w, or an array whose first axis is all worlds.
+            sweep: If True, the handle reaches the pose at the end of the next frame. If False, it is there at once:
+                for placing an empty handle, as a jump would tear along the particles it holds.
+            world: The number of a world, a mask (worlds,) of bool, or None for all.
+
+        Raises:
+            ValueError: There is no such handle, or the pose is not allowed.
         """
         self._hands.set_handle_pose(name, position, orientation, sweep, world)
 
     def attach(self, name: str, world: Any = None) -> int | np.ndarray:
-        """Grasp what is within reach and nobody holds; how many particles it holds now, see `held`."""
+        """Grasp the free particles within reach of a handle; return how many it holds now, see `held`."""
         return self._hands.attach(name, world)
 
     def release(self, name: str, world: Any = None) -> None:
-        """Let go of all that it holds, which goes on with the velocity it has."""
+        """Release all particles that a handle holds; they keep their velocities."""
         self._hands.release(name, world)
 
     def held(self, name: str, world: Any = None) -> int | np.ndarray:
-        """How many particles it holds: in one world, or in each of several, all for None."""
+        """Number of particles that a handle holds: in one world, or in each of several (None: all)."""
         return self._hands.held(name, world)
 
     def broken(self, name: str, world: int = 0) -> int:
-        """How often it has let go because the load was larger than its break_force."""
+        """Number of times a handle let go because its load exceeded its break_force."""
         return self._hands.broken(name, world)
 
     def handle_wrench(self, name: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Force (3,) [N] and torque (3,) [N m] about its origin on a handle, in world axes: mean over the last frame.
+        """Force (3,) [N] and torque (3,) [N m] on a handle about its origin, in world axes, mean over the last frame.
 
-        It is what the hand feels: the weight of a cloth that hangs from it points down.
+        The weight of a cloth that hangs from the handle points down.
         """
         return self._hands.handle_wrench(name, world)
 
     def handle_wrenches(self, world: int = 0) -> np.ndarray:
-        """The same of all handles (H, 6) float32: force [N], then torque [N m]."""
+        """Wrenches of all handles (H, 6) float32: force [N], then torque [N m], see `handle_wrench`."""
         return self._hands.handle_wrenches(world)
 
     def handle_position(self, name: str, world: int = 0) -> np.ndarray:
-        """Where a handle is at the end of the last frame (3,) [m]."""
+        """Position (3,) [m] of a handle at the end of the last frame."""
         return self._hands.handle_position(name, world)

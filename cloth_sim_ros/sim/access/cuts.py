@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cuts: springs that go through a planar polygon fail."""
+"""Cuts: springs that cross a planar polygon fail."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import finite_array, worlds_of
 
-_OFF_PLANE = 1e-3  # of its size, by which a corner of a polygon may lie off its plane
+_OFF_PLANE = 1e-3  # fraction of a polygon's size by which a corner may lie off its plane
 
 
 class Cuts:
@@ -45,7 +45,7 @@ class Cuts:
 
 
 def plane_of(polygon: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The corners (n, 3) [m] and the unit normal (3,) of a polygon. Raises ValueError where it is none or not flat."""
+    """Corners (n, 3) [m] and unit normal (3,) of a polygon. Raises ValueError if it has no area or is not flat."""
     corners = finite_array(polygon, 3, "the polygon of a cut", least=3)
     middle = corners - corners.mean(axis=0)
     size = float(np.abs(middle).max())
@@ -60,13 +60,13 @@ def plane_of(polygon: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def goes_through(first: np.ndarray, second: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Whether segments from `first` to `second` (..., 3) go through a polygon; an end in its plane counts as below."""
+    """True for segments from `first` to `second` (..., 3) that cross a polygon; an end in its plane counts as below."""
     above, ends = (first - corners[0]) @ normal, (second - corners[0]) @ normal
     crosses = (above > 0.0) != (ends > 0.0)
     share = above / np.where(crosses, above - ends, 1.0)
     x = first + share[..., None] * (second - first)
-    # In the plane by two coordinates, a ray along the first of them: inside where it crosses the outline an odd number
-    # of times.
+    # Project onto two coordinates and cast a ray along the first. A point is inside if the ray crosses the outline an
+    # odd number of times.
     u, v = np.delete(np.arange(3), np.abs(normal).argmax())
     inside = np.zeros(crosses.shape, dtype=bool)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What handles do between frames: grasp, let go, and tell what they feel. Within a frame see grasp/hold.py."""
+"""Handles between frames: grasp, release and measure loads. grasp/hold.py handles them within a frame."""
 
 from __future__ import annotations
 
@@ -72,10 +72,10 @@ def find_broken(
 
 
 class Hands:
-    """The handles of a simulation. Raises ValueError for a name, a world or a value that cannot be.
+    """The handles of a simulation. Raises ValueError for a name, a world or a value that is not allowed.
 
-    objects: handle -> the one object that it grasps, "" is any. breaks: how often each let go, (worlds, H). loads: what
-    they feel.
+    objects: handle -> the one object that it grasps, "" is any. breaks: number of times each handle let go under load,
+    (worlds, H). loads: forces and torques on the handles.
     """
 
     def __init__(self, bodies: Bodies) -> None:
@@ -87,7 +87,7 @@ class Hands:
         self._breakable = False
 
     def write_scene(self) -> None:
-        """All handles as the scene has them."""
+        """Write all handles as the scene describes them."""
         for name, handle in self._bodies.scene.handles.items():
             self.place(name, None)
             self._write(name, None, reach=extents(handle.reach), compliance=handle.compliance)
@@ -98,11 +98,11 @@ class Hands:
         self.find_breakable()
 
     def find_breakable(self) -> None:
-        """Note whether any handle lets go where its load is too large."""
+        """Note if any handle has a break_force."""
         self._breakable = bool((self._bodies.handles.mirrors()["rows"]["break_force"] > 0.0).any())
 
     def place(self, name: str, world: WorldSelection) -> None:
-        """Where the scene puts it."""
+        """Put a handle at its pose in the scene."""
         handle = self._bodies.scene.handles[name]
         self._bodies.handles.place(self._bodies.handle_row[name], world, handle.position, handle.orientation)
 
@@ -119,7 +119,7 @@ class Hands:
         self._bodies.handles.reach(self._row(name), some, name, (position, orientation), sweep)
 
     def set(self, name: str, field: str, value: Any, world: WorldSelection) -> None:
-        """Set a live parameter of a handle; `attached` grasps or lets go."""
+        """Set a live parameter of a handle; `attached` grasps or releases."""
         try:
             row = table.row(table.HANDLE, field)
         except KeyError:
@@ -191,7 +191,7 @@ class Hands:
 
     @property
     def ending(self) -> Callable[[], None] | None:
-        """What a frame ends with, on the device alone: handles whose load is too large let go. None where none can."""
+        """Function to launch at the end of a frame, which releases overloaded handles; None if none can break."""
         return self._judge if self._breakable else None
 
     def _judge(self) -> None:
@@ -200,7 +200,10 @@ class Hands:
         self._drop()
 
     def reset(self, some: WorldSelection) -> None:
-        """Back to where the scene put them, holding what it says of objects that started anew, which nothing holds."""
+        """Put handles back to their poses in the scene; attached ones grasp again.
+
+        The objects must have been reset before, so that nothing holds them.
+        """
         if not self._bodies.scene.handles:
             return
         counts = self._bodies.handle_counts
@@ -211,8 +214,10 @@ class Hands:
                 self._grasp(name, some)
 
     def take_over(self, name: str, other: Hands) -> None:
-        """Handles hold an object, in all worlds, as those of the same names do in the first world of another
-        simulation."""
+        """Let handles hold an object, in all worlds, as handles of the same names do in another simulation.
+
+        The first world of the other simulation counts.
+        """
         theirs = other._bodies
         renamed = np.zeros(1 + len(theirs.handle_row), dtype=np.float32)
         for handle, row in theirs.handle_row.items():
@@ -223,7 +228,7 @@ class Hands:
         self._count()
 
     def _count(self) -> None:
-        """Say anew how many particles each handle holds, and of each body, in every world."""
+        """Recount the held particles of each handle and of each body in every world."""
         counts = np.zeros(self._bodies.handle_counts.shape, dtype=np.int32)
         for name, batch in self._bodies.batch.items():
             numbers = batch.read_rows("grips", name)[..., 3].astype(int)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Live numbers: checked, and written where the next frame finds them."""
+"""Live numbers: checked, and written for the next frame."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 from cloth_sim_ros.sim.substeps.choose import distinct
 from cloth_sim_ros.sim.substeps.limits import check_explicit
 
-_FAR_AWAY = 1e30  # [m]
+_FAR_AWAY = 1e30  # negative reach [m] of a missing collider
 
 
 class Live:
-    """What a simulation is told while it runs."""
+    """Changes live parameters and colliders of a running simulation."""
 
     def __init__(self, bodies: Bodies, ropes: Ropes, hands: Hands) -> None:
         self._bodies, self._ropes, self._hands = bodies, ropes, hands
@@ -132,7 +132,7 @@ class Live:
         self._bodies.choose_again()
 
     def _check_explicit(self, owner: str, rows: np.ndarray, **changed: Any) -> None:
-        """Raise ValueError where explicit steps could not hold an object with these rows of Material."""
+        """Raise ValueError if explicit steps are unstable for an object with these rows of Material."""
         bodies = self._bodies
         settings = dataclasses.replace(bodies.settings, **changed)
         check_explicit(bodies.scene, settings, owner, bodies.elastic[owner], distinct(rows))
@@ -173,7 +173,7 @@ class Live:
             self._bodies.choose_again()
 
     def _set_mass(self, owner: str, field: str, value: Any, world: WorldSelection) -> None:
-        """All particles that are not pinned go on with the velocities that they have."""
+        """Set a mass; particles that are not pinned keep their velocities."""
         batch = self._bodies.batch[owner]
         kg = batch.masses.read(batch.index[owner], world)
         kg[:, MASSES[field]] = value
@@ -184,7 +184,7 @@ class Live:
         self._bodies.choose_again()
 
     def _set_pins(self, owner: str, value: Any, world: WorldSelection) -> None:
-        """Other particles are fixed where they are, those that were go on from there."""
+        """Change the pins: newly pinned particles stop where they are, and released ones move on from there."""
         if world is not None:
             raise ValueError(f"{owner}.pins is set in world {world} alone; allowed is to set it in all of them")
         thing = self._bodies.scene.objects[owner]
@@ -249,13 +249,13 @@ class Live:
         self._bodies.colliders.place(row, None, collider.position, collider.orientation)
 
     def _write_none(self, row: int) -> None:
-        """Nothing is there that anything could touch."""
+        """Mark a row as holding no collider."""
         self._bodies.colliders.write(row, None, shape=-1, reach=-_FAR_AWAY)
         self._bodies.colliders.place(row, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def compliances_of(thing: Cloth | Rope) -> list[float]:
-    """Structural, shear (of a rope: twist) and bending compliance, 0 for a kind that does not exist."""
+    """Structural, shear (in a rope: twist) and bending compliance, 0 for a kind that does not exist."""
     found = [0.0, 0.0, 0.0]
     for field, place in COMPLIANCES.items():
         found[place] += getattr(thing, field, None) or 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Live numbers as they are now, by the names and in the units in which they are set (live.py)."""
+"""Current values of live numbers, by the names and in the units of live.py."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ from cloth_sim_ros.sim.arrays.masses import MASSES
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 
-# Where in Material.compliance each lies; of shear and twist, an object has at most one.
+# Index of each compliance in Material.compliance. An object has shear or twist, never both.
 COMPLIANCES = {"stretch_compliance": 0, "shear_compliance": 1, "twist_compliance": 1, "bend_compliance": 2}
-OF_FRAME = {"velocity": "wind", "drag_coefficient": "drag", "lift_coefficient": "lift"}  # those named otherwise there
+# Parameter -> its name in Frame, if that differs.
+OF_FRAME = {"velocity": "wind", "drag_coefficient": "drag", "lift_coefficient": "lift"}
 
 
 def live_value(bodies: Bodies, hands: Hands, name: str, world: int) -> Any:
-    """The value of a live parameter in one world, or of the `position` or `orientation` of a collider or handle at the
-    end of the last frame. Raises ValueError where the scene has none of that name.
+    """Return the value of a live parameter in one world.
 
-    A number is the shortest decimal that float32 holds as the same, so 0.1 set is 0.1 found.
+    The `position` or `orientation` of a collider or handle is that at the end of the last frame. A number is the
+    shortest decimal that rounds to the same float32, so 0.1 set is 0.1 returned. Raises ValueError if the scene has no
+    parameter of that name.
     """
     owner, _, field = name.rpartition(".")
     scene, world, found = bodies.scene, bodies.one(world), None
@@ -92,5 +94,5 @@ def _is_live(group: tuple[table.Parameter, ...], field: str) -> bool:
 
 
 def _decimal(value: Any) -> float | tuple[float, ...]:
-    """float32 as the shortest decimal that is read as the same."""
+    """Convert float32 to the shortest decimal that rounds to it."""
     return tuple(map(_decimal, value)) if np.ndim(value) else float(str(value))

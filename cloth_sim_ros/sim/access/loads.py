@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What handles and colliders feel: forces on particles, added up in a fixed order, one block a handle or collider."""
+"""Loads on handles and colliders: forces on particles, summed in a fixed order by one block per handle or collider."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LANES = 64  # threads of a block
 
 @wp.func
 def handle_load(arrays: Arrays, g: int, h: int) -> wp.spatial_vector:
-    """What handle h feels of particle g: force [N] and torque [N m] about its origin."""
+    """Load of particle g on handle h: force [N] and torque [N m] about its origin."""
     s = arrays.state
     force = wp.vec3(0.0)
     if int(load_row(s.grasp.grips, g)[3]) == h + 1:
@@ -27,7 +27,7 @@ def handle_load(arrays: Arrays, g: int, h: int) -> wp.spatial_vector:
 
 @wp.func
 def collider_load(arrays: Arrays, g: int, c: int) -> wp.spatial_vector:
-    """The same of collider c."""
+    """Load of particle g on collider c, likewise."""
     s = arrays.state
     force = -xyz(load_row(s.contact.contact_forces, g * arrays.colliders.shape[0] + c))
     arm = xyz(load_row(s.positions, g)) - arrays.colliders[c].end_position
@@ -76,7 +76,7 @@ class Loads:
         self.array = wp.zeros((bodies.worlds, count), dtype=wp.spatial_vector, device=bodies.warp_device)
 
     def measure(self) -> wp.array:
-        """(worlds, count) of force [N], then torque [N m] about the origin, in world axes; stays on the device."""
+        """Measure (worlds, count) of force [N], then torque [N m] about the origin, in world axes, on the device."""
         self.array.zero_()
         device = self._bodies.warp_device
         lanes = 1 if device.is_cpu else _LANES
@@ -90,5 +90,5 @@ class Loads:
         return self.array
 
     def read(self, world: int) -> np.ndarray:
-        """The same of one world on the host, (count, 6) float32."""
+        """Measure and copy the loads of one world to the host, (count, 6) float32."""
         return self.measure().numpy()[self._bodies.one(world)].copy()

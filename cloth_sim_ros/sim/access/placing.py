@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where objects are put: positions and velocities that somebody gives, or that another simulation has."""
+"""Placing objects: positions and velocities from the user, or from another simulation."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import WorldSelection, finite_array, worlds_of
 from cloth_sim_ros.sim.topology import Topology
 
-_FAR = 1e6  # [m] the largest coordinate that positions may be given in
-_FAST = 1e6  # [m/s] the same of velocities
-_INSIDE = 1.01  # of the thickness: a surface that lies deeper is inside of a collider, as the node's log says
+_FAR = 1e6  # largest coordinate of given positions [m]
+_FAST = 1e6  # largest component of given velocities [m/s]
+_INSIDE = 1.01  # multiple of the thickness; a surface that lies deeper is inside a collider, as in the node's log
 
 
 class Placing:
-    """Puts the objects of a simulation elsewhere, while it runs."""
+    """Moves the objects of a running simulation."""
 
     def __init__(self, bodies: Bodies, queries: Queries, hands: Hands) -> None:
         self._bodies, self._queries, self._hands = bodies, queries, hands
 
     def leave_colliders(self) -> dict[str, tuple[float, float]]:
-        """Let objects that start inside of rigid colliders start outside of them from the next restart on.
+        """Let objects that start inside rigid colliders start outside them from the next restart on.
 
-        Returns name -> how deep it lay and how far it was moved [m]. Objects that are kept apart from one another stay
-        where they are, as one could be moved into another. See starts.way_out.
+        Returns name -> (depth, distance moved) [m]. With object contact, several objects stay where they are, as one
+        could be moved into another. See starts.way_out.
         """
         bodies, found = self._bodies, {}
         rows = bodies.colliders.mirrors()["rows"][0]
@@ -52,7 +52,7 @@ class Placing:
         """See Simulation.set_positions."""
         rows, some = self._rows(name, positions, "positions", _FAR), self._bodies.some(world)
         topology = self._bodies.elastic[name]
-        if topology.winch is None and self._are_strained(name, rows, some):  # what is on a drum stays there
+        if topology.winch is None and self._are_strained(name, rows, some):  # particles on a drum stay there
             rows = off_symmetry(topology, rows, topology.scales_in(worlds_of(some)).min())
         self._write_positions(name, rows, some)
 
@@ -61,11 +61,11 @@ class Placing:
         self._bodies.batch[name].write_positions(name, values, self._bodies.chosen(some))
 
     def _are_strained(self, name: str, rows: np.ndarray, some: WorldSelection) -> bool:
-        """Whether positions strain a spring by more than half in some worlds."""
+        """True if positions strain a spring by more than half in some of these worlds."""
         torn = self._queries.torn(name) if self._queries.tears(name) else {}
         topology = self._bodies.elastic[name]
         scales = np.unique(topology.scales_in(worlds_of(some)))
-        # Of each spring, the smallest or the largest of its rest lengths is strained most.
+        # The strain of each spring is largest at its smallest or its largest rest length.
         return any(is_strained(topology, rows / scale, torn) for scale in {*scales[:1], *scales[-1:]})
 
     def set_velocities(self, name: str, velocities: Any, world: Any = None) -> None:
@@ -75,7 +75,10 @@ class Placing:
         self._bodies.batch[name].write_velocities(name, values, self._bodies.chosen(some))
 
     def _rows(self, name: str, values: Any, what: str, limit: float) -> np.ndarray:
-        """`values` as an array (N, 3), a row a particle. Raises ValueError for another shape or beyond `limit`."""
+        """Return `values` as an array (N, 3), a row per particle.
+
+        Raises ValueError for another shape or a number beyond `limit`.
+        """
         count = len(self._bodies.topology(name).masses)
         rows = finite_array(values, 3, f"{name} {what}")
         if len(rows) != count or np.abs(rows).max() > limit:
@@ -106,6 +109,6 @@ class Placing:
 
 
 def _structure_of(topology: Topology) -> str:
-    """What has to agree where an object goes on from another simulation, in words."""
+    """Describe, as text, the structure that must agree to take over an object."""
     kind = "a sheet" if len(topology.triangles) else "a rope" if topology.winch is None else "a rope on a winch"
     return f"{kind} of {len(topology.masses)} particles"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is read of objects: what they are made of, and where their particles are."""
+"""Reading objects: their structure, and the state of their particles."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from cloth_sim_ros.sim.topology import KINDS
 
 
 class Queries:
-    """What can be asked of an object by its name; whatever reads the state waits for the device.
+    """Reads objects by name; methods that read the state wait for the device.
 
-    Raises ValueError for a name or a world that does not exist. loads: what colliders feel.
+    Raises ValueError for a name or a world that does not exist. loads: forces and torques on colliders.
     """
 
     def __init__(self, bodies: Bodies) -> None:

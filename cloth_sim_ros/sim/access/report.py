@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a body is like now: energy, strain, penetration and what the solver left, reduced on the device."""
+"""Measures of a body: energy, strain, penetration and the solver's residual, reduced on the device."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.physics.integrate import effective_step
 
 # Rows of the result. Maxima do not depend on the order of atomics; the energy is summed on the host in one order.
 STRAIN, RESIDUAL, PARTICLES, SURFACE = 0, 1, 2, 3
-SPREAD = 6  # steps along each edge at whose ends penetration is looked for
+SPREAD = 6  # steps along each edge of the grid of points at which penetration is sampled
 
 
 @compiled
@@ -71,9 +71,9 @@ def _measure(
     implicit: bool,
     result: wp.array(dtype=float),
 ):
-    """Strain, and the violation of C + gamma slip + compliance x multiplier = 0 with `held` as its last term [m].
+    """Measure strain, and the violation of C + gamma slip + compliance x multiplier = 0 with `held` as last term [m].
 
-    A segment that is fed at the rate `feed` [m/s] moves apart by as much without a strain.
+    A segment fed at the rate `feed` [m/s] lengthens at that rate without strain.
     """
     i, j = ends[0], ends[1]
     high = arrays.state.positions[j] - arrays.state.positions[i]
@@ -89,10 +89,9 @@ def _measure(
 
 @lru_cache
 def make_measure_contacts(shapes: tuple[str, ...]):
-    """The kernel of the deepest penetration into colliders of `shapes` where they are at the end of the frame.
+    """Make the kernel that finds the deepest penetration into colliders of `shapes` at the end of the frame.
 
-    Of a particle, which contact keeps outside, and of the surface: points spread evenly over every triangle of a sheet
-    or segment of a rope that no particle of it is pinned.
+    It measures particles, and points spread evenly over every triangle or rope segment without a pinned particle.
     """
     signed_distance, is_beyond = make_signed_distance(shapes), make_is_beyond(shapes)
 
@@ -137,14 +136,14 @@ def make_measure_contacts(shapes: tuple[str, ...]):
 
 
 class Reporter:
-    """Measures bodies; keeps the few numbers of the result on the device."""
+    """Measures bodies, with a small result buffer on the device."""
 
     def __init__(self, device: wp.Device) -> None:
         self._device = device
         self._result = wp.zeros(4, dtype=float, device=device)
 
     def measure(self, batch: Batch, name: str, world: int) -> dict[str, float]:
-        """What Simulation.report says of every object, for one of them."""
+        """Return the part of Simulation.report that every object has, for one object."""
         b, span, arrays = batch.index[name], batch.span(name), batch.worlds[world]
         self._result.zero_()
         second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
@@ -180,7 +179,7 @@ class Reporter:
 
 
 def _contacts(arrays: Arrays, span: slice) -> int:
-    """How many particles colliders pushed in the last frame, of each collider."""
+    """Number of contacts in the last frame: each particle counts once per collider that pushed it."""
     colliders = arrays.colliders.shape[0]
     if not colliders:
         return 0

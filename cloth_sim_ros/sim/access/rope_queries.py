@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is about ropes alone: tension, loads on what holds their ends, twist and winches."""
+"""Queries of ropes alone: tension, loads on the supports of their ends, twist and winches."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ from cloth_sim_ros.sim.scene.objects import Rope
 
 
 class Ropes:
-    """What can be asked of ropes alone."""
+    """Reads and writes quantities that only ropes have."""
 
     def __init__(self, bodies: Bodies, queries: Queries) -> None:
         self._bodies, self._queries = bodies, queries
-        self._pulls: dict[str, tuple[Tensions, wp.array]] = {}  # of all worlds, while `builds` is that
+        # Tensions of all worlds, valid for this number of builds.
+        self._pulls: dict[str, tuple[Tensions, wp.array]] = {}
         self._builds = 0
 
     def drum(self, name: str, world: int) -> int:
-        """The first segment of a rope that is out."""
+        """Index of a rope's first segment that is off the drum."""
         batch = self._bodies.batch[name]
         return int(batch.read_body("winches", name, world)["index"][0, 0]) if batch.features.winch else 0
 
@@ -42,7 +43,7 @@ class Ropes:
         return Tensions(self._rope_batch(name), name, self._bodies.one(world), out.reshape((1, *out.shape)), column)
 
     def tensions_of_all(self, name: str) -> wp.array:
-        """Tensions (worlds, S) float [N], which stay on the device. Raises ValueError for a cloth."""
+        """Tensions (worlds, S) float [N], on the device. Raises ValueError for a cloth."""
         batch = self._rope_batch(name)
         if self._builds != self._bodies.builds:
             self._pulls, self._builds = {}, self._bodies.builds
@@ -79,7 +80,7 @@ class Ropes:
         return self._bodies.batch[name]
 
     def measure_rope(self, name: str, thing: Rope, world: int) -> dict[str, float]:
-        """What `report` says of ropes alone."""
+        """Return the part of `report` that only ropes have."""
         pull = self.tensions(name, world)
         found = {
             "max_tension": float(pull.max()),
@@ -93,7 +94,7 @@ class Ropes:
         return found
 
     def write_rope(self, name: str, thing: Rope) -> None:
-        """The live numbers of a rope as the scene has them, in all worlds."""
+        """Write the scene's live numbers of a rope in all worlds."""
         batch = self._bodies.batch[name]
         if thing.winch is not None:
             write_winch(batch, name, thing.winch)

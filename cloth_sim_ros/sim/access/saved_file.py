@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The file of a saved state: one .npz of plain arrays, with a header in JSON. Nothing in it is a pickle.
+"""The file of a saved state: one .npz of plain arrays, with a header in JSON and no pickles.
 
-It is written beside its place and then moved there, so that a reader finds the old file or the new one, whole. It
-replaces nothing but another one of its kind.
+The file is written beside its destination and then moved there, so a reader finds the whole old or new file. It
+replaces only another saved state.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ import numpy as np
 
 from cloth_sim_ros.sim.input.regular_file import check_regular, open_regular
 
-FORMAT = 10  # of files that this package writes and reads
+FORMAT = 10  # format number of files that this package writes and reads
 ALLOWED = "allowed is a file that Simulation.save has written"
 _KIND, _HEADER = "state of cloth_sim_ros", "header"
-_MOST_HEADER = 64 << 20  # [bytes]: a header of 65,536 worlds with their scales has a tenth of it
-_NPY_HEAD = 1 << 16  # [bytes] of an array's own header at most
+_MOST_HEADER = 64 << 20  # largest header [bytes]; 65,536 worlds with their scales need a tenth of it
+_NPY_HEAD = 1 << 16  # largest header of an array [bytes]
 
 
 def package_version() -> str:
-    """The version of this package, "unknown" where it runs without being installed."""
+    """The version of this package, "unknown" if it is not installed."""
     try:
         return metadata.version("cloth_sim_ros")
     except metadata.PackageNotFoundError:
@@ -37,7 +37,7 @@ def package_version() -> str:
 
 
 def path_of(path: Any) -> Path:
-    """`path` as a Path. Raises ValueError for what names no file."""
+    """Return `path` as a Path. Raises ValueError if it names no file."""
     try:
         return Path(path)
     except TypeError:
@@ -45,16 +45,16 @@ def path_of(path: Any) -> Path:
 
 
 def reason(error: Exception) -> str:
-    """Why something failed, on one line of bounded length."""
+    """Describe an error on one line of bounded length."""
     text = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
     return text if len(text) <= 120 else text[:117] + "..."
 
 
 def write_file(path: Path, header: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-    """Write arrays by name, and a header of what JSON can hold.
+    """Write arrays by name, and a JSON-serializable header.
 
-    Raises ValueError where the file cannot be written, or where something else than a saved state is at `path`. What
-    was there before is then untouched. A saved state that is replaced keeps its mode.
+    Raises ValueError if the file cannot be written, or if `path` holds anything but a saved state; nothing changes
+    then. A replaced file keeps its mode.
     """
     header = {"kind": _KIND, "format": FORMAT, "package": package_version(), **header}
     try:
@@ -85,9 +85,9 @@ def write_file(path: Path, header: dict[str, Any], arrays: dict[str, np.ndarray]
 
 
 def _mode_of_ours(path: Path) -> int | None:
-    """The permissions of the saved state at `path`; None where nothing is there.
+    """The permissions of the saved state at `path`; None if nothing is there.
 
-    Raises OSError where it is anything else, which must not be replaced.
+    Raises OSError for anything else, which must not be replaced.
     """
     try:
         status = path.lstat()
@@ -106,7 +106,7 @@ def _mode_of_ours(path: Path) -> int | None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have the new name in the folder outlive a loss of power, as fsync has the file's content."""
+    """Flush the folder to disk, so that the new name survives a loss of power, as the content does by fsync."""
     number = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(number)
@@ -115,7 +115,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 class SavedFile:
-    """A saved state that is being read: its `header`, and then the arrays that are wanted by what that says.
+    """A saved state for reading: first its `header`, then the arrays that the header asks for.
 
     Raises ValueError for a file that is missing, damaged, foreign or of another version.
     """
@@ -158,9 +158,9 @@ class SavedFile:
         self.header = header
 
     def arrays(self, wanted: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """All arrays by name, which have to be of the names, shapes and types of `wanted`.
+        """Read all arrays by name; names, shapes and types must be those of `wanted`.
 
-        Raises ValueError, before it reads what is larger, and where a number is not finite.
+        Raises ValueError before reading a larger array, and if a number is not finite.
         """
         names = [name.removesuffix(".npy") for name in self._box.namelist()]
         if sorted(names) != sorted([_HEADER, *wanted]):
@@ -185,7 +185,7 @@ class SavedFile:
 
 
 def header_of(box: zipfile.ZipFile) -> dict[str, Any] | None:
-    """The header, or None where it is not one of ours."""
+    """The header, or None if the file is no saved state."""
     if f"{_HEADER}.npy" not in box.namelist():
         return None
     text = _read(box, _HEADER, _MOST_HEADER)
@@ -196,19 +196,19 @@ def header_of(box: zipfile.ZipFile) -> dict[str, Any] | None:
 
 
 def _read(box: zipfile.ZipFile, name: str, most: int) -> np.ndarray:
-    """An array of at most `most` bytes; as `write_file` does not compress, nothing here grows as it is read."""
+    """Read an array of at most `most` bytes; as `write_file` does not compress, it cannot grow while being read."""
     info = box.getinfo(f"{name}.npy")
     if info.compress_type != zipfile.ZIP_STORED or info.file_size > most + _NPY_HEAD:
         raise ValueError(f"{name} is compressed or too large")
     with box.open(info) as file:
         array = np.lib.format.read_array(file, allow_pickle=False)
-        if file.read(1):  # its end is also where the checksum is compared
+        if file.read(1):  # reading to the end also compares the checksum
             raise ValueError(f"{name} is longer than it says")
     return array
 
 
 def is_finite(array: np.ndarray) -> bool:
-    """Whether all floats of an array, also those in fields, are finite."""
+    """True if all floats of an array, also those in fields, are finite."""
     if array.dtype.names is not None:
         return all(is_finite(array[name]) for name in array.dtype.names)
     return array.dtype.kind != "f" or bool(np.isfinite(array).all())

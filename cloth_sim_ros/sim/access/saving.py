@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulation's whole state into a file, and back to the same bits.
+"""Save a simulation's whole state to a file, and load it bit-identically.
 
-What varies lies in arrays: those of every batch, and the live numbers that all share. They are kept by name, all of
-them, also those that are only scratch: nobody has to know which. The header says what chooses and sizes them.
+The state lies in arrays: those of every batch, and the live numbers that all share. The file holds all of them by name,
+including scratch arrays. The header holds the choices that determine the arrays and their sizes.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ _LIVE_OF_OBJECTS = {row.name for row in (*table.CLOTH, *table.ROPE, *table.TWIST
 _LIVE_OF_COLLIDERS = {"position", "orientation", "file", *(row.name for row in table.COLLIDER if row.live)}
 _LIVE_SETTINGS = tuple(row.name for row in table.SOLVER if row.live)
 _FIXED_SETTINGS = ("frame_dt", *(row.name for row in table.SOLVER if not row.live))
-_TYPES = {"bool": (bool,), "int": (int,), "float": (int, float), "str": (str,)}  # of fields, as JSON has them
-_MOST_SUBSTEPS = 100_000  # a frame: beyond that one takes seconds
+_TYPES = {"bool": (bool,), "int": (int,), "float": (int, float), "str": (str,)}  # field type -> JSON types
+_MOST_SUBSTEPS = 100_000  # largest number of substeps per frame; a frame of more takes seconds
 
 
 class Saving:
-    """Saves and loads what `bodies` and `hands` hold."""
+    """Saves and loads the state of `bodies` and `hands`."""
 
     def __init__(self, bodies: Bodies, hands: Hands) -> None:
         self._bodies, self._hands = bodies, hands
 
     def save(self, path: str | os.PathLike, frames: int, notes: Any) -> None:
-        """Write all that there is, the number of frames so far and `notes`. Raises ValueError."""
+        """Write the whole state, the number of frames so far and `notes`. Raises ValueError."""
         bodies = self._bodies
         added = {name: row for name, row in bodies.collider_row.items() if row >= bodies.fixed}
         header = {
@@ -75,7 +75,10 @@ class Saving:
         write_file(path, header, arrays)
 
     def load(self, path: str | os.PathLike) -> tuple[int, Any]:
-        """Put back what a file holds: the number of frames, and the notes. Raises ValueError; nothing changes then."""
+        """Restore the state from a file; return the number of frames and the notes.
+
+        Raises ValueError; nothing changes then.
+        """
         path = path_of(path)
         with SavedFile(path) as file:
             header = file.header
@@ -88,7 +91,7 @@ class Saving:
                 frames, notes, grasps = _whole(header["frames"]), header["notes"], self._grasps(header["grasps"])
             except _AnotherScene:
                 raise
-            except Exception as error:  # odd entries lead to anything
+            except Exception as error:  # odd entries can raise anything
                 raise ValueError(f"{path} cannot be used: {reason(error)}; {ALLOWED}") from None
             arrays = file.arrays(_on_host(targets))
         _check_indices(path, derived, arrays)
@@ -107,7 +110,7 @@ class Saving:
         return frames, notes
 
     def _check_structure(self, path: Path, theirs: dict[str, str]) -> None:
-        """Raise ValueError where a file is of a scene of another structure, or of another kind of device."""
+        """Raise ValueError if a file is from a scene of another structure, or from another kind of device."""
         ours = structure_of(self._bodies)
         for name in (*ours, *theirs):
             if ours.get(name) != theirs.get(name):
@@ -151,13 +154,13 @@ class Saving:
         )
 
     def _grasps(self, grasps: dict[str, str]) -> dict[str, str]:
-        """The object that each handle grasps, if it is there. Raises ValueError."""
+        """Check that the object that each handle grasps exists. Raises ValueError."""
         if grasps.keys() != self._hands.objects.keys() or {*grasps.values()} - {"", *self._bodies.scene.objects}:
             raise ValueError(f"its handles grasp {table.shown(grasps)}")
         return grasps
 
     def _arrays(self, bodies: Bodies) -> dict[str, wp.array | np.ndarray]:
-        """Name -> array of all that varies, as it lies on the device or, of live numbers, on the host."""
+        """Name -> array of everything that varies: state on the device, live numbers on the host."""
         found = {"handles/counts": bodies.handle_counts, "handles/breaks": self._hands.breaks}
         for k, batch in enumerate(bodies.batches):
             found |= {f"batch{k}/{name}": rows for name, rows in batch.states.items()}
@@ -167,7 +170,7 @@ class Saving:
 
 
 class _AnotherScene(ValueError):
-    """A file is whole, but of a scene of another structure."""
+    """A file is intact, but from a scene of another structure."""
 
 
 def _whole(number: Any) -> int:
@@ -178,7 +181,7 @@ def _whole(number: Any) -> int:
 
 
 def _choice(fields: dict[str, Any]) -> Choice:
-    """How an object is computed. Raises ValueError where that cannot be."""
+    """Build a Choice from the fields of a header. Raises ValueError if they are not valid."""
     choice = Choice(**fields)
     for field in dataclasses.fields(choice):
         value = getattr(choice, field.name)
@@ -190,7 +193,7 @@ def _choice(fields: dict[str, Any]) -> Choice:
 
 
 def _check_indices(path: Path, bodies: Bodies, arrays: dict[str, np.ndarray]) -> None:
-    """Raise ValueError where one of `arrays` names what `bodies` do not have: kernels read there without asking."""
+    """Raise ValueError if an index in `arrays` is out of range for `bodies`, as kernels do not check them."""
     for k, batch in enumerate(bodies.batches):
         segments, handles = np.array(batch.counts) - 1, len(bodies.scene.handles)
         for name, field, most in (
@@ -206,7 +209,7 @@ def _check_indices(path: Path, bodies: Bodies, arrays: dict[str, np.ndarray]) ->
 
 
 def structure_of(bodies: Bodies) -> dict[str, str]:
-    """What arrays and kernels depend on and no live change touches: name -> words that differ where it differs.
+    """Structure that arrays and kernels depend on and live changes keep: name -> text that differs if it differs.
 
     It follows from the descriptions alone, which are the same on every machine.
     """
@@ -230,7 +233,7 @@ def structure_of(bodies: Bodies) -> dict[str, str]:
 
 
 def _digest(thing: Any, live: Collection[str]) -> str:
-    """A short hash of the fields of a description but its pins; of the `live` ones only whether they are None."""
+    """A short hash of a description's fields without its pins; `live` fields count only by being None or not."""
     found = hashlib.sha256()
     for field in dataclasses.fields(thing):
         value = getattr(thing, field.name)
@@ -258,12 +261,12 @@ def _names(bodies: Bodies) -> list[list[str]]:
 
 
 def _on_host(arrays: dict[str, wp.array | np.ndarray]) -> dict[str, np.ndarray]:
-    """The same arrays for NumPy: those of a GPU are copied."""
+    """Convert arrays to NumPy; those on a GPU are copied."""
     return {name: rows.numpy() if isinstance(rows, wp.array) else rows for name, rows in arrays.items()}
 
 
 def _live_arrays(bodies: Bodies) -> dict[str, LiveArray | Masses]:
-    """Name -> live numbers, those of all objects and those of each batch."""
+    """Name -> live numbers, shared ones and those of each batch."""
     found = {"frame": bodies.frame, "colliders": bodies.colliders, "handles": bodies.handles}
     for k, batch in enumerate(bodies.batches):
         each = {"materials": batch.materials, "drives": batch.drives, "ends": batch.ends}

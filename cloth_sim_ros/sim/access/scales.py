@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""By how much an object is larger than its scene says, which may differ between worlds: refused, or written."""
+"""Scale of an object relative to its scene, which may differ between worlds."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from cloth_sim_ros.sim.substeps.limits import check_explicit
 
 
 def set_scale(bodies: Bodies, owner: str, value: Any, world: WorldSelection) -> None:
-    """Give an object a checked scale, or one for each of some worlds, in which it starts anew.
+    """Set an object's scale to a checked value, or one per world, and restart it there.
 
-    Raises ValueError for what has one size alone, and where explicit steps could not hold it.
+    Raises ValueError if the object cannot be scaled, or if explicit steps would be unstable.
     """
     topology = bodies.elastic[owner]
     for what, is_so in (

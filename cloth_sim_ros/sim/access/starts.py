@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a start needs before it is simulated that is far from rest, or inside of a collider."""
+"""Preparation of starts that are far from rest, or inside a collider."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from cloth_sim_ros.sim.physics.quaternion import Motion, moved, rotate
 from cloth_sim_ros.sim.topology import Topology
 
 STRAINED = 0.5  # strain of a spring beyond which a start is far from rest
-_STEPS = 100  # along a way out, at most
-_LITTLE = 1e-3  # of the size of an object: the shortest of these steps, and how thin it is where it lies in a plane
-_FARTHEST = 3.0  # depths: the longest way out of an object that lies in no plane
-_SHORTER = 0.95  # of the way found so far: the length below which another one is better
-_NUDGE = 1e-5  # of the mean rest length of the springs
-_TURNS = np.array([[1.93, -0.71, 0.37], [0.53, 2.11, -0.83], [-0.61, 0.47, 1.79]])  # even in no direction
+_STEPS = 100  # largest number of steps along a way out
+_LITTLE = 1e-3  # fraction of an object's size: the shortest step, and the thickness below which it is planar
+_FARTHEST = 3.0  # longest way out of an object that is not planar, in multiples of its depth
+_SHORTER = 0.95  # fraction of the shortest way so far; a better way must be shorter than this
+_NUDGE = 1e-5  # largest nudge as a fraction of the mean rest length of the springs
+_TURNS = np.array([[1.93, -0.71, 0.37], [0.53, 2.11, -0.83], [-0.61, 0.47, 1.79]])  # wave vectors without symmetry
 
 
 def is_strained(topology: Topology, positions: np.ndarray, torn: Mapping[str, np.ndarray]) -> bool:
-    """Whether positions (N, 3) [m] strain any spring by more than STRAINED but those of a kind that are `torn` (S,)."""
+    """True if positions (N, 3) [m] strain a spring that is not torn by more than STRAINED. torn: kind -> (S,) bool."""
     for kind, elements in topology.springs.items():
         length = np.linalg.norm(positions[elements.particles[:, 1]] - positions[elements.particles[:, 0]], axis=1)
         if ((np.abs(length - elements.rest) > STRAINED * elements.rest) & ~torn.get(kind, np.False_)).any():
@@ -34,12 +34,12 @@ def is_strained(topology: Topology, positions: np.ndarray, torn: Mapping[str, np
 
 
 def off_symmetry(topology: Topology, positions: np.ndarray, scale: float) -> np.ndarray:
-    """Positions (N, 3) [m], what is not pinned moved by at most a hundred-thousandth of a spring's length at a scale.
+    """Return positions (N, 3) [m] with free particles nudged by about a hundred-thousandth of a spring's length.
 
-    A start may be a mirror image of itself, as a grid that is stretched or put inside out about its middle. It stays
-    one to the bit, and may come to rest where nothing but the symmetry holds it. A cell in its middle is inside out
-    then, its springs strained by half. The way is a smooth function of the place, so that what is in one place stays
-    so.
+    A start may be a mirror image of itself, such as a grid that is stretched or inverted about its middle. The motion
+    keeps that symmetry exactly, and may come to rest where only the symmetry holds it. Then a cell in the middle is
+    inverted, with springs strained by half. The nudge is a smooth function of position, so coincident particles stay
+    coincident.
     """
     spacing = scale * np.concatenate([elements.rest for elements in topology.springs.values()]).mean()
     way = np.sin(positions / spacing @ _TURNS.T + [0.3, 1.1, 2.3])
@@ -47,9 +47,9 @@ def off_symmetry(topology: Topology, positions: np.ndarray, scale: float) -> np.
 
 
 class Depth:
-    """How deep the surface of a body would lie in `colliders`, rows of ColliderMotion, with its particles elsewhere.
+    """Depth of a body's surface in `colliders`, rows of ColliderMotion, for any positions of its particles.
 
-    fixed (N,): the particles that a pin, a drum or a handle holds.
+    fixed (N,) bool: True for particles that a pin, a drum or a handle holds.
     """
 
     def __init__(self, batch: Batch, name: str, colliders: wp.array) -> None:
@@ -67,7 +67,7 @@ class Depth:
         self.fixed = self._inverse == 0.0
 
     def at(self, positions: np.ndarray) -> float:
-        """What `report` would call max_penetration [m], with particles at `positions` (N, 3)."""
+        """The max_penetration [m] of `report` with particles at `positions` (N, 3)."""
         self._rows.assign(np.column_stack([positions, self._inverse]).astype(np.float32))
         self._result.zero_()
         inputs, dim = [self._arrays, self._body, self._result], self._panels.stop - self._panels.start
@@ -76,12 +76,12 @@ class Depth:
 
 
 def way_out(positions: np.ndarray, depth: Depth, up: np.ndarray) -> tuple[Motion, float] | None:
-    """A short rigid motion that brings a body from `positions` (N, 3) out of all colliders, and how far it moves the
-    farthest particle [m].
+    """Find a short rigid motion of a body from `positions` (N, 3) out of all colliders.
 
-    Rigid, as that strains nothing. It is the best of motions along, or towards, the main axes of the body and of the
-    world. Of motions of about the same length it is the one that leads most `up` (3,). None where fixed particles allow
-    none or it would be too long: what is wrapped around a collider shall not be pulled off it.
+    Returns the motion and the largest distance that a particle moves [m]. A rigid motion strains nothing. The search
+    tries motions along, or towards, the main axes of the body and of the world. Among motions of about the same length
+    it prefers the one most along `up` (3,). Returns None if fixed particles allow no motion, or if it would be too
+    long. So an object wrapped around a collider is not pulled off it.
     """
     values, axes = np.linalg.eigh(np.cov(positions.T))
     ways = sorted((*axes.T, *-axes.T, *np.eye(3), *-np.eye(3)), key=lambda way: -round(float(way @ up), 6))
@@ -97,14 +97,14 @@ def way_out(positions: np.ndarray, depth: Depth, up: np.ndarray) -> tuple[Motion
             if deep == 0.0:
                 best, limit = (path(length), length), _SHORTER * length
                 break
-            length += max(deep, _LITTLE * size)  # no particle goes farther, so the deepest is not out before
+            length += max(deep, _LITTLE * size)  # no particle moves farther, so the deepest cannot be out before
     return best
 
 
 def _paths(x: np.ndarray, fixed: np.ndarray, ways: list[np.ndarray]) -> Iterator[Callable[[float], Motion]]:
-    """Functions of the way of the farthest particle [m]: rigid motions of particles at `x` (N, 3) along `ways`.
+    """Yield functions from the distance of the farthest particle [m] to rigid motions of `x` (N, 3) along `ways`.
 
-    Where some are fixed they are turns about the point or line in which all of these lie.
+    With fixed particles, the motions are rotations about the point or line that holds all fixed particles.
     """
     if not fixed.any():
         for way in ways:

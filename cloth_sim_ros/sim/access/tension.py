@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tension along ropes, from what their solver left on the device.
+"""Tension along ropes, from the results of their solver on the device.
 
-A rigid segment has a tension without a strain, so a direct solve's multipliers say little about it. They are the small
-difference of displacements, divided by next to no compliance. Their rounding may be as large as the tension. How far
-the solve moved each particle is known well, and times its mass that is the force of the chain on it. The segments'
-forces are sums of these from a free end; between two held ends the one that is unknown is fitted, so that forces lie
-along their segments.
+A rigid segment has a tension without a strain, so a direct solve's multipliers say little about it. They are a small
+difference of displacements divided by almost no compliance, and their rounding may be as large as the tension. The
+displacement of each particle by the solve is accurate, and gives the force of the chain on it. Sums of these forces
+from a free end are the forces of the segments. Between two held ends one force is unknown. A fit finds it so that
+forces lie along their segments.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import xyz
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 
-# Of the fit between two held ends, how much what the solve says along a segment weighs against what lies across it: it
-# decides where a rope is straight.
+# Weight, in the fit between two held ends, of the solver's tension along a segment against the force across it. It
+# decides the tension of a straight rope.
 ALONG = wp.constant(wp.float64(1.0e-3))
 
 
 @wp.func
 def edge_at(arrays: Arrays, i: int) -> wp.vec3:
-    """From particle i of the batch to the next [m]."""
+    """Vector from particle i of the batch to the next [m]."""
     e = xyz(arrays.state.positions[i + 1] - arrays.state.positions[i])
     return e + xyz(arrays.state.position_lo[i + 1] - arrays.state.position_lo[i])
 
@@ -40,7 +40,7 @@ def is_held(arrays: Arrays, i: int) -> bool:
 def fitted(
     arrays: Arrays, b: int, begin: int, end: int, free_start: bool, free_end: bool, forces: wp.array(dtype=wp.vec3)
 ):
-    """Add to the forces of segments `begin` to `end`, summed from 0, what makes them those of the chain."""
+    """Add the unknown constant to the forces of segments `begin` to `end`, which were summed from 0."""
     body = arrays.model.bodies[b]
     lacks = wp.vec3d()
     if free_start:
@@ -63,7 +63,7 @@ def fitted(
 
 @compiled
 def balance(given: wp.array(dtype=Arrays), b: int, forces: wp.array2d(dtype=wp.vec3)):
-    """The force [N] with which each segment of a directly solved rope pulls the particle that it begins at."""
+    """Compute the force [N] with which each segment of a directly solved rope pulls its first particle."""
     w = wp.tid()
     arrays = given[w]
     pulls = forces[w]
@@ -88,7 +88,7 @@ def balance(given: wp.array(dtype=Arrays), b: int, forces: wp.array2d(dtype=wp.v
 def pull_of_springs(
     given: wp.array(dtype=Arrays), b: int, springs: wp.array(dtype=int), forces: wp.array2d(dtype=wp.vec3)
 ):
-    """The same where segments are springs of explicit steps: from their length and its rate."""
+    """The same for segments that are springs of explicit steps, from their length and its rate."""
     w, k = wp.tid()
     arrays = given[w]
     i = arrays.model.bodies[b].particles + k
@@ -105,7 +105,7 @@ def pull_of_springs(
 def write_tensions(
     given: wp.array(dtype=Arrays), b: int, forces: wp.array2d(dtype=wp.vec3), column: int, out: wp.array3d(dtype=float)
 ):
-    """The tension of the segment that begins at each particle, the last segment's at the last particle too."""
+    """Write the tension of the segment that begins at each particle; the last particle gets the last segment's."""
     w, i = wp.tid()
     arrays = given[w]
     k = wp.min(i, forces.shape[1] - 1)
@@ -113,13 +113,11 @@ def write_tensions(
 
 
 class Tensions:
-    """The forces (worlds, S) vec3 [N] with which the segments of a rope pull the particles that they begin at, in one
-    world or, for None, in all.
+    """Forces (worlds, S) vec3 [N] with which a rope's segments pull their first particles, in one world or all (None).
 
-    `launch()` computes them from the state as it is then, with no allocation: `forces`. Where `out` (worlds, N,
-    columns) float is given, the tensions go into a column of it: that of a segment at the particle it begins at, the
-    last also at the last particle. They are below 0 where a segment is pushed together, and hold the share of the
-    dashpots.
+    `launch()` computes `forces` from the current state, without allocation. With `out` (worlds, N, columns) float, it
+    also writes the tensions into a column: each at its segment's first particle, the last also at the last particle.
+    Tensions are below 0 for compressed segments, and include the dashpots' share.
     """
 
     def __init__(
@@ -140,13 +138,13 @@ class Tensions:
             self._commands.append(wp.launch(write_tensions, dim=dim, inputs=inputs, device=device, record_cmd=True))
 
     def launch(self) -> None:
-        """Compute them anew."""
+        """Compute the forces from the current state."""
         for command in self._commands:
             command.launch()
 
 
 def _springs_of(batch: Batch, b: int, segments: int) -> np.ndarray:
-    """Where the springs of a rope's segments lie among those of lines."""
+    """Slots in the line arrays of the springs of a rope's segments."""
     model = batch.worlds[0].model
     _, first, end = batch.lines[b][0]
     nodes, others = (array[first:end].numpy() for array in (model.line_nodes, model.line_others))

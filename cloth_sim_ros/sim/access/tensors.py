@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All worlds at once, as arrays whose first axis is the world: views of the state on the device, and writing of it."""
+"""All worlds at once: views of the state on the device, and writing it, with the world as first axis."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from cloth_sim_ros.sim.input.checks import names_of, on_host
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.scene.objects import Rope
 
-_MOST = {"positions": 1e6, "velocities": 1e6}  # [m], [m/s] the largest coordinate that can be written
+_MOST = {"positions": 1e6, "velocities": 1e6}  # largest number that can be written [m], [m/s]
 _OF_OBJECTS, _OF_POSES = (*_MOST, "contact_forces", "recoveries"), ("pose", "wrench")
 
 
 @compiled
 def add_contacts(pushes: wp.array2d(dtype=wp.vec4), first: int, colliders: int, out: wp.array3d(dtype=float)):
-    """What all colliders together do to each particle from `first` on."""
+    """Sum the contact forces of all colliders on each particle from `first` on."""
     w, i = wp.tid()
     total = wp.vec4(0.0)
     for k in range(colliders):
@@ -34,7 +34,7 @@ def add_contacts(pushes: wp.array2d(dtype=wp.vec4), first: int, colliders: int, 
 
 
 class Tensors:
-    """The tensors of a simulation. Raises ValueError for a name, a word or an array that cannot be."""
+    """The tensors of a simulation. Raises ValueError for a name, a quantity or an array that is not allowed."""
 
     def __init__(self, bodies: Bodies, collider_loads: Loads, handle_loads: Loads, ropes: Ropes) -> None:
         self._bodies, self._loads, self._ropes = bodies, (collider_loads, handle_loads), ropes
@@ -64,7 +64,7 @@ class Tensors:
         return _view(rows, row * rows.strides[1] + motions.pose_offset, (7,), wp.float32)
 
     def _contact_forces(self, name: str) -> wp.array:
-        """A view of those of one collider; the sum over several, or none."""
+        """A view of the contact forces of the only collider, or else the sum over all colliders."""
         batch = self._bodies.batch[name]
         rows, span, colliders = batch.states["contact_forces"], batch.span(name), self._bodies.colliders.array.shape[1]
         count = span.stop - span.start
@@ -112,7 +112,7 @@ class Tensors:
         return found
 
     def _mover(self, name: str) -> tuple[Motions, int, Loads]:
-        """The motions among which a collider or handle is, its row in them, and what they feel."""
+        """The Motions that hold a collider or handle, its row in them, and their Loads."""
         bodies = self._bodies
         for motions, rows, loads in zip(
             (bodies.colliders, bodies.handles), (bodies.collider_row, bodies.handle_row), self._loads, strict=True
@@ -123,7 +123,7 @@ class Tensors:
         raise ValueError(f"there is no object {name!r}, nor a collider or handle; allowed is {names_of(known)}")
 
     def _on_device(self, array: Any) -> wp.array:
-        """`array` as float32 or float64 on the device of the simulation; one that is there is not copied."""
+        """Return `array` as float32 or float64 on the simulation's device, without a copy if it is there."""
         device = self._bodies.warp_device
         if not isinstance(array, wp.array):
             array = wp.from_dlpack(array) if _is_foreign(array) else np.asarray(array, dtype=np.float64)
@@ -151,7 +151,7 @@ def _numbers(array: Any) -> np.ndarray:
 
 
 def _is_foreign(array: Any) -> bool:
-    """Whether an array is of another library than NumPy, which DLPack brings without a copy."""
+    """True if an array is of another library than NumPy and supports DLPack."""
     return hasattr(array, "__dlpack__") and not isinstance(array, np.ndarray)
 
 
@@ -161,8 +161,10 @@ def _check_word(name: str, what: Any, allowed: tuple[str, ...]) -> None:
 
 
 def _view(rows: wp.array, offset: int, shape: tuple[int, ...], dtype: type, inner: int = 0) -> wp.array:
-    """(worlds, *shape) of `dtype`, from `offset` bytes on in each row of an array; `inner`: bytes from one (3,) of
-    several to the next."""
+    """View (worlds, *shape) of `dtype`, from `offset` bytes on in each row of an array.
+
+    inner: stride in bytes of the first axis of a two-dimensional `shape`.
+    """
     number = wp.types.type_size_in_bytes(dtype)
     strides = {0: (), 1: (number,), 2: (inner, number)}[len(shape)]
     view = wp.array(

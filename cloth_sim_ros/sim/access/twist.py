@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Twist of ropes seen from the host: the frame of their material, and what it holds."""
+"""Twist of ropes, read by the host: twist, torsion and directors."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ def read_twist(batch: Batch, name: str, world: int) -> np.void:
 
 
 def measure_twist(batch: Batch, name: str, world: int) -> dict[str, float]:
-    """twist [rad] along all of a rope and torsion [N m], the moment that it has."""
+    """twist [rad] along the whole rope, and torsion [N m], its moment."""
     row = read_twist(batch, name, world)
     return {"twist": float(row["angle"]), "torsion": float(row["moment"])}
 
 
 def directors(points: np.ndarray, rest: np.ndarray, row: np.void) -> np.ndarray:
-    """Unit vectors (S, 3) across the segments of a rope that turn with its material.
+    """Unit vectors (S, 3) across the segments of a rope, which turn with its material.
 
-    points (N, 3) [m]; rest (S,) [m] rest lengths; row: its state.Twist. The vector of the start is carried along the
-    rope without turning. Then it is turned by the share of the twist that lies before a segment's middle. The first and
-    the last segment are clamped and do not twist.
+    points (N, 3) [m]; rest (S,) rest lengths [m]; row: its Twist. Parallel transport carries the start's vector along
+    the rope. Then each vector turns by the share of the twist before its segment's middle. The first and the last
+    segment are clamped and do not twist.
     """
     tangents = np.diff(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)

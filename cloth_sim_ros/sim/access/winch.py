@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Winches seen from the host: their live numbers, and how far they have paid out."""
+"""Winches, from the host: their live numbers, and the length they have paid out."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ LIVE = tuple(row.name for row in table.WINCH if row.live)
 
 
 def write_winch(batch: Batch, name: str, winch: Winch) -> None:
-    """The live numbers of the winch of rope `name` as the scene has them, in all worlds."""
+    """Write the scene's live numbers of the winch of rope `name` in all worlds."""
     batch.drives.write(batch.index[name], None, **{field: getattr(winch, field) for field in LIVE})
 
 
 def set_winch(batch: Batch, name: str, row: table.Parameter, value: Any, world: WorldSelection) -> None:
-    """Change one live number in some worlds to a checked value, or one for each. Raises ValueError."""
+    """Set one live number in some worlds to a checked value, or one per world. Raises ValueError."""
     b = batch.index[name]
     lengths = batch.drives.read(b, world)
     if row.name in ("shortest", "longest"):
@@ -32,7 +32,7 @@ def set_winch(batch: Batch, name: str, row: table.Parameter, value: Any, world: 
 
 
 def measure_winch(batch: Batch, name: str, world: int) -> dict[str, float]:
-    """paid_out [m], unstretched, pay_out [m/s], the rate now, and whether a limit of length has stopped it (0 or 1)."""
+    """paid_out [m], unstretched; pay_out [m/s], the current rate; winch_stopped, 1 if a length limit stopped it."""
     winch = batch.read_body("winches", name, world)[0, 0]
     return {
         "paid_out": float(winch["behind"] + winch["length"] + winch["backlog"]),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The load of a rope on what holds its ends: tension, bending, weight and wind of the particles that are held there."""
+"""The load of a rope on the supports of its ends: tension, bending, weight and wind of the held particles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import xyz
 
 @wp.func
 def bending_force(arrays: Arrays, b: int, i: int) -> wp.vec3:
-    """The force [N] of the joints around particle i of a rope on it (see ropes/beam.py)."""
+    """Force [N] on particle i of a rope by the joints around it (see ropes/beam.py)."""
     body = arrays.model.bodies[b]
     force = wp.vec3(0.0)
     for place in range(3):
@@ -53,7 +53,7 @@ def load_on(arrays: Arrays, b: int, i: int, forces: wp.array(dtype=wp.vec3), ben
 
 @wp.func
 def held_mass(arrays: Arrays, b: int, i: int, masses: wp.array(dtype=float)) -> float:
-    """The mass [kg] that goes with held particle i: at a drum half of the segment that is fed, and none on it."""
+    """Mass [kg] of held particle i: at a drum half of the segment that is fed, and 0 on the drum."""
     if arrays.state.winch.winches.shape[0] > 0:
         winch = arrays.state.winch.winches[b]
         if i <= winch.index:
@@ -71,7 +71,10 @@ def write_wrenches(
     masses: wp.array(dtype=float),
     out: wp.array2d(dtype=float),
 ):
-    """Row 0 the start, row 1 the end: force [N] and torque [N m] about the end particle, over all held from there."""
+    """Write force [N] and torque [N m] about the end particle: row 0 for the start, row 1 for the end.
+
+    Each sums over all particles held from that end on.
+    """
     end = wp.tid()
     first = arrays.model.bodies[b].particles
     last = masses.shape[0] - 1
@@ -95,8 +98,10 @@ def write_wrenches(
 
 
 class EndWrenches:
-    """The wrenches (2, 6) of a rope in a world on what holds its start and its end: `launch()` computes them into
-    `out` from the state as it is then, with no allocation."""
+    """Wrenches (2, 6) of a rope on the supports of its start and its end, in one world.
+
+    `launch()` computes them into `out` from the current state, without allocation.
+    """
 
     def __init__(self, batch: Batch, name: str, world: int, out: wp.array) -> None:
         b, arrays, device = batch.index[name], batch.worlds[world], batch.device
@@ -113,13 +118,16 @@ class EndWrenches:
         self._command = wp.launch(write_wrenches, dim=2, inputs=inputs, device=device, record_cmd=True)
 
     def launch(self) -> None:
-        """Compute them anew."""
+        """Compute the wrenches from the current state."""
         self._tensions.launch()
         self._command.launch()
 
 
 def read_wrenches(batch: Batch, name: str, world: int) -> np.ndarray:
-    """(2, 6) float32: force [N] and torque [N m] about it on what holds the start of a rope, then its end."""
+    """Wrenches (2, 6) float32 on the supports of a rope's start, then its end.
+
+    Each is force [N], then torque [N m] about the end particle.
+    """
     out = wp.zeros((2, 6), dtype=float, device=batch.device)
     EndWrenches(batch, name, world, out).launch()
     return out.numpy().copy()

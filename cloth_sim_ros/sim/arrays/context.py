@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every stage of a substep is given."""
+"""The arguments of every stage of a substep."""
 
 import warp as wp
 
@@ -14,9 +14,9 @@ from cloth_sim_ros.sim.physics.integrate import Step
 class Context:
     """A body in a substep. x, position_lo, d, p: addresses of rows of four numbers for each of its particles.
 
-    x: positions [m] and inverse masses [1/kg]. position_lo: what float32 lost of the positions [m]. d: displacements
-    plus position_lo [m], and effective inverse masses. p: where predictions go, which is d but in sheets that bend as
-    plates.
+    x: positions [m] and inverse masses [1/kg]. position_lo: rounding error of the float32 positions [m]. d:
+    displacements plus position_lo [m], and effective inverse masses. p: destination of predictions; it is d except in
+    sheets that bend as plates.
     """
 
     model: Model
@@ -29,8 +29,8 @@ class Context:
     position_lo: wp.uint64
     d: wp.uint64
     p: wp.uint64
-    spans: wp.uint64  # where the threads of a block show one another spans of a chain
-    cooperative_group: CooperativeGroup  # of the blocks that have the body together
+    spans: wp.uint64  # address where the threads of a block share spans of a chain
+    cooperative_group: CooperativeGroup  # the blocks that compute the body together
     colliders: wp.array(dtype=ColliderMotion)
     handles: wp.array(dtype=HandleMotion)
     handle_counts: wp.array(dtype=int)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Live numbers on the device: structs in arrays of one row a thing, each with a mirror on the host.
+"""Live numbers on the device: arrays of structs, one row per object, each with a mirror on the host.
 
-A change is one small copy at the start of the next frame and never compiles or captures anything again.
+A change costs one small copy at the start of the next frame. It never causes a compilation or a capture.
 """
 
 from __future__ import annotations
@@ -23,35 +23,34 @@ class LiveArray:
 
     @property
     def is_changed(self) -> bool:
-        """Whether something waits to be uploaded."""
+        """True if changes wait to be uploaded."""
         return self._changed
 
     def read(self, row: int, world: WorldSelection) -> np.ndarray:
-        """A copy of a row in some worlds (k,): one, (worlds,) of all for None, or those of some numbers."""
+        """Copy a row in some worlds (k,): one world, all for None, or those of an array of numbers."""
         return self._mirror[worlds_of(world), row].copy()
 
     def write(self, row: int, world: WorldSelection, **values) -> None:
-        """Change fields of a row in some worlds, to one value or a value for each of these; they reach the device with
-        the next upload."""
+        """Set fields of a row in some worlds, to one value or one per world; `upload` brings them to the device."""
         for name, value in values.items():
             self._mirror[name][worlds_of(world), row] = value
         self._changed = True
 
     def edit(self) -> np.ndarray:
-        """The mirror (worlds, rows) itself, to be changed; it reaches the device with the next upload."""
+        """Return the mirror (worlds, rows) itself for changes; the next upload brings them to the device."""
         self._changed = True
         return self._mirror
 
     def mirrors(self) -> dict[str, np.ndarray]:
-        """Name -> each array (worlds, rows, ...) on the host that says what the rows are; see `touch`."""
+        """Name -> each host array (worlds, rows, ...) that determines the rows; call `touch` after writing to one."""
         return {"rows": self._mirror}
 
     def touch(self) -> None:
-        """To be called when what `mirrors` gave has been written to: it reaches the device with the next upload."""
+        """Mark the arrays of `mirrors` as changed; the next upload brings them to the device."""
         self._changed = True
 
     def upload(self) -> None:
-        """Copy to the device if anything changed; ordered before the launches that follow on the device's stream."""
+        """Copy to the device if anything changed, ordered before later launches on the device's stream."""
         if self._changed:
             wp.copy(self.array, self._host)
             self._changed = False

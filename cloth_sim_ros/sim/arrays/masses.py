@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the bodies of a batch weigh in each world: live numbers, and the masses of particles that follow from them."""
+"""Masses of a batch's bodies in each world: live numbers, and the particle masses that follow from them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.topology import Topology
 
-_SAME = 1e-12  # masses that differ by less, relative to them, are those of the topology to the bit
-BYTES_A_PARTICLE = 8  # of a world: a mass and its inverse
-MASSES = {"mass": 0, "end_mass": 1}  # where each live number lies
+_SAME = 1e-12  # relative difference below which masses are exactly those of the topology
+BYTES_A_PARTICLE = 8  # memory per particle and world [bytes]: a mass and its inverse
+MASSES = {"mass": 0, "end_mass": 1}  # column of each live number
 
 
 @compiled
@@ -26,10 +26,10 @@ def weigh(
     masses: wp.array2d(dtype=float),
     inverse: wp.array2d(dtype=float),
 ):
-    """Of particle i of a body in world chosen[k]: its mass and, unless it is pinned, the inverse.
+    """Compute the mass of particle i of a body in world chosen[k], and its inverse, 0 if it is pinned.
 
-    whole: of the topology [kg], below 0 of what is pinned; own: the same without the load. shares: rows of how much of
-    the own masses there is, the load [kg], and whether both are as in the topology.
+    whole: masses of the topology [kg], negative for pinned particles. own: the same without the load, positive. shares:
+    rows of the factor of the own masses, the load [kg], and 1 if both are those of the topology.
     """
     k, i = wp.tid()
     w = chosen[k]
@@ -44,7 +44,7 @@ def weigh(
 
 @compiled
 def put_inverse(inverse: wp.array2d(dtype=float), chosen: wp.array(dtype=int), positions: wp.array2d(dtype=wp.vec4)):
-    """Particle i of world chosen[k] weighs as it should, if it is free."""
+    """Write the inverse mass of particle i of world chosen[k], if it is free."""
     k, i = wp.tid()
     w = chosen[k]
     p = positions[w, i]
@@ -53,10 +53,10 @@ def put_inverse(inverse: wp.array2d(dtype=float), chosen: wp.array(dtype=int), p
 
 
 class Masses:
-    """Mass and end mass [kg] of the bodies of a batch in every world, and what follows from them on the device.
+    """Mass and end mass [kg] of a batch's bodies in every world, and the particle masses on the device.
 
-    spans: where the particles of each body lie. masses, inverse: (worlds, N) float32 [kg] and [1/kg], of what is pinned
-    0; particles of all bodies. `materials` gets what kernels know of it besides.
+    spans: slices of each body's particles. masses, inverse: (worlds, N) float32 [kg] and [1/kg] of all particles; the
+    inverse is 0 for pinned ones. Material.largest_inverse_mass in `materials` is kept up to date.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Masses:
         return self._kg[worlds_of(world), b].copy()
 
     def of(self, b: int, world: int) -> np.ndarray:
-        """The masses (N,) float64 of a body in one world [kg]."""
+        """Masses (N,) float64 [kg] of a body in one world."""
         topology, (mass, load) = self._topologies[b], self._kg[world, b]
         if self._same(b, self._kg[world : world + 1, b])[0]:
             return topology.masses.copy()
@@ -84,19 +84,19 @@ class Masses:
         return masses
 
     def _same(self, b: int, kg: np.ndarray) -> np.ndarray:
-        """Of rows (k, 2), whether a body weighs as it does in the topology."""
+        """True for rows (k, 2) of masses that are those of the body's topology."""
         topology = self._topologies[b]
         return (np.abs(kg[:, 0] / _mass(topology) - 1.0) < _SAME) & (kg[:, 1] == topology.load)
 
     def of_pinned(self, b: int) -> np.ndarray:
-        """Which particles (N,) of a body are pinned."""
+        """(N,) bool: True for pinned particles of a body."""
         return self._topologies[b].pinned
 
     def effective_materials(self, b: int, rows: np.ndarray, kg: np.ndarray) -> np.ndarray:
-        """Rows (k,) of Material of a body whose masses in these worlds are `kg` (k, 2), with compliances at which the
-        masses of the topology would shake as fast: what chooses and checks methods knows these alone.
+        """Convert rows (k,) of Material at masses `kg` (k, 2) to rows with equal frequencies at the topology's masses.
 
-        Where a load makes the particles of a rope differ from it each by another factor, the least tells, to be safe.
+        The choice and the checks of methods know only the topology's masses. With a load, the particles of a rope may
+        differ by several factors; the least is used, to be safe.
         """
         topology, rows = self._topologies[b], rows.copy()
         factor, last = kg[:, 0] / _mass(topology), topology.masses[-1]
@@ -105,7 +105,7 @@ class Masses:
         return rows
 
     def write(self, b: int, world: WorldSelection, kg: np.ndarray) -> None:
-        """Give a body masses (2,) or (k, 2) in some worlds; particles that are free now have those from `put` on."""
+        """Set a body's masses (2,) or (k, 2) in some worlds; `put` then applies them to free particles."""
         topology, numbers = self._topologies[b], np.arange(len(self._kg), dtype=np.int32)[worlds_of(world)]
         self._kg[numbers, b] = kg
         rows = self._kg[numbers, b]
@@ -118,7 +118,7 @@ class Masses:
         self._materials.write(b, world, largest_inverse_mass=np.where(same, 1.0, total / rows.sum(axis=1)))
 
     def put(self, b: int, world: WorldSelection, positions: list[wp.array]) -> None:
-        """Bring the masses of a body to its particles that are free, in rows (worlds, N) of inverse masses."""
+        """Write the inverse masses of a body's free particles into arrays (worlds, N) of positions."""
         numbers = np.arange(len(self._kg), dtype=np.int32)[worlds_of(world)]
         chosen = wp.array(numbers, dtype=int, device=self._device)
         for rows in positions:
@@ -126,11 +126,11 @@ class Masses:
             wp.launch(put_inverse, dim=(len(numbers), rows.shape[1]), inputs=inputs, device=self._device)
 
     def mirrors(self) -> dict[str, np.ndarray]:
-        """Name -> the array on the host that says what all weigh; see `touch`."""
+        """Name -> the host array of mass and end mass; call `touch` after writing to it."""
         return {"kg": self._kg}
 
     def touch(self) -> None:
-        """To be called when what `mirrors` gave has been written to. Particles keep the masses that they have."""
+        """Apply changes to the array of `mirrors`. Particles keep their masses until `put`."""
         for b in range(len(self._topologies)):
             self.write(b, None, self.read(b, None))
 
@@ -141,12 +141,12 @@ def _mass(topology: Topology) -> float:
 
 
 def _own(topology: Topology) -> np.ndarray:
-    """Masses (N,) of its particles without the load [kg]."""
+    """Masses (N,) of a body's particles without the load [kg]."""
     own = topology.masses.copy()
     own[-1] -= topology.load
     return own
 
 
 def _given(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
-    """What `weigh` takes of a body: whole and own (N,)."""
+    """Arguments `whole` and `own` (N,) of `weigh` for a body."""
     return np.where(topology.pinned, -topology.masses, topology.masses), _own(topology)

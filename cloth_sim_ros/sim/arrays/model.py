@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is constant, as kernels see it: bodies that share a kernel and live behind one another in flat arrays, a batch.
+"""Constant arrays of a batch, as kernels see them: bodies that share a kernel, one after another in flat arrays.
 
-Particle indices inside elements count from the body's first particle, so that a body's block needs no offset.
-`Body` says where a body's part of every array begins. The arrays are made in model_arrays.py; state.py is what varies.
+Particle indices in elements count from the body's first particle, so a body's block needs no offset. `Body` holds where
+its part of every array begins. model_arrays.py builds the arrays; state.py describes those that vary.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cloth_sim_ros.sim.topology.line_layout import slots_a_thread
 
 @dataclass(frozen=True)
 class Features:
-    """What the kernels of a batch hold; anything absent here is not compiled."""
+    """Features of a batch's kernels; absent features are not compiled."""
 
     lines: bool  # springs that are solved line by line
     chain: bool  # a direct solve along a rope
@@ -27,37 +27,37 @@ class Features:
     shapes: tuple[str, ...]  # collider shapes
     order: int
     method: str
-    worlds: bool = False  # whether there are many, each with a state of its own
+    worlds: bool = False  # True for several worlds, each with its own state
     beam: bool = False  # a chain that resists bending
     winch: bool = False  # a chain that a winch feeds
     twist: bool = False  # a beam that resists twist between two clamps
     bent: bool = False  # a beam that is bent at rest
     plate: bool = False  # a sheet that resists bending by its curvature
-    curved: bool = False  # and is curved at rest
-    surface: bool = False  # whether colliders can reach between particles (see colliders/collider.py)
-    listed: bool = False  # whether there are so many that those near a body are listed (see broad_phase.py)
-    handles: bool = False  # whether there are any
-    redoes: bool = False  # whether only bodies are computed whose frame is done again
-    coupled: bool = False  # whether it is kept apart from itself or from other objects
-    tears: bool = False  # whether its springs fail
-    forces: tuple[str, ...] = ()  # of forces.FORCES, in the order of Arrays.forces
+    curved: bool = False  # a plate that is curved at rest
+    surface: bool = False  # colliders can reach between particles (see colliders/collider.py)
+    listed: bool = False  # colliders are so many that those near a body are listed (see broad_phase.py)
+    handles: bool = False  # the scene has handles
+    redoes: bool = False  # compute only bodies whose frame is repeated
+    coupled: bool = False  # self or object contact
+    tears: bool = False  # springs can fail
+    forces: tuple[str, ...] = ()  # names in forces.FORCES, in the order of Arrays.forces
     line_slots: int = 1  # particles of a line that a thread of a warp holds
 
     def key(self) -> str:
-        """A name for kernels with these features, the same in every process, so that caches on disk are found."""
+        """Name of kernels with these features, equal in every process, so that caches on disk are found."""
         return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
 
     @property
     def looks_back(self) -> bool:
-        """Whether a substep needs to know if the one before it was smooth."""
+        """True if a substep depends on whether the one before it was smooth."""
         return self.order == 2 or self.method == "verlet"
 
     @property
     def supported(self) -> bool:
-        """Whether the push of a collider carries over to the next substep.
+        """True if the push of a collider carries over to the next substep, which is then of first order.
 
-        Then it is one of first order. What meets other objects stays in step with them: in a substep of another order
-        the same move is another force.
+        Coupled objects do not change order, as they stay in step with others. The same move is another force in a
+        substep of another order.
         """
         return self.chain and self.shapes != () and not self.coupled
 
@@ -94,8 +94,11 @@ class Features:
 
 @dataclass(frozen=True)
 class Counts:
-    """How much there is of a batch in one world. slots: of lines, longest_row of them in a row; curves: triangles that
-    are curved at rest; model: name of an array in Model -> its elements."""
+    """Numbers of elements of a batch in one world.
+
+    slots: slots of lines. longest_row: slots in the longest row. curves: triangles that are curved at rest. model: name
+    of an array in Model -> its size.
+    """
 
     particles: int
     bodies: int
@@ -112,7 +115,7 @@ class Counts:
 
 @wp.struct
 class Body:
-    """Where a body's parts begin: particles, rounds of lines, chain segments, panels."""
+    """Offsets of a body's parts in the arrays, and its constants."""
 
     index: int
     spacing: float  # mean rest length of its springs [m]
@@ -128,32 +131,33 @@ class Body:
     incident_width: int
     plate: int
     plate_width: int
-    plate_rate: float  # of the stiffest mode at a rigidity of 1 N m [1/s^2], likewise
+    plate_rate: float  # omega^2 of the stiffest bending mode at a rigidity of 1 N m [1/s^2]
     curves: int  # triangles that are curved at rest
     curves_end: int
     yielding: float  # the inverse of its mass [1/kg] where Material.largest_inverse_mass is 1
     is_rope: bool
-    pinned: bool  # whether any of its particles is
-    gap: float  # how far a point of its panels lies from the nearest of their corners at most, at rest [m]
+    pinned: bool  # True if any particle is pinned
+    gap: float  # largest distance of a point of its panels from the nearest of their corners, at rest [m]
 
 
 @wp.struct
 class Seams:
-    """Where the slots of lines of a body that tears begin: of bending springs, of all others, and where these end."""
+    """Offsets of the line slots of a body that tears: of bending springs, of all others, and their end."""
 
     bends: int
     others: int
     end: int
-    needs: int  # in Model.line_needs
+    needs: int  # offset in Model.line_needs
     needs_width: int
-    strain: float  # beyond which springs fail
+    strain: float  # strain beyond which springs fail
 
 
 @wp.struct
 class Model:
-    """Constant arrays. groups: (first, end) of the rows of lines of a round, and how many a warp takes in a row.
+    """Constant arrays of a batch.
 
-    scale: element compliance / material compliance. What lies in slots of lines is told in lines/layout.py.
+    groups: first and end of the rows of lines of a round, and the number a warp takes in a row. A scale is element
+    compliance / material compliance. topology/line_layout.py describes the slots of lines.
     """
 
     bodies: wp.array(dtype=Body)
@@ -162,40 +166,42 @@ class Model:
     line_nodes: wp.array(dtype=int)  # (S,) particle in each lane of each slot, -1 for none
     line_others: wp.array(dtype=int)  # (S,) the particle behind it in its line, -1 for none
     line_rests: wp.array(dtype=float)  # (S,) rest length of the spring between them [m], -1 where there is none
-    line_scales: wp.array(dtype=float)  # (S,) and its scale
+    line_scales: wp.array(dtype=float)  # (S,) scale of that spring
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
-    particle_masses: wp.array(dtype=float)  # (N,) [kg] when they are out whole, of bodies that a winch feeds, by world
+    particle_masses: wp.array(dtype=float)  # (N,) [kg] off the drum, of bodies that a winch feeds, by world
     rest: wp.array(dtype=wp.vec3)  # (N,) positions at rest [m]
-    joints: wp.array(dtype=wp.vec4)  # (C,) behind each segment of a chain that bends: rest turn [-], span [m], and the
-    # inverse lengths [1/m] of the segments before and behind it; nothing behind the last
-    incident_springs: wp.array(dtype=wp.vec2i)  # around each particle: the other one and the type, the first of
-    # all particles of a body, then the second of all, padded with type 0 up to the body's incident_width
-    spring_types: wp.array(dtype=wp.vec4)  # (T, 4) rest length [m], 1/scale, kind, and what float32 lost of the rest
-    # length, over it; type 0 pulls nothing
-    plate_strides: wp.vec2i  # places from a neighbour to the next, and from a particle to the next; 0: as many as there
-    # are particles, and as many as each has neighbours
-    plate_neighbours: wp.array(dtype=int)  # (N W,) of Topology.plate
+    # (C,) joint behind each segment of a chain that bends: rest turn [-], span [m], and the inverse lengths [1/m] of
+    # the segments before and behind it; the last segment has none
+    joints: wp.array(dtype=wp.vec4)
+    incident_springs: wp.array(dtype=wp.vec2i)  # other particle and type of the springs around each particle: the first
+    # spring of all particles of a body, then the second of all, padded with type 0 up to the body's incident_width
+    spring_types: wp.array(dtype=wp.vec4)  # (T, 4) rest length [m], 1/scale, kind, and the relative rounding error of
+    # the rest length in float32; type 0 has no force
+    plate_strides: wp.vec2i  # strides from a neighbour to the next, and from a particle to the next; 0: the number of
+    # particles, and the number of neighbours of each
+    plate_neighbours: wp.array(dtype=int)  # (N W,) neighbours of Topology.plate
     plate_weights: wp.array(dtype=float)  # (N W,) [1/m^2]
     curve_width: int  # particles of the stencil of a triangle that is curved at rest
     curve_corners: wp.array(dtype=wp.vec3i)  # (C,) corners of these triangles
     curve_stencil: wp.array(dtype=int)  # (C S,) particles
     curve_stencil_gradients: wp.array(dtype=float)  # (C S,) [1/m]
-    curve_start: wp.array(dtype=int)  # (N + 1,) into curve_entries
-    curve_entries: wp.array(dtype=wp.vec2i)  # triangle of the batch, and which of its corners a particle is, else 3
-    curve_gradients: wp.array(dtype=float)  # of the particle in that triangle [1/m]
+    curve_start: wp.array(dtype=int)  # (N + 1,) offsets into curve_entries
+    curve_entries: wp.array(dtype=wp.vec2i)  # triangle of the batch, and the particle's corner in it, 3 for none
+    curve_gradients: wp.array(dtype=float)  # gradient of the particle in that triangle [1/m]
     panels: wp.array(dtype=wp.vec3i)  # (P, 3) particles, -1 for none
     panel_parts: wp.array(
         dtype=wp.vec2i
-    )  # (P,) body, and bits of what is a panel's own: its three corners, then the sides
-    # behind them. Each particle and each edge belongs to one panel.
-    panel_start: wp.array(dtype=int)  # (N + 1,) into particle_panels
+    )  # (P,) body, and bits of the corners, then the sides behind them, that the panel owns.
+    # Each particle and each edge belongs to one panel.
+    panel_start: wp.array(dtype=int)  # (N + 1,) offsets into particle_panels
     particle_panels: wp.array(dtype=int)  # panels around each particle, counted in the batch
-    seams: wp.array(dtype=Seams)  # (B,) of objects that tear, as all that follows
+    # All arrays from here on are for objects that tear.
+    seams: wp.array(dtype=Seams)  # (B,)
     line_needs: wp.array(dtype=int)  # slots of the springs that each bending spring lies over, -1 for none
     panel_sides: wp.array(dtype=wp.vec3i)  # (P,) slots of the springs along the sides of panels, -1 for none
     panel_needs: wp.array(dtype=int)  # (13 P,) panels without which a panel does not bend
-    plate_sums: wp.array(dtype=int)  # (N W,) where the parts of a weight begin in plate_starts, -1 for none
+    plate_sums: wp.array(dtype=int)  # (N W,) index in plate_starts of the parts of a weight, -1 for none
     plate_starts: wp.array(dtype=int)
-    plate_part_panels: wp.array(dtype=int)  # the panel that a part of a weight is of
+    plate_part_panels: wp.array(dtype=int)  # the panel of each part of a weight
     plate_parts: wp.array(dtype=float)  # [1/m^2]
-    curve_panels: wp.array(dtype=int)  # (C,) of triangles that are curved at rest
+    curve_panels: wp.array(dtype=int)  # (C,) panels that are curved at rest

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topologies -> the constant arrays of a batch, in NumPy body by body, brought to the device once.
+"""Build the constant arrays of a batch from topologies, in NumPy body by body, and upload them once.
 
-What they hold is said where kernels see them, in model.py.
+model.py describes the arrays.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class ModelArrays:
             self.groups.append((start, start + len(joined), 1 if self._lanes else len(parts)))
 
     def _rows_of(self, topology: Topology) -> list[Rows]:
-        """How each family lies; in warps, what lies within a line is in the row of the same number as that line."""
+        """Rows of each family; in warps, lines within a line share the row number of that line."""
         families, found = topology.families, {}
         if self._lanes:
             return [in_lanes(family, topology.springs[family.kind]) for family in families]
@@ -125,7 +125,7 @@ class ModelArrays:
         return [found[number] for number in range(len(families))]
 
     def _add_seams(self, topology: Topology, first_panel: int) -> None:
-        """What goes with a spring that fails, of a body whose panels begin at `first_panel`."""
+        """Add the elements that fail with a spring, for a body whose panels begin at `first_panel`."""
         slots_of, lines = self.spring_slots[-1], self.lines[-1]
         bending = KINDS.index("bending")
         others = next(first for kind, first, _ in lines if kind != bending)
@@ -152,7 +152,7 @@ class ModelArrays:
             self._append("curve_panels", parts.curves + first_panel)
 
     def _add_plate(self, topology: Topology, first: int) -> tuple[int, int]:
-        """Where the plate operator of a body begins, whose first particle is `first`, and its neighbours a particle."""
+        """Add the plate operator of a body with first particle `first`; return offset and neighbours per particle."""
         plate = topology.plate
         if plate is None:
             return 0, 0
@@ -163,7 +163,7 @@ class ModelArrays:
         return self._append("plate_weights", rows[1].ravel()), plate.neighbours.shape[1]
 
     def _add_curves(self, plate: Plate, first: int, count: int) -> None:
-        """The triangles of a body that are curved at rest, and which of them each of its particles is part of."""
+        """Add a body's triangles that are curved at rest, and the list of those around each particle."""
         triangle = self._append("curve_corners", plate.stencil[:, :3])
         self.curve_width = plate.stencil.shape[1]
         self._append("curve_stencil", plate.stencil.ravel())
@@ -184,7 +184,7 @@ class ModelArrays:
         self._append("curve_start", offset + np.cumsum(counts) - counts)
 
     def _add_chain(self, topology: Topology) -> int:
-        """The segments of a rope that is solved directly and its joints, and where the segments begin."""
+        """Add the segments and joints of a directly solved rope; return the offset of the segments."""
         start = self.size["segment_length"]
         if topology.chain is not None:
             self._append("segment_length", topology.chain.rest)
@@ -209,7 +209,7 @@ class ModelArrays:
         return start
 
     def _add_incident_springs(self, topology: Topology) -> tuple[int, int]:
-        """IncidentSprings of one body: where they begin, and the most springs around one particle of it."""
+        """Add a body's incident springs; return their offset and the most springs around one particle."""
         count, springs = len(topology.masses), topology.springs
         pairs = np.concatenate([e.particles for e in springs.values()])
         # Rest lengths that differ by rounding are one type, so that the few types of a grid stay in the nearest cache.
@@ -236,7 +236,7 @@ class ModelArrays:
         return np.concatenate(self._rows[name]) if self._rows[name] else np.zeros(0)
 
     def upload(self, device: wp.Device) -> Model:
-        """The arrays on `device`. An absent kind is an array of no element."""
+        """Upload the arrays to `device`. An absent kind is an empty array."""
         model = Model()
         self._append("panel_start", np.array([self.size["particle_panels"]]))
         if self.curve_width:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What varies, as kernels see it: the structs of a batch's state and of the live numbers that are read every frame.
+"""Varying arrays, as kernels see them: the structs of a batch's state and of the live numbers of every frame.
 
-What a feature has besides is in its file arrays.py. State arrays are made in engine/state_arrays.py. Live numbers lie
-in arrays of one row a thing (live_array.py).
+The arrays of a feature are in its file arrays.py. engine/state_arrays.py builds the state arrays. Live numbers are
+arrays with one row per object (live_array.py).
 """
 
 from __future__ import annotations
@@ -25,8 +25,11 @@ from cloth_sim_ros.sim.ropes.arrays import RopeState
 
 @wp.struct
 class Material:
-    """One body. compliance: structural, shear (a rope's: twist), bending in units of the scene; lengths [m], damping
-    [s]. largest_inverse_mass: its mass in Model over what it weighs here."""
+    """Material of one body.
+
+    compliance: structural, shear (in a rope: twist) and bending, in units of the scene. damping: [s]. thickness: [m].
+    largest_inverse_mass: the body's mass in Model over its mass in this world.
+    """
 
     compliance: wp.vec3
     damping: float
@@ -38,7 +41,7 @@ class Material:
 
 @wp.func
 def compliance_of(material: Material, kind: int) -> float:
-    """The compliance of a kind of topology.KINDS, by selection: an index would put the struct into local memory."""
+    """The compliance of a kind in topology.KINDS; selected, as an index would put the struct into local memory."""
     return wp.where(
         kind == 0, material.compliance[0], wp.where(kind == 1, material.compliance[1], material.compliance[2])
     )
@@ -46,8 +49,10 @@ def compliance_of(material: Material, kind: int) -> float:
 
 @wp.struct
 class Frame:
-    """One batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], wind [m/s],
-    air_density [kg/m^3]. moves: 1 while a collider or handle moves."""
+    """Frame of one batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], wind [m/s], air_density [kg/m^3].
+
+    moves: 1 while a collider or handle moves.
+    """
 
     gravity: wp.vec3
     dt: float
@@ -63,11 +68,10 @@ class Frame:
 
 @wp.struct
 class ColliderMotion:
-    """One collider: shape, size, reach [m] of it around its origin, friction, and poses at both ends of the frame.
+    """One collider: shape, size, reach around its origin [m], friction, and poses at both ends of the frame.
 
-    data: the address of what a shape has beside its size, of one that three numbers do not describe; 0 for others.
-    roundness: the smallest radius of curvature of its surface, as far as is known [m]. compliance: of each point of
-    contact [m/N].
+    data: address of a shape's data beside its size; 0 for shapes that need none. roundness: known lower bound of the
+    radius of curvature of its surface [m]. compliance: of each point of contact [m/N].
     """
 
     shape: int
@@ -82,15 +86,14 @@ class ColliderMotion:
     start_orientation: wp.quat
     end_position: wp.vec3
     end_orientation: wp.quat
-    facets: int  # 1 where it can come between particles, so that facets are tested against it; else these are not
+    facets: int  # 1 if it can come between particles, so that facets are tested against it
 
 
 @wp.struct
 class HandleMotion:
-    """One handle: its reach as a box and a ball around its origin [m], how it holds, and poses at both ends of the
-    frame.
+    """One handle: its reach, how it holds, and poses at both ends of the frame.
 
-    reach: half the edges of the box, and the radius of the ball; what is grasped lies in both.
+    reach: half the edges of a box and the radius of a ball around its origin [m]; grasped particles lie in both.
     """
 
     reach: wp.vec4
@@ -104,23 +107,23 @@ class HandleMotion:
 
 @wp.struct
 class State:
-    """Arrays of one batch. The arrays of a feature lie in a struct of its own, see its file arrays.py.
+    """State arrays of one batch. The arrays of a feature lie in a struct of its own, see its file arrays.py.
 
     N particles, S slots of lines, C segments, P panels, K colliders, B bodies.
     """
 
     positions: wp.array(dtype=wp.vec4)  # (N,) x y z [m] and inverse mass [1/kg], 0 is pinned
-    # (N,) what float32 lost of the positions [m], and the sum of the sizes of line forces [N]
+    # (N,) rounding error of the float32 positions [m], and the sum of the magnitudes of line forces [N]
     position_lo: wp.array(dtype=wp.vec4)
-    displacements: wp.array(dtype=wp.vec4)  # (N,) of the substep, and the effective inverse mass [1/kg]
+    displacements: wp.array(dtype=wp.vec4)  # (N,) in the substep [m], and the effective inverse mass [1/kg]
     velocities: wp.array(dtype=wp.vec4)  # (N,) [m/s]
-    last_velocities: wp.array(dtype=wp.vec3)  # (N,) one substep ago, order 2 alone
+    last_velocities: wp.array(dtype=wp.vec3)  # (N,) [m/s] one substep ago, order 2 alone
     last_displacements: wp.array(dtype=wp.vec3)  # (N,) of the last substep [m], order 2 alone
     good_positions: wp.array(dtype=wp.vec4)  # (N,) positions when the body was last good, see fault_recovery.py
-    faulty: wp.array(dtype=int)  # (B,) whether a particle was found bad at the end of this frame
-    recoveries: wp.array(dtype=int)  # (B,) how often the body was put back
-    relapses: wp.array(dtype=int)  # (B,) how many frames in a row ended so
-    history: wp.array(dtype=int)  # (B,) whether smooth substeps lie behind this one, order 2 and verlet
+    faulty: wp.array(dtype=int)  # (B,) nonzero if a particle was found bad at the end of this frame
+    recoveries: wp.array(dtype=int)  # (B,) number of times the body was put back
+    relapses: wp.array(dtype=int)  # (B,) number of frames in a row that ended so
+    history: wp.array(dtype=int)  # (B,) nonzero if smooth substeps lie behind this one, order 2 and verlet
     events: wp.array(dtype=int)  # (2 B,) 1 + the last even and odd substep that was not smooth, as a graph
     lines: LineState
     plate: PlateState
@@ -139,7 +142,7 @@ class State:
 class Arrays:
     """Everything a kernel reads or writes in one world: the one argument that every executor passes.
 
-    Many worlds are an array of these: they share the model, and each has its own part of everything that varies.
+    Many worlds are an array of these. They share the model, and each has its own state.
     """
 
     model: Model
@@ -155,7 +158,7 @@ class Arrays:
 
 
 def given_type(features: Features) -> type:
-    """The type of the argument that a kernel gets: the Arrays of its world, or of many an array of them."""
+    """The type of a kernel's argument: the Arrays of one world, or an array of them for several worlds."""
     return wp.array(dtype=Arrays) if features.worlds else Arrays
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State written on the device, in some worlds and no others: particles, and what is to start anew."""
+"""Writing state on the device, in chosen worlds only: particles, and clearing of arrays."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def put_positions(
     good_positions: wp.array2d(dtype=wp.vec4),
     lo: wp.array2d(dtype=wp.vec4),
 ):
-    """Particle i of body b in world chosen[k]; what is on a drum is held where the first particle is."""
+    """Write particle i of body b in world chosen[k]; particles on a drum are held at the first particle's position."""
     k, i = wp.tid()
     w = chosen[k]
     source = int(i)
@@ -51,9 +51,9 @@ def place(
     chosen: wp.array(dtype=int),
     values: wp.array3d(dtype=wp.float64),
 ):
-    """Where point i (x y z) in the axes of a pose of world chosen[k] lies; poses: x y z, then a unit x y z w.
+    """Transform point i from the axes of a pose of world chosen[k] to world axes.
 
-    points: (worlds, N, 3), or (1, N, 3) for each.
+    points: (worlds, N, 3), or (1, N, 3) for all. poses: x y z, then a unit quaternion x y z w.
     """
     k, i = wp.tid()
     w = chosen[k]
@@ -96,7 +96,7 @@ def clear_words(words: wp.array2d(dtype=wp.uint32), first: int, chosen: wp.array
 
 @compiled
 def find_bad(values: wp.array3d(dtype=Any), limit: float, chosen: wp.array(dtype=int), bad: wp.array(dtype=int)):
-    """Note whether a number is not finite or beyond the limit; written so that NaN is."""
+    """Set `bad` if a number is beyond the limit or not finite; the comparison is written to catch NaN."""
     k, i = wp.tid()
     for c in range(3):
         if not (wp.abs(float(values[chosen[k], i, c])) <= limit):
@@ -109,7 +109,7 @@ for _number in (wp.float32, wp.float64):  # all at once, so that the module is c
 
 
 def are_bad(values: wp.array, limit: float, chosen: wp.array) -> bool:
-    """Whether rows (worlds, N, 3) of the chosen worlds hold a number that is not finite or beyond the limit; waits."""
+    """True if rows (worlds, N, 3) of the chosen worlds hold a number not finite or beyond the limit; waits."""
     bad = wp.zeros(1, dtype=int, device=values.device)
     dim = (len(chosen), values.shape[1])
     wp.launch(find_bad, dim=dim, inputs=[values, limit, chosen, bad], device=values.device)
@@ -117,7 +117,7 @@ def are_bad(values: wp.array, limit: float, chosen: wp.array) -> bool:
 
 
 def words_of(rows: wp.array) -> wp.array:
-    """A view (worlds, words) of an array (worlds, size) of whatever type, which is contiguous and has elements."""
+    """View (worlds, words) of a contiguous, not empty array (worlds, size) of any type."""
     each = rows.strides[0] // 4
     view = wp.array(ptr=rows.ptr, shape=(rows.shape[0], each), dtype=wp.uint32, device=rows.device)
     view._ref = rows  # keeps its memory
@@ -134,7 +134,7 @@ def clear(rows: wp.array, span: slice, chosen: wp.array) -> None:
 
 
 def put(rows: wp.array, first: int, values: np.ndarray, chosen: wp.array) -> None:
-    """Put `values` (n,) into elements from `first` on of an array (worlds, size), in each of the chosen worlds."""
+    """Write `values` (n,) to elements from `first` on of an array (worlds, size), in each of the chosen worlds."""
     size = wp.types.type_size_in_bytes(rows.dtype) // 4
     words = wp.array(np.ascontiguousarray(values).view(np.uint32).ravel(), dtype=wp.uint32, device=rows.device)
     if len(chosen):

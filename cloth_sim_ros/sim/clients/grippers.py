@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parallel grippers: two boxes that close on what is between them, to an opening or with a force.
+"""Parallel grippers: two boxes that close on an object between them, to an opening or with a force.
 
-A gripper is made of two ordinary colliders, which its driver moves a little in every frame. So the core knows nothing
-of it, and what it pinches it holds by friction alone.
+A gripper is two ordinary colliders, which its driver moves a little in every frame. So the simulation core does not
+know of grippers, and a gripper holds objects by friction alone.
 """
 
 from __future__ import annotations
@@ -18,23 +18,24 @@ from cloth_sim_ros.sim.input.checks import check_fields
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector, rotate, unit_quaternion
 from cloth_sim_ros.sim.simulation import Simulation
 
-SIDES = {"left": 1.0, "right": -1.0}  # finger -> on which side along the gripper's y axis
-_LOOSE = 0.01  # of the wanted force, below which the fingers count as not touching
-_MANY = 64  # points of contact
-_SHARE = 0.5  # of the way to the opening at which the force would be right, that the fingers go in a frame
-_TOLD = 0.05  # change of the force, over it, that tells where the fingers touch
-_FORGETS = 0.8  # what is left of the known stiffness after a frame in which the fingers touch nothing
+SIDES = {"left": 1.0, "right": -1.0}  # finger -> its side along the gripper's y axis
+_LOOSE = 0.01  # fraction of the wanted force below which the fingers count as not touching
+_MANY = 64  # number of points of contact that bounds the stiffness
+_SHARE = 0.5  # fraction of the way to the opening with the wanted force that the fingers go in a frame
+_TOLD = 0.05  # relative change of the force from which the opening of first contact can be found
+_FORGETS = 0.8  # factor of the known stiffness after a frame in which the fingers touch nothing
 
 Pose = tuple[tuple[float, ...], tuple[float, ...]]  # position [m], orientation x y z w
 
 
 @dataclass(frozen=True)
 class Gripper:
-    """Two fingers that open along local y, at a pose halfway between their faces. Raises ValueError for what cannot be.
+    """Two fingers that open along local y, at a pose halfway between their faces.
 
-    finger_size: x y z [m] of each. opening [m] is the gap between their faces, at most max_opening. With a force [N]
-    above 0 they close until each finger presses as hard; else they go to `opening`. speed [m/s] is how fast the opening
-    changes at most. compliance [m/N] of each point of contact is what the force comes from, so it is above 0.
+    finger_size: x y z [m] of each. opening [m]: gap between their faces, at most max_opening. force [N]: above 0, the
+    fingers close until each presses with it; at 0 they go to `opening`. speed [m/s]: largest rate of the opening.
+    compliance [m/N]: of each point of contact; it is above 0, as the force follows from it. Raises ValueError for a
+    value that is not allowed.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -69,7 +70,7 @@ class Gripper:
         }
 
     def poses(self, opening: float) -> dict[str, Pose]:
-        """Where the fingers are at an opening [m], by side."""
+        """Poses of the fingers at an opening [m], by side."""
         away = 0.5 * (opening + self.finger_size[1])
         offsets = rotate(self.orientation, np.array([(0.0, way * away, 0.0) for way in SIDES.values()]))
         places = np.asarray(self.position) + offsets
@@ -79,8 +80,8 @@ class Gripper:
 class GripperDriver:
     """Drives the fingers of a gripper called `name` in one world of a simulation: `advance` before each step.
 
-    opening [m]: between the fingers now. speed [m/s]: at which it changed last. felt [N]: with which each finger
-    pressed in the last frame. gripper: where it is and what is wanted of it.
+    opening [m]: current gap between the fingers. speed [m/s]: its last rate of change. felt [N]: force of each finger
+    in the last frame. gripper: its pose and targets.
     """
 
     def __init__(self, name: str, gripper: Gripper) -> None:
@@ -107,18 +108,18 @@ class GripperDriver:
         self.gripper = replace(self.gripper, force=force)
 
     def set_speed(self, speed: float) -> None:
-        """How fast the opening changes at most from now on [m/s]."""
+        """Set the largest speed at which the opening changes [m/s]."""
         self.gripper = replace(self.gripper, speed=speed)
 
     def measure(self, sim: Simulation, world: int = 0) -> float:
-        """With which force [N] each finger pressed in the last frame: the mean of both."""
+        """Force [N] with which each finger pressed in the last frame: the mean of both."""
         along = rotate(self.gripper.orientation, np.array([(0.0, 1.0, 0.0)]))[0]
         loads = {side: sim.wrench(f"{self.name}_{side}", world)[0] @ along for side in SIDES}
         self.felt = 0.5 * float(sum(way * loads[side] for side, way in SIDES.items()))
         return self.felt
 
     def poses(self, frame_dt: float) -> dict[str, Pose]:
-        """Where each finger, by the name of its collider, is to be at the end of the next frame [s]."""
+        """Name of each finger's collider -> wanted pose at the end of the next frame, of length `frame_dt` [s]."""
         most = self.gripper.speed * frame_dt
         step = float(np.clip(self._wanted() - self.opening, -most, most))
         before = self.opening
@@ -128,7 +129,7 @@ class GripperDriver:
         return self.places()
 
     def places(self) -> dict[str, Pose]:
-        """Where each finger is at the present opening, by the name of its collider."""
+        """Name of each finger's collider -> pose at the current opening."""
         return {f"{self.name}_{side}": pose for side, pose in self.gripper.poses(self.opening).items()}
 
     def _wanted(self) -> float:
@@ -149,7 +150,7 @@ class GripperDriver:
         return self.opening + _SHARE * (goal - self.opening) if self._stiffness > 0.0 else goal
 
     def _find_line(self, at: float) -> None:
-        """The force grows from 0 where the fingers touch to what they feel at an opening [m]."""
+        """Fit the line by which the force grows from 0 at first contact to the force felt at an opening [m]."""
         if self._before is not None:
             closed, more = self._before[0] - at, self.felt - self._before[1]
             if closed * more > 0.0 and abs(more) > _TOLD * self.felt:

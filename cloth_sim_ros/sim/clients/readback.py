@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State -> outgoing data: kernels write what a message will hold, and one copy brings it to pinned host memory."""
+"""Read-back of the state: kernels write the data of a message, and one copy brings it to pinned host memory."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ class Surface:
 
 
 class EndReadback:
-    """What a rope loads its ends with in a world: `request()` as for a Readback, then `wrenches()`."""
+    """A rope's loads on the supports of its ends, in one world: `request()` as for a Readback, then `wrenches()`."""
 
     def __init__(self, sim: Simulation, name: str, world: int = 0) -> None:
         device = sim.device_arrays(name, world)[2]

@@ -30,11 +30,12 @@ DISTRIBUTIONS: dict[str, Callable] = {
 
 
 class Variation:
-    """What varies: name of a live parameter, or "position" or "orientation" of anything in the scene -> distribution.
+    """Distributions by name of a live parameter, or of the "position" or "orientation" of anything in the scene.
 
     vary: such as {"cloth.stretch_compliance": {"log_uniform": [1e-4, 1e-2]}, "wind.velocity": {"normal": [[1, 0, 0],
     0.5]}}; a name of DISTRIBUTIONS with its two numbers, or vectors as long as the parameter. Orientations are scaled
-    to length 1: normal of mean 0 is any. What has a "scale" starts anew. Raises ValueError for what cannot be.
+    to length 1, so a normal distribution of mean 0 gives any orientation. An object with a "scale" is restarted.
+    Raises ValueError for a name or a distribution that is not allowed.
     """
 
     def __init__(self, vary: Mapping[str, Mapping[str, Any]], seed: int = 0) -> None:
@@ -45,8 +46,11 @@ class Variation:
         self.seed, self._vary = seed, {name: _checked(name, spec) for name, spec in vary.items()}
 
     def draw(self, lengths: Mapping[str, int], worlds: int, episode: int = 0) -> dict[str, np.ndarray]:
-        """Name -> values (worlds, length) float64. Those of a world depend on the seed, the name, the episode and the
-        number of the world alone: neither on what else varies nor on how many worlds there are."""
+        """Draw name -> values (worlds, length) float64.
+
+        The values of a world depend only on the seed, the name, the episode and the number of the world. They do not
+        depend on other variations or on the number of worlds.
+        """
         found = {}
         for name, (kind, first, second) in self._vary.items():
             seed = np.random.SeedSequence([self.seed, episode, zlib.crc32(name.encode())])
@@ -57,11 +61,12 @@ class Variation:
         return found
 
     def apply(self, sim: Simulation, mask: Any = None, episode: int = 0) -> dict[str, np.ndarray]:
-        """Draw for all worlds and set what is drawn in those of a mask (worlds,) of bool, or for None in all; returns
-        name -> (worlds,) or (worlds, length). Colliders, handles and objects are at their poses at once, so a reset
-        comes first. Handles that hold something from the start grasp anew where they, or objects, are then.
+        """Draw for all worlds, and set the values in those of a mask (worlds,) of bool, or in all for None.
 
-        Raises ValueError for a name that the scene has not, and values that are not allowed.
+        Returns name -> (worlds,) or (worlds, length). Call it after a reset, as colliders, handles and objects are at
+        their poses at once. If handles or objects moved or changed scale, initially attached handles grasp again.
+
+        Raises ValueError for a name that the scene does not have, or a value that is not allowed.
         """
         if not isinstance(episode, Integral) or episode < 0:
             raise ValueError(f"episode is {episode!r}; allowed is a whole number, 0 or more")
@@ -87,12 +92,12 @@ class Variation:
 
 
 def _placed(sim: Simulation) -> dict[str, Any]:
-    """Name -> what has a position and an orientation."""
+    """Name -> object, collider or handle with a position and an orientation."""
     return {**sim.scene.objects, **sim.scene.colliders, **sim.scene.handles}
 
 
 def _owner(name: str, placed: Mapping[str, Any]) -> str:
-    """Whose pose `name` is part of, "" for what is none."""
+    """Owner of the pose that `name` is part of, or "" if it is none."""
     owner, _, part = name.rpartition(".")
     return owner if part in _POSE and owner in placed else ""
 

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collider shapes. A new shape: a file with its scene class and its `signed_distance`, and its line in SHAPES, which
-may also come from outside of this package (docs/how-to/extending.md)."""
+"""Collider shapes.
+
+A new shape needs a file with its scene class and its `signed_distance`, and a line in SHAPES. Other packages may add
+shapes too (docs/how-to/extending.md).
+"""
 
 from collections.abc import Iterable
 
@@ -20,13 +23,13 @@ SHAPES = {
     "signed_distance": (volume.SignedDistance, volume.signed_distance),
 }
 
-# Of shapes whose distance takes long: a function (p, data) that is quick to tell what it is not below [m].
+# Shapes whose distance is slow to compute -> a function (p, data) that gives a quick lower bound [m].
 BOUNDS = {"mesh": mesh_distance.at_least}
 
-# Of shapes that may be convex or not: a function (data) that tells.
+# Shapes that may be convex or not -> a function (data) that returns True if convex.
 CONVEX = {"mesh": mesh_distance.is_convex}
 
-SPARE_SHAPES = ("box", "cylinder", "sphere")  # of colliders that are added while a simulation runs
+SPARE_SHAPES = ("box", "cylinder", "sphere")  # shapes of colliders that can be added while a simulation runs
 
 
 def shape_of(collider: Collider) -> str:
@@ -40,8 +43,7 @@ def number_of(name: str) -> int:
 
 
 def shapes_of(colliders: Iterable[Collider], spare: bool = False) -> tuple[str, ...]:
-    """The names in SHAPES that occur among colliders, and those of spare ones, each once and sorted: what kernels are
-    made for."""
+    """The sorted names in SHAPES of colliders, with SPARE_SHAPES if `spare`; kernels are made for these."""
     return tuple(sorted({*map(shape_of, colliders), *(SPARE_SHAPES if spare else ())}))
 
 
@@ -51,7 +53,7 @@ def _nothing(shape: int, p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
 
 
 def make_signed_distance(present: tuple[str, ...]):
-    """A Warp function (shape, p, size, data) -> normal and distance that holds the shapes in `present` and no others.
+    """Make a Warp function (shape, p, size, data) -> normal and distance for the shapes in `present` only.
 
     size and data: as in ColliderMotion.
     """
@@ -62,9 +64,9 @@ def make_signed_distance(present: tuple[str, ...]):
 
 
 def make_is_beyond(present: tuple[str, ...]):
-    """A Warp function (shape, p, distance, data): whether it is quick to tell that p is farther than a distance [m].
+    """Make a Warp function (shape, p, distance, data): True if a quick bound shows p farther than `distance` [m].
 
-    None where no shape in `present` takes long.
+    Returns None if no shape in `present` is slow to compute.
     """
     chosen = None
     for name in filter(BOUNDS.get, present):
@@ -87,7 +89,7 @@ def _or_beyond(others, name: str):
 
 
 def make_is_hollow(present: tuple[str, ...]):
-    """A Warp function (shape, data): whether a collider is not convex. None where all shapes in `present` are."""
+    """Make a Warp function (shape, data): True if a collider is not convex. None if all shapes present are convex."""
     chosen = None
     for name in present:
         if not SHAPES[name][0].convex:

@@ -30,7 +30,7 @@ Baked = tuple[np.ndarray, tuple[float, ...], float]
 def bake(mesh: Mesh, cells: int) -> Baked:
     """Values (X, Y, Z) [m], origin and spacing [m] of a grid around a mesh, with `cells` along its longest side.
 
-    Raises ValueError for a number of cells that cannot be.
+    Raises ValueError for a number of cells that is not allowed.
     """
     if isinstance(cells, bool) or not isinstance(cells, int) or not 2 <= cells <= _MOST_CELLS:
         raise ValueError(f"cells is {cells!r}; allowed is a whole number from 2 to {_MOST_CELLS}")
@@ -47,7 +47,7 @@ def bake(mesh: Mesh, cells: int) -> Baked:
 
 
 def cache() -> Path:
-    """The folder of what is kept: cloth_sim_ros in XDG_CACHE_HOME, or else in ~/.cache."""
+    """The cache folder: cloth_sim_ros in XDG_CACHE_HOME, or else in ~/.cache."""
     return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "cloth_sim_ros"
 
 
@@ -59,7 +59,7 @@ def _measure(first: wp.vec3, spacing: float, wide: int, size: wp.vec3, data: wp.
 
 
 def _compute(mesh: Mesh, origin: np.ndarray, spacing: float, shape: tuple[int, ...]) -> np.ndarray:
-    """The values, slice by slice on the CPU."""
+    """Compute the values slice by slice on the CPU."""
     device = wp.get_device("cpu")
     data, values = mesh.data(device), np.empty(shape, np.float32)
     of_slice = wp.empty(shape[1] * shape[2], dtype=float, device=device)
@@ -76,7 +76,7 @@ def _compute(mesh: Mesh, origin: np.ndarray, spacing: float, shape: tuple[int, .
 
 
 def _read(file: Path, shape: tuple[int, ...]) -> np.ndarray | None:
-    """The values that were kept; None where there are none, or the file is damaged."""
+    """Read cached values; None if there are none, or the file is damaged."""
     try:
         with np.load(file) as arrays:
             values = arrays["values"]
@@ -86,7 +86,7 @@ def _read(file: Path, shape: tuple[int, ...]) -> np.ndarray | None:
 
 
 def _write(file: Path, values: np.ndarray) -> None:
-    """Keep values, all of them or none; without room they are computed again the next time."""
+    """Write values to the cache atomically; if that fails, they are computed again the next time."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as part:

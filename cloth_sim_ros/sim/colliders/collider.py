@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the colliders of a scene share. A shape's own description lies beside its distance, in the file of the shape."""
+"""The base of all colliders of a scene. The file of each shape holds its description and its distance."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.input.checks import check_fields
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
 
-STRETCHED = 1.62  # how much wider gaps between particles may become than they are at rest
-FASTEST = 20.0  # [m/s] at which none may come through between particles that it touches
+STRETCHED = 1.62  # largest ratio of gaps between particles to those at rest
+FASTEST = 20.0  # speed [m/s] up to which no collider may pass between particles that it touches
 _DIMENSIONS = table.row(table.COLLIDER, "dimensions")
 
 
@@ -24,13 +24,13 @@ _DIMENSIONS = table.row(table.COLLIDER, "dimensions")
 class Collider:
     """A pose, Coulomb coefficients and a compliance; a pair's friction is the geometric mean of its two sides.
 
-    compliance [m/N]: how deep a point of contact lies in it for the force there; 0 is rigid. What two colliders squeeze
-    has a force only where they are not rigid.
+    compliance [m/N]: depth of a point of contact per force; 0 is rigid. An object squeezed between two colliders has a
+    defined force only if they are not rigid.
 
-    A shape adds its lengths as fields, their rows in `dimensions`, and `reach()`, from its origin to the farthest of it
-    [m]. That and `roundness()` take numbers or, for as many sizes, arrays (k,) in their place. A shape that needs more
-    than three numbers gives `data` and its own `size()` too; its rows are not live then.
-    `convex`: whether its signed distance is convex along every line. Raises ValueError for what cannot be.
+    A shape adds its lengths as fields, their rows in `dimensions`, and `reach()`, the distance from its origin to its
+    farthest point [m]. `reach()` and `roundness()` use the fields as numbers, or as arrays (k,) for k sizes. A shape
+    that needs more than three numbers also provides `data` and its own `size()`; its rows are not live then. `convex`:
+    True if its signed distance is convex along every line. Raises ValueError for a value that is not allowed.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -45,13 +45,13 @@ class Collider:
         check_fields(self, (*table.COLLIDER, *self.dimensions))
 
     def size(self) -> tuple[float, ...]:
-        """What its `signed_distance` takes as size (3,) [m]: its dimensions one after another, then 0."""
+        """The size (3,) [m] for its `signed_distance`: its dimensions one after another, then 0."""
         values = [getattr(self, row.name) for row in self.dimensions]
         numbers = [number for value in values for number in (value if isinstance(value, tuple) else (value,))]
         return (*numbers, 0.0, 0.0, 0.0)[:3]
 
     def place_in_size(self, name: str) -> int | slice:
-        """Where the dimension called `name` lies in `size()`."""
+        """Index or slice of the dimension called `name` in `size()`."""
         first = 0
         for row in self.dimensions:
             if row.name == name:
@@ -60,7 +60,7 @@ class Collider:
         raise KeyError(name)
 
     def resized(self, size: np.ndarray) -> Collider:
-        """The same of another size (3,) [m], which has been checked; of many (k, 3) with arrays for numbers."""
+        """Copy with a checked size (3,) [m], or with arrays as fields for many sizes (k, 3)."""
         other = copy.copy(self)
         for row in self.dimensions:
             place = self.place_in_size(row.name)
@@ -69,33 +69,34 @@ class Collider:
         return other
 
     def roundness(self) -> float:
-        """The smallest radius of curvature of its surface [m]; 0 of what has edges."""
+        """The smallest radius of curvature of its surface [m]; 0 for a shape with edges."""
         return 0.0
 
     def enters(self, gap: float, thickness: float) -> bool:
-        """Whether it can come through between particles that it touches at `thickness` [m] at the nearest.
+        """True if it can come between particles that it keeps at the distance `thickness` [m].
 
-        gap: the farthest that a point between them lies from the nearest of them [m]. In a sheet that lies on a sphere
-        of radius R, such a point is sqrt((R + thickness)^2 - gap^2) from its middle.
+        gap: largest distance of a point between particles from the nearest of them [m]. In a sheet on a sphere of
+        radius R, such a point is sqrt((R + thickness)^2 - gap^2) from the middle of the sphere.
         """
         return (STRETCHED * gap) ** 2 > thickness**2 + 2.0 * thickness * self.roundness()
 
     def data(self, device: wp.Device) -> Any:
-        """What its `signed_distance` reads on a device beside the size; None for nothing.
+        """Data that its `signed_distance` reads on a device beside the size, or None.
 
-        An object whose `id` is the address that the function takes as third argument. Who asked keeps it alive.
+        The `id` of the returned object is the address that the function takes as third argument. The caller keeps the
+        object alive.
         """
         return None
 
 
 def length(name: str) -> table.Parameter:
-    """The row of a length [m] of a shape, which is live."""
+    """Parameter row of a shape's live length [m]."""
     return dataclasses.replace(_DIMENSIONS, name=name, kind="double", live=True)
 
 
 @dataclass(frozen=True)
 class Tube(Collider):
-    """What has a `radius` [m] around local z and reaches `half_length` [m] along it both ways, ends apart."""
+    """Base of shapes with a `radius` [m] around local z and a `half_length` [m] along it, without their ends."""
 
     radius: float = 0.1
     half_length: float = 0.2
@@ -103,5 +104,5 @@ class Tube(Collider):
 
 
 def lengths(name: str) -> table.Parameter:
-    """The row of three lengths [m] of a shape along its local axes, which is live."""
+    """Parameter row of three live lengths [m] of a shape along its local axes."""
     return dataclasses.replace(_DIMENSIONS, name=name, length=3, live=True)

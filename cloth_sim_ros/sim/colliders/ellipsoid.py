@@ -38,7 +38,7 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
     s = size / scale
     y = wp.vec3(wp.abs(p[0]), wp.abs(p[1]), wp.abs(p[2])) / scale
     y = wp.vec3(wp.max(y[0], 1.0e-6 * s[0]), wp.max(y[1], 1.0e-6 * s[1]), wp.max(y[2], 1.0e-6 * s[2]))
-    # What counts is t above its pole -least: the difference of two large numbers otherwise.
+    # Solve for t + least, the distance from the pole, which would else be the difference of two large numbers.
     least = wp.min(s[0] * s[0], wp.min(s[1] * s[1], s[2] * s[2]))
     above = wp.vec3(s[0] * s[0] - least, s[1] * s[1] - least, s[2] * s[2] - least)
     t = wp.max(s[0] * y[0] - above[0], wp.max(s[1] * y[1] - above[1], s[2] * y[2] - above[2]))

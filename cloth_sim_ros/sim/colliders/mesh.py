@@ -21,22 +21,22 @@ from cloth_sim_ros.sim.mesh_file import load_mesh
 
 
 class _OnDevice(OnDevice):
-    """The same, with the grid that the CPU made."""
+    """OnDevice with the grid that the CPU made."""
 
     grid: Grid
 
 
-_closed: set[str] = set()  # hashes of surfaces that are
-_FLAT = 1.0e-5  # of the size: what bulges inwards by less counts as convex
-_ROWS = 7  # of a triangle in the table of normals: of itself, of its three corners, of the edges across from them
+_closed: set[str] = set()  # hashes of surfaces known to be closed
+_FLAT = 1.0e-5  # fraction of the size; a surface that bulges inwards by less counts as convex
+_ROWS = 7  # rows per triangle in the table of normals: the triangle, its three corners, the edges opposite them
 
 
 @dataclass(frozen=True)
 class Mesh(Collider):
-    """What is inside of `triangles` (T, 3) over `vertices` (N, 3), which `scale` turns into lengths [m].
+    """The inside of a closed surface of `triangles` (T, 3) over `vertices` (N, 3), in units of `scale` [m].
 
-    The surface is closed: two triangles meet at every edge, and all turn counterclockwise as seen from outside. It may
-    have several parts and holes, but parts that cross have walls inside. `file` is where viewers find it.
+    Two triangles meet at every edge, and all are counterclockwise seen from outside. The surface may have several parts
+    and holes, but parts that cross have walls inside. `file` is the mesh file for viewers.
     """
 
     vertices: Any = field(default=(), repr=False, compare=False)
@@ -51,7 +51,7 @@ class Mesh(Collider):
         points = finite_array(self.vertices, 3, "Mesh.vertices")
         faces = finite_array(self.triangles, 3, "Mesh.triangles").astype(np.int32)
         content = content_of(points, faces)
-        if content not in _closed:  # once for all that are made of it: a large one takes a tenth of a second
+        if content not in _closed:  # checked once per surface, as a large one takes a tenth of a second
             if faces.min() < 0 or faces.max() >= len(points):
                 raise ValueError(f"Mesh.triangles name vertex {faces.max()}; allowed are 0 to {len(points) - 1}")
             wrong = what_is_open(points, faces)
@@ -68,13 +68,13 @@ class Mesh(Collider):
     def from_file(cls, file: str, scale: float = 1.0, **fields: Any) -> Mesh:
         """The surface in a file that trimesh reads: a plain path, `file:///PATH` or `package://NAME/PATH`.
 
-        scale: [m] of a unit in the file. Raises ValueError for a file that is none, or whose surface is not closed.
+        scale: length of a unit in the file [m]. Raises ValueError if the file cannot be read or the surface is open.
         """
         vertices, triangles = load_mesh(str(file), "Mesh.from_file", scale)
         return cls(vertices=vertices, triangles=triangles, scale=scale, file=str(file), **fields)
 
     def points(self) -> np.ndarray:
-        """Where the vertices are, in local axes, (N, 3) [m]."""
+        """Vertices (N, 3) [m] in local axes."""
         return self.vertices * self.scale
 
     def size(self) -> tuple[float, float, float]:
@@ -82,11 +82,11 @@ class Mesh(Collider):
         return (self.reach(), 0.0, 0.0)
 
     def reach(self) -> float:
-        """To the farthest vertex [m]."""
+        """Distance to the farthest vertex [m]."""
         return float(np.linalg.norm(self.points(), axis=1).max())
 
     def enters(self, gap: float, thickness: float) -> bool:
-        """The same as for a sphere, if balls of some radius fill the mesh but for a quarter of the thickness."""
+        """As for a sphere, if balls of its radius fill the mesh up to a quarter of the thickness."""
         return _enters(self, gap, thickness)
 
     def data(self, device: wp.Device) -> _OnDevice:
@@ -117,7 +117,7 @@ class Mesh(Collider):
 
 @lru_cache(64)
 def _enters(mesh: Mesh, gap: float, thickness: float) -> bool:
-    """See Mesh.enters. The surface is within a quarter of the thickness of the balls, which takes it away from them."""
+    """See Mesh.enters. The surface is within a quarter of the thickness of the balls, so that quarter is subtracted."""
     within = 0.25 * thickness
     left = thickness - within
     radius = ((STRETCHED * gap) ** 2 - left**2) / (2.0 * left)
@@ -131,7 +131,7 @@ def _enters(mesh: Mesh, gap: float, thickness: float) -> bool:
 
 
 def rows_of(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(T, 10, 4) of each triangle, see ROWS."""
+    """Rows (10 T, 4) of all triangles, ten per triangle, see ROWS."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     rows = np.zeros((len(faces), 10, 4), np.float32)
     rows[:, 0, :3], rows[:, 1, :3], rows[:, 2, :3] = a, b - a, c - a
@@ -142,13 +142,13 @@ def rows_of(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _ways(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The first, second and third edges of all triangles as they turn (3 T, 2), and numbers of each there and back."""
+    """Directed edges (3 T, 2): first, second, third of all triangles; and keys of each in both directions."""
     ways = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]).astype(np.int64)
     return ways, ways[:, 0] * count + ways[:, 1], ways[:, 1] * count + ways[:, 0]
 
 
 def what_is_open(points: np.ndarray, faces: np.ndarray) -> str:
-    """Why a surface has no inside, in words that follow its name; "" where it has one."""
+    """Describe why a surface has no inside, as text that follows its name; "" if it has one."""
     ways, there, back = _ways(faces, len(points))
     known, place, count = np.unique(there, return_inverse=True, return_counts=True)
     bad = np.flatnonzero((count[place] > 1) | ~np.isin(back, known))
@@ -166,7 +166,7 @@ def what_is_open(points: np.ndarray, faces: np.ndarray) -> str:
 
 
 def is_convex(points: np.ndarray, faces: np.ndarray) -> bool:
-    """Whether a closed surface is in one piece without holes and bulges outwards at every edge."""
+    """True if a closed surface is one piece without holes and bulges outwards at every edge."""
     if len(np.unique(faces)) - len(faces) // 2 != 2:  # Euler's formula
         return False
     _, there, back = _ways(faces, len(points))
@@ -178,15 +178,15 @@ def is_convex(points: np.ndarray, faces: np.ndarray) -> bool:
 
 
 def _flat_normals(corners: np.ndarray) -> np.ndarray:
-    """Unit normals of triangles (T, 3, 3); 0 of those without an area."""
+    """Unit normals of triangles (T, 3, 3); 0 for triangles without an area."""
     flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-300)
 
 
 def normals_of(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(T, 7, 4) of each triangle: its unit normal and height, those of its corners, and of the edges across from them.
+    """Normals (T, 7, 4): a triangle's unit normal and height, then normals of its corners and of the opposite edges.
 
-    Weighted by angles, they tell inside from outside wherever the nearest point lies (Baerentzen and Aanaes 2005,
+    Angle-weighted normals distinguish inside from outside wherever the nearest point lies (Baerentzen and Aanaes 2005,
     Signed distance computation using the angle weighted pseudonormal).
     """
     corners = points[faces]

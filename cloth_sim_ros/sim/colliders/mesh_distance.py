@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a point is from a closed surface of triangles, as kernels find it.
+"""Signed distance of a point from a closed surface of triangles, in kernels.
 
-A grid around the surface tells at once that most points are far. Near the surface each of its cells lists the triangles
-that are the nearest of some point in it. Elsewhere the nearest one is found in a tree.
+A grid around the surface quickly shows that most points are far. Near the surface, each cell lists the triangles that
+may be nearest to some point in it. Elsewhere a tree finds the nearest triangle.
 """
 
 import warp as wp
@@ -10,30 +10,30 @@ import warp as wp
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_address, load_int, load_number, xyz
 from cloth_sim_ros.sim.kernels.native import LANES, source
 
-# Words of the address of a mesh: the tree, the triangles, the cells of its grid, planes and triangles of all lists, and
-# whether it is convex.
+# Offsets [bytes] at the address of a mesh: tree, triangles, cells of its grid, planes and triangle numbers of all
+# lists, and a flag that is not 0 if it is convex.
 TREE, TRIANGLES, CELLS, PLANES, NAMES, CONVEX = (wp.constant(wp.uint64(8 * k)) for k in range(6))
-WORDS = 6  # of them, an even number
-# Rows of four numbers behind them: the origin and spacing of the grid; how many cells it has along each axis, and how
-# many a metre.
+WORDS = 6  # number of these words, even
+# Rows of four numbers behind them: origin and spacing of the grid; cells along each axis, and cells per metre.
 GRID, SHAPE = wp.constant(WORDS // 2), wp.constant(WORDS // 2 + 1)
-# Of a triangle: its first corner a, b - a and c - a, with the products of the latter two; its unit normal and height;
-# the normals of its corners; those of the edges across from them.
+# Number of rows of a triangle: its first corner a, b - a and c - a, with the products of the latter two; its unit
+# normal and height; the normals of its corners; those of the edges opposite them.
 ROWS = wp.constant(10)
 # Planes of a list lie LANES at a time: x of all, y, z, and their heights.
 
 
 @wp.func_native(source(__file__, "next_below", LANES=LANES))
 def next_below(k: int, last: int, planes: wp.uint64, p: wp.vec3, distance: float) -> int:
-    """The first of planes k to `last` whose distance to p is less [m], or `last`; a CPU looks at eight at a time."""
+    """First of planes k to `last` nearer to p than `distance` [m], or `last`; a CPU tests eight at a time."""
     ...
 
 
 @wp.func
 def row_of(u: float, v: float) -> int:
-    """Which of the normals of a triangle holds for its point of barycentric coordinates u, v of the first two corners.
+    """Row of a triangle's normal that applies at barycentric coordinates u, v of its first two corners.
 
-    0 is that of the triangle itself."""
+    Row 0 is the triangle's own normal.
+    """
     near = 1.0e-6
     first, second, third = u <= near, v <= near, 1.0 - u - v <= near
     row = wp.where(first, 4, wp.where(second, 5, wp.where(third, 6, 0)))
@@ -90,7 +90,7 @@ def signed(f: int, u: float, v: float, p: wp.vec3, reach: float, triangles: wp.u
         way -= (1.0 - u - v) * xyz(load4(triangles, ROWS * f + 2))
         distance = wp.length(way)
         side = wp.where(wp.dot(way, n) < 0.0, -1.0, 1.0)
-        # Nearer than this, the way to the surface is rounding.
+        # Nearer than this, the vector to the surface is only rounding.
         if distance > 1.0e-5 * reach:
             n = (side / distance) * way
         distance *= side
@@ -110,7 +110,7 @@ def cell_of(p: wp.vec3, data: wp.uint64) -> wp.vec4:
 
 @wp.func
 def at_least(p: wp.vec3, data: wp.uint64) -> float:
-    """A bound that the signed distance of p is not below [m]: that of the middle of its cell, less the way from there.
+    """Lower bound of the signed distance of p [m]: that of the middle of its cell, minus the distance from there.
 
     Beyond the grid, at b from its nearest point q, it is sqrt(b^2 + d(q)^2), as the surface lies within the grid.
     """
@@ -128,7 +128,7 @@ def at_least(p: wp.vec3, data: wp.uint64) -> float:
 
 @wp.func
 def is_convex(data: wp.uint64) -> bool:
-    """Whether the surface is that of a convex body."""
+    """True if the surface is convex."""
     return load_address(data + CONVEX) != wp.uint64(0)
 
 
@@ -136,7 +136,7 @@ def is_convex(data: wp.uint64) -> bool:
 def by_tree(p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
     """Outward normal (x, y, z) and signed distance [m] of p, by a search in all triangles.
 
-    A point whose distance is more than the reach is told a smaller one, and the way from the origin.
+    A point farther than the reach gets a smaller distance, and the direction from the origin as normal.
     """
     found = wp.mesh_query_point_no_sign(load_address(data + TREE), p, size[0])
     away = wp.length(p)
@@ -151,7 +151,7 @@ def by_tree(p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
 def signed_distance(p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
     """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m].
 
-    A point whose distance is more than the reach is told a smaller one, and the way from the origin.
+    A point farther than the reach gets a smaller distance, and the direction from the origin as normal.
     """
     found = cell_of(p, data)
     off = p - wp.vec3(found[1], found[2], found[3])

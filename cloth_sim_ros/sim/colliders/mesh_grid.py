@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The grid around a closed surface: how far the middle of each cell is, and near it the triangles that count in a cell.
+"""The grid around a closed surface: the distance of each cell's middle and, near the surface, the cell's triangles.
 
-Which triangles are left out is proven. Let q be the nearest point of a triangle from the middle of a cell, and g the
-direction from q to it. The triangle lies behind the plane through q across g, so that no point p of the cell is nearer
-to it than g.(p - q). Another triangle with a point s is nearer in the whole cell if |p - s| is less than that at its
-eight corners: the difference is convex.
+A cell leaves out only triangles that are provably never nearest in it. Let q be the point of a triangle nearest to the
+middle of a cell, and g the direction from q to that middle. The triangle lies behind the plane through q across g, so a
+point p of the cell is at least g.(p - q) from it. Another triangle with a point s is nearer in the whole cell if
+|p - s| is less than that at the cell's eight corners, because the difference is convex.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_address, xyz
 from cloth_sim_ros.sim.kernels.native import LANES
 
-# Of the root of the mean area of a triangle. There a list has about 27 of them, and lists take 1.5 kB a triangle.
+# Spacing of the grid over the root of the mean triangle area. A list then has about 27 triangles, and lists take 1.5 kB
+# per triangle.
 _SPACING = 1.2
-_LEAST, _MOST = 16, 1 << 21  # cells along the longest side, and cells in all
-_OUTSIDE, _INSIDE = 3.0, 1.0  # spacings from the surface: how far cells have lists
-_FAR = 1.0e9  # more than all squares, in cells
-_ROUNDING = 2.0e-6  # of the reach
+_LEAST, _MOST = 16, 1 << 21  # minimum number of cells along the longest side, and maximum number in all
+_OUTSIDE, _INSIDE = 3.0, 1.0  # distance from the surface up to which cells have lists, in spacings
+_FAR = 1.0e9  # larger than all squared distances in cells
+_ROUNDING = 2.0e-6  # rounding error as a fraction of the reach
 
 
 @dataclass
@@ -82,7 +83,7 @@ def _measure(
 
 @wp.func
 def _is_flat(f: int, triangles: wp.uint64) -> bool:
-    """Whether the tree leaves a triangle out: it has no width."""
+    """True if a triangle has no width, so that the tree leaves it out."""
     ab, ac = xyz(load4(triangles, ROWS * f + 1)), xyz(load4(triangles, ROWS * f + 2))
     return wp.length(wp.cross(ab, ac)) < 1.0e-6 * (wp.length_sq(ab) + wp.length_sq(ac) + wp.length_sq(ac - ab))
 
@@ -102,7 +103,7 @@ def _plane(f: int, middle: wp.vec3, slack: float, triangles: wp.uint64) -> wp.ve
 
 @wp.func
 def _may_be_nearest(plane: wp.vec4, foot: wp.vec3, middle: wp.vec3, spacing: float, slack: float) -> bool:
-    """Whether a triangle behind a plane may be nearer than the point `foot` to a corner of a cell."""
+    """True if a triangle behind a plane may be nearer than the point `foot` to a corner of a cell."""
     for corner in range(8):
         side = wp.vec3(float(corner / 4) - 0.5, float(corner / 2 % 2) - 0.5, float(corner % 2) - 0.5)
         p = middle + spacing * side
@@ -174,7 +175,7 @@ def _list(
 
 @compiled
 def _nearest_along(before: wp.array(dtype=float), length: int, after: wp.array(dtype=float)):
-    """Of each place of a line, the least of a square and that of the way to it, both in cells."""
+    """For each place of a line, find the least sum of a square and the squared distance to it, both in cells."""
     first = wp.tid() / length * length
     least = float(wp.static(_FAR))
     for k in range(length):

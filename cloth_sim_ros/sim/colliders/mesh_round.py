@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a closed surface of triangles is round everywhere, as far as a cloth can tell."""
+"""Test whether a closed surface of triangles is round everywhere, within a tolerance."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _find_sharp(
 
 
 def is_round(data: int, reach: float, points: np.ndarray, normals: np.ndarray, radius: float, within: float) -> bool:
-    """Whether a ball of a radius touches each vertex (N, 3) from inside, and comes out by `within` [m] at most.
+    """True if a ball of this radius touches each vertex (N, 3) from inside, and protrudes by `within` [m] at most.
 
     data: the address of the surface on the CPU, where its tree is.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What shapes that three numbers do not describe have on a device, and how arrays in their descriptions are kept."""
+"""Device data of shapes that three numbers do not describe, shared between colliders of equal content."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import warp as wp
 
 
 class OnDevice:
-    """Arrays whose first has the address `id`; they live as long as this does."""
+    """Device arrays kept alive by this object; `id` is the address of the first."""
 
     def __init__(self, first: wp.array, *others: Any) -> None:
         self.id, self._kept = first.ptr, (first, *others)
@@ -23,7 +23,7 @@ _made: WeakValueDictionary[tuple[str, str], OnDevice] = WeakValueDictionary()
 
 
 def shared(content: str, device: wp.Device, make: Callable[[], OnDevice]) -> OnDevice:
-    """What `make` makes, once for all colliders of the same `content` on a device, in however many simulations."""
+    """Return the result of `make`, shared by all colliders of equal `content` on a device, across simulations."""
     found = _made.get((content, device.alias))
     if found is None:
         found = _made[content, device.alias] = make()
@@ -31,7 +31,7 @@ def shared(content: str, device: wp.Device, make: Callable[[], OnDevice]) -> OnD
 
 
 def content_of(*arrays: np.ndarray) -> str:
-    """A hash of the numbers in arrays: what two descriptions with the same have in common."""
+    """A hash of the numbers in arrays, equal for descriptions with equal numbers."""
     found = hashlib.sha256()
     for array in arrays:
         found.update(f"{array.shape} {array.dtype.str};".encode())

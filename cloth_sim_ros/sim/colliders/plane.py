@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector, rotate, tur
 class Plane(Collider):
     """The half space below the plane through `point` (or `position`) with outward `normal` in world axes.
 
-    Raises ValueError where two that differ are given for one.
+    Raises ValueError if two different values are given for the same quantity.
     """
 
     point: Vector | None = None
@@ -35,22 +35,22 @@ class Plane(Collider):
         object.__setattr__(self, "normal", tuple(_up(self.orientation).tolist()))
 
     def _same(self, name: str, value: np.ndarray, other: str, wanted: np.ndarray) -> None:
-        """Raise ValueError where one of two names of a thing says something else than the other."""
+        """Raise ValueError if two fields for the same quantity differ."""
         if not np.allclose(value, wanted, atol=1e-6):
             one, two = f"Plane.{name} is {getattr(self, name)}", f"{other} {getattr(self, other)}"
             raise ValueError(f"{one} beside the {two}; allowed is one of both")
 
     def reach(self) -> float:
-        """A plane is everywhere."""
+        """A plane has no bounds."""
         return math.inf
 
     def roundness(self) -> float:
-        """It is flat: of every triangle, a particle is deepest."""
+        """A plane is flat, so the deepest point of every triangle is a particle."""
         return math.inf
 
 
 def _up(orientation: Quaternion) -> np.ndarray:
-    """The normal of a plane that is turned so."""
+    """The normal of a plane with this orientation."""
     return rotate(np.asarray(orientation, dtype=np.float64), np.array([[0.0, 0.0, 1.0]]))[0]
 
 

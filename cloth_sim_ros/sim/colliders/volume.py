@@ -21,20 +21,20 @@ from cloth_sim_ros.sim.kernels.intrinsics import load_number
 from cloth_sim_ros.sim.mesh_file import local_path
 from cloth_sim_ros.sim.physics.quaternion import Vector
 
-_HEAD = 6  # numbers before the values: how many there are along each axis, and the origin
-_MOST = 1 << 24  # values
-_MOST_BYTES = 8 * _MOST + (1 << 16)  # of an array in a file
-_STEEPER = 1.05  # than a distance, by rounding of those who wrote it
+_HEAD = 6  # numbers before the values: the number of values along each axis, and the origin
+_MOST = 1 << 24  # largest number of values
+_MOST_BYTES = 8 * _MOST + (1 << 16)  # largest size of an array in a file [bytes]
+_STEEPER = 1.05  # largest slope of the values; a distance has at most 1, but files may be rounded
 _IN_FILE = ("values", "origin", "spacing")
 
 
 @dataclass(frozen=True)
 class SignedDistance(Collider):
-    """Where `values` (X, Y, Z) [m] on a grid are below 0: they are distances to the surface, negative inside.
+    """A solid given by its signed distances `values` (X, Y, Z) [m] on a grid, negative inside.
 
-    The first lies at `origin` (x, y, z) [m] in local axes, and the next `spacing` [m] on, one number or three. Between
-    them it interpolates; what is solid ends at the bounds. `file` is a mesh of it, where viewers find it, in units of
-    `scale` [m].
+    The first value lies at `origin` (x, y, z) [m] in local axes, and neighbours are `spacing` [m] apart, one number or
+    three. Values are interpolated between grid points; the solid ends at the bounds. `file` is a mesh of it for
+    viewers, in units of `scale` [m].
     """
 
     values: Any = field(default=(), repr=False, compare=False)
@@ -60,8 +60,10 @@ class SignedDistance(Collider):
 
     @classmethod
     def from_file(cls, file: str, scale: float = 1.0, **fields: Any) -> SignedDistance:
-        """What an .npz file holds as `values`, `origin` and `spacing`, or else baked from a mesh as `Mesh.from_file`
-        reads it. scale: [m] of a unit in the file. Raises ValueError."""
+        """Read `values`, `origin` and `spacing` from an .npz file, or bake any other file that `Mesh.from_file` reads.
+
+        scale: length of a unit in the file [m]. Raises ValueError.
+        """
         file = str(file)
         if not file.endswith(".npz"):
             return cls.from_mesh(Mesh.from_file(file, scale), **fields)
@@ -103,7 +105,7 @@ class SignedDistance(Collider):
         return self.spacing
 
     def reach(self) -> float:
-        """A bound of the farthest that is solid [m]."""
+        """Upper bound of the distance to the farthest solid point [m]."""
         solid = np.argwhere(self.values < 0.0) * np.array(self.spacing) + self.origin
         return float(np.linalg.norm(solid, axis=1).max() + np.linalg.norm(self.spacing))
 
@@ -118,7 +120,7 @@ class SignedDistance(Collider):
 
 
 def _checked(values: Any, spacing: np.ndarray) -> np.ndarray:
-    """`values` as a new (X, Y, Z) float32 array, if they can be signed distances. Raises ValueError."""
+    """Return `values` as a new (X, Y, Z) float32 array. Raises ValueError if they cannot be signed distances."""
     try:
         values = np.array(values, np.float32)
     except (TypeError, ValueError):

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies in batches, their frames, and building them anew."""
+"""Bodies in batches, their frames, and rebuilding them."""

@@ -30,8 +30,10 @@ from cloth_sim_ros.sim.topology import Topology
 
 @dataclass(frozen=True)
 class Shared:
-    """What all bodies of a simulation meet: colliders, handles, how many particles each of these holds (worlds, H), and
-    the numbers of the scene's own forces (F,)."""
+    """Arrays that all bodies of a simulation share: colliders and handles, with other arrays beside.
+
+    handle_counts: particles that each handle holds (worlds, H). forces: numbers of the scene's own forces (F,).
+    """
 
     colliders: LiveArray
     handles: LiveArray
@@ -42,8 +44,8 @@ class Shared:
 class Batch:
     """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
-    The model is there once, but for what is `scaled`, which is alone in its batch. `states` has a row a world, and
-    `worlds[w]` is what kernels know of world w. rest: name -> as `write_positions` takes it.
+    All worlds share one model, except for a `scaled` body, which is alone in its batch. `states` has a row per world.
+    `worlds[w]` are the Arrays of world w, for kernels. rest: name -> rest positions in the form of `write_positions`.
     """
 
     def __init__(
@@ -85,7 +87,7 @@ class Batch:
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None
         self._saved: dict[str, wp.array] | None = None
-        # What meets advances together, see engine/coupled_bodies.py.
+        # Coupled bodies advance together, see engine/coupled_bodies.py.
         self.executor = None
         if not features.coupled:
             self.executor = make_executor(features, self.worlds, self.counts, device, executor)
@@ -112,27 +114,27 @@ class Batch:
         return arrays
 
     def span(self, name: str) -> slice:
-        """Where the particles of a body lie."""
+        """Slice of a body's particles."""
         return self._spans[self.index[name]]
 
     def panels(self, name: str) -> slice:
-        """Where the triangles of a sheet, or the segments of a rope, lie in Model.panels."""
+        """Slice of a sheet's triangles, or of a rope's segments, in Model.panels."""
         row = self._bodies[self.index[name]]
         return slice(row["panels"], row["panels_end"])
 
     def segments(self, name: str) -> slice:
-        """Where the chain segments of a rope lie; of what has no chain, nowhere."""
+        """Slice of a rope's chain segments; empty for a body without a chain."""
         row = self._bodies[self.index[name]]
         return slice(row["segments"], row["segments_end"])
 
     def write_masses(self, name: str, kg: np.ndarray, world: WorldSelection) -> None:
-        """Give a body mass and end mass (k, 2) [kg] in some worlds; what is pinned, or on a drum, stays held."""
+        """Set a body's mass and end mass (k, 2) [kg] in some worlds; particles pinned or on a drum stay held."""
         b, span = self.index[name], self.span(name)
         self.masses.write(b, world, kg)
         self.masses.put(b, world, [self.part(array, span, None) for array in ("positions", "good_positions")])
 
     def restart(self, chosen: wp.array) -> None:
-        """All bodies to the rest shape, at rest, in the worlds of these numbers; nothing of what was before is left."""
+        """Reset all bodies to their rest shape, at rest, in the worlds of these numbers; clear all other state."""
         for rows in self.states.values():
             writing.clear(rows, slice(0, rows.shape[1]), chosen)
         if self.torn is not None:
@@ -144,10 +146,10 @@ class Batch:
             self._put_positions(name, rest, chosen)
 
     def write_positions(self, name: str, positions: wp.array, chosen: wp.array) -> None:
-        """Positions (worlds, N, 3) [m], or (1, N, 3) for each, into worlds of these numbers; of float64 more digits are
-        kept than float32 has. History and multipliers start anew.
+        """Write positions (worlds, N, 3) [m], or (1, N, 3) for all, in worlds of these numbers.
 
-        What is on a drum stays there, where the first particle is put.
+        float64 positions keep more digits than float32 has. History and multipliers are cleared. Particles on a drum
+        stay there, at the position of the first particle.
         """
         self._put_positions(name, positions, chosen)
         self._forget(name, chosen)
@@ -160,7 +162,10 @@ class Batch:
         wp.launch(writing.put_positions, dim=dim, inputs=inputs, device=self.device)
 
     def write_pose(self, name: str, poses: np.ndarray, chosen: wp.array) -> None:
-        """A body in its rest shape at poses (worlds, 7), x y z [m] and a unit x y z w, at rest, in these worlds."""
+        """Place a body in its rest shape, at rest, at poses (worlds, 7) in these worlds.
+
+        A pose is x y z [m], then a unit quaternion x y z w.
+        """
         points, poses = self._local[name], wp.array(poses, dtype=wp.float64, device=self.device)
         values = wp.zeros((poses.shape[0], *points.shape[1:]), dtype=wp.float64, device=self.device)
         dim = (len(chosen), points.shape[1])
@@ -169,7 +174,7 @@ class Batch:
         writing.clear(self.states["velocities"], self.span(name), chosen)
 
     def write_velocities(self, name: str, velocities: wp.array, chosen: wp.array) -> None:
-        """Velocities [m/s] likewise; pinned particles stay at rest."""
+        """Write velocities [m/s] likewise; pinned particles stay at rest."""
         inverse = self.masses.inverse[:, self.span(name)]
         inputs = [velocities, inverse, chosen, self.part("velocities", self.span(name), None)]
         dim = (len(chosen), velocities.shape[1])
@@ -177,28 +182,28 @@ class Batch:
         self._forget(name, chosen)
 
     def read_rows(self, array: str, name: str, world: int | None = None) -> np.ndarray:
-        """A copy of a body's rows (worlds, N, 4) of an array of particles, of one world (1, N, 4) or of all."""
+        """Copy a body's rows of a particle array: (1, N, 4) of one world, or (worlds, N, 4) of all."""
         return self.part(array, self.span(name), world).numpy().copy()
 
     def write_rows(self, array: str, name: str, rows: np.ndarray) -> None:
-        """Put rows (N, 4) there in all worlds."""
+        """Write rows (N, 4) of a body's particles in all worlds."""
         part = self.part(array, self.span(name), None)
         part.assign(np.broadcast_to(rows, (part.shape[0], *rows.shape)))
 
     def write_count(self, array: str, name: str, counts: np.ndarray) -> None:
-        """Put a count (worlds,) of a body into an array of bodies."""
+        """Write a body's counts (worlds,) into an array of bodies."""
         b = self.index[name]
         self.part(array, slice(b, b + 1), None).assign(counts.reshape(-1, 1).astype(np.int32))
 
     def read_body(self, array: str, name: str, world: int | None) -> np.ndarray:
-        """The row of "winches" or "twists" of a rope, (worlds, 1), of one world or, for None, of all."""
+        """Read a rope's row of "winches" or "twists" (worlds, 1), of one world or, for None, of all."""
         b = self.index[name]
         return self.part(array, slice(b, b + 1), world).numpy()
 
     def write_body(self, array: str, name: str, rows: np.ndarray) -> None:
-        """Put a winch or a twist where another was in all worlds, (worlds, 1) or (1, 1) rows.
+        """Write a winch or a twist in all worlds, from (worlds, 1) or (1, 1) rows.
 
-        Positions are to be written after a winch, and forget a twist, which is to be written after them.
+        Write positions after a winch. Writing positions clears the twist, so write a twist after them.
         """
         b = self.index[name]
         for each in (array, f"good_{array}"):
@@ -206,19 +211,22 @@ class Batch:
             part.assign(np.ascontiguousarray(np.broadcast_to(rows, part.shape)))
 
     def set_substeps(self, substeps: int, iterations: int, safe_substeps: int) -> None:
-        """How many of each a frame has from now on, and one that is done again; other substeps have no history."""
+        """Set the substeps and iterations of a frame, and the substeps of a repeated frame.
+
+        A change of substeps clears the history.
+        """
         frame = self.frame
         if substeps != frame.substeps:
             self.forget_steps()
         frame.substeps, frame.iterations, frame.safe_substeps = substeps, iterations, safe_substeps
 
     def make_ready(self) -> None:
-        """Compile what only a rejected frame needs; another thread may do so meanwhile."""
+        """Compile the kernels that only a rejected frame needs; may run in another thread."""
         if self._trial is not None:
             self._trial.make_ready()
 
     def advance(self, finer: int = 1) -> None:
-        """Simulate one frame, as `frame.write` was told last."""
+        """Simulate one frame with the numbers last given to `frame.write`."""
         frame = self.frame
         if self._trial is None:
             self.executor.advance(finer * frame.substeps, frame.iterations)
@@ -226,13 +234,13 @@ class Batch:
             self._trial.advance(finer * frame.substeps, finer * frame.safe_substeps)
 
     def upload(self) -> None:
-        """Bring changed live numbers to the device."""
+        """Copy changed live numbers to the device."""
         self.frame.upload()
         for rows in self.live:
             rows.upload()
 
     def save(self) -> None:
-        """Keep the whole state aside, on the device; the room for it is taken once."""
+        """Copy the whole state to a buffer on the device, allocated once."""
         if self._saved is None:
             self._saved = {name: wp.empty_like(rows) for name, rows in self.states.items()}
         for name, rows in self.states.items():
@@ -240,17 +248,17 @@ class Batch:
                 wp.copy(self._saved[name], rows)
 
     def restore(self) -> None:
-        """The state as it was saved."""
+        """Restore the saved state."""
         for name, rows in self.states.items():
             if rows.size:
                 wp.copy(rows, self._saved[name])
 
     def forget_steps(self) -> None:
-        """The length of a substep changed: order 2 starts from its first-order substep again."""
+        """Clear the history, as the length of a substep changed: order 2 starts with a first-order substep again."""
         self.states["history"].zero_()
 
     def part(self, array: str, span: slice, world: int | None) -> wp.array:
-        """(worlds, n) elements `span` of an array of the state, of one world or of all."""
+        """View (worlds, n) of elements `span` of a state array, of one world or of all."""
         return self.states[array][worlds_of(world), span]
 
     def _forget(self, name: str, chosen: wp.array) -> None:
@@ -261,7 +269,7 @@ class Batch:
             "body": [slice(b, b + 1)],
             "line": [slice(first, end) for _, first, end in self.lines[b]],
         }
-        # The first substep is smooth or not by the one before it: none, from rest.
+        # A substep counts as smooth by the one before it, so clear those, as from rest.
         core = {"history": "body", "last_displacements": "particle", "last_velocities": "particle"}
         for array, row in (core | rows_by_array("FORGOTTEN")).items():
             for span in spans[row] if self.states[array].size else ():
@@ -269,7 +277,7 @@ class Batch:
 
 
 def _with_own(model: Model, own: dict[str, wp.array]) -> Model:
-    """The model of one world, which has some arrays of its own."""
+    """The model of one world, with some arrays replaced by its own."""
     found = Model()
     for name in Model.vars:
         setattr(found, name, own.get(name, getattr(model, name)))
@@ -277,7 +285,7 @@ def _with_own(model: Model, own: dict[str, wp.array]) -> Model:
 
 
 def _wound(topology: Topology) -> np.ndarray:
-    """The row (1, 1) of WinchState of a winch at rest."""
+    """WinchState row (1, 1) of a winch at rest."""
     row = np.zeros((1, 1), dtype=WinchState.numpy_dtype())
     index, length = topology.winch
     row["index"], row["length"] = index, length

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers of a frame that the kernels of a batch read: its substeps, and what all objects share."""
+"""The numbers of a frame that a batch's kernels read: its substeps, and numbers that all objects share."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from cloth_sim_ros.sim.arrays.state import Frame
 
 
 class BatchFrame:
-    """The rows of Frame of one batch: `rows`, and `safe_rows` of a frame that is done again.
+    """The rows of Frame of one batch: `rows`, and `safe_rows` for a repeated frame.
 
-    shared: the row of all objects. written: the length of a frame [s], its substeps and iterations, and substeps done
-    again, as they were written last.
+    shared: the row of all objects. written: the last written length of a frame [s], its substeps and iterations, and
+    the substeps of a repeated frame.
     """
 
     def __init__(self, shared: LiveArray, worlds: int, device: wp.Device) -> None:
@@ -23,7 +23,7 @@ class BatchFrame:
         self.written: tuple[float, int, int, int] | None = None
 
     def write(self, frame_dt: float, finer: int = 1) -> None:
-        """The shared numbers, and a frame of `frame_dt` [s] in `finer` times as many substeps."""
+        """Write the shared numbers, and a frame of `frame_dt` [s] in `finer` times as many substeps."""
         self.written = self._lengths(frame_dt, finer)
         _, substeps, iterations, safe = self.written
         for rows, count, sweeps in ((self.rows, substeps, iterations), (self.safe_rows, safe, 1)):
@@ -36,7 +36,7 @@ class BatchFrame:
             self.write(frame_dt)
 
     def upload(self) -> None:
-        """Bring changed numbers to the device."""
+        """Copy changed numbers to the device."""
         self.rows.upload()
         self.safe_rows.upload()
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The objects of a simulation: how each is computed, and what lies on the device for that."""
+"""The objects of a simulation: how each is computed, and its arrays on the device."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ _MOST_WORLDS = 65536
 
 
 class Bodies:
-    """The objects of `scene` in batches of those that share a kernel, built again where method auto changes its choice.
+    """The objects of `scene`, in batches that share a kernel; rebuilt when method auto changes its choice.
 
-    builds: how often they were built; what comes of `device_arrays` holds until it changes. moves: name -> by what an
-    object starts elsewhere than in the scene. scales: name -> Topology.world_scales. Raises ValueError for a number of
-    worlds or a device that cannot be, and for a mesh that is not manifold.
+    builds: number of builds; results of `device_arrays` are valid until it changes. moves: name -> motion from the
+    object's place in the scene to its start. scales: name -> Topology.world_scales. Raises ValueError for a number of
+    worlds or a device that is not allowed, and for a mesh that is not manifold.
     """
 
     def __init__(self, scene: Scene, settings: Settings, device: str, worlds: int, executor: str | None) -> None:
@@ -70,7 +70,7 @@ class Bodies:
         self.handle_counts = wp.zeros((worlds, len(scene.handles)), dtype=int, device=self.warp_device)
         self.handle_row = {name: row for row, name in enumerate(scene.handles)}
         self._data = [collider.data(self.warp_device) for collider in scene.colliders.values()]  # kept alive
-        self.fixed = len(scene.colliders)  # rows of colliders before those that are added
+        self.fixed = len(scene.colliders)  # rows of the scene's own colliders, before the added ones
         self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
         self.moves: dict[str, Motion] = {}
         self.scales: dict[str, np.ndarray] = {}
@@ -79,18 +79,18 @@ class Bodies:
         self._between: dict[str, set[str]] = {}  # object -> colliders that come between its particles
 
     def find_sharpest(self, names: Iterable[str]) -> None:
-        """Look through the sizes of these colliders, which changed; all count as sharp where some can be added."""
+        """Find the sharpest size of these resized colliders, unless colliders can be added: then all count as sharp."""
         found = {name: sharpest(self.colliders, self.collider_row[name], self.scene.colliders[name]) for name in names}
         self._sharpest = {**self._sharpest, **found} if self.scene.spare_colliders == 0 else {}
 
     def write_data(self) -> None:
-        """Colliders find on the device what they read there; those that are added have nothing."""
+        """Write the device address of each collider's data; added colliders have none."""
         addresses = self.colliders.edit()["data"]
         addresses[:] = 0
         addresses[:, : self.fixed] = [data.id if data else 0 for data in self._data]
 
     def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]], thickness: float) -> Choice:
-        """How an object with these pairs of compliances and damping, and this least thickness, is to be computed."""
+        """Choose how to compute an object with these pairs of compliances and damping, and this least thickness."""
         topology, rows = self.elastic[name], self.colliders.array.shape[1]
         wind, coupled, tears = self.scene.wind is not None, self._is_coupled(name), topology.tear_strain > 0.0
         device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
@@ -108,23 +108,23 @@ class Bodies:
         return replace(choice, reason=choice.reason + scaled)
 
     def _entering(self, topology: Topology, thickness: float, substep: float) -> set[str]:
-        """The colliders that come between particles that they touch, in substeps of so many seconds."""
+        """Names of colliders that can come between particles, in substeps of length `substep` [s]."""
         gap = topology.widest_gap * topology.scales_in().max()
         if len(topology.triangles):
-            # The fastest pushes one ahead of the others before these follow, and no point of a triangle lies farther
-            # from its corners than its longest side over the root of 3.
+            # The fastest collider pushes one particle ahead before the others follow. No point of a triangle lies
+            # farther from its corners than its longest side over the root of 3.
             gap = max(gap, (gap + FASTEST * substep / math.sqrt(3.0)) / STRETCHED)
         colliders = {**self.scene.colliders, **self._sharpest}
         return {name for name, each in colliders.items() if each.enters(gap, thickness)}
 
     def _write_facets(self) -> None:
-        """Mark the colliders that come between the particles of any object: facets are tested against these alone."""
+        """Mark the colliders that can come between particles of any object; only these are tested against facets."""
         between = set().union(*self._between.values())
         for name, row in self.collider_row.items():
             self.colliders.write(row, None, facets=int(name in between))
 
     def _choose_now(self, name: str) -> Choice:
-        """The same for an object as its materials and masses are now."""
+        """Choose for an object with its current materials and masses."""
         rows = self.effective_materials(name, self.materials_of(name, None), None)
         return self.choose(name, distinct(rows), float(rows["thickness"].min()))
 
@@ -136,36 +136,38 @@ class Bodies:
         kg: np.ndarray | None = None,
         topology: Topology | None = None,
     ) -> np.ndarray:
-        """Rows of Material of an object in some worlds, as the choice of substeps takes them: at the masses and scale
-        of the scene. kg (k, 2): masses, see Masses, in place of its own; topology: in place of its own."""
+        """Convert rows of Material in some worlds to the masses and scale of the scene, for the choice of substeps.
+
+        kg (k, 2): masses to use in place of the object's own, see Masses. topology: used in place of its own.
+        """
         masses, b = self.batch[name].masses, self.batch[name].index[name]
         topology = self.elastic[name] if topology is None else topology
         rows = masses.effective_materials(b, rows, masses.read(b, world) if kg is None else kg)
         return at_scales(topology, rows, topology.scales_in(worlds_of(world)))
 
     def name_collider(self, name: str, row: int, collider: Collider) -> None:
-        """A collider that was added has this row."""
+        """Register an added collider in this row."""
         self.scene = replace(self.scene, colliders={**self.scene.colliders, name: collider})
         self.collider_row[name] = row
         self.choose_again()
 
     def forget_collider(self, name: str) -> int:
-        """A collider that was added is gone; returns the row that it had."""
+        """Remove an added collider and return its row."""
         others = {each: collider for each, collider in self.scene.colliders.items() if each != name}
         self.scene = replace(self.scene, colliders=others)
         return self.collider_row.pop(name)
 
     def change_setting(self, name: str, value: Any) -> None:
-        """A live setting of the solver has another value."""
+        """Change a live setting of the solver."""
         self.settings = replace(self.settings, **{name: value})
 
     def start_elsewhere(self, name: str, motion: Motion) -> None:
-        """An object starts after this motion from where the scene has it."""
+        """Let an object start displaced by this motion from its place in the scene."""
         self.moves[name] = motion
         self.describe_again(name, self.scene.objects[name])
 
     def give_scales(self, name: str, scales: np.ndarray, world: WorldSelection) -> None:
-        """An object has these scales (worlds,), of which those of some worlds are new."""
+        """Set an object's scales (worlds,); only those of `world` differ from before."""
         if name in self.scales:
             self.scales[name][:] = scales
             self.batch[name].scaled.write(self.chosen(world))
@@ -175,7 +177,7 @@ class Bodies:
             self.describe_again(name, self.scene.objects[name])
 
     def build(self, choices: dict[str, Choice]) -> None:
-        """Everything on the device, for these methods."""
+        """Build all device arrays for these choices."""
         self._choices = choices
         self.topologies = {
             name: self._topology(name, thing, True)
@@ -194,11 +196,11 @@ class Bodies:
         self.builds += 1
 
     def _is_coupled(self, name: str) -> bool:
-        """Whether an object is kept apart from itself or from others."""
+        """True if an object has self contact or contact with other objects."""
         return self.scene.objects[name].self_contact or (self.scene.object_contact and len(self.scene.objects) > 1)
 
     def advance(self) -> None:
-        """Begin a frame: colliders and handles go to where they are wanted, and kernels are told in which worlds."""
+        """Begin a frame: move colliders and handles to their wanted poses, and mark worlds in which any moves."""
         still = self.colliders.are_still and self.handles.are_still
         self.colliders.advance()
         self.handles.advance()
@@ -208,13 +210,15 @@ class Bodies:
                 self.frame.write(0, None, moves=moves)
 
     def alike(self, most: int) -> int:
-        """How many of the next `most` frames can be run as one, because the host has nothing to do between them."""
+        """Number of the next `most` frames that can run as one, because the host has no work between them."""
         still = self.colliders.are_still and self.handles.are_still
         return min(most, LONGEST) if still and self.coupled is None else 1
 
     def _write_substeps(self) -> None:
-        """Every batch takes the most substeps and iterations that are chosen for an object in it; of those that advance
-        together, for an object of any. Colliders are marked where facets are tested against them."""
+        """Give every batch the most substeps and iterations chosen for an object in it.
+
+        Coupled batches take the most over all coupled objects. Colliders tested against facets are marked too.
+        """
         self._write_facets()
         coupled = [name for name in self.batch if self._is_coupled(name)]
         for batch in self.batches:
@@ -224,7 +228,7 @@ class Bodies:
             batch.frame.refresh(self.settings.frame_dt)
 
     def choose_again(self) -> None:
-        """Where method auto now takes another for an object, the device's side is built anew around the state."""
+        """Choose again for all objects; rebuild the device arrays around the state if any needs other kernels."""
         chosen = {name: self._choose_now(name) for name in self.batch}
         changed = [name for name, choice in chosen.items() if choice.kernels != self._choices[name].kernels]
         if not changed:
@@ -236,7 +240,7 @@ class Bodies:
             _LOG.info("%s now %s", name, chosen[name].reason)
 
     def describe_again(self, name: str, thing: Cloth | Rope) -> None:
-        """An object of as many particles takes the place of `name`, and goes on from where it is."""
+        """Replace the description of `name` by one with as many particles; the object keeps its state."""
         self.elastic[name] = self._topology(name, thing, False)
         self.scene = replace(self.scene, objects={**self.scene.objects, name: thing})
         self._build_around({each: self._choose_now(each) for each in self.batch})
@@ -247,7 +251,7 @@ class Bodies:
         return replace(found, **{place: moved(getattr(found, place), self.moves[name]) for place in places})
 
     def _build_around(self, choices: dict[str, Choice]) -> None:
-        """Everything on the device anew, with the state that there is."""
+        """Rebuild all device arrays and keep the state."""
         kept = {name: take(self.batch[name], name) for name in self.batch}
         self.build(choices)
         for name, state in kept.items():
@@ -255,9 +259,9 @@ class Bodies:
         self._write_substeps()
 
     def derived(self, choices: dict[str, Choice], **parts: Any) -> Bodies:
-        """Bodies of the same structure with other choices, and `parts` scene, settings, collider_row, scales.
+        """Return bodies of the same structure with other choices, and `parts` scene, settings, collider_row, scales.
 
-        They share with these all arrays that can stay. Nothing here changes, until `adopt`.
+        They share all arrays that can stay. Nothing in `self` changes until `adopt`.
         """
         other = copy.copy(self)
         other._between = dict(self._between)
@@ -271,12 +275,12 @@ class Bodies:
         return other
 
     def adopt(self, other: Bodies) -> None:
-        """Go on as a twin of these; the state is left to whoever asks."""
+        """Become a copy of `other`; the caller takes care of the state."""
         vars(self).update(vars(other))
         self._write_substeps()
 
     def _make_batches(self) -> list[Batch]:
-        """A batch of each group of objects with the same features."""
+        """Make a batch for each group of objects with equal features."""
         wind = self.scene.wind is not None
         numbers = np.array([force.numbers() for force in self.scene.forces.values()]).reshape(-1, 4)
         forces = wp.array(numbers, dtype=wp.vec4, device=self.warp_device)
@@ -302,13 +306,13 @@ class Bodies:
         ]
 
     def arrays(self) -> list[wp.array]:
-        """The arrays of all worlds (worlds,) of Arrays, batch by batch."""
+        """One array (worlds,) of Arrays per batch."""
         if not self._arrays:
             self._arrays = [wp.array(batch.worlds, dtype=Arrays, device=batch.device) for batch in self.batches]
         return self._arrays
 
     def materials_of(self, name: str, world: WorldSelection) -> np.ndarray:
-        """The rows of Material of an object as they are now, of some worlds."""
+        """Current rows of Material of an object in some worlds."""
         batch = self.batch[name]
         return batch.materials.read(batch.index[name], world)
 
@@ -319,7 +323,7 @@ class Bodies:
 
     @property
     def method(self) -> str:
-        """Methods, orders and executors in words, for diagnostics."""
+        """Methods, orders and executors as text for diagnostics."""
         kinds = {
             f"{self._choices[name].words}, {type(batch.executor).__module__.rpartition('.')[2].replace('_', ' ')}"
             for batch in self.batches
@@ -330,18 +334,20 @@ class Bodies:
 
     @property
     def choices(self) -> dict[str, Choice]:
-        """Name -> how the object is computed now, in all worlds, and why."""
+        """Name -> the method and substeps chosen for the object in all worlds, with the reason."""
         return dict(self._choices)
 
     def one(self, world: int) -> int:
-        """`world` if there is one of that number, else ValueError."""
+        """Return `world` if it is the number of a world, else raise ValueError."""
         if isinstance(world, bool) or not isinstance(world, int) or not 0 <= world < self.worlds:
             raise ValueError(f"world is {world!r}; allowed is a whole number from 0 to {self.worlds - 1}")
         return world
 
     def some(self, world: Any) -> WorldSelection:
-        """`world` if it is None, for all, or there is one of that number; the numbers of those that a mask (worlds,) of
-        bool tells. Else ValueError."""
+        """Return `world` if it is None (all) or the number of a world.
+
+        For a mask (worlds,) of bool, return the numbers of its worlds. Raises ValueError for anything else.
+        """
         if world is None or not (len(world.shape) if hasattr(world, "shape") else np.ndim(world)):
             return None if world is None else self.one(world)
         mask = on_host(world)
@@ -352,12 +358,12 @@ class Bodies:
         return np.flatnonzero(mask)
 
     def chosen(self, some: WorldSelection) -> wp.array:
-        """The numbers of some worlds on the device, (k,) int32."""
+        """Numbers (k,) int32 of some worlds, on the device."""
         numbers = np.arange(self.worlds)[worlds_of(some)]
         return wp.array(numbers, dtype=int, device=self.warp_device)
 
     def topology(self, name: str) -> Topology:
-        """The topology of an object, as it is computed now. Raises ValueError where there is none of that name."""
+        """The current topology of an object. Raises ValueError if there is none of that name."""
         if name not in self.topologies:
             raise ValueError(f"there is no object {name!r}; allowed is {names_of(self.topologies)}")
         return self.topologies[name]

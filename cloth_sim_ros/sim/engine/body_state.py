@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a body takes along where everything on the device is built anew around it."""
+"""The state that a body keeps when the device arrays are rebuilt around it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.engine.state_arrays import rows_by_array
 
 _PAST = ("last_displacements", "last_velocities")
-# Array -> what it has a row of: a particle, a count of the body, or a struct of the body.
+# Array -> kind of its rows: "particle", "count" (one number per body) or "body" (a struct per body).
 _KEPT = {
     **dict.fromkeys(("positions", "position_lo", "good_positions", "velocities", *_PAST), "particle"),
     **dict.fromkeys(("recoveries", "history"), "count"),
@@ -21,9 +21,12 @@ _KEPT = {
 
 @dataclass(frozen=True)
 class BodyState:
-    """One body in all worlds: rows of its particles (worlds, N, 4), counts (worlds, 1) and its rows of the live arrays
-    (worlds,). kg: mass and end mass (worlds, 2). Where it has them, also rows of WinchState and Twist (worlds, 1).
-    past: order and substeps a frame, which its history is of. torn: see Torn.read; None where it does not tear."""
+    """One body in all worlds.
+
+    past: order and substeps per frame of its history. particles: rows (worlds, N, 4). counts: (worlds, 1). live: rows
+    (worlds,) of the live arrays. kg: mass and end mass (worlds, 2). bodies: rows (worlds, 1) of WinchState and Twist,
+    if it has any. torn: see Torn.read; None if it does not tear.
+    """
 
     past: tuple[int, int]
     particles: dict[str, np.ndarray]
@@ -35,7 +38,7 @@ class BodyState:
 
 
 def take(batch: Batch, name: str) -> BodyState:
-    """Everything of a body that outlives its arrays."""
+    """Copy all state of a body that outlives its arrays."""
     span, b = batch.span(name), batch.index[name]
     has = {row: [a for a in _KEPT if _KEPT[a] == row and batch.states[a].size] for row in ("particle", "count", "body")}
     particles = {array: batch.part(array, span, None).numpy() for array in has["particle"]}
@@ -47,8 +50,10 @@ def take(batch: Batch, name: str) -> BodyState:
 
 
 def give(batch: Batch, name: str, kept: BodyState) -> None:
-    """What another batch had of a body, whose pins may be others now; multipliers start anew, and so does history
-    where order or substeps changed."""
+    """Write the state that another batch had of a body, whose pins may have changed.
+
+    Multipliers start from zero. History is dropped if order or substeps changed.
+    """
     span, b = batch.span(name), batch.index[name]
     follows, pinned = kept.past == _past(batch), batch.masses.of_pinned(b)
     batch.masses.write(b, None, kept.kg)
@@ -56,7 +61,7 @@ def give(batch: Batch, name: str, kept: BodyState) -> None:
     for array, rows in kept.particles.items():
         if array in _PAST and not follows:
             continue
-        if not batch.features.winch:  # which pins what is on its drum
+        if not batch.features.winch:  # a winch itself pins the particles on its drum
             rows = rows.copy()
             if array in ("positions", "good_positions"):
                 rows[..., 3] = inverse_mass

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Objects that touch one another, or themselves, advance together: all end a substep before any begins the next."""
+"""Objects in contact with one another or themselves, advanced in step: all end a substep before any begins the next."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from cloth_sim_ros.sim.topology import Topology
 
 
 class CoupledBodies:
-    """Batches of such objects.
+    """Batches of coupled objects.
 
-    topologies: by name. itself: names of those that are kept apart from themselves. among: whether all are kept apart
-    from one another.
+    topologies: by name. itself: names of objects with self contact. among: True if objects have contact with one
+    another.
     """
 
     def __init__(
@@ -42,12 +42,12 @@ class CoupledBodies:
             batch.executor = self._graph
 
     def advance(self, finer: int = 1) -> None:
-        """Simulate one frame of all, as their frames were written last."""
+        """Simulate one frame of all, with the frame numbers last written."""
         frame = self.batches[0].frame
         self._graph.advance(finer * frame.substeps, frame.iterations)
 
     def report(self, world: int) -> dict[str, dict[str, int]]:
-        """Name -> pairs and pairs_lost, of all objects of a world together, and crossings of this one."""
+        """Name -> pairs and pairs_lost of all objects of a world together, and crossings of this object."""
         pairs, lost = self._search.found(world)
         each = zip(self._names, self._search.crossings(world), strict=True)
         return {name: {"pairs": pairs, "pairs_lost": lost, "crossings": crossings} for name, crossings in each}

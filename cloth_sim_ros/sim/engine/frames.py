@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of all objects, one after another; on a GPU those that are alike are one CUDA graph."""
+"""Frames of all objects, one after another; a GPU runs equal frames as one CUDA graph."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import warp as wp
 from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.engine.coupled_bodies import CoupledBodies
 
-LONGEST = 10  # frames in a graph
-_KEPT = 8  # graphs at a time
+LONGEST = 10  # largest number of frames in a graph
+_KEPT = 8  # largest number of graphs kept
 
 
 class Frames:
-    """The frames of batches, some of which may advance `coupled`. captures: whether they are graphs, as on a GPU."""
+    """Frames of batches, some of which may be `coupled`. captures: True if frames run as CUDA graphs."""
 
     def __init__(self, batches: Sequence[Batch], coupled: CoupledBodies | None, device: wp.Device) -> None:
         self._batches, self._together, self._device = batches, coupled, device
@@ -23,10 +23,10 @@ class Frames:
         self.captures = device.is_cuda
 
     def advance(self, finer: int, frames: int = 1, ending: Callable[[], None] | None = None) -> None:
-        """Frames in `finer` times the substeps that are set, at most LONGEST, between which the host has nothing to do.
+        """Simulate at most LONGEST frames, each in `finer` times the set substeps, without work on the host between.
 
-        ending: what is launched behind each. Those that are captured run launch by launch for the first time, which
-        loads what they need.
+        ending: launched after each frame. Before they are captured, frames run launch by launch once, which loads
+        their kernels.
         """
         if not self.captures:
             self._launch(finer, frames, ending)

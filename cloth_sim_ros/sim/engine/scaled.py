@@ -14,9 +14,10 @@ from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.topology import Topology
 
-LOST = wp.constant(9)  # in place of a power: what float32 lost of the number three columns before, over it
-# Name in Model -> which power of a length each column is. A segment of a rope yields by its length. A spring of a sheet
-# yields by the shape around it alone.
+# Marker in place of a power: the relative rounding error of float32 in the number three columns before.
+LOST = wp.constant(9)
+# Name in Model -> power of a length in each column. A rope segment's compliance grows with its length. A sheet spring's
+# compliance depends only on the shape around it.
 _POWERS = {
     "rest": (1, 1, 1), "line_rests": (1,), "line_scales": (0,), "segment_length": (1,), "joints": (0, 1, -1, -1),
     "spring_types": (1, 0, 0, LOST), "plate_weights": (-2,), "curve_stencil_gradients": (-1,), "curve_gradients": (-1,),
@@ -33,7 +34,7 @@ def scale_rows(
     chosen: wp.array(dtype=int),
     out: wp.array2d(dtype=Any),
 ):
-    """Number i of a rest shape in world chosen[k]. origin: what stays as it is, for each column."""
+    """Scale number i of a rest shape in world chosen[k]. origin: fixed point of the scaling, per column."""
     k, i = wp.tid()
     w = chosen[k]
     column = i % powers.shape[0]
@@ -51,9 +52,9 @@ for _number in (wp.float32, wp.float64):  # both at once, so that the module is 
 
 
 class Scaled:
-    """What of Model is a world's own, for the one body of `arrays`, and its rest shape in each world.
+    """Arrays of Model that differ between worlds, for the one body of `arrays`, and its rest shape in each world.
 
-    own: name in Model -> its arrays, a row a world. rest, layout: (worlds, N, 3) float64 [m], as in Topology.
+    own: name in Model -> arrays with a row per world. rest, layout: (worlds, N, 3) float64 [m], as in Topology.
     """
 
     def __init__(self, topology: Topology, arrays: ModelArrays, device: wp.Device) -> None:
@@ -72,7 +73,7 @@ class Scaled:
         self.write(wp.array(np.arange(len(self._scales)), dtype=int, device=device))
 
     def _add(self, base: np.ndarray, powers: tuple[int, ...], origin: np.ndarray, dtype: type) -> wp.array:
-        """An array of `dtype` that is to hold `base` in each world."""
+        """Allocate an array of `dtype` for the scaled `base` of each world."""
         number = wp.float64 if dtype == wp.float64 else wp.float32
         shape = (len(self._scales), *(base.shape if dtype == number else base.shape[:1]))
         out = wp.zeros(shape, dtype=dtype, device=self._device)
@@ -82,7 +83,7 @@ class Scaled:
         return out
 
     def write(self, chosen: wp.array) -> None:
-        """Bring Topology.world_scales to the device, in worlds of these numbers."""
+        """Apply Topology.world_scales on the device, in worlds of these numbers."""
         lengths = {name: self._body[name] * self._scales for name in ("spacing", "gap")}
         self._bodies.write(0, None, plate_rate=self._body["plate_rate"] / self._scales**2, **lengths)
         self._bodies.upload()
@@ -93,7 +94,7 @@ class Scaled:
 
 
 def at_scales(topology: Topology, rows: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """Rows (k,) of Material with compliances at which `topology` would shake as fast as it does at these `scales`."""
+    """Return rows (k,) of Material with which the unscaled `topology` has the frequencies it has at `scales`."""
     rows = rows.copy()
     if topology.plate is not None:
         rows["compliance"][:, 2] *= scales**2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sizes of colliders, which may differ between worlds: written to the rows of ColliderMotion, and looked through."""
+"""Sizes of colliders, which may differ between worlds, in the rows of ColliderMotion."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.input.checks import WorldSelection
 
 
 def write_size(rows: LiveArray, row: int, collider: Collider, field: str, value: Any, world: WorldSelection) -> None:
-    """Give a dimension of a collider a checked value [m], or one for each of some worlds, and what goes with it."""
+    """Set a dimension of a collider to a checked value [m], or one per world, and update reach and roundness."""
     sizes = rows.read(row, world)["size"].astype(np.float64)
     sizes[:, collider.place_in_size(field)] = value
     resized = collider.resized(sizes)
@@ -21,7 +21,7 @@ def write_size(rows: LiveArray, row: int, collider: Collider, field: str, value:
 
 
 def sharpest(rows: LiveArray, row: int, collider: Collider) -> Collider:
-    """The collider at the size, of those that it has in all worlds, at which it comes between particles most easily."""
+    """Return the collider at its sharpest size over all worlds, which comes between particles most easily."""
     if not any(each.live for each in collider.dimensions):
         return collider
     sizes = rows.read(row, None)["size"].astype(np.float64)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arrays of a batch's state: how large each has to be for what the batch holds, and what one world sees of them.
+"""The arrays of a batch's state: their sizes for the batch's bodies, and the rows of one world.
 
-What they hold is said where kernels see them: in arrays/state.py, and in the file arrays.py of each feature.
+arrays/state.py, and the file arrays.py of each feature, describe their contents.
 """
 
 from __future__ import annotations
@@ -34,13 +34,15 @@ OWNERS = {
 
 
 def rows_by_array(table: str) -> dict[str, str]:
-    """Array -> what it has a row of, "particle", "segment", "line" or "body", from the tables FORGOTTEN or KEPT of all
-    that own arrays."""
+    """Array -> kind of its rows, from the tables FORGOTTEN or KEPT of all OWNERS.
+
+    FORGOTTEN has the kinds "particle", "segment", "line" and "body".
+    """
     return {name: row for owner in OWNERS.values() for name, row in getattr(owner, table, {}).items()}
 
 
 def _core_sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Elements of the arrays that every body has."""
+    """Sizes of the arrays that every body has."""
     second, looks_back = (n.particles if features.order == 2 else 0), (n.bodies if features.looks_back else 0)
     always = ("positions", "position_lo", "displacements", "velocities", "good_positions")
     return {
@@ -57,7 +59,7 @@ def make_states(
 ) -> dict[str, wp.array]:
     """Name in State, or in a struct of it, -> zeroed (worlds, size) array, for the bodies in `arrays` in every world.
 
-    Arrays that `features` do not need have no element. Raises ValueError where the device has not the memory.
+    Arrays that `features` do not need are empty. Raises ValueError if the device lacks the memory.
     """
     size = arrays.size
     counts = Counts(
@@ -76,7 +78,7 @@ def make_states(
 
 
 def _check_memory(each: int, worlds: int, device: wp.Device) -> None:
-    """Raise ValueError where the state of `worlds` worlds of `each` bytes does not fit the device's free memory."""
+    """Raise ValueError if the state of `worlds` worlds of `each` bytes does not fit the device's free memory."""
     free = device.free_memory if device.is_cuda else os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if worlds * each > free:
         raise ValueError(
@@ -100,5 +102,5 @@ def state_of(states: dict[str, wp.array], world: int) -> State:
 
 
 def row_of(rows: wp.array, world: int) -> wp.array:
-    """Row `world` of a (worlds, size) array; an empty row is an array of its own, which Warp's indexing lacks."""
+    """Row `world` of a (worlds, size) array; an empty row is a new array, as Warp cannot index one."""
     return rows[world] if rows.shape[1] else wp.zeros(0, dtype=rows.dtype, device=rows.device)

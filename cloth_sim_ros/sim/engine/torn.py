@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What has failed of the sheets of a batch that tear, as the host reads and writes it."""
+"""Failed springs of a batch's sheets, read and written by the host."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.program import make_begin
 
-_THREADS = 4096  # of a launch over what may go with a spring, on a GPU
+_THREADS = 4096  # threads per world of a launch over the elements that may fail with a spring, on a GPU
 
 
 @lru_cache
 def _make_follow(features: Features, number: int):
-    """The kernel of one of the stages by which triangles and bending follow springs that failed."""
+    """Make the kernel of one stage in which triangles and bending fail after their springs."""
     begin, stage = make_begin(features), followers(features)[number]
 
     @compiled(module="unique")
@@ -52,18 +52,18 @@ class Torn:
         self.mend(wp.array(np.arange(len(worlds)), dtype=int, device=device))
 
     def mend(self, chosen: wp.array) -> None:
-        """All bodies are whole in the worlds of these numbers."""
+        """Make all bodies whole in the worlds of these numbers."""
         for name, values in self._whole.items():
             if len(values):
                 writing.put(self._states[name], 0, values, chosen)
 
     def read(self, b: int, world: WorldSelection = None) -> dict[str, np.ndarray]:
-        """Kind -> (worlds, S) bool, whether each spring of a body has failed, in one world or all."""
+        """Kind -> (worlds, S) bool, True for each failed spring of a body, in one world or all."""
         rests = self._states["line_rests"][worlds_of(world)].numpy()
         return {kind: rests[:, slots] < 0.0 for kind, slots in self._slots[b].items()}
 
     def write(self, b: int, torn: dict[str, np.ndarray]) -> None:
-        """Have these springs fail beside those that have; (worlds, S) or (1, S) for each."""
+        """Let these springs fail too; (worlds, S) or (1, S) bool per kind."""
         rests = self._states["line_rests"].numpy().copy()
         for kind, failed in torn.items():
             slots = self._slots[b][kind]
@@ -78,5 +78,5 @@ class Torn:
             wp.launch(kernel, dim=len(rests) * threads, inputs=inputs, device=self._device)
 
     def count(self, b: int, world: int) -> int:
-        """How many structural and shear springs of a body have failed in a world."""
+        """Number of failed structural and shear springs of a body in a world."""
         return sum(int(failed.sum()) for kind, failed in self.read(b, world).items() if kind != "bending")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How descriptions check themselves: against the rows of `cloth_sim_ros.parameters`, and arrays by their shape.
+"""Checks of descriptions against the rows of `cloth_sim_ros.parameters`, and of arrays by their shape.
 
-A bad value raises ValueError with one sentence that names the thing, the value and what is allowed.
+A bad value raises ValueError with one sentence that names the parameter, the value and the allowed values.
 """
 
 from __future__ import annotations

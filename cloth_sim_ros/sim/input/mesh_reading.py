@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a mesh file holds, or what is wrong with it in one sentence, whatever the reader of its format does."""
+"""Read a mesh file, or describe in one sentence what is wrong with it, whatever its reader raises."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def _load(path: str, content: bytes) -> Any:
 
 
 def _buffers(path: str) -> Any:
-    """How trimesh finds the files that a .gltf names, no more than a file may have in all; others need none."""
+    """The resolver by which trimesh finds the files that a .gltf names, of limited total size; None for others."""
     from trimesh.resolvers import FilePathResolver
 
     class Bounded(FilePathResolver):

@@ -12,7 +12,7 @@ SHORTEST = 1e-6  # of an edge or a height, relative to the mesh: float32 cannot 
 
 
 class Unfit(ValueError):
-    """What is wrong with a mesh, in words that follow its name."""
+    """A mesh cannot be used; the message follows its name."""
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class Repaired:
 
 
 def repair(points: np.ndarray, triangles: np.ndarray, welds: bool = False) -> Repaired:
-    """A mesh of `points` (N, 3) and `triangles` (T, 3) without what has no area.
+    """Remove triangles without an area from a mesh of `points` (N, 3) and `triangles` (T, 3).
 
-    An edge of no length becomes a point. Three corners in a line stay where they hold two sides together, as at a
-    vertex that lies on the edge of a neighbour. welds: whether vertices on open edges are one where they are in one
-    place. What is closed by its own numbers stays as it is, and so does a place where welding would join more than two
-    triangles at an edge. Raises Unfit where no triangle has an area.
+    An edge of no length becomes a point. A triangle with its corners in a line stays if it holds two sides together, as
+    at a vertex on the edge of a neighbour. welds: True to merge coincident vertices on open edges. Edges that are
+    closed already stay as they are. So do places where welding would join more than two triangles at an edge. Raises
+    Unfit if no triangle has an area.
     """
     if not len(triangles):
         raise Unfit("holds no triangles")
@@ -106,7 +106,7 @@ def _welded(points: np.ndarray, label: np.ndarray, triangles: np.ndarray, near: 
 
 
 def _carries(points: np.ndarray, triangles: np.ndarray, shortest: float) -> np.ndarray:
-    """Whether each triangle has an area, or else lies between two others at every edge and has no corner of its own."""
+    """True for triangles with an area, or between two others at every edge and without a corner of their own."""
     corners = points[triangles]
     sides = np.roll(corners, -1, axis=1) - corners
     twice_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)

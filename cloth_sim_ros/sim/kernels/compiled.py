@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How Warp compiles this package's kernels, and what it compiles now."""
+"""Compiler options of this package's kernels, and a watch on compilation."""
 
 import functools
 import threading
@@ -30,9 +30,9 @@ def compiled(function: Callable | None = None, **options: Any) -> wp.Kernel | Ca
 
 
 class Compiler:
-    """What Warp compiles in this process, in any thread.
+    """Counts and times Warp's compilations in this process, in any thread.
 
-    modules: how many modules of kernels were compiled so far. Those that were in Warp's cache do not count.
+    modules: number of kernel modules compiled so far, without those from Warp's cache.
     """
 
     def __init__(self) -> None:
@@ -44,17 +44,17 @@ class Compiler:
 
     @property
     def at_work(self) -> bool:
-        """Whether something is being compiled."""
+        """True while something is being compiled."""
         return self._at_work > 0
 
     @property
     def seconds(self) -> float:
-        """For how long it was at work in all [s]."""
+        """Total time spent compiling [s]."""
         with self._lock:
             return self._spent + (time.monotonic() - self._since if self._at_work else 0.0)
 
     def compile(self, make: Callable[[], bool]) -> bool:
-        """Calls `make`, which compiles a module or finds it in the cache, and says whether it was compiled."""
+        """Call `make`, which compiles a module or finds it in the cache; it returns True if it compiled."""
         with self._lock:
             if self._at_work == 0:
                 self._since = time.monotonic()

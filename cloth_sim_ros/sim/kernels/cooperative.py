@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launches whose threads are all on the device at once, so that they can wait for one another in the middle.
 
-What would be ten launches is one: a barrier takes a GPU less than half as long as a launch. A block a multiprocessor
-always fits, as long as nothing else runs beside it that waits for it. A CPU has one thread, which waits for nobody.
+One such launch replaces ten, as a barrier takes a GPU less than half as long as a launch. One block per multiprocessor
+always fits, unless another kernel that waits for it runs at the same time. A CPU has one thread and no waiting.
 """
 
 from collections.abc import Callable
@@ -16,10 +16,10 @@ _BLOCK = 1024  # threads of a block; the compiler sees to it that their register
 
 @wp.struct
 class CooperativeGroup:
-    """Threads that wait for one another: those of `blocks` blocks of `block` threads. A launch may have several groups.
+    """Threads of `blocks` blocks of `block` threads that wait for one another. A launch may have several groups.
 
-    They share their work in `teams` of `width`, whole warps. sharing: how many share what has four parts, 1 on a CPU.
-    arrived: (C,) blocks of each of C groups at its barrier.
+    They share their work in `teams` of `width` threads, whole warps. sharing: number of threads that share work of four
+    parts, 1 on a CPU. arrived: (C,) blocks of each of C groups at its barrier.
     """
 
     blocks: int
@@ -32,9 +32,7 @@ class CooperativeGroup:
 
 @wp.func
 def number_of(tid: int, group: CooperativeGroup) -> int:
-    """The number of a thread in its group. Warps that follow one another are in different blocks, so that all have
-    work.
-    """
+    """Number of a thread in its group. Successive warps are in different blocks, so that all blocks have work."""
     block = tid / group.block
     warp = (tid - block * group.block) / 32
     return (warp * group.blocks + block % group.blocks) * 32 + tid % 32
@@ -65,7 +63,7 @@ cooperative: Callable[[Callable], wp.Kernel] = compiled(launch_bounds=_BLOCK)
 
 
 def cooperative_group_of(worlds: int, device: wp.Device) -> CooperativeGroup:
-    """As many threads as are on a device at once, for this many worlds."""
+    """Make one group of as many threads as fit on a device at once, for this many worlds."""
     if device.is_cpu:
         return _crew(1, 1, 1, 1, device)
     width = max(32, device.sm_count * _BLOCK // worlds // 32 * 32)
@@ -73,8 +71,9 @@ def cooperative_group_of(worlds: int, device: wp.Device) -> CooperativeGroup:
 
 
 def cooperative_groups_of(bodies: int, blocks: int, block: int, device: wp.Device) -> CooperativeGroup:
-    """As many groups of `blocks` blocks as fit the device, or as there are bodies: `teams`, of which each has a body at
-    a time.
+    """Make as many groups of `blocks` blocks as fit the device, at most one per body.
+
+    teams: the number of groups; each computes one body at a time.
     """
     groups = 1 if device.is_cpu else min(bodies, device.sm_count // blocks)
     return _crew(blocks, block, blocks * block, groups, device)

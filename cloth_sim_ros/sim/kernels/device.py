@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where to compute."""
+"""The device to compute on."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import warp as wp
 
 
 def find_device(name: str) -> wp.Device:
-    """The device called `name`; "auto" is the first GPU, or the CPU. Raises ValueError where there is none."""
+    """The device called `name`; "auto" is the first GPU, or the CPU. Raises ValueError if there is none."""
     if name == "auto":
         name = "cuda:0" if wp.is_cuda_available() else "cpu"
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The little that Warp cannot say: wide loads, barriers, fast roots, and where a body lives during a substep.
+"""Intrinsics that Warp lacks: wide loads, barriers, fast roots, and the memory of a body during a substep.
 
 A body in a block keeps both in shared memory on a GPU; elsewhere they are plain device arrays. The
 stages see an address and an index and cannot tell: the compiler infers the address space, and the loads are 16 bytes
@@ -295,7 +295,7 @@ def add_exactly(sums: wp.array(dtype=wp.int64), first: int, v: wp.vec3):
 
 @wp.func_native(_EXACT_SUM)
 def exact_sum(sums: wp.array(dtype=wp.int64), first: int) -> wp.vec3:
-    """What was added up by `add_exactly`."""
+    """The sum that `add_exactly` accumulated."""
     ...
 
 
@@ -319,7 +319,7 @@ def next_place(values: wp.array(dtype=int), i: int) -> int:
 
 @wp.func_native(_SYNC_ANY)
 def sync_any(value: int) -> int:
-    """A barrier that tells all threads of the block whether the value of any was not 0."""
+    """A barrier of a block; returns to all threads if the value of any was not 0."""
     ...
 
 

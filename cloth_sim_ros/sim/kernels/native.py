@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The C++ of Warp's native functions, which lies in .h files beside the modules that declare them.
 
-A file holds what stands in the body of its function. What is shorter than a dozen lines stays with its declaration.
+A file holds the body of its function. Code shorter than a dozen lines stays with its declaration.
 """
 
 from pathlib import Path
@@ -19,7 +19,7 @@ def source(module: str, *files: str, **constants: int) -> str:
 
 
 def on_cpu(code: str, otherwise: str = "") -> str:
-    """Code that a CPU runs, beside what a GPU does, which is nothing unless it is said."""
+    """Code that a CPU runs, while a GPU runs `otherwise`."""
     return f"\n#if !defined(__CUDA_ARCH__)\n{code}#else\n{otherwise}\n#endif\n"
 
 

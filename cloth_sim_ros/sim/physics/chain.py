@@ -150,7 +150,7 @@ def _inverse_root(value: float) -> float:
     return wp.where(value > 1.0e-30, quick_inverse_root(wp.max(value, 1.0e-30)), 0.0)
 
 
-# Of products with a lower triangular L, what is not 0: a compiler that must care for infinities leaves none out.
+# Products with a lower triangular L, without its zeros, which a compiler must otherwise keep because of infinities.
 
 
 @wp.func
@@ -208,7 +208,7 @@ def _between(first: Span, second: Span):
 
 @wp.func
 def _beyond(first: Span, second: Span, l: wp.mat33, x: wp.mat33, inverse: wp.mat33):
-    """How the end of two joined spans yields and moves; and how far the first one's is held, D b = b - L h."""
+    """Compliance and displacement of the end of two joined spans; then D b = b - L h of the first span's end, and h."""
     u = _behind(second.passed, l)
     held = inverse * (x * first.free)
     kept = first.free - _lower(l, held)
@@ -235,7 +235,7 @@ def join(first: Span, second: Span) -> Span:
     span = Span()
     span.passed = second.passed * e
     span.compliance = compliance
-    # What yields little hardly counts beside what yields much: summed among themselves first.
+    # Small terms hardly count beside large ones, so the small ones are summed first.
     span.inertia = first.inertia + (symmetric_product(turned * second.inertia, turned) + symmetric_product(back, back))
     span.free = free
     span.pull = first.pull + turned * (second.pull - second.inertia * kept) - back * held
@@ -244,7 +244,7 @@ def join(first: Span, second: Span) -> Span:
 
 @wp.func
 def close(first: Span, second: Span) -> Span:
-    """The same where the first begins at an end of the chain, which nothing moves: how its end yields and moves."""
+    """Join spans if the first begins at a fixed end of the chain; only compliance and displacement are set."""
     l, x, inverse = _between(first, second)
     compliance, free, kept, held = _beyond(first, second, l, x, inverse)
     span = Span()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact on displacements: what a compliant collider gives, and Coulomb friction."""
+"""Contact on displacements: the push of a compliant collider, and Coulomb friction."""
 
 import warp as wp
 
@@ -21,9 +21,9 @@ def friction_correction(slip: wp.vec3, before: wp.vec3, pressed: float, static: 
 
 @wp.func
 def outward(gap: float, before: float, softness: float) -> float:
-    """By how much farther a point in contact is pressed [m], that lies `-gap` [m] deep and was pressed by `before`.
+    """Additional push [m] of a point in contact that lies `-gap` [m] deep and was pushed by `before` [m] so far.
 
-    softness: compliance of the collider over inverse mass of the point x h^2. The force is what it is pressed in all,
-    over the same inverse mass x h^2 (Macklin et al. 2016, eq. 18). At 0 it is pressed out. No contact ever pulls.
+    softness: compliance of the collider over inverse mass of the point x h^2. The force is the total push over the same
+    inverse mass x h^2 (Macklin et al. 2016, eq. 18). A softness of 0 pushes the point out fully. Contacts never pull.
     """
     return wp.max(-(gap + softness * before) / (1.0 + softness), -before)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time integration in displacement form: what a substep starts from and what it leaves behind.
+"""Time integration in displacement form: the start and the end of a substep.
 
 A substep solves for the displacement d = x_new - x, not for x_new, so that the velocity d/h keeps its precision when h
 is small. Both orders share one form with the effective step h_e and a base displacement b:
@@ -37,16 +37,17 @@ def predict_displacement(base: wp.vec3, v: wp.vec3, a: wp.vec3, h: float, eased:
 
 # Families of lines pull at a particle in turn. Beside a corner that a sheet hangs by, each would move it by more than a
 # spring is long, and the next would find springs that point elsewhere. So such a particle gets heavier, until all of
-# them move it by this share of the spacing. It rests where it would, since all its forces count for less alike. What
-# moves on may be moved by some times its own way, and by more times what its weight does, as in long substeps.
+# them move it by this share of the spacing. Its rest position stays, since all its forces scale alike. A particle that
+# moves may be moved by a multiple of its own move, and by a larger multiple of the move by its weight, as in long
+# substeps.
 MOST_ASIDE, MOST_WAYS, MOST_WEIGHTS = wp.constant(0.02), wp.constant(2.0), wp.constant(20.0)
 
 # A taut line moves a particle that lies beside it by 4 w h^2 T / l times as far, where T is its tension and l the
 # length of its springs. Beyond 2 it swings to and fro ever farther, beyond 1 it comes out on the other side. A particle
 # gets heavier until it does not: geometric stiffness as mass, after the same paper.
 MOST_TAUT = wp.constant(0.25)
-# Springs that cannot be met at all, as rigid ones between pins that move apart, pull the more the heavier their
-# particles are. Less than this share of an inverse mass is never left, or these would fly on as if they were free.
+# Least share of an inverse mass that is kept. Unsatisfiable springs, such as rigid ones between pins that move apart,
+# pull the more the heavier their particles are. With less, these would fly on as if they were free.
 LEAST_SHARE = wp.constant(1.0e-3)
 # These forces and tensions are looked at in the first substep of a frame, in every so many while a collider or handle
 # moves, and behind each that was not smooth, as under a stroke.
@@ -55,8 +56,9 @@ WEIGHED = wp.constant(4)
 
 @wp.func
 def share_of_inverse_mass(aside: float, way: wp.vec3, fall: wp.vec3, spacing: float) -> float:
-    """What is kept of an inverse mass, if families move a particle by `aside` [m], its velocity by `way` and all other
-    forces by `fall`.
+    """The share of an inverse mass to keep, if line families move a particle by `aside` [m].
+
+    way, fall: the moves of the particle by its velocity and by all other forces [m].
 
     Mass that is added for stability does not change what is at rest (Andrews, Teichmann and Kry 2017, Geometric
     Stiffness for Real-time Constrained Multibody Dynamics). `aside` falls with h^2, and small ones add none.
@@ -74,18 +76,17 @@ def split_sum(x: wp.vec3, d: wp.vec3) -> wp.vec3:
 
 @wp.struct
 class Step:
-    """One substep and iteration: h_e [s], 1/h_e, 1/h_e^2, and what the projections need to know of the loop
-    around them."""
+    """One substep and iteration: h_e [s], 1/h_e, 1/h_e^2, and the state of the loop that projections depend on."""
 
     effective: float
     inverse: float
     inverse_square: float
-    eased: float  # what linear drag leaves of a velocity in it, where there is no wind
+    eased: float  # share of a velocity that linear drag leaves in a substep without wind
     second: bool  # a smooth substep lies behind this one
     first: bool  # first iteration: multipliers start from zero
     repeats: bool  # more iterations than one
-    store: bool  # someone reads the multipliers afterwards
-    weighs: bool  # what lines do to a particle is looked at, see WEIGHED
+    store: bool  # multipliers are read afterwards
+    weighs: bool  # the effect of lines on particles is measured, see WEIGHED
 
 
 @wp.func
@@ -100,7 +101,7 @@ def carried(change: wp.vec3) -> wp.vec3:
 
 @wp.func
 def eased_by(rate: float, effective: float) -> float:
-    """What a step [s] of implicit drag of `rate` [1/s] leaves of a velocity."""
+    """Share of a velocity that an implicit drag step of length `effective` [s] and `rate` [1/s] leaves."""
     return quotient(1.0, 1.0 + effective * rate)
 
 

@@ -3,8 +3,8 @@
 
 H is the Hessian of the positions, constant on a triangle and linear in the positions, n the normal of the triangle,
 n kappa the Hessian at rest. The square of H gives a force that is linear in the positions (Bergou et al. 2006, A
-quadratic bending model for inextensible surfaces); see topology/plate.py. What is left is one more term on each
-triangle of a sheet that is curved at rest.
+quadratic bending model for inextensible surfaces); see topology/plate.py. A triangle that is curved at rest has one
+more term, given here.
 """
 
 import warp as wp
@@ -25,7 +25,7 @@ def plate_force(rigidity: float, weight: float, difference: wp.vec3, slip: wp.ve
 
 @wp.struct
 class RestCurvature:
-    """What a curved rest shape does to a triangle for B = 1: forces [1/m] along its unit normal.
+    """Effect of a curved rest shape on a triangle for B = 1: forces [1/m] along its unit normal.
 
     Particle j of the triangle's stencil feels `gradients[j] * normal`, its own three vertices also `pull[k] * normal`.
     """

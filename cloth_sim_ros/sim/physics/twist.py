@@ -9,7 +9,7 @@ the change of its writhe, and so M pushes sideways wherever it is curved.
 
 import warp as wp
 
-# Where a joint folds back on itself a frame cannot be carried across it: 1 + cos is at least this.
+# Lower bound of 1 + cos at a joint; a frame cannot be carried across a joint that folds back on itself.
 FOLDED = wp.constant(1.0e-2)
 
 

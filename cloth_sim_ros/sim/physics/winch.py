@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The drive of a winch: how fast it pays out, from what is asked of it and what its limits allow."""
+"""The drive of a winch: its pay-out rate, from the wanted rate and its limits."""
 
 import warp as wp
 

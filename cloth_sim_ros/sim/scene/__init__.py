@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene as its user describes it: objects, materials, handles, forces and settings, checked."""
+"""The user's description of a scene: objects, materials, handles, forces and settings, checked."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forces on particles beside weight, springs, bending and air: what a scene adds, each from its place and velocity.
+"""Additional forces of a scene on particles, as functions of position and velocity.
 
-A force is a frozen class with `numbers()`, and a Warp function of a particle; `FORCES` brings both together, also from
-outside of this package (docs/how-to/extending.md).
+A force is a frozen class with `numbers()`, and a Warp function of a particle. `FORCES` connects them; other packages
+may add to it (docs/how-to/extending.md).
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import warp as wp
 
 
 class Force(Protocol):
-    """What a scene holds of a force."""
+    """Description of a force in a scene."""
 
     def numbers(self) -> tuple[float, float, float, float]:
-        """What its Warp function is given of it."""
+        """The numbers that its Warp function gets."""
 
 
 # name -> (class, Warp function). The function takes position (vec3) [m], velocity (vec3) [m/s], mass [kg] and the
@@ -26,7 +26,7 @@ FORCES: dict[str, tuple[type, wp.Function]] = {}
 
 
 def name_of(force: Force) -> str:
-    """The name in FORCES of a force of the scene. Raises ValueError where its class is not there."""
+    """The name in FORCES of a force of the scene. Raises ValueError if its class is not registered."""
     for name, (kind, _) in FORCES.items():
         if type(force) is kind:
             return name
@@ -34,7 +34,7 @@ def name_of(force: Force) -> str:
 
 
 def make_pull(names: Iterable[str]):
-    """A Warp function: the sum of the forces `names` on a particle, whose numbers lie in an array in this order."""
+    """Make a Warp function that sums the forces `names` on a particle; an array holds their numbers in this order."""
     pull = _nothing
     for place, name in enumerate(names):
         pull = _and(pull, place, name)

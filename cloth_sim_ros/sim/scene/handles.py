@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A handle: a hand without a shape of its own, which holds what is within its reach and carries it along."""
+"""A handle: a hand without a shape of its own, which grasps particles within its reach and moves them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
 
 @dataclass(frozen=True)
 class Handle:
-    """A pose and how it holds. Raises ValueError for what cannot be.
+    """A handle's pose and grasp. Raises ValueError for a value that is not allowed.
 
-    reach: the radius [m] of a ball, or the three edges [m] of a box along its axes, around its origin; particles within
-    are grasped. compliance [m/N] is that of the whole hold along each axis, 0 is rigid. Where the load is larger than
-    break_force [N] it lets go; 0 is never. object: the name of the one object that it grasps, "" is any. attached:
-    whether it holds from the start.
+    reach: the radius [m] of a ball, or the three edges [m] of a box along its axes, around its origin; it grasps
+    particles within. compliance [m/N]: of the whole grasp along each axis, 0 is rigid. break_force [N]: load above
+    which it lets go, 0 is never. object: the name of the one object that it grasps, "" is any. attached: True if it
+    grasps from the start.
     """
 
     position: Vector = (0.0, 0.0, 0.0)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials by name: what sheets and ropes of cotton, steel cable, .. weigh, and how they stretch, bend and rub.
+"""Material presets by name: mass, stretch, bending, damping and friction of sheets and ropes.
 
-Every preset names where its numbers come from. Cloth is anisotropic and stiffens as it stretches. A preset is the
-isotropic sheet that is nearest at the loads of hanging cloth. "KES-F" marks rounded typical values of such cloth
-(Kawabata 1980, The standardization and analysis of hand evaluation). "makers" marks rounded catalogue values, and
-"estimate" what no source gives. Damping times are estimates throughout: loss factors of 0.1 to 0.3 at about 5 Hz.
+Every preset names the source of its numbers. Cloth is anisotropic and stiffens as it stretches. A preset is the nearest
+isotropic sheet at the loads of hanging cloth. "KES-F" marks rounded typical values of such cloth (Kawabata 1980, The
+standardization and analysis of hand evaluation). "makers" marks rounded catalogue values. "estimate" marks values
+without a source. Damping times are estimates throughout: loss factors of 0.1 to 0.3 at about 5 Hz.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class Cord:
     source: str
 
 
-# Of Wang et al. 2011, Data-driven elastic models for cloth: moduli are the geometric mean of warp and weft at small
-# strain. Bending is a quarter of their constant, which multiplies a force of half the angle over both heights.
+# Values from Wang et al. 2011, Data-driven elastic models for cloth. Moduli are the geometric mean of warp and weft at
+# small strain. Bending is a quarter of their constant, which multiplies a force of half the angle over both heights.
 FABRICS = {
     "cotton": Fabric(
         0.13, 1500.0, 50.0, 7e-6, 5e-3, 0.3e-3, 0.5, 0.4,
@@ -141,10 +141,10 @@ def spring_constants(stretch: float, shear: float) -> tuple[float, float]:
 
 
 def sheet_fields(name: str, area: float, mesh: bool = False, bending: str = "dihedral") -> dict[str, Any]:
-    """The fields of a Cloth of `area` [m^2] in the material called `name`; ValueError where there is none.
+    """The fields of a Cloth of `area` [m^2] in the material called `name`. Raises ValueError if there is none.
 
-    A mesh has no shear springs: its edges carry Young's modulus, exactly where triangles are equilateral, and a shear
-    modulus of 3/8 of it. Unless `bending` is "dihedral", the material says nothing of bending.
+    A mesh has no shear springs. Its edges carry Young's modulus, exactly for equilateral triangles, and a shear modulus
+    of 3/8 of it. The material sets the bending only if `bending` is "dihedral".
     """
     fabric = _find(FABRICS, name)
     along, diagonal = spring_constants(fabric.stretch, fabric.shear)
@@ -169,10 +169,9 @@ def triangles_area(vertices: np.ndarray, triangles: np.ndarray) -> float:
 
 
 def rope_fields(name: str, length: float, radius: float | None = None) -> dict[str, Any]:
-    """The fields of a Rope of `length` [m] in the material called `name`; ValueError where there is none.
+    """The fields of a Rope of `length` [m] in the material called `name`. Raises ValueError if there is none.
 
-    With another `radius` [m] than the preset's it is the same rope enlarged: mass and EA grow with its square, EI with
-    its fourth power.
+    Another `radius` [m] than the preset's scales the rope: mass and EA grow with its square, EI with its fourth power.
     """
     cord = _find(CORDS, name)
     larger = (radius or cord.radius) / cord.radius

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is simulated: cloths and ropes with their materials, plain and frozen. Nothing here touches a device.
+"""The simulated objects: cloths and ropes with their materials, as frozen descriptions without a device.
 
 Every number is checked on construction; a bad one raises ValueError (see checks.py).
 """
@@ -26,19 +26,23 @@ _LOG = logging.getLogger(__name__)
 class Cloth:
     """A rectangular sheet (or, from `Cloth.from_mesh`, any manifold triangle mesh) of springs.
 
-    Particle (ix, iy) is index iy*nx + ix at local (ix*w/(nx-1) - w/2, iy*h/(ny-1) - h/2, 0). stretch_compliance,
-    shear_compliance [m/N]: 1/constant of every spring of a square grid, borders twice as compliant. On a mesh the edge
-    between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same on a grid (Van
-    Gelder 1998). bend_compliance is None for no bending. With bending="springs" [m/N] it is 1/constant of the distance
-    springs over two edges. With "dihedral" [1/(N m)] it is 1/flexural rigidity B of a sheet whose Poisson ratio is 0 in
-    bending. Its energy is B/2 times the integral of the squared curvatures (kxx^2 + 2 kxy^2 + kyy^2). A strip of width
-    w bends with B w and twists with 2 B w, in any direction of any mesh. The energy is quadratic in the positions
-    (Bergou et al. 2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of three pinned
-    particles is a clamp: two pinned rows hold the sheet at the second one. shear_compliance None means no shear
-    springs. Compliance 0 is rigid. mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem).
-    damping [s]: c = damping x constant. thickness [m] is the distance at which the cloth touches a collider. With
-    self_contact its parts keep twice that from one another. With tear_strain above 0, structural and shear springs
-    that are strained by more than that fail for good, and `Simulation.cut` cuts them.
+    Particle (ix, iy) is index iy*nx + ix at local (ix*w/(nx-1) - w/2, iy*h/(ny-1) - h/2, 0).
+
+    stretch_compliance, shear_compliance [m/N]: 1/constant of every spring of a square grid, borders twice as compliant.
+    On a mesh the edge between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same
+    on a grid (Van Gelder 1998). shear_compliance None means no shear springs. Compliance 0 is rigid.
+
+    bend_compliance: None for no bending. With bending="springs" [m/N] it is 1/constant of the distance springs over two
+    edges. With "dihedral" [1/(N m)] it is 1/flexural rigidity B of a sheet whose Poisson ratio is 0 in bending. Its
+    energy is B/2 times the integral of the squared curvatures (kxx^2 + 2 kxy^2 + kyy^2). A strip of width w bends with
+    B w and twists with 2 B w, in any direction of any mesh. The energy is quadratic in the positions (Bergou et al.
+    2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of three pinned particles is a
+    clamp: two pinned rows hold the sheet at the second one.
+
+    mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem). damping [s]: dashpot coefficient
+    c = damping x constant. thickness [m]: distance at which the cloth touches a collider. With self_contact its parts
+    keep twice the thickness from one another. With tear_strain above 0, structural and shear springs fail for good
+    beyond that strain, and `Simulation.cut` can cut them.
     """
 
     resolution: tuple[int, int] = (32, 32)
@@ -79,9 +83,9 @@ class Cloth:
 
     @classmethod
     def of(cls, material: str, **fields: Any) -> Cloth:
-        """A sheet of a material of `materials.FABRICS`; `fields` of Cloth, such as size and resolution, win over it.
+        """Make a sheet of a material in `materials.FABRICS`; `fields` of Cloth, such as size, override it.
 
-        The mass follows from the size. Its moduli hold where cells are square. Raises ValueError for an unknown
+        The mass follows from the size. The moduli are exact for square cells. Raises ValueError for an unknown
         material.
         """
         area = math.prod(table.check(table.row(table.CLOTH, "size"), fields.get("size", cls.size), "Cloth.size"))
@@ -89,15 +93,23 @@ class Cloth:
 
     @classmethod
     def from_mesh(cls, vertices: Any, triangles: Any, material: str = "", scale: float = 1.0, **fields: Any) -> Cloth:
-        """A cloth over `vertices` (N, 3) in local axes, in units of `scale` [m], and `triangles` (T, 3); `fields` are
-        those of Cloth.
+        """Make a cloth from a triangle mesh.
 
-        With a `material` of `materials.FABRICS` they win over its numbers, and the mass follows from the area. Its
-        edges carry stretch and shear alike, so it has no shear_compliance; pins are indices, "all named pins" of a grid
-        do not exist. Triangles without an area, and vertices that no other needs, are left out, which the log tells.
-        Particles are the vertices that stay, in their order; pins and particle_masses go by the numbers as given.
-        Raises ValueError for a triangle that names a vertex that does not exist. A Simulation raises it for a mesh that
-        is not manifold.
+        Edges carry both stretch and shear, so the cloth has no shear_compliance. Pins are indices; the named pins of a
+        grid do not exist. Triangles without an area, and vertices that no other triangle uses, are dropped, which the
+        log reports. Particles are the remaining vertices in their order. Pins and particle_masses use the given
+        numbering.
+
+        Args:
+            vertices: (N, 3) in local axes, in units of `scale`.
+            triangles: (T, 3) indices of vertices.
+            material: A name in `materials.FABRICS`, or "". The mass then follows from the area.
+            scale: Length of a unit of the vertices [m].
+            fields: Fields of Cloth, which override those of the material.
+
+        Raises:
+            ValueError: A triangle names a vertex that does not exist. A Simulation raises it for a mesh that is not
+                manifold.
         """
         for name in ("resolution", "size"):
             if name in fields:
@@ -160,15 +172,18 @@ class Rope:
     """A chain of particles, from `points` (N, 3) [m] or `start`, `end`, `segments`, in local axes.
 
     stretch_compliance [1/N] = 1/EA. bend_compliance [1/(N m^2)] = 1/EI or None for no bending. 0 is rigid. mass [kg] is
-    the total, lumped by length; particle_masses (N,) [kg] overrides it. end_mass [kg] is a load at the last particle,
-    on top of either. radius [m]. pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of
-    each segment. winch: a drum at the start, which must be pinned; the end may be. What it has not paid out lies on it.
+    the total, lumped by length; particle_masses (N,) [kg] overrides it. end_mass [kg]: an additional load at the last
+    particle. radius [m]. pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of each
+    segment. With self_contact its parts keep twice the radius from one another.
+
+    winch: a drum at the start, which must be pinned; the end may be. The part that is not paid out lies on the drum.
     The rest, measured from the end, lies along the path from the start. It bends about a hinge at the drum, and is
-    straight at rest. twist_compliance [1/(N m^2)] = 1/GJ or None for no twist. An end is clamped while its last two
-    particles are pinned, or held by a handle, which turns the rope with it. Between two clamps the rope resists twist;
-    while an end is free it has none. end_turn [rad] is by how much the end is turned about its axis against the start.
-    It counts from when both were clamped, or positions set. With self_contact its parts keep twice the radius from one
-    another.
+    straight at rest.
+
+    twist_compliance [1/(N m^2)] = 1/GJ or None for no twist. An end is clamped while its last two particles are pinned,
+    or held by a handle, which turns the rope with it. Between two clamps the rope resists twist; while an end is free
+    it has none. end_turn [rad]: turn of the end about its axis relative to the start, counted from when both were
+    clamped, or positions set.
     """
 
     points: Any = field(default=None, repr=False, compare=False)
@@ -220,10 +235,10 @@ class Rope:
 
     @classmethod
     def of(cls, material: str, **fields: Any) -> Rope:
-        """A rope of a material of `materials.CORDS`; `fields` of Rope, such as start and end, win over it.
+        """Make a rope of a material in `materials.CORDS`; `fields` of Rope, such as start and end, override it.
 
-        The mass follows from the length, and what a thicker rope has from the radius.
-        Raises ValueError for an unknown material.
+        The mass follows from the length. Another radius than the preset's scales mass and stiffness. Raises ValueError
+        for an unknown material.
         """
         path = fields.get("points")
         if path is None:
@@ -241,8 +256,10 @@ class Rope:
 
 
 def _renumbered(fields: dict[str, Any], place: np.ndarray, count: int) -> dict[str, Any]:
-    """`fields` of Cloth for `count` particles of which `place` (N,) says which each of N vertices is, or -1. Raises
-    ValueError for a pin at a vertex that is none."""
+    """Renumber `fields` of Cloth for `count` particles; `place` (N,) is the particle of each vertex, or -1.
+
+    Raises ValueError for a pin at a vertex that is no particle.
+    """
     pins, masses = fields.get("pins"), fields.get("particle_masses")
     if pins is not None and not isinstance(pins, str):
         pins = table.check(table.row(table.CLOTH, "pins"), pins, "Cloth.pins")
@@ -272,7 +289,7 @@ def _check_pins(thing: Any, names: tuple[str, ...], count: int) -> None:
 
 
 def _take_masses(thing: Any, count: int) -> None:
-    """Check `particle_masses` where they are given, and let them make up the total. Raises ValueError."""
+    """Check `particle_masses` if they are given, and set the total mass to their sum. Raises ValueError."""
     if thing.particle_masses is None:
         return
     masses, name = np.array(thing.particle_masses, dtype=np.float64), f"{type(thing).__name__}.particle_masses"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What exists: objects and colliders by name, wind and gravity. Nothing here touches a device.
+"""A scene: objects and colliders by name, wind and gravity, as frozen descriptions without a device.
 
 Every number is checked on construction; a bad one raises ValueError (see checks.py).
 """
@@ -22,7 +22,7 @@ from cloth_sim_ros.sim.scene.forces import Force, name_of
 from cloth_sim_ros.sim.scene.handles import Handle
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 
-_LARGE = 20.0  # [m] across: garments and tools are smaller
+_LARGE = 20.0  # size [m] above which a mesh is suspect, as garments and tools are smaller
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class Wind:
 class Scene:
     """Named objects, colliders and handles, wind (None: no air), forces by any name and gravity [m/s^2].
 
-    spare_colliders: how many colliders of SPARE_SHAPES may be added while a simulation runs. object_contact: whether
-    objects keep both their thicknesses from one another. Names of objects, colliders and handles are shared by topics
-    and parameters. Raises ValueError for what cannot be.
+    spare_colliders: number of colliders of SPARE_SHAPES that may be added while a simulation runs. object_contact: True
+    if objects keep the sum of their thicknesses from one another. Topics and parameters use the names of objects,
+    colliders and handles. Raises ValueError for a value that is not allowed.
     """
 
     objects: Mapping[str, Cloth | Rope] = field(default_factory=dict)
@@ -83,7 +83,7 @@ class Scene:
 
 
 def large_meshes(scene: Scene) -> Iterator[str]:
-    """A sentence for each cloth and collider of a mesh that is larger than a room: its file may be in millimetres."""
+    """Yield a warning for each cloth and collider from a mesh larger than a room, as its file may be in millimetres."""
     for name, thing in {**scene.objects, **scene.colliders}.items():
         points = thing.points() if isinstance(thing, Mesh) else getattr(thing, "vertices", None)
         across = 0.0 if points is None else float(np.ptp(points, axis=0).max())
@@ -92,7 +92,7 @@ def large_meshes(scene: Scene) -> Iterator[str]:
 
 
 def _check_names(things: Any, kinds: tuple[type, ...], where: str) -> None:
-    """Raise ValueError where `things` is no dict of names, as parameters can have them, to objects of `kinds`."""
+    """Raise ValueError unless `things` is a dict from valid parameter names to objects of `kinds`."""
     *first, last = (f"a {kind.__name__}" for kind in kinds)
     allowed = f"{', '.join(first)} or {last}" if first else last
     if not isinstance(things, Mapping):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How to compute: the settings of the solver, as a plain frozen description."""
+"""The settings of the solver, as a plain frozen description."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from cloth_sim_ros.sim.input.checks import check_fields
 
 @dataclass(frozen=True)
 class Settings:
-    """How to compute: see the rows of `parameters.SOLVER`. frame_dt [s], global_damping [1/s].
+    """The solver's settings: see the rows of `parameters.SOLVER`. frame_dt [s], global_damping [1/s].
 
-    order, substeps and iterations of 0 are chosen for each object, as substeps/choose.py says.
+    For order, substeps and iterations of 0, substeps/choose.py chooses a value for each object.
     """
 
     method: str = "auto"

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How many substeps and iterations an object is given, and of which order."""
+"""The choice of substeps, iterations and order for each object."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The order, substeps and iterations of each object where the settings leave them open, and why.
+"""Choose the order, substeps and iterations of each object that the settings leave open, and give the reason.
 
-Errors and prices were measured (docs/explanation/study.md, `study error`). The choice depends on them and on the scene
-alone, never on a clock. So the same scene is computed alike every time.
+Errors and prices were measured (docs/explanation/study.md, `study error`). The choice depends only on them and on the
+scene, never on a clock. So the same scene is always computed in the same way.
 """
 
 from __future__ import annotations
@@ -20,35 +20,40 @@ from cloth_sim_ros.sim.substeps import limits, prices
 from cloth_sim_ros.sim.substeps.prices import Surroundings
 from cloth_sim_ros.sim.topology import Topology
 
-_MOST_STIFF = 6.0  # times as many substeps as sweeps of BDF2 on a mesh are what leapfrog would need, at most
-_SAFE = 40  # substeps of a frame that is done again, at least
-FEWEST = 6  # substeps a frame that are chosen at least: contact and gusts need them
-_FEWEST_LAYERS, _FEWEST_COILS = 13, 40  # of a sheet and of a rope, where what is fast has to be kept apart
-# Particles along a sheet to a substep of xpbd, at most: fewer do not carry shape across it, or keep it from itself.
+_MOST_STIFF = 6.0  # largest ratio of the substeps that leapfrog needs to the sweeps of BDF2 on a mesh
+_SAFE = 40  # minimum substeps of a repeated frame
+FEWEST = 6  # minimum substeps per frame; contact and gusts need them
+_FEWEST_LAYERS, _FEWEST_COILS = 13, 40  # minimum substeps with self or object contact: sheet, rope
+# Largest number of particles along a sheet's side per substep of xpbd: without and with self or object contact. With
+# fewer substeps, shape does not spread across the sheet, or contact fails.
 _SIDE, _SIDE_LAYERS = 10.0, 5.0
-_MOST_LINES = 2000  # substeps of xpbd that are chosen at most
-_LEAST_ROPE = 20  # of a rope at an error of 1e-3
-_LEANS = 0.05  # of a segment, that a rope's tension moves a particle within a substep until a collider moves it back
+_MOST_LINES = 2000  # maximum substeps of xpbd
+_LEAST_ROPE = 20  # substeps of a rope at an error of 1e-3
+# Fraction of a segment by which a rope's tension may move a particle in a substep, before a collider moves it back.
+_LEANS = 0.05
 
-# BDF2 by lines misses the motion by _BDF2 (limit / 44)^2 (16 / side)^1.4 / substeps^2, relative to it. That is in
-# sheets held at all edges, the hardest of the study's cases. `limit` are the substeps that leapfrog needs, side^2 the
-# particles. Of a sheet too stiff to be seen to stretch it is no more than _RIGID / substeps^2. One that is held along
-# one edge swings: _HUNG / substeps, or _HUNG_MESH side / substeps, where it is _LENGTH [m] long, and as the rate of a
-# pendulum. A grid that is free, or held at few particles, misses by no more than _FREE / substeps, likewise. Implicit
-# Euler misses by _EULER / substeps at least.
-# What does not go by `limit` was measured in frames of _FRAME [s], and goes by the length of a substep.
+# Error laws of XPBD, relative to the motion.
+# - BDF2 by lines: _BDF2 (limit / 44)^2 (16 / side)^1.4 / substeps^2. This holds for sheets held at all edges, the
+#   hardest of the study's cases. `limit` is the number of substeps that leapfrog needs, side^2 the number of particles.
+# - A sheet too stiff to stretch visibly: at most _RIGID / substeps^2.
+# - A sheet held along one edge swings: _HUNG / substeps for a grid, _HUNG_MESH side / substeps for a mesh. This holds
+#   for a length of _LENGTH [m], and scales with the rate of a pendulum.
+# - A grid that is free, or held at few particles: at most _FREE / substeps, scaled likewise.
+# - Implicit Euler: at least _EULER / substeps.
+# Laws without `limit` were measured in frames of _FRAME [s], and scale with the length of a substep.
 _BDF2, _RIGID, _HUNG, _HUNG_MESH, _FREE, _LENGTH, _EULER, _FRAME = 5.6, 30.0, 0.013, 1e-3, 0.2, 1.2, 0.1, 1.0 / 60.0
-_BENDING = 0.2  # (omega h_e)^2 of the stiffest bending mode that xpbd is given where it chooses
-_LEAPFROG = 4.0e-4  # error of leapfrog at its limit, likewise; by four with twice the substeps
-_MANY = 16  # materials that are looked at one by one, at most
+_BENDING = 0.2  # largest (omega h_e)^2 of the stiffest bending mode when xpbd chooses its substeps
+_LEAPFROG = 4.0e-4  # relative error of leapfrog at its limit; twice the substeps divide it by four
+_MANY = 16  # largest number of materials that are examined one by one
 
 
 @dataclass(frozen=True)
 class Choice:
-    """How one object is computed; `reason` says why, in words that follow its name.
+    """How one object is computed; `reason` is text that follows the object's name.
 
-    error: what is expected of it, in the units of solver.error. safe_substeps: of a frame that XPBD does again.
-    bending_share: of a sheet's rigidity, that acts. surface: whether colliders are kept out between particles too.
+    error: expected error in the units of solver.error. safe_substeps: substeps of a frame that XPBD repeats.
+    bending_share: share of a sheet's bending rigidity that acts. surface: True if colliders are also kept out between
+    particles.
     """
 
     method: str
@@ -68,7 +73,7 @@ class Choice:
 
     @property
     def kernels(self) -> tuple[str, bool]:
-        """What kernels are made for: where it changes, everything on the device is made anew."""
+        """Properties that kernels depend on; a change rebuilds everything on the device."""
         return self.words, self.surface
 
 
@@ -78,7 +83,7 @@ def choose(
     materials: Collection[tuple[Sequence[float], float]],
     around: Surroundings,
 ) -> Choice:
-    """How to compute an object of `topology` whose worlds have these pairs of compliances and damping.
+    """Choose how to compute an object whose worlds have these pairs of compliances and damping.
 
     Numbers that are set in `settings` are kept.
     """
@@ -99,17 +104,17 @@ def _explicit_substeps(
 
 
 def xpbd_is_direct(topology: Topology) -> bool:
-    """Whether xpbd solves an object as a whole, a rope."""
+    """True if xpbd solves an object as a whole, as it does a rope."""
     return not len(topology.triangles)
 
 
 def _budget(settings: Settings) -> float:
-    """What a frame may take [ms]."""
+    """Time budget of a frame [ms]."""
     return 1e3 * settings.budget * settings.frame_dt
 
 
 def _verlet(settings: Settings, needed: float, surface: bool) -> Choice:
-    """Explicit steps: as many as stability asks for, and more where they would miss by more than is wanted."""
+    """Choose explicit steps: as many as stability needs, and more if the error would exceed the wanted one."""
     least = max(FEWEST * max(1.0, settings.frame_dt / _FRAME), needed)
     substeps = settings.substeps or least * max(1.0, math.sqrt(_LEAPFROG / settings.error))
     substeps = math.ceil(substeps) if math.isfinite(substeps) else 1
@@ -125,13 +130,13 @@ def _xpbd(
     kinks: limits.LineKinkError,
     around: Surroundings,
 ) -> Choice:
-    """XPBD in as many substeps as the wanted error asks for and the budget allows."""
+    """Choose XPBD with as many substeps as the wanted error needs and the budget allows."""
     iterations, rate, limit = settings.iterations or 1, _bending_rate(topology, materials), kinks.limit
     fewest, leaning = _fewest(topology, around.coupled), _leaning(topology, settings, around)
     affordable = _budget(settings) / (iterations * prices.xpbd(topology, materials, around))
 
     def substeps_of(order: int, least: float) -> tuple[int, float, float]:
-        """How many are taken, how many are wanted, and the error of those that are taken."""
+        """Return the substeps taken, the substeps wanted, and the error of those taken."""
         laws = _error_laws(topology, limit, order, settings.frame_dt)
         enough = min((constant / settings.error) ** (1.0 / power) for constant, power in laws)
         bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
@@ -160,7 +165,7 @@ def _xpbd(
 
 
 def _fewest(topology: Topology, coupled: bool) -> int:
-    """The least substeps that are chosen; `coupled`: of what is kept apart from itself or others."""
+    """Minimum substeps to choose; `coupled`: True with self or object contact."""
     if xpbd_is_direct(topology):
         return _FEWEST_COILS if coupled else FEWEST
     side = math.sqrt(len(topology.masses)) / (_SIDE_LAYERS if coupled else _SIDE)
@@ -168,7 +173,7 @@ def _fewest(topology: Topology, coupled: bool) -> int:
 
 
 def _leaning(topology: Topology, settings: Settings, around: Surroundings) -> float:
-    """Substeps in which a rope that all of its weight hangs from leans on a collider; 0 of what is none."""
+    """Substeps that a rope needs to lean on a collider with its whole weight; 0 for a sheet or without colliders."""
     if not xpbd_is_direct(topology) or not around.colliders:
         return 0.0
     pulled = around.gravity * topology.masses.sum() / float(np.median(topology.masses))
@@ -177,12 +182,12 @@ def _leaning(topology: Topology, settings: Settings, around: Surroundings) -> fl
 
 
 def _effective(settings: Settings, order: int) -> float:
-    """Substeps times their effective length h_e [s]."""
+    """Effective length h_e of a substep times the number of substeps [s]."""
     return settings.frame_dt * limits.EFFECTIVE[order]
 
 
 def _error_laws(topology: Topology, limit: float, order: int, frame_dt: float) -> list[tuple[float, int]]:
-    """Constants and powers of substeps: XPBD misses by the least of constant / substeps^power.
+    """Constants and powers of error laws; the error of XPBD is the least of constant / substeps^power.
 
     limit: substeps that leapfrog needs.
     """
@@ -207,24 +212,24 @@ def _kinks(
     limit: float,
     around: Surroundings,
 ) -> limits.LineKinkError:
-    """What the kinks of a mesh's lines leave; limit: substeps that leapfrog needs without dashpots."""
+    """Error left by the kinks of a mesh's lines; limit: substeps that leapfrog needs without dashpots."""
     weight = around.gravity * topology.masses.sum() if _is_mesh(topology) and math.isfinite(limit) else 0.0
     strain = 0.5 * weight * max(compliance[0] for compliance, _ in materials)
     return limits.LineKinkError(limit, strain, settings.iterations or 1)
 
 
 def _swing(topology: Topology, length: float) -> float:
-    """How much faster a pendulum of `length` [m] swings than one of _LENGTH, in the world where it is smallest."""
+    """Frequency of a pendulum of `length` [m] relative to one of _LENGTH, in the world where the object is smallest."""
     return math.sqrt(_LENGTH / (length * topology.scales_in().min()))
 
 
 def _calm_substeps(topology: Topology, limit: float) -> float:
-    """The least sweeps of second order that do not leave so much of the stiff springs of a mesh that these shake it."""
+    """Minimum sweeps of second order on a mesh; with fewer, the residual of its stiff springs shakes it."""
     return limit / _MOST_STIFF if _is_mesh(topology) else 0.0
 
 
 def _is_mesh(topology: Topology) -> bool:
-    """Whether an object is a sheet without rows and columns."""
+    """True if an object is a sheet that is no grid."""
     return len(topology.triangles) > 0 and topology.grid is None
 
 
@@ -235,11 +240,14 @@ def _bending_rate(topology: Topology, materials: Collection[tuple[Sequence[float
 
 
 def distinct(materials: np.ndarray) -> set[tuple]:
-    """The pairs of compliances and damping that occur in rows of Material; of very many the stiffest and most damped
-    that could be among them, so that nobody looks at each of a thousand worlds."""
+    """The distinct pairs of compliances and damping in rows of Material.
+
+    If they are very many, return one pair with the least compliances and the largest damping. So the cost does not grow
+    with a thousand worlds.
+    """
     columns = np.column_stack([materials["compliance"], materials["damping"]])
     codes = np.zeros(len(columns), dtype=int)
-    for column in columns.T:  # one by one: to sort rows of several numbers is slow
+    for column in columns.T:  # one by one, as sorting rows of several numbers is slow
         if (column == column[0]).all():
             continue
         if len(set(column[: 4 * _MANY].tolist())) > _MANY:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How large a step an explicit method may take, by NumPy on the rest shape; nothing of the device."""
+"""Largest stable steps of an explicit method, in NumPy from the rest shape, without a device."""
 
 from __future__ import annotations
 
@@ -14,33 +14,35 @@ from cloth_sim_ros.sim.topology import KINDS, Topology
 
 
 class Unstable(ValueError):
-    """Explicit steps cannot compute an object; the message says what would be needed."""
+    """Explicit steps cannot compute an object; the message says what is allowed."""
 
 
-# Of the limit of small motions. Springs that turn while they stretch are heated by leapfrog in resonances of third,
-# fourth, .. order, at omega h = sqrt(3), sqrt(2), .. (Schlick et al. 1998). Let go at 0.9, a whipping rope flies apart
-# within a minute, a soft hung sheet as well. Of a line of springs most modes are near the fastest, of a sheet few.
+# Fraction of the stable step for small motions that is used: in a sheet, and in a rope. Leapfrog heats springs that
+# turn while they stretch, in resonances of third, fourth, .. order, at omega h = sqrt(3), sqrt(2), .. (Schlick et al.
+# 1998). At a fraction of 0.9 a whipping rope flies apart within a minute, and so does a soft hung sheet. In a line of
+# springs most modes are near the fastest, in a sheet few.
 _SHARE = 0.7
 _SHARE_OF_LINES = 0.5
 
-_ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS, of a length in float32
-_HEAT = 1e-2  # [m^2/s^3] by which rounding may heat a body; beyond it a spring is as good as rigid
+_ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS relative rounding error of a length in float32
+_HEAT = 1e-2  # largest heating by rounding [m^2/s^3]; beyond it a spring counts as rigid
 
-EFFECTIVE = {1: 1.0, 2: 2.0 / 3.0}  # of a substep of XPBD, by its order, over the substep
+EFFECTIVE = {1: 1.0, 2: 2.0 / 3.0}  # order -> effective length h_e of a substep of XPBD over its length h
 
-_LOST = 0.1
+_LOST = 0.1  # factor of the share of tension lost at kinks, see LineKinkError
 
 
 @dataclass(frozen=True)
 class LineKinkError:
-    """By how much XPBD strains a mesh too much that hangs, and what that counts as.
+    """Excess strain of a hanging mesh under XPBD, and the error that it counts as.
 
-    The lines of a mesh have kinks. The solve of each line straightens them, until others bend them back. So a share of
-    the tension is lost: _LOST (h_e limit / (h substeps))^2 of it. That was measured in meshes of 256 to 4096 particles.
-    A sweep more multiplies it by the same again.
+    The lines of a mesh have kinks. The solve of each line straightens them, until others bend them back. So the share
+    _LOST (h_e limit / (h substeps))^2 of the tension is lost, measured in meshes of 256 to 4096 particles. Each further
+    sweep multiplies the loss by the same factor.
 
-    limit: substeps that leapfrog needs. strain: about that of the sheet under its weight; 0 where nothing is lost. By
-    5 % too much counts as an error of 1e-3, and less where the strain itself is below 1e-4 and is not seen.
+    limit: substeps that leapfrog needs. strain: approximate strain of the sheet under its weight; 0 for no loss. An
+    excess of 5 % counts as an error of 1e-3 or, for large strains, more. It counts less if the strain is below 1e-4,
+    which nobody sees.
     """
 
     limit: float
@@ -53,11 +55,11 @@ class LineKinkError:
         return min(once, once**self.iterations)
 
     def error(self, substeps: int, order: int) -> float:
-        """What that counts as, in the units of solver.error."""
+        """The error that the excess counts as, in the units of solver.error."""
         return self._weight * self.excess(substeps, order)
 
     def substeps(self, error: float, order: int) -> float:
-        """How many have that error."""
+        """The number of substeps with this error."""
         if self.strain == 0.0:
             return 0.0
         excess = error / self._weight
@@ -65,7 +67,7 @@ class LineKinkError:
 
     @property
     def _weight(self) -> float:
-        # What is strained a lot moves by its strain, too.
+        # A large strain also moves the particles.
         return max(0.02 * min(1.0, self.strain / 1e-4), 2.5 * self.strain)
 
 
@@ -77,8 +79,10 @@ def bending_share(rate: float, step: float) -> float:
 def check_explicit(
     scene: Scene, settings: Settings, name: str, topology: Topology, materials: Iterable[tuple[Sequence[float], float]]
 ) -> None:
-    """Raise Unstable where explicit steps lack a feature of an object, or cannot hold it at these pairs of compliances
-    [m/N] and damping [s]. The sentence says what would be needed."""
+    """Raise Unstable if explicit steps lack a feature of an object, or are unstable for it.
+
+    materials: pairs of compliances [m/N] and damping [s]. The message says what is allowed.
+    """
     thing = scene.objects[name]
     lacking = {
         "a winch on": getattr(thing, "winch", None) is not None,
@@ -108,19 +112,20 @@ def check_explicit(
 def explicit_substeps(
     topology: Topology, compliance: Sequence[float], damping: float, frame_dt: float, crumples: bool
 ) -> float:
-    """The least substeps a frame [s] at which leapfrog is stable. They are infinite where a spring is rigid, also for
-    float32, and for a winch, which feeds a segment from no length.
+    """Return the minimum substeps per frame of `frame_dt` [s] at which leapfrog is stable.
 
-    Dashpots have the time constant tau = `damping` [s], and their force takes the velocity of the last half step. The
-    limit is omega^2 (h^2 + 2 h tau) < 4 then (Jury's criterion on one oscillator). omega^2 is the largest eigenvalue of
-    M^-1 K of all springs, by power iteration from a fixed start. It is that at rest, or the most of any shape where the
-    body `crumples`, as in wind. A stretched spring along n is k (n n^T + (1 - rest / length) (1 - n n^T)), never more
-    than k in every direction. With that bound, K is the Laplacian of the springs' graph along each axis. Of that step a
-    sheet may take 0.7 and a rope 0.5, against nonlinear resonances (Schlick, Mandziuk, Skeel and Srinivas 1998,
-    Nonlinear resonance artifacts in molecular dynamics simulations).
+    They are infinite if a spring is rigid, and for a winch, which feeds a segment from zero length.
 
-    The rounding r of lengths l shakes particles by (k / m) l r h a substep of length h = 2 / omega. As a random walk
-    that heats them by (l r)^2 omega^3 / 8 a second. The substeps are `infinite` also where that is too much.
+    Dashpots have the time constant tau = `damping` [s], and their force uses the velocity of the last half step. Then
+    the limit is omega^2 (h^2 + 2 h tau) < 4 (Jury's criterion on one oscillator). omega^2 is the largest eigenvalue of
+    M^-1 K of all springs, by power iteration from a fixed start. K is taken at rest or, if the body `crumples` as in
+    wind, as a bound over all shapes. A stretched spring along n has the stiffness
+    k (n n^T + (1 - rest / length) (1 - n n^T)), at most k in every direction. With that bound, K is the Laplacian of
+    the springs' graph along each axis. A sheet uses 0.7 of that step and a rope 0.5, because of nonlinear resonances
+    (Schlick, Mandziuk, Skeel and Srinivas 1998, Nonlinear resonance artifacts in molecular dynamics simulations).
+
+    The rounding r of lengths l shakes particles by (k / m) l r h in a substep of length h = 2 / omega. As a random walk
+    this heats them by (l r)^2 omega^3 / 8 per second. The substeps are also infinite if that exceeds _HEAT.
     """
     if topology.winch is not None:
         return math.inf
@@ -143,7 +148,7 @@ def explicit_substeps(
 
 
 def _substeps_for(topology: Topology, largest: float, length: float, damping: float, frame_dt: float) -> float:
-    """The least substeps of a frame where omega^2 of the fastest mode is `largest` and springs have a mean `length`."""
+    """Minimum substeps of a frame, for omega^2 of the fastest mode `largest` [1/s^2] and mean spring `length` [m]."""
     if largest == 0.0:
         return 1.0
     if (length * _ROUNDING) ** 2 * largest**1.5 / 8.0 > _HEAT:

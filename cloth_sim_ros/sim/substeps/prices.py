@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cost of a substep of XPBD [ms], by device and by what a scene holds: measured once, on a CPU core and an H200.
+"""The cost of a substep of XPBD [ms] by device and scene, measured once on a CPU core and an H200.
 
-It decides how many substeps a budget buys.
+It determines how many substeps fit a budget.
 """
 
 from __future__ import annotations
@@ -12,15 +12,16 @@ from dataclasses import dataclass
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import FEW
 from cloth_sim_ros.sim.topology import Topology
 
-_NS = 1e-6  # [ms]
-# Of a CPU, for each particle: motion, air, the plate operator, a collider, facets. For each spring of a line: without
-# and with dashpots.
+_NS = 1e-6  # a nanosecond [ms]
+# Cost on a CPU per particle [ms]: motion, air, plate operator, a collider, its facets. Then the cost of a spring of a
+# line, and the extra cost of its dashpot.
 _MOTION, _AIR, _PLATE, _COLLIDER, _FACETS = (n * _NS for n in (5.0, 18.0, 10.0, 9.0, 20.0))
 _SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
-_SEGMENT = 45.0 * _NS  # of a rope
-_LAYERS = 900.0 * _NS  # of what is kept apart from itself or others, where it lies in layers
-# Of an H200: a stage of several blocks, and for each particle of all worlds. A rope in a block. Six stages of a block,
-# for each of its particles, and for each of all worlds.
+_SEGMENT = 45.0 * _NS  # cost of a particle of a rope [ms]
+_LAYERS = 900.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
+# Cost on an H200 [ms]. A stage of several blocks, and its cost per particle of all worlds; a rope in a block. Then six
+# stages in one block, their cost per particle of the object, and per particle of all worlds. Last, self and object
+# contact, and its cost per particle of all worlds.
 _STAGE, _STAGE_PARTICLE, _ROPE = 3.0e-3, 8.0e-8, 5.0e-3
 _BLOCK, _BLOCK_OWN, _BLOCK_PARTICLE = 4.0e-3, 8.0e-6, 2.4e-7
 _LAYERS_LAUNCHED, _LAYERS_PARTICLE = 0.14, 1.2e-5
@@ -28,10 +29,11 @@ _LAYERS_LAUNCHED, _LAYERS_PARTICLE = 0.14, 1.2e-5
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What of a scene decides what a substep costs: the `device`, "cpu" or "cuda", wind, colliders and worlds.
+    """Properties of a scene that determine the cost of a substep.
 
-    surface: whether colliders are kept out between particles too. meets: whether the object is kept apart
-    from itself or others. tears: whether its springs fail. gravity [m/s^2].
+    device: "cpu" or "cuda". wind: True with air. colliders, worlds: numbers of them. surface: True if colliders are
+    also kept out between particles. coupled: True with self or object contact. tears: True if springs can fail.
+    gravity: [m/s^2].
     """
 
     device: str
@@ -45,23 +47,23 @@ class Surroundings:
 
     @property
     def near(self) -> int:
-        """Colliders that cost: of many, those that are out of reach cost nothing."""
+        """Number of colliders that cost time; of many, those out of reach cost nothing."""
         return min(self.colliders, FEW)
 
 
 def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
-    """Of XPBD, by one iteration."""
+    """Cost of a substep of XPBD with one iteration [ms]."""
     return _alone(topology, materials, around) + _meeting(topology, around) * around.coupled
 
 
 def _meeting(topology: Topology, around: Surroundings) -> float:
-    """What keeps an object that lies in layers apart from itself and others."""
+    """Cost of self and object contact for an object that lies in layers [ms]."""
     count = len(topology.masses) * around.worlds
     return _LAYERS_LAUNCHED + _LAYERS_PARTICLE * count if around.device == "cuda" else _LAYERS * count
 
 
 def _alone(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
-    """The same of an object that meets no other."""
+    """Cost of an object without self and object contact [ms]."""
     count, plate = len(topology.masses), topology.plate is not None
     if not len(topology.triangles):
         return _ROPE if around.device == "cuda" else around.worlds * count * _SEGMENT
@@ -74,12 +76,12 @@ def _alone(topology: Topology, materials: Collection[tuple[Sequence[float], floa
 
 
 def _touching(around: Surroundings) -> float:
-    """Of a CPU, what colliders cost a particle, with the facets around it."""
+    """Cost of colliders on a CPU per particle, with the facets around it [ms]."""
     return around.near * (_COLLIDER + _FACETS * around.surface)
 
 
 def _in_blocks(topology: Topology, stages: int, around: Surroundings) -> float:
-    """Of a GPU, by one block a body or by several, whichever is cheaper."""
+    """Cost on a GPU [ms], with one block per body or several, whichever is cheaper."""
     count, particles = len(topology.masses), len(topology.masses) * around.worlds
     alone = stages / 6 * (_BLOCK + _BLOCK_OWN * count + _BLOCK_PARTICLE * particles)
     return min(alone, stages * (_STAGE + _STAGE_PARTICLE * particles))

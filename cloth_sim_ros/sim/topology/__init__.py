@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Object of a scene -> its particles and elements, in NumPy: one file a kind of object."""
+"""Particles and elements of a scene's objects, in NumPy: one file per kind of object."""
 
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 from cloth_sim_ros.sim.topology.elements import Topology
@@ -12,8 +12,11 @@ __all__ = ["KINDS", "Elements", "Topology", "build"]
 
 
 def build(thing: Cloth | Rope, name: str, direct_ropes: bool) -> Topology:
-    """The topology of a cloth or rope called `name`; with `direct_ropes` the segments of a rope are a chain, solved in
-    one, and no springs. Raises ValueError for a mesh that is not manifold or has a vertex without area."""
+    """Build the topology of a cloth or rope called `name`.
+
+    With `direct_ropes`, the segments of a rope are a chain for a direct solve, and no springs. Raises ValueError for a
+    mesh that is not manifold or has a vertex without area.
+    """
     if isinstance(thing, Rope):
         return of_rope(thing, direct_ropes)
     return of_grid(thing, name) if thing.vertices is None else of_mesh(thing, name)

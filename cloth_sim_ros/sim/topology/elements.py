@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an object is made of in NumPy: its particles at rest and its elements.
+"""Particles at rest and elements of an object, in NumPy.
 
 Rest shapes are float64. A material compliance times an element's `scale` is the element's own compliance, so that a
 live change of the material never touches these arrays. Nothing here knows of a device.
@@ -25,7 +25,7 @@ _SETTLED = 1e-5  # change of a Rayleigh quotient by one more power at which it i
 
 @dataclass(frozen=True)
 class PlateParts:
-    """Which triangles the weights of a Plate come of, for sheets that tear.
+    """The triangles that contribute to the weights of a Plate, for sheets that tear.
 
     sums (N, W): where in start (S + 1,) the parts of a weight begin, -1 for places that are not used. triangles,
     weights (E,): a part and the triangle that it is of. needs (T, n): the triangles without which a triangle does not
@@ -42,13 +42,15 @@ class PlateParts:
 
 @dataclass(frozen=True)
 class Plate:
-    """The bending operator of a sheet of rigidity 1 N m, from `plate.of_triangles`: what acts on the positions x.
+    """The bending operator of a sheet of rigidity 1 N m on the positions x, from `plate.of_triangles`.
 
-    The force on particle i is -B sum_j weights[i, j] (x[neighbours[i, j]] - x_i), B [N m] the rigidity. neighbours (N,
-    W), weights (N, W) [1/m^2]: 0 for places that are not used. Of a sheet that is curved at rest, each triangle adds
-    the energy -B n . s. There s = sum_j gradients[t, j] x[stencil[t, j]] and n is its unit normal. stencil (C, S): the
-    first three are the triangle's own. gradients (C, S) [1/m]. Both are None for a sheet that is flat at rest. parts:
-    None for a sheet that does not tear.
+    The force on particle i is -B sum_j weights[i, j] (x[neighbours[i, j]] - x_i), with the rigidity B [N m].
+    neighbours: (N, W). weights: (N, W) [1/m^2], 0 for unused places.
+
+    In a sheet that is curved at rest, each such triangle adds the energy -B n . s. Here
+    s = sum_j gradients[t, j] x[stencil[t, j]], and n is the triangle's unit normal. stencil: (C, S), first the
+    triangle's own three particles. gradients: (C, S) [1/m]. Both are None for a sheet that is flat at rest. parts: None
+    for a sheet that does not tear.
     """
 
     neighbours: np.ndarray
@@ -93,7 +95,7 @@ class Topology:
     world_scales: np.ndarray | None = None
 
     def scales_in(self, worlds: Any = ...) -> np.ndarray:
-        """By how much it is larger than `rest` in worlds of an index, (k,), or 1 for any."""
+        """Scales (k,) relative to `rest` in worlds of an index, or 1 for all."""
         return np.ones(1) if self.world_scales is None else self.world_scales[worlds]
 
     def rest_in(self, world: int) -> np.ndarray:
@@ -103,7 +105,7 @@ class Topology:
         return self.origin + self.world_scales[world] * (self.rest - self.origin)
 
     def at(self, world_scales: np.ndarray | None) -> Topology:
-        """The same with other scales; what was found out about its shape stays known."""
+        """Copy with other scales; cached properties of its shape are kept."""
         found = copy.copy(self)
         object.__setattr__(found, "world_scales", world_scales)
         return found
@@ -120,19 +122,19 @@ class Topology:
 
     @cached_property
     def widest_gap(self) -> float:
-        """The farthest that any point of a triangle or segment lies from the nearest of its corners, at rest [m]."""
+        """Largest distance of a point of a triangle or segment from the nearest of its corners, at rest [m]."""
         segment = self.panels[:, 2] < 0
         ends = np.where(segment[:, None], self.panels[:, [0, 1, 1]], self.panels)
         corners = self.layout[ends]
         sides = np.sort(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2), axis=1)
         across = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        # Of an acute triangle the middle of its circumcircle; else on its longest side, no farther than half of it.
+        # In an acute triangle this is the circumcentre; else it is on the longest side, no farther than half of it.
         acute = sides[:, 0] ** 2 + sides[:, 1] ** 2 > sides[:, 2] ** 2
         circle = sides.prod(axis=1) / np.maximum(2.0 * across, 1e-300)
         return float(np.where(acute & ~segment, circle, 0.5 * sides[:, 2]).max())
 
     def frequencies(self, crumples: bool) -> Frequencies:
-        """How fast its springs can shake, at rest or where it `crumples`; there have to be springs."""
+        """Frequencies of its springs, at rest or, if it `crumples`, in any shape; it must have springs."""
         if crumples not in self._frequencies:
             self._frequencies[crumples] = Frequencies(self.springs, self.rest, self.masses, self.pinned, crumples)
         return self._frequencies[crumples]
@@ -143,9 +145,9 @@ class Topology:
 
     @cached_property
     def fold_gap(self) -> float:
-        """How far parts of a sheet that share no particle are apart at rest [m], at least: a triangle's least height.
+        """Lower bound of the distance at rest of parts of a sheet without common particles [m]: least triangle height.
 
-        It is 0 where the rest shape is not a flat convex piece, or may be torn into one that is none.
+        It is 0 if the rest shape is not a flat convex piece, or may tear into one that is not.
         """
         if not len(self.triangles) or self.tear_strain > 0.0:
             return 0.0
@@ -178,14 +180,14 @@ class Topology:
 
     @property
     def is_free(self) -> bool:
-        """Whether an object is held by few particles at most."""
+        """True if an object is held by few particles at most."""
         return np.count_nonzero(self.pinned) < 0.5 * math.sqrt(len(self.masses))
 
     @cached_property
     def hung_length(self) -> float:
-        """How far a sheet reaches from the line along which it is held [m], so that it swings more than it stretches.
+        """Length of a sheet from the line along which it is held [m]; such a sheet swings more than it stretches.
 
-        It is 0 where a sheet is held elsewhere too, or by few particles, and of a rope.
+        It is 0 for a sheet that is held elsewhere too, or by few particles, and for a rope.
         """
         held = self.layout[self.pinned]
         if not len(self.triangles) or self.is_free:
@@ -199,7 +201,7 @@ class Topology:
 
     @property
     def bends_by_angles(self) -> bool:
-        """Whether the joints of a rope resist bending."""
+        """True if the joints of a rope resist bending."""
         return self.bends is not None
 
     @cached_property
@@ -225,7 +227,7 @@ class Topology:
 
 
 def pinned_particles(pins: Any, named: dict[str, np.ndarray], count: int) -> np.ndarray:
-    """Which of `count` particles are fixed (N,), by a name of `named` or by indices, as the scene has checked them."""
+    """(N,) bool: True for fixed particles among `count`; `pins` is a name in `named` or indices, already checked."""
     fixed = np.zeros(count, dtype=bool)
     if pins is not None and pins != "none":
         fixed[named[pins] if isinstance(pins, str) else list(pins)] = True

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast the springs of an object can shake: found once for a shape, then read off for any stiffness."""
+"""Highest frequency of an object's springs: tabulated once per shape, then interpolated for any stiffness."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from cloth_sim_ros.sim.topology.springs import Elements
 
-_POWERS = 60  # of the power iteration
-_APART = 0.125  # of the logarithm of two stiffnesses' ratio, between places of the table
-_FEW = 4  # stiffnesses that are computed one by one before a table pays
+_POWERS = 60  # number of power iterations
+_APART = 0.125  # spacing of the table in the logarithm of the ratio of two stiffnesses
+_FEW = 4  # number of stiffnesses computed one by one before a table pays
 _MOST_KNOWN = 64
-_SAFETY, _LEAST_MARGIN = 30.0, 1e-5  # of what is read off the table
+_SAFETY, _LEAST_MARGIN = 30.0, 1e-5  # factor of the table's error estimate, and minimum relative error
 
 
 class Frequencies:
@@ -33,10 +33,10 @@ class Frequencies:
         self._last: tuple[tuple[float, ...], tuple[float, float]] | None = None  # asked with dashpots and without
 
     def near(self, constants: tuple[float, ...]) -> tuple[float, float]:
-        """omega^2 for a stiffness [N/m] of each kind of springs, and by what share of it that may be off.
+        """omega^2 for a stiffness [N/m] of each kind of springs, and the largest relative error of it.
 
-        It grows with all stiffnesses alike, so that two kinds leave one ratio to tell. After a few it is interpolated
-        between ratios that are computed once. What fewer places would tell bounds the error.
+        omega^2 is proportional to a common factor of all stiffnesses, so for two kinds only their ratio matters. After
+        a few calls it is interpolated in a table of ratios. Interpolations with fewer entries bound the error.
         """
         if self._last is None or self._last[0] != constants:
             self._last = constants, self._near(constants)
@@ -97,7 +97,7 @@ class Frequencies:
 
 
 def _interpolated(places: range, values: list[float], place: float) -> float:
-    """At a place, the polynomial through values at whole places (Lagrange)."""
+    """Evaluate at a place the polynomial through values at whole places (Lagrange)."""
     total = 0.0
     for i, value in zip(places, values, strict=True):
         for j in places:

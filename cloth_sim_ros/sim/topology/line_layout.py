@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How families of lines lie in memory, in rows that a vector register or a warp takes at a time (NumPy)."""
+"""Memory layout of families of lines, in rows for a vector register or a warp (NumPy)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cloth_sim_ros.sim.topology.lines import Family
 from cloth_sim_ros.sim.topology.springs import Elements
 
 WARP = 32  # threads that share a row of lines on a GPU
-# Particles a thread at least, where bodies share multiprocessors: a particle takes fewer instructions then.
+# Minimum particles per thread when bodies share multiprocessors, as a particle then takes fewer instructions.
 CROWDED = 4
 
 

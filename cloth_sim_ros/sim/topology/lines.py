@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Springs joined into lines, and lines into families: what a solve along lines takes one after the other (NumPy).
+"""Springs joined into lines, and lines into families, for a solve along lines, family by family (NumPy).
 
 A line is a sequence of particles with a spring between each and the next. The lines of a family share no particle, so
 that they are solved side by side. A grid has a family for each direction of its springs; a mesh joins edges by their
@@ -14,8 +14,8 @@ import numpy as np
 
 from cloth_sim_ros.sim.topology.springs import Elements
 
-_STRAIGHTEST = -0.5  # cosine between two edges at a vertex, both seen from it, beyond which they do not continue
-_ORDER = ("bending", "shear", "structural")  # the last that is solved is met best, see `rounds`
+_STRAIGHTEST = -0.5  # largest cosine between two edges away from a vertex at which one continues the other
+_ORDER = ("bending", "shear", "structural")  # order of solving; the last kind is satisfied best, see `rounds`
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,10 @@ def families(springs: dict[str, Elements], points: np.ndarray, grid: tuple[int, 
 
 
 def rounds(families: list[Family], count: int) -> list[list[tuple[int, np.ndarray | None]]]:
-    """Families in the order in which they are solved, of a body of `count` particles.
+    """Group families into rounds, in the order of solving, for a body of `count` particles.
 
-    Whoever solves a line of the last family of a round has solved what of the others lies within that line. Of each
-    family: its number, and (L,) in which of the last family's lines its own lie, None for the last.
+    The thread that solves a line of a round's last family first solves the lines of the other families within it. Each
+    entry is a family's number and (L,) the line of the last family that holds each of its lines, None for the last.
     """
     found: list[list[tuple[int, np.ndarray | None]]] = [[(k, None)] for k in range(len(families))]
     for k, family in enumerate(families):
@@ -65,7 +65,7 @@ def rounds(families: list[Family], count: int) -> list[list[tuple[int, np.ndarra
 
 
 def _lines_around(family: Family, other: Family, count: int) -> np.ndarray | None:
-    """(L,) the line of another family within which each line lies, None where one lies in none."""
+    """(L,) the line of another family that holds each line; None if one lies in none."""
     line = np.full(count + 1, -1)
     line[other.particles] = np.arange(len(other.particles))[:, None]
     line[-1] = -1  # what stands behind the end of a line
@@ -169,7 +169,7 @@ def _walk(spring: int, pairs: np.ndarray, following: np.ndarray, done: np.ndarra
 
 
 def _continuations(pairs: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(S, 2): which end of which spring continues each end of a spring, as 2 x spring + end, -1 where none does."""
+    """(S, 2): the end of a spring that continues each end of a spring, as 2 x spring + end, -1 for none."""
     vertex = pairs.ravel()
     away = points[pairs[:, ::-1].ravel()] - points[vertex]
     away = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A cloth that is a triangle mesh, and what every cloth has of its triangles, and its place in the world."""
+"""Cloths from triangle meshes, and the properties that every cloth gets from its triangles and its pose."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from cloth_sim_ros.sim.topology.springs import Elements
 
 
 def of_mesh(cloth: Cloth, name: str) -> Topology:
-    """A mesh with a spring at each edge (Van Gelder 1998) and its mass lumped by area.
+    """Build a mesh with a spring at each edge (Van Gelder 1998) and its mass lumped by area.
 
-    Raises ValueError where a vertex has no triangle with an area, or an edge more than two triangles.
+    Raises ValueError if a vertex has no triangle with an area, or an edge more than two triangles.
     """
     points, triangles = cloth.vertices, cloth.triangles
     areas = _areas(points, triangles)
@@ -46,10 +46,10 @@ def of_sheet(
     springs: dict[str, Elements],
     grid: tuple[int, int] | None = None,
 ) -> Topology:
-    """What grids and meshes share: pins, by names of `named` too, place in the world, bending of their triangles.
+    """Build the topology of a grid or mesh: pins, pose in the world, and bending of the triangles.
 
-    local (N, 3) [m], masses (N,) [kg] unless the cloth has its own, triangles (T, 3). Raises ValueError where an edge
-    has more than two triangles.
+    local: (N, 3) [m]. masses: (N,) [kg], unless the cloth has its own. named: name of pins -> particles. triangles:
+    (T, 3). Raises ValueError if an edge has more than two triangles.
     """
     pinned = pinned_particles(cloth.pins, named, len(local))
     bending = None

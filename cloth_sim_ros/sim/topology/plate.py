@@ -65,7 +65,7 @@ def _needs(mesh: Mesh) -> np.ndarray:
 
 
 def _moments(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """What a turn is, and by how much the slope of `_slopes` is wrong without correction, for a quadratic.
+    """The turn, and the error of the slope of `_slopes` without correction, for a quadratic.
 
     Both (T, 3, 3) [m]: the factors of H_tt, H_tn, H_nn in axes along the edge and out of the triangle.
     """
@@ -84,8 +84,8 @@ def _moments(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
 def _correction(mesh: Mesh) -> np.ndarray:
     """Factors (T, 3, 5) of turns that make the slopes at edges exact for quadratics; zero where they are already.
 
-    The turns are that of the edge itself, of the two edges after it in the triangle, and in the neighbour. Of all
-    factors that do it, the least squares; where the vertices do not determine a curvature, it is left as it was.
+    The turns are that of the edge itself, of the two edges after it in the triangle, and in the neighbour. Among all
+    such factors the least-squares ones are taken. A curvature that the vertices do not determine stays uncorrected.
     """
     turn, error = _moments(mesh)
     result = np.zeros((*turn.shape[:2], 5))

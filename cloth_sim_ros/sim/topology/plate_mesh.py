@@ -79,7 +79,7 @@ class Mesh:
         )
 
     def beyond(self, values: np.ndarray) -> np.ndarray:
-        """What the neighbours at the edges have of `values` (T, 3, ...)."""
+        """Values of the neighbours at the edges, from `values` (T, 3, ...)."""
         return values.reshape(-1, *values.shape[2:])[self.derived]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rope: a chain of segments with their lumped masses, joints, and what a winch holds back."""
+"""A rope: a chain of segments with lumped masses, joints, and the part on a winch's drum."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from cloth_sim_ros.sim.scene.objects import Rope
 from cloth_sim_ros.sim.topology.elements import Topology, pinned_particles
 from cloth_sim_ros.sim.topology.springs import Elements
 
-STRAIGHT = 1e-6  # a joint that is turned by less [rad] is straight, and turned by how its points are rounded
+STRAIGHT = 1e-6  # angle [rad] below which a joint is straight, as its turn may be rounding of the points
 
 
 def of_rope(rope: Rope, direct: bool) -> Topology:
-    """A rope whose segments are a chain, solved in one, where `direct`, else springs."""
+    """Build a rope whose segments are a chain for a direct solve if `direct`, else springs."""
     points = rope.points
     count = len(points)
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -63,7 +63,7 @@ def _winch(rope: Rope, length: np.ndarray) -> tuple[int, float] | None:
 
 
 def _paid_out(points: np.ndarray, length: np.ndarray, winch: tuple[int, float]) -> np.ndarray:
-    """Where particles lie when what is out begins at the start of the path through `points` (N, 3)."""
+    """Positions of particles when the part off the drum begins at the start of the path through `points` (N, 3)."""
     index, out = winch
     along = np.concatenate([[0.0], np.cumsum(length)])
     place = np.maximum(along - along[index + 1] + out, 0.0)
@@ -83,7 +83,7 @@ def _bends(
     turn = np.linalg.norm(np.diff(tangents, axis=0), axis=1)
     turn[turn < STRAIGHT] = 0.0
     if rope.winch is not None:
-        turn[:] = 0.0  # what comes from a drum is straight at rest
+        turn[:] = 0.0  # a rope from a drum is straight at rest
     bending = np.where(pinned[:-1] & pinned[1:], 0.0, length)
     span = 0.5 * np.where(bending[:-1] + bending[1:] > 0.0, bending[:-1] + bending[1:], length[:-1] + length[1:])
     particles = np.stack([index - 1, index, index + 1], axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What goes with a spring of a sheet that fails: bending springs that lie over it, and triangles at it (NumPy)."""
+"""Elements that fail with a spring of a sheet: bending springs that lie over it, and triangles at it (NumPy)."""
 
 from __future__ import annotations
 
