@@ -10,7 +10,7 @@ sys.path.insert(0, str(ROOT))
 project = "cloth_sim_ros"
 author = "cloth_sim_ros maintainers"
 copyright = author  # a name that Sphinx gives
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build"]
 html_theme = "furo"
 myst_heading_anchors = 4  # as GitHub has them, so that links lead to headings in both

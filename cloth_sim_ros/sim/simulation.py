@@ -129,7 +129,7 @@ class Simulation:
 
     @property
     def device(self) -> str:
-        """The device's name, such as "cpu" or "cuda:0"."""
+        """Name of the device, as Warp calls it."""
         return self._bodies.device
 
     @property
@@ -281,18 +281,17 @@ class Simulation:
         """Return name -> measures of the object in one world.
 
         Every object has:
-            kinetic_energy: [J].
-            max_strain: Largest relative change of a spring's length [-].
-            max_penetration: How much deeper than the thickness the surface lies in a collider [m].
-            particle_penetration: The same for the deepest particle [m].
-            contacts: Number of particles that colliders push, directly or through the facets around them.
-            residual: Largest violation |C + compliance x force| of a spring left in the last substep [m].
-            recoveries: Number of times the object was put back to its last good positions, at rest, because a particle
-                was not finite or ran away.
-            redone: Number of frames of explicit steps that XPBD computed again.
-            substeps, iterations: Numbers per frame and per substep.
-            expected_error: Expected error in the units of solver.error, for the world where it is largest.
-            bending_share: Share of a sheet's bending rigidity that acts.
+
+        - kinetic_energy [J]; max_strain, the largest relative change of a spring's length [-].
+        - max_penetration, by which the surface lies deeper than the thickness in a collider [m]; particle_penetration,
+          the same for the deepest particle [m].
+        - contacts, the number of particles that colliders push, directly or through the facets around them.
+        - residual, the largest violation of a spring that the iterations left in the last substep [m].
+        - recoveries, how often the object was put back to its last good positions, at rest, because a particle was not
+          finite or ran away; redone, the number of frames of explicit steps that XPBD computed again.
+        - substeps and iterations, per frame and per substep.
+        - expected_error in the units of solver.error, for the world where it is largest; bending_share, the share of a
+          sheet's bending rigidity that acts.
 
         A rope also has max_tension, start_tension and end_tension [N], over all segments, the first and the last. A
         rope on a winch has paid_out [m], pay_out [m/s] and winch_stopped (a length limit holds the winch). A rope that
