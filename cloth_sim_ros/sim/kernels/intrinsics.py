@@ -327,10 +327,6 @@ def sync_any(value: int) -> int:
 def array_address(values: wp.array(dtype=wp.vec4), offset: int) -> wp.uint64: ...
 
 
-@wp.func_native("return (uint64_t)(values.data + (size_t)row * width + offset);")
-def number_address(values: wp.array(dtype=float), row: int, width: int, offset: int) -> wp.uint64: ...
-
-
 @wp.func
 def load_row(values: wp.array(dtype=wp.vec4), i: int) -> wp.vec4:
     """values[i], of which Warp would load each number by itself."""
@@ -361,13 +357,3 @@ def make_tile_address(capacity: int):
     def tile_address(tile: wp.tile[wp.vec4, capacity]) -> wp.uint64: ...
 
     return tile_address
-
-
-@wp.func_native("""
-union { float value; int bits; } both;
-both.value = value;
-return both.bits;
-""")
-def as_index(value: float) -> int:
-    """The index whose bits a float has."""
-    ...
