@@ -36,7 +36,7 @@ from cloth_sim_ros.sim.features.collider_contact.sweep import sweep_collider
 from cloth_sim_ros.sim.features.fault_recovery import find_fault, make_count, make_settle
 from cloth_sim_ros.sim.features.grasp.hold import feel, hold
 from cloth_sim_ros.sim.features.motion import make_finish, make_predict
-from cloth_sim_ros.sim.features.plate.bending import curve_triangle, make_bend
+from cloth_sim_ros.sim.features.plate.bending import curve_triangle, damp, make_bend
 from cloth_sim_ros.sim.features.stage import Stage, both, once, over_meeting, over_particles
 from cloth_sim_ros.sim.features.tearing.tear import followers, make_tear
 from cloth_sim_ros.sim.features.twist.twist import ask_for
@@ -45,6 +45,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import array_address, sync_warp
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step
 from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
+from cloth_sim_ros.sim.substeps.control import substeps_of
 from cloth_sim_ros.sim.topology.line_layout import WARP
 
 _A_FRAME = 1 << 30  # number of substeps, more than a frame has
@@ -78,6 +79,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     predict, finish = make_predict(features), make_finish(features)
     if features.handles:
         predict, finish = both(predict, hold), both(feel, finish)
+    if features.plate and not explicit:
+        predict = both(predict, damp)
     if features.curved and explicit:
         before.append(_make_curve(explicit))
     before.append(over_particles("predict", predict))
@@ -133,7 +136,7 @@ def _look_around(features: Features) -> list[Stage]:
 
 def make_begin(features: Features):
     """Return a Warp function: the Context of body b of a world for a frame, with its particles in device arrays."""
-    separate = features.plate and features.method == "xpbd"
+    measured = features.measured
 
     @wp.func
     def begin(arrays: Arrays, b: int) -> Context:
@@ -143,6 +146,11 @@ def make_begin(features: Features):
         ctx.body = arrays.model.bodies[b]
         ctx.material = arrays.materials[b]
         ctx.frame = arrays.frames[0]
+        ctx.frame.substeps = arrays.limits[b].start
+        if wp.static(measured):
+            ctx.frame.substeps = substeps_of(ctx.state.control, arrays.limits[b], b)
+        ctx.frame.dt = ctx.frame.length / float(ctx.frame.substeps)
+        ctx.smooths = ctx.frame.substeps * wp.max(1, ctx.state.control.divisors[b]) >= arrays.limits[b].smooth
         ctx.colliders = arrays.colliders
         ctx.forces = arrays.forces
         if wp.static(features.handles):
@@ -155,9 +163,6 @@ def make_begin(features: Features):
         ctx.x = array_address(arrays.state.positions, ctx.body.particles)
         ctx.position_lo = array_address(arrays.state.position_lo, ctx.body.particles)
         ctx.d = array_address(arrays.state.displacements, ctx.body.particles)
-        ctx.p = ctx.d
-        if wp.static(separate):
-            ctx.p = array_address(arrays.state.plate.predicted, ctx.body.particles)
         ctx.spans = ctx.x
         return ctx
 
@@ -177,6 +182,7 @@ def make_enter(features: Features):
             smooth = ctx.state.events[2 * ctx.body.index + (substep + 1) % 2] != substep
             if substep == 0:
                 smooth = ctx.state.history[ctx.body.index] > 0
+            smooth = smooth and ctx.smooths
         ctx.step = make_step(ctx.frame.dt, smooth, wp.static(features.order), ctx.frame.global_damping)
         ctx.step.weighs = substep == 0 or (ctx.frame.moves > 0 and substep % WEIGHED == 0)
         if wp.static(features.order == 2):
@@ -215,7 +221,7 @@ def _make_winch(features: Features):
 def _make_curve(explicit: bool) -> Stage:
     @wp.func
     def curve(t: int, width: int, ctx: Context):
-        moved = ctx.p
+        moved = ctx.d
         if wp.static(explicit):
             moved = ctx.position_lo
         for c in range(ctx.body.curves + t, ctx.body.curves_end, width):

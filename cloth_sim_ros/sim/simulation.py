@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable
 from numbers import Integral
 from typing import Any
 
@@ -99,7 +98,6 @@ class Simulation:
         thick = {name: getattr(thing, "radius", None) or thing.thickness for name, thing in scene.objects.items()}
         self._bodies.build({name: self._bodies.choose(name, [materials[name]], thick[name]) for name in materials})
         self._reporter = Reporter(self._bodies.warp_device)
-        self._finer = 1
         self._frames = 0
         self._live.write_scene()
         self._hands.reset(None)
@@ -160,7 +158,7 @@ class Simulation:
         while frames > 0:
             self._begin()
             alike = self._bodies.alike(frames)
-            self._advance(1, alike, self._hands.ending)
+            self._advance(alike)
             self._frames += alike
             frames -= alike
 
@@ -171,42 +169,6 @@ class Simulation:
         """Compile the kernels that only some frames need, so that no frame waits; may run in a thread beside `step`."""
         for batch in list(self._bodies.batches):
             batch.make_ready()
-
-    def step_and_estimate(self) -> dict[str, float]:
-        """Simulate one frame, bit-identical to `step`, and return name -> estimated error in world 0 [m].
-
-        The error is the RMS over particles of this frame alone, as if it started from the exact state. Richardson
-        extrapolation estimates it from two trials, one with twice the substeps. docs/explanation/study.md shows how
-        well it tracks the true error. The call takes the time of four frames, and memory for a second state.
-        """
-        self._begin()
-        for batch in self._bodies.batches:
-            batch.save()
-        trials = [self._trial(1), self._trial(2)]
-        self._advance(ending=self._hands.ending)
-        self._frames += 1
-        # Explicit steps are of second order without air, and of first order with it.
-        explicit = 1 if self._bodies.scene.wind is not None else 2
-        orders = {
-            name: explicit if choice.method == "verlet" else choice.order
-            for name, choice in self._bodies.choices.items()
-        }
-        apart = {name: np.sqrt(((trials[0][name] - trials[1][name]) ** 2).sum(1).mean()) for name in self._bodies.batch}
-        return {name: float(apart[name] / (1.0 - 0.5 ** orders[name])) for name in self._bodies.batch}
-
-    def _trial(self, finer: int) -> dict[str, np.ndarray]:
-        """Return positions after one frame with `finer` times the substeps and no history; then restore the state."""
-        for batch in self._bodies.batches:
-            batch.forget_steps()
-        self._advance(finer)
-        found = {}
-        for name in self._bodies.batch:
-            arrays, span, _ = self._queries.device_arrays(name)
-            high, lo = (rows[span].numpy()[:, :3] for rows in (arrays.state.positions, arrays.state.position_lo))
-            found[name] = high.astype(np.float64) + lo
-        for batch in self._bodies.batches:
-            batch.restore()
-        return found
 
     def reset(self, world: Any = None) -> None:
         """Put objects, colliders and handles back to where the scene placed them, at rest.
@@ -249,16 +211,15 @@ class Simulation:
         self._frames, notes = self._saving.load(path)
         return notes
 
-    def _advance(self, finer: int = 1, frames: int = 1, ending: Callable[[], None] | None = None) -> None:
+    def _advance(self, frames: int) -> None:
         """Upload the live numbers, then advance by `Frames.advance`."""
-        self._upload(finer)
-        self._bodies.frames.advance(finer, frames, ending)
+        self._upload()
+        self._bodies.frames.advance(self._frames, frames, self._hands.ending)
 
-    def _upload(self, finer: int = 1) -> None:
-        if finer != self._finer or self._bodies.frame.is_changed:
+    def _upload(self) -> None:
+        if self._bodies.frame.is_changed:
             for batch in self._bodies.batches:
-                batch.frame.write(self._bodies.settings.frame_dt, finer)
-            self._finer = finer
+                batch.frame.write(self._bodies.settings.frame_dt)
             self._bodies.frame.upload()
         self._bodies.colliders.upload()
         self._bodies.handles.upload()

@@ -241,7 +241,6 @@ class Live:
             shape=number_of(shape_of(collider)),
             size=collider.size(),
             reach=collider.reach(),
-            roundness=collider.roundness(),
             compliance=collider.compliance,
             static_friction=collider.static_friction,
             kinetic_friction=collider.kinetic_friction,

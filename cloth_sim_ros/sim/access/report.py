@@ -173,7 +173,7 @@ class Reporter:
             **({"torn": batch.torn.count(b, world)} if batch.torn is not None else {}),
             "recoveries": recoveries,
             "redone": redone,
-            "substeps": batch.frame.substeps,
+            "substeps": batch.substeps(b, world),
             "iterations": batch.frame.iterations,
         }
 

@@ -12,11 +12,10 @@ from cloth_sim_ros.sim.physics.integrate import Step
 
 @wp.struct
 class Context:
-    """A body in a substep. x, position_lo, d, p: addresses of rows of four numbers for each of its particles.
+    """A body in a substep. x, position_lo, d: addresses of rows of four numbers for each of its particles.
 
     x: positions [m] and inverse masses [1/kg]. position_lo: rounding error of the float32 positions [m]. d:
-    displacements plus position_lo [m], and effective inverse masses. p: destination of predictions; it is d except in
-    sheets that bend as plates.
+    displacements plus position_lo [m], and effective inverse masses.
     """
 
     model: Model
@@ -28,7 +27,6 @@ class Context:
     x: wp.uint64
     position_lo: wp.uint64
     d: wp.uint64
-    p: wp.uint64
     spans: wp.uint64  # address where the threads of a block share spans of a chain
     cooperative_group: CooperativeGroup  # the blocks that compute the body together
     colliders: wp.array(dtype=ColliderMotion)
@@ -37,6 +35,7 @@ class Context:
     forces: wp.array(dtype=wp.vec4)  # numbers of the scene's own forces
     drive: Drive  # of a winch
     turn: float  # of the end of a rope [rad]
+    smooths: bool  # the frame has enough substeps for second order
     substep: int
     sweep: int  # where the motion of its first collider in this substep lies in ContactState.sweeps
     group: int  # round of lines

@@ -53,6 +53,11 @@ class Features:
         return self.order == 2 or self.method == "verlet"
 
     @property
+    def measured(self) -> bool:
+        """True if the error of frames is measured; explicit steps cannot take fewer substeps for it."""
+        return self.method == "xpbd" and not self.redoes
+
+    @property
     def supported(self) -> bool:
         """True if the push of a collider carries over to the next substep, which is then of first order.
 

@@ -67,7 +67,7 @@ class ModelArrays:
             self._add_seams(topology, panels)
         body = {
             "index": len(self.bodies),
-            "spacing": _spacing(topology),
+            "spacing": topology.spacing,
             "particles": first,
             "count": len(topology.masses),
             "groups": groups,
@@ -263,9 +263,3 @@ def _own_parts(panels: np.ndarray) -> np.ndarray:
         first[np.unique(rows, axis=0, return_index=True)[1]] = True
         bits[:, columns] = (first & (rows[:, 0] >= 0)).reshape(-1, 3)  # -1 is no particle
     return bits @ (1 << np.arange(6))
-
-
-def _spacing(topology: Topology) -> float:
-    """The mean rest length of all springs and segments [m], 1 where there are none."""
-    kinds = [*topology.springs.values(), *([] if topology.chain is None else [topology.chain])]
-    return float(np.concatenate([elements.rest for elements in kinds]).mean()) if kinds else 1.0

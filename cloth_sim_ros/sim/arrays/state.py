@@ -21,6 +21,7 @@ from cloth_sim_ros.sim.features.twist.arrays import EndTurn, TwistState
 from cloth_sim_ros.sim.features.winch.arrays import Drive, WinchArrays
 from cloth_sim_ros.sim.lines.arrays import LineState
 from cloth_sim_ros.sim.ropes.arrays import RopeState
+from cloth_sim_ros.sim.substeps.arrays import ControlState, StepLimits
 
 
 @wp.struct
@@ -49,12 +50,13 @@ def compliance_of(material: Material, kind: int) -> float:
 
 @wp.struct
 class Frame:
-    """Frame of one batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], wind [m/s], air_density [kg/m^3].
+    """Frame of one batch. gravity [m/s^2], length [s], global_damping [1/s], wind [m/s], air_density [kg/m^3].
 
-    moves: 1 while a collider or handle moves.
+    moves: 1 while a collider or handle moves. Each body sets `substeps`, and the length dt of a substep [s], itself.
     """
 
     gravity: wp.vec3
+    length: float
     dt: float
     substeps: int
     iterations: int
@@ -70,15 +72,14 @@ class Frame:
 class ColliderMotion:
     """One collider: shape, size, reach around its origin [m], friction, and poses at both ends of the frame.
 
-    data: address of a shape's data beside its size; 0 for shapes that need none. roundness: known lower bound of the
-    radius of curvature of its surface [m]. compliance: of each point of contact [m/N].
+    data: address of a shape's data beside its size; 0 for shapes that need none. compliance: of each point of contact
+    [m/N].
     """
 
     shape: int
     size: wp.vec3
     data: wp.uint64
     reach: float
-    roundness: float
     compliance: float
     static_friction: float
     kinetic_friction: float
@@ -136,6 +137,7 @@ class State:
     tearing: TearingState
     winch: WinchArrays
     trial: TrialState
+    control: ControlState
 
 
 @wp.struct
@@ -148,6 +150,7 @@ class Arrays:
     model: Model
     state: State
     frames: wp.array(dtype=Frame)  # (1,)
+    limits: wp.array(dtype=StepLimits)  # (B,)
     materials: wp.array(dtype=Material)  # (B,)
     colliders: wp.array(dtype=ColliderMotion)  # (K,)
     handles: wp.array(dtype=HandleMotion)  # (H,)

@@ -15,7 +15,7 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.input.checks import check_fields
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
 
-STRETCHED = 1.62  # largest ratio of gaps between particles to those at rest
+SHALLOW = 0.05  # depth of a surface between particles, as a share of their spacing, that no facet has to prevent
 FASTEST = 20.0  # speed [m/s] up to which no collider may pass between particles that it touches
 _DIMENSIONS = table.row(table.COLLIDER, "dimensions")
 
@@ -72,13 +72,12 @@ class Collider:
         """The smallest radius of curvature of its surface [m]; 0 for a shape with edges."""
         return 0.0
 
-    def enters(self, gap: float, thickness: float) -> bool:
-        """True if it can come between particles that it keeps at the distance `thickness` [m].
+    def enters(self, needed: float, thickness: float) -> bool:
+        """True if it comes too deep between particles that it keeps at the distance `thickness` [m].
 
-        gap: largest distance of a point between particles from the nearest of them [m]. In a sheet on a sphere of
-        radius R, such a point is sqrt((R + thickness)^2 - gap^2) from the middle of the sphere.
+        needed: radius of curvature that its surface has to have everywhere [m], see `least_roundness`.
         """
-        return (STRETCHED * gap) ** 2 > thickness**2 + 2.0 * thickness * self.roundness()
+        return bool(self.roundness() < needed)
 
     def data(self, device: wp.Device) -> Any:
         """Data that its `signed_distance` reads on a device beside the size, or None.
@@ -87,6 +86,16 @@ class Collider:
         object alive.
         """
         return None
+
+
+def least_roundness(gap: float, passing: float, depth: float, thickness: float) -> float:
+    """Radius of curvature [m] that a collider needs, so that it may be tested against particles alone.
+
+    gap: largest distance of a point between particles from the nearest of them [m]; passing: the same in the worst
+    case, from which a collider must not slip through. A point between particles that a ball of radius R keeps at
+    `thickness` is sqrt((R + thickness)^2 - gap^2) from its middle. It may lie by `depth` deeper than they do [m].
+    """
+    return max(passing, (gap * gap + depth * depth) / (2.0 * depth)) - thickness
 
 
 def length(name: str) -> table.Parameter:

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.colliders.collider import STRETCHED, Collider
+from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.colliders.mesh_distance import WORDS
 from cloth_sim_ros.sim.colliders.mesh_grid import Grid, grid_of
 from cloth_sim_ros.sim.colliders.mesh_round import is_round
@@ -85,9 +85,9 @@ class Mesh(Collider):
         """Distance to the farthest vertex [m]."""
         return float(np.linalg.norm(self.points(), axis=1).max())
 
-    def enters(self, gap: float, thickness: float) -> bool:
+    def enters(self, needed: float, thickness: float) -> bool:
         """As for a sphere, if balls of its radius fill the mesh up to a quarter of the thickness."""
-        return _enters(self, gap, thickness)
+        return _enters(self, needed, thickness)
 
     def data(self, device: wp.Device) -> _OnDevice:
         """The triangles in a tree, their normals, and the grid around them, which the CPU makes for all devices."""
@@ -116,11 +116,10 @@ class Mesh(Collider):
 
 
 @lru_cache(64)
-def _enters(mesh: Mesh, gap: float, thickness: float) -> bool:
-    """See Mesh.enters. The surface is within a quarter of the thickness of the balls, so that quarter is subtracted."""
+def _enters(mesh: Mesh, needed: float, thickness: float) -> bool:
+    """See Mesh.enters. The surface is within a quarter of the thickness of the balls, which are larger by that."""
     within = 0.25 * thickness
-    left = thickness - within
-    radius = ((STRETCHED * gap) ** 2 - left**2) / (2.0 * left)
+    radius = needed + within
     if radius <= 2.0 * within:
         return False
     points, at = mesh.points(), mesh.data(wp.get_device("cpu"))

@@ -16,9 +16,11 @@ from cloth_sim_ros.sim.arrays.model import Features, Model
 from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
 from cloth_sim_ros.sim.arrays.state import Arrays, Material
 from cloth_sim_ros.sim.engine.batch_frame import BatchFrame
+from cloth_sim_ros.sim.engine.measure import Measurement, advance_measured
 from cloth_sim_ros.sim.engine.scaled import Scaled
 from cloth_sim_ros.sim.engine.state_arrays import make_states, row_of, rows_by_array, state_of
 from cloth_sim_ros.sim.engine.torn import Torn
+from cloth_sim_ros.sim.executors.block import Block
 from cloth_sim_ros.sim.executors.choose import make_executor, make_safe_executor
 from cloth_sim_ros.sim.executors.trial import Trial
 from cloth_sim_ros.sim.features.tearing.arrays import LEFT
@@ -79,21 +81,29 @@ class Batch:
         self.scaled = Scaled(topology, collected, device) if topology.world_scales is not None else None
         if self.scaled is not None:
             self._local[name], self.rest[name] = self.scaled.layout, self.scaled.rest
-        self.frame = BatchFrame(frame, worlds, device)
+        self.frame = BatchFrame(frame, len(topologies), worlds, device)
         self.live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
-        self.states = make_states(collected, features, shared.colliders.array.shape[1], worlds, device)
+        colliders = shared.colliders.array.shape[1]
+        state, self.states = make_states(collected, features, colliders, worlds, device)
+        self._state = state  # kept alive
         self.masses = Masses(list(topologies.values()), self._spans, self.materials, worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None
-        self._saved: dict[str, wp.array] | None = None
         # Coupled bodies advance together, see engine/coupled_bodies.py.
         self.executor = None
         if not features.coupled:
             self.executor = make_executor(features, self.worlds, self.counts, device, executor)
+        self.measurement = None
+        if features.measured:
+            second = features.order == 2
+            alone = isinstance(self.executor, Block)
+            self.measurement = Measurement(self.worlds, state, collected.particles, max(self.counts), second, alone)
         self._trial = None
         if features.method == "verlet":
-            safe = partial(make_safe_executor, features, self.worlds, self.frame.safe_rows.array, self.counts, device)
+            frame = self.frame
+            numbers = (frame.safe_rows.array, frame.safe_limits.array)
+            safe = partial(make_safe_executor, features, self.worlds, numbers, self.counts, device)
             self._trial = Trial(self.executor, safe, self.worlds, self.counts, self.lines)
         self.restart(wp.array(np.arange(worlds), dtype=int, device=device))
 
@@ -107,6 +117,7 @@ class Batch:
             own = {name: rows[w] for name, rows in self.scaled.own.items()}
         arrays.model = _with_own(model, own) if own else model
         arrays.frames, arrays.materials = self.frame.rows.array[w], self.materials.array[w]
+        arrays.limits = self.frame.limits.array[w]
         arrays.colliders, arrays.drives = row_of(shared.colliders.array, w), row_of(self.drives.array, w)
         arrays.handles, arrays.handle_counts = row_of(shared.handles.array, w), row_of(shared.handle_counts, w)
         arrays.forces = shared.forces
@@ -210,52 +221,39 @@ class Batch:
             part = self.part(each, slice(b, b + 1), None)
             part.assign(np.ascontiguousarray(np.broadcast_to(rows, part.shape)))
 
-    def set_substeps(self, substeps: int, iterations: int, safe_substeps: int) -> None:
-        """Set the substeps and iterations of a frame, and the substeps of a repeated frame.
-
-        A change of substeps clears the history.
-        """
-        frame = self.frame
-        if substeps != frame.substeps:
-            self.forget_steps()
-        frame.substeps, frame.iterations, frame.safe_substeps = substeps, iterations, safe_substeps
-
     def make_ready(self) -> None:
         """Compile the kernels that only a rejected frame needs; may run in another thread."""
         if self._trial is not None:
             self._trial.make_ready()
 
-    def advance(self, finer: int = 1) -> None:
-        """Simulate one frame with the numbers last given to `frame.write`."""
-        frame = self.frame
-        if self._trial is None:
-            self.executor.advance(finer * frame.substeps, frame.iterations)
+    def advance(self, measured: bool) -> None:
+        """Simulate one frame with the numbers last uploaded; if it is `measured`, choose the substeps of the next."""
+        if self._trial is not None:
+            self._trial.advance()
+        elif measured:
+            advance_measured([self.measurement], lambda divisor: self.executor.advance())
         else:
-            self._trial.advance(finer * frame.substeps, finer * frame.safe_substeps)
+            self.executor.advance()
+
+    def substeps(self, b: int | None = None, world: int | None = None) -> int:
+        """Most substeps that a body, or body b of one world, takes in the next frame; waits for the device."""
+        chosen, start = self.states["substeps"].numpy(), self.frame.start()
+        each = np.where(chosen > 0, chosen, start)[worlds_of(world)]
+        return int((each if b is None else each[:, b]).max())
+
+    def error(self, b: int, world: int | None = None) -> tuple[float, float]:
+        """Measured error of body b: that of the last measured frame [m], and the share in the units of solver.error.
+
+        The largest over all worlds if `world` is None; waits for the device.
+        """
+        frame, share, _ = self.states["errors"].numpy()[worlds_of(world), b].max(axis=0).tolist()
+        return frame, share
 
     def upload(self) -> None:
         """Copy changed live numbers to the device."""
         self.frame.upload()
         for rows in self.live:
             rows.upload()
-
-    def save(self) -> None:
-        """Copy the whole state to a buffer on the device, allocated once."""
-        if self._saved is None:
-            self._saved = {name: wp.empty_like(rows) for name, rows in self.states.items()}
-        for name, rows in self.states.items():
-            if rows.size:
-                wp.copy(self._saved[name], rows)
-
-    def restore(self) -> None:
-        """Restore the saved state."""
-        for name, rows in self.states.items():
-            if rows.size:
-                wp.copy(rows, self._saved[name])
-
-    def forget_steps(self) -> None:
-        """Clear the history, as the length of a substep changed: order 2 starts with a first-order substep again."""
-        self.states["history"].zero_()
 
     def part(self, array: str, span: slice, world: int | None) -> wp.array:
         """View (worlds, n) of elements `span` of a state array, of one world or of all."""

@@ -1,44 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers of a frame that a batch's kernels read: its substeps, and numbers that all objects share."""
+"""The numbers of a frame that a batch's kernels read: its length and iterations, and the bounds of its substeps."""
 
 from __future__ import annotations
 
+import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.arrays.state import Frame
+from cloth_sim_ros.sim.substeps.arrays import StepLimits
+from cloth_sim_ros.sim.substeps.choose import Choice
 
 
 class BatchFrame:
-    """The rows of Frame of one batch: `rows`, and `safe_rows` for a repeated frame.
+    """The row of Frame of one batch, and a row of StepLimits of each of its `bodies`.
 
-    shared: the row of all objects. written: the last written length of a frame [s], its substeps and iterations, and
-    the substeps of a repeated frame.
+    safe_rows, safe_limits: the same for a repeated frame. shared: the row of all objects.
     """
 
-    def __init__(self, shared: LiveArray, worlds: int, device: wp.Device) -> None:
-        self.rows, self.safe_rows = LiveArray(Frame, 1, worlds, device), LiveArray(Frame, 1, worlds, device)
-        self.substeps = self.iterations = self.safe_substeps = 1
+    def __init__(self, shared: LiveArray, bodies: int, worlds: int, device: wp.Device) -> None:
+        self.rows, self.safe_rows = (LiveArray(Frame, 1, worlds, device) for _ in range(2))
+        self.limits, self.safe_limits = (LiveArray(StepLimits, bodies, worlds, device) for _ in range(2))
+        self.iterations = 1
         self._shared = shared
-        self.written: tuple[float, int, int, int] | None = None
 
-    def write(self, frame_dt: float, finer: int = 1) -> None:
-        """Write the shared numbers, and a frame of `frame_dt` [s] in `finer` times as many substeps."""
-        self.written = self._lengths(frame_dt, finer)
-        _, substeps, iterations, safe = self.written
-        for rows, count, sweeps in ((self.rows, substeps, iterations), (self.safe_rows, safe, 1)):
+    def start(self) -> np.ndarray:
+        """Substeps (worlds, bodies) that the bodies start with."""
+        return self.limits.mirrors()["rows"]["start"]
+
+    def bound(self, b: int, choice: Choice, error: float, sizes: np.ndarray) -> None:
+        """Write the choice for body b of `sizes` (worlds,) [m], whose wanted error is `error`."""
+        bounds = {"least": choice.least, "most": choice.most, "smooth": choice.smooth, "error": error, "size": sizes}
+        self.limits.write(b, None, start=choice.substeps, **bounds)
+        self.safe_limits.write(b, None, start=choice.safe_substeps)
+
+    def write(self, frame_dt: float) -> None:
+        """Write the shared numbers, and the length of a frame [s]."""
+        for rows, sweeps in ((self.rows, self.iterations), (self.safe_rows, 1)):
             rows.edit()[:] = self._shared.read(0, None)[:, None]
-            rows.write(0, None, dt=frame_dt / count, substeps=count, iterations=sweeps)
-
-    def refresh(self, frame_dt: float) -> None:
-        """Write the batch's own numbers where they changed; the next frame brings the shared ones."""
-        if self.written != self._lengths(frame_dt, 1):
-            self.write(frame_dt)
+            rows.write(0, None, length=frame_dt, iterations=sweeps)
 
     def upload(self) -> None:
         """Copy changed numbers to the device."""
-        self.rows.upload()
-        self.safe_rows.upload()
-
-    def _lengths(self, frame_dt: float, finer: int) -> tuple[float, int, int, int]:
-        return frame_dt, finer * self.substeps, self.iterations, finer * self.safe_substeps
+        for rows in (self.rows, self.safe_rows, self.limits, self.safe_limits):
+            rows.upload()

@@ -19,14 +19,16 @@ from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.poses import Motions
 from cloth_sim_ros.sim.arrays.state import Arrays, ColliderMotion, Frame, HandleMotion
 from cloth_sim_ros.sim.colliders import shapes_of
-from cloth_sim_ros.sim.colliders.collider import FASTEST, STRETCHED, Collider
+from cloth_sim_ros.sim.colliders.collider import FASTEST, SHALLOW, Collider, least_roundness
 from cloth_sim_ros.sim.engine.batch import Batch, Shared
 from cloth_sim_ros.sim.engine.body_state import give, take
 from cloth_sim_ros.sim.engine.coupled_bodies import CoupledBodies
 from cloth_sim_ros.sim.engine.frames import LONGEST, Frames
+from cloth_sim_ros.sim.engine.in_step import InStep
 from cloth_sim_ros.sim.engine.scaled import at_scales
 from cloth_sim_ros.sim.engine.sizes import sharpest
 from cloth_sim_ros.sim.executors.choose import EXECUTORS
+from cloth_sim_ros.sim.executors.graph import Graph
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import FEW
 from cloth_sim_ros.sim.input.checks import WorldSelection, names_of, on_host, worlds_of
 from cloth_sim_ros.sim.kernels.device import find_device
@@ -44,6 +46,7 @@ from cloth_sim_ros.sim.topology.line_layout import CROWDED
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
+_PASSING = 3.0  # strain up to which a collider must not slip through between particles, as a ratio of lengths
 
 
 class Bodies:
@@ -109,13 +112,16 @@ class Bodies:
 
     def _entering(self, topology: Topology, thickness: float, substep: float) -> set[str]:
         """Names of colliders that can come between particles, in substeps of length `substep` [s]."""
-        gap = topology.widest_gap * topology.scales_in().max()
+        scale = topology.scales_in().max()
+        gap, passing = topology.widest_gap * scale, _PASSING * topology.widest_gap * scale
         if len(topology.triangles):
             # The fastest collider pushes one particle ahead before the others follow. No point of a triangle lies
             # farther from its corners than its longest side over the root of 3.
-            gap = max(gap, (gap + FASTEST * substep / math.sqrt(3.0)) / STRETCHED)
+            passing = max(passing, gap + FASTEST * substep / math.sqrt(3.0))
+        depth = max(thickness, SHALLOW * float(np.median(topology.springs["structural"].rest)) * scale)
+        needed = least_roundness(gap, passing, depth, thickness)
         colliders = {**self.scene.colliders, **self._sharpest}
-        return {name for name, each in colliders.items() if each.enters(gap, thickness)}
+        return {name for name, each in colliders.items() if each.enters(needed, thickness)}
 
     def _write_facets(self) -> None:
         """Mark the colliders that can come between particles of any object; only these are tested against facets."""
@@ -191,8 +197,11 @@ class Bodies:
         itself = [name for name, thing in self.scene.objects.items() if thing.self_contact]
         self.coupled = CoupledBodies(coupled, self.topologies, itself, self.scene.object_contact) if coupled else None
         self._arrays: list[wp.array] = []
-        self.frames = Frames(self.batches, self.coupled, self.warp_device)
-        self._write_substeps()
+        groups = [InStep([batch], batch.executor) for batch in self.batches if isinstance(batch.executor, Graph)]
+        if self.coupled is not None:
+            groups = [self.coupled.in_step]
+        self.frames = Frames(self.batches, groups, self.warp_device)
+        self._write_limits()
         self.builds += 1
 
     def _is_coupled(self, name: str) -> bool:
@@ -214,18 +223,20 @@ class Bodies:
         still = self.colliders.are_still and self.handles.are_still
         return min(most, LONGEST) if still and self.coupled is None else 1
 
-    def _write_substeps(self) -> None:
-        """Give every batch the most substeps and iterations chosen for an object in it.
-
-        Coupled batches take the most over all coupled objects. Colliders tested against facets are marked too.
-        """
+    def _write_limits(self) -> None:
+        """Give every body the bounds of its substeps, and mark the colliders that are tested against facets."""
         self._write_facets()
         coupled = [name for name in self.batch if self._is_coupled(name)]
         for batch in self.batches:
-            chosen = [self._choices[name] for name in (coupled if batch.features.coupled else batch.index)]
-            needed = zip(*((c.substeps, c.iterations, c.safe_substeps) for c in chosen), strict=True)
-            batch.set_substeps(*map(max, needed))
-            batch.frame.refresh(self.settings.frame_dt)
+            together = coupled if batch.features.coupled else batch.index
+            batch.frame.iterations = max(self._choices[name].iterations for name in together)
+            for name in batch.index:
+                topology, choice = self.elastic[name], self._choices[name]
+                sizes = float(np.ptp(topology.rest, axis=0).max()) * topology.scales_in()
+                batch.frame.bound(batch.index[name], choice, self.settings.error, sizes)
+            batch.frame.write(self.settings.frame_dt)
+        for group in self.frames.groups:
+            group.forget()
 
     def choose_again(self) -> None:
         """Choose again for all objects; rebuild the device arrays around the state if any needs other kernels."""
@@ -233,7 +244,7 @@ class Bodies:
         changed = [name for name, choice in chosen.items() if choice.kernels != self._choices[name].kernels]
         if not changed:
             self._choices = chosen
-            self._write_substeps()
+            self._write_limits()
             return
         self._build_around(chosen)
         for name in changed:
@@ -256,7 +267,7 @@ class Bodies:
         self.build(choices)
         for name, state in kept.items():
             give(self.batch[name], name, state)
-        self._write_substeps()
+        self._write_limits()
 
     def derived(self, choices: dict[str, Choice], **parts: Any) -> Bodies:
         """Return bodies of the same structure with other choices, and `parts` scene, settings, collider_row, scales.
@@ -277,7 +288,7 @@ class Bodies:
     def adopt(self, other: Bodies) -> None:
         """Become a copy of `other`; the caller takes care of the state."""
         vars(self).update(vars(other))
-        self._write_substeps()
+        self._write_limits()
 
     def _make_batches(self) -> list[Batch]:
         """Make a batch for each group of objects with equal features."""
@@ -334,8 +345,18 @@ class Bodies:
 
     @property
     def choices(self) -> dict[str, Choice]:
-        """Name -> the method and substeps chosen for the object in all worlds, with the reason."""
-        return dict(self._choices)
+        """Name -> how the object is computed in the next frame, with the reason; waits for the device.
+
+        Substeps and error are the most in any world. The error is the wanted one until one is measured.
+        """
+        found = dict(self._choices)
+        for name, choice in found.items():
+            batch = self.batch[name]
+            if batch.measurement is not None:
+                b = batch.index[name]
+                error = batch.error(b)[1] or choice.error
+                found[name] = replace(choice, substeps=batch.substeps(b), error=error)
+        return found
 
     def one(self, world: int) -> int:
         """Return `world` if it is the number of a world, else raise ValueError."""

@@ -23,12 +23,12 @@ _KEPT = {
 class BodyState:
     """One body in all worlds.
 
-    past: order and substeps per frame of its history. particles: rows (worlds, N, 4). counts: (worlds, 1). live: rows
+    order: of its history. particles: rows (worlds, N, 4). counts: (worlds, 1). live: rows
     (worlds,) of the live arrays. kg: mass and end mass (worlds, 2). bodies: rows (worlds, 1) of WinchState and Twist,
     if it has any. torn: see Torn.read; None if it does not tear.
     """
 
-    past: tuple[int, int]
+    order: int
     particles: dict[str, np.ndarray]
     counts: dict[str, np.ndarray]
     live: list[np.ndarray]
@@ -46,16 +46,16 @@ def take(batch: Batch, name: str) -> BodyState:
     live = [rows.read(b, None) for rows in batch.live]
     bodies = {array: batch.read_body(array, name, None) for array in has["body"]}
     kg = batch.masses.read(b, None)
-    return BodyState(_past(batch), particles, counts, live, kg, bodies, batch.torn and batch.torn.read(b))
+    return BodyState(batch.features.order, particles, counts, live, kg, bodies, batch.torn and batch.torn.read(b))
 
 
 def give(batch: Batch, name: str, kept: BodyState) -> None:
     """Write the state that another batch had of a body, whose pins may have changed.
 
-    Multipliers start from zero. History is dropped if order or substeps changed.
+    Multipliers start from zero. History is dropped if the order changed.
     """
     span, b = batch.span(name), batch.index[name]
-    follows, pinned = kept.past == _past(batch), batch.masses.of_pinned(b)
+    follows, pinned = kept.order == batch.features.order, batch.masses.of_pinned(b)
     batch.masses.write(b, None, kept.kg)
     inverse_mass = batch.masses.inverse[:, span].numpy()
     for array, rows in kept.particles.items():
@@ -77,7 +77,3 @@ def give(batch: Batch, name: str, kept: BodyState) -> None:
         batch.write_body(array, name, held)
     if batch.torn is not None:
         batch.torn.write(b, kept.torn)
-
-
-def _past(batch: Batch) -> tuple[int, int]:
-    return batch.features.order, batch.frame.substeps

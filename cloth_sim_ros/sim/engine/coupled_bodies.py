@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from cloth_sim_ros.sim.engine.batch import Batch
+from cloth_sim_ros.sim.engine.in_step import InStep
 from cloth_sim_ros.sim.executors.graph import Graph, Member
 from cloth_sim_ros.sim.features.self_contact.ccd_clamp import CcdClamp
 from cloth_sim_ros.sim.features.self_contact.early_out import EarlyOut
@@ -26,7 +27,7 @@ class CoupledBodies:
     def __init__(
         self, batches: Sequence[Batch], topologies: Mapping[str, Topology], itself: Sequence[str], among: bool
     ) -> None:
-        self.batches, device = batches, batches[0].device
+        device = batches[0].device
         self._names = [name for batch in batches for name in batch.index]
         by_itself = [name in itself for name in self._names]
         each = [topologies[name] for name in self._names]
@@ -37,14 +38,10 @@ class CoupledBodies:
         early_out = EarlyOut(members, pairs, device)
         solve, clamp = (kind(members, pairs, group, device) for kind in (ContactSolve, CcdClamp))
         stages = [Member(batch.features, batch.worlds, device) for batch in batches]
-        self._graph = Graph(stages, (early_out, self._search, solve, clamp))
+        graph = Graph(stages, (early_out, self._search, solve, clamp))
         for batch in batches:
-            batch.executor = self._graph
-
-    def advance(self, finer: int = 1) -> None:
-        """Simulate one frame of all, with the frame numbers last written."""
-        frame = self.batches[0].frame
-        self._graph.advance(finer * frame.substeps, frame.iterations)
+            batch.executor = graph
+        self.in_step = InStep(batches, graph)
 
     def report(self, world: int) -> dict[str, dict[str, int]]:
         """Name -> pairs and pairs_lost of all objects of a world together, and crossings of this object."""

@@ -13,11 +13,11 @@ from cloth_sim_ros.sim.input.checks import WorldSelection
 
 
 def write_size(rows: LiveArray, row: int, collider: Collider, field: str, value: Any, world: WorldSelection) -> None:
-    """Set a dimension of a collider to a checked value [m], or one per world, and update reach and roundness."""
+    """Set a dimension of a collider to a checked value [m], or one per world, and update its reach."""
     sizes = rows.read(row, world)["size"].astype(np.float64)
     sizes[:, collider.place_in_size(field)] = value
     resized = collider.resized(sizes)
-    rows.write(row, world, size=sizes, reach=resized.reach(), roundness=resized.roundness())
+    rows.write(row, world, size=sizes, reach=resized.reach())
 
 
 def sharpest(rows: LiveArray, row: int, collider: Collider) -> Collider:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.masses import BYTES_A_PARTICLE
@@ -25,11 +26,15 @@ from cloth_sim_ros.sim.features.twist import arrays as twist
 from cloth_sim_ros.sim.features.winch import arrays as winch
 from cloth_sim_ros.sim.lines import arrays as lines
 from cloth_sim_ros.sim.ropes import arrays as rope
+from cloth_sim_ros.sim.substeps import arrays as control
+
+_ALIGNED = 256  # bytes to whose multiple every array is aligned, as allocations are
 
 # Field of State -> the module that owns its arrays.
 OWNERS = {
     "lines": lines, "plate": plate, "rope": rope, "twist": twist, "air": air, "contact": contact,
     "self_contact": self_contact, "grasp": grasp, "tearing": tearing, "winch": winch, "trial": trial,
+    "control": control,
 }  # fmt: skip
 
 
@@ -56,10 +61,11 @@ def _core_sizes(features: Features, n: Counts) -> dict[str, int]:
 
 def make_states(
     arrays: ModelArrays, features: Features, colliders: int, worlds: int, device: wp.Device
-) -> dict[str, wp.array]:
-    """Name in State, or in a struct of it, -> zeroed (worlds, size) array, for the bodies in `arrays` in every world.
+) -> tuple[wp.array, dict[str, wp.array]]:
+    """One zeroed buffer of bytes, and its parts for the bodies in `arrays` in every world.
 
-    Arrays that `features` do not need are empty. Raises ValueError if the device lacks the memory.
+    The parts are name in State, or in a struct of it, -> (worlds, size) array. Arrays that `features` do not need are
+    empty. Raises ValueError if the device lacks the memory.
     """
     size = arrays.size
     counts = Counts(
@@ -72,9 +78,16 @@ def make_states(
         types |= State.vars[field].type.vars
     dtypes = {name: types[name].type.dtype for name in sizes}
     each = sum(size * wp.types.type_size_in_bytes(dtypes[name]) for name, size in sizes.items())
-    each += BYTES_A_PARTICLE * counts.particles
-    _check_memory(each, worlds, device)
-    return {name: wp.zeros((worlds, size), dtype=dtypes[name], device=device) for name, size in sizes.items()}
+    _check_memory(2 * each + BYTES_A_PARTICLE * counts.particles, worlds, device)  # the buffer, and its copy for trials
+    ends = np.cumsum(
+        [-(-worlds * size * wp.types.type_size_in_bytes(dtypes[name]) // _ALIGNED) for name, size in sizes.items()]
+    )
+    buffer = wp.zeros(max(1, int(ends[-1])) * _ALIGNED, dtype=wp.uint8, device=device)
+    found = {}
+    for (name, size), start in zip(sizes.items(), [0, *ends[:-1]], strict=True):
+        place = buffer.ptr + int(start) * _ALIGNED
+        found[name] = wp.array(ptr=place, shape=(worlds, size), dtype=dtypes[name], device=device)
+    return buffer, found
 
 
 def _check_memory(each: int, worlds: int, device: wp.Device) -> None:

@@ -17,7 +17,16 @@ from cloth_sim_ros.sim.executors.shared_history import copy_history, with_histor
 from cloth_sim_ros.sim.features.stage import in_sequence, wait_in_block, wait_in_group
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative_groups_of, number_of
-from cloth_sim_ros.sim.kernels.intrinsics import BYTES_A_PARTICLE, beside, load_row, make_tile_address, store4, sync
+from cloth_sim_ros.sim.kernels.intrinsics import (
+    BYTES_A_PARTICLE,
+    beside,
+    flush_denormals,
+    load_row,
+    make_tile_address,
+    restore_mode,
+    store4,
+    sync,
+)
 from cloth_sim_ros.sim.program import Program, make_begin, make_enter, make_program
 from cloth_sim_ros.sim.ropes.scan import THREADS, scan_size
 
@@ -61,8 +70,8 @@ class Block:
             inputs, threads = [*inputs, bodies, group], group.teams * group.width
         self._launch = wp.launch(kernel, dim=threads, inputs=inputs, device=device, block_dim=block, record_cmd=True)
 
-    def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; both numbers are already in the device's Frame, which the kernel reads."""
+    def advance(self) -> None:
+        """Launch one frame; the kernel reads the numbers of substeps and iterations on the device."""
         self._launch.launch()
 
 
@@ -114,11 +123,13 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         if wp.static(features.redoes):
             if home.state.trial.rejected[home.body.index] == 0:
                 return
+        mode = flush_denormals()
         ctx = load(t, home)
         sync()
         simulate(t, wp.block_dim(), ctx)
         end(t, wp.block_dim(), ctx)
         unload(t, ctx, home)
+        restore_mode(mode)
 
     return simulate_frame
 
@@ -230,8 +241,6 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
                 ctx.position_lo = beside(ctx.x, wp.static(shared))
             else:
                 ctx.d = beside(ctx.x, wp.static(shared))
-                if wp.static(not features.plate):
-                    ctx.p = ctx.d
             if wp.static(all_shared):
                 ctx.position_lo = beside(ctx.x, wp.static(2 * shared))
             for i in range(t, ctx.body.count, wp.static(block)):

@@ -35,11 +35,11 @@ def make_executor(
 
 
 def make_safe_executor(
-    features: Features, worlds: list[Arrays], frames: wp.array, counts: list[int], device: wp.Device
+    features: Features, worlds: list[Arrays], numbers: tuple[wp.array, wp.array], counts: list[int], device: wp.Device
 ) -> Block:
     """Return the executor that repeats rejected explicit frames by XPBD of first order.
 
-    frames: (worlds, 1) Frame with the number of substeps. counts: number of particles of each body.
+    numbers: (worlds, 1) Frame and (worlds, B) StepLimits to use. counts: number of particles of each body.
     """
     features = replace(features, method="xpbd", order=1, lines=True, redoes=True)
     again = []
@@ -47,7 +47,7 @@ def make_safe_executor(
         arrays = Arrays()
         for name in Arrays.vars:
             setattr(arrays, name, getattr(world, name))
-        arrays.frames = frames[w]
+        arrays.frames, arrays.limits = numbers[0][w], numbers[1][w]
         again.append(arrays)
     return _in_blocks(features, again, counts, False, device)
 

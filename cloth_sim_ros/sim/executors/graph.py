@@ -22,10 +22,11 @@ from cloth_sim_ros.sim.features.self_contact.solve import ContactSolve
 from cloth_sim_ros.sim.features.stage import in_sequence, wait_in_group
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative_groups_of, number_of
+from cloth_sim_ros.sim.kernels.intrinsics import flush_denormals, restore_mode
 from cloth_sim_ros.sim.program import make_enter, make_program
 from cloth_sim_ros.sim.ropes.scan import scan_size
 
-_KEPT = 4  # number of recorded frames, each for one pair of substeps and iterations
+_KEPT = 8  # number of recorded frames, each for one pair of substeps and iterations
 
 
 class Launch(Protocol):
@@ -38,6 +39,7 @@ class Member:
     """The parts of a batch's program as launches, recorded once."""
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device) -> None:
+        self.device = device
         counts = worlds[0].model.bodies.numpy()["count"]
         bodies = len(worlds) * len(counts)
         if device.is_cpu or features.chain:  # a chain is solved by the threads of one block
@@ -74,16 +76,23 @@ class Graph:
         self, members: Sequence[Member], meeting: tuple[EarlyOut, Search, ContactSolve, CcdClamp] | None = None
     ) -> None:
         self._members, self._meeting = members, meeting
-        self._frames: dict[tuple[int, int], list[Launch]] = {}
+        self._frames: dict[tuple[int, int], list[Launch] | wp.Graph] = {}
 
     def advance(self, substeps: int, iterations: int) -> None:
-        """Launch one frame; record it first for new numbers, and keep the last few."""
+        """Launch one frame; record it first for new numbers, as a CUDA graph on a GPU, and keep the last few."""
         settings = (substeps, iterations)
-        if settings not in self._frames:
-            if len(self._frames) == _KEPT:
-                self._frames.pop(next(iter(self._frames)))
-            self._frames[settings] = self._launches(*settings)
-        _run(self._frames[settings])
+        if settings in self._frames:
+            _run(self._frames[settings])
+            return
+        if len(self._frames) == _KEPT:
+            self._frames.pop(next(iter(self._frames)))
+        frame, device = self._launches(*settings), self._members[0].device
+        _run(frame)
+        if device.is_cuda:
+            with wp.ScopedCapture(device=device) as capture:
+                _run(frame)
+            frame = capture.graph
+        self._frames[settings] = frame
 
     def _launches(self, substeps: int, iterations: int) -> list[Launch]:
         frame: list[Launch] = []
@@ -112,8 +121,11 @@ class Graph:
         return frame
 
 
-def _run(launches: Sequence[Launch]) -> None:
-    for each in launches:
+def _run(frame: Sequence[Launch] | wp.Graph) -> None:
+    if isinstance(frame, wp.Graph):
+        wp.capture_launch(frame)
+        return
+    for each in frame:
         each.launch()
 
 
@@ -152,6 +164,7 @@ def _make_kernel(part: str, run, features: Features, block: int, module: wp.Modu
         last: int,
     ):
         t = number_of(wp.tid(), group)
+        mode = flush_denormals()
         for b in range(wp.tid() / group.width, bodies, group.teams):
             home = home_of(given, b, group)
             if wp.static(features.redoes):
@@ -163,6 +176,7 @@ def _make_kernel(part: str, run, features: Features, block: int, module: wp.Modu
             ctx.last = last != 0
             ctx.step.repeats = ctx.frame.iterations > 1
             run(t, group.width, give_spans(ctx))
+        restore_mode(mode)
 
     launched.__qualname__ = f"launch_{part}"
     return compiled(launched, module=module, launch_bounds=block)

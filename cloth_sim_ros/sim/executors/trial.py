@@ -16,14 +16,12 @@ from collections.abc import Callable
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays, ColliderMotion
-from cloth_sim_ros.sim.colliders.collider import STRETCHED
+from cloth_sim_ros.sim.features.collider_contact.strain import TOO_STRAINED
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
 
 STRAINED = wp.constant(0.5)
 GROWTH = wp.constant(1.5)  # largest ratio of the largest strains of two frames in a row, either way
-# Strain above which explicit steps heat the body, however slowly it came, and a collider may pass through.
-TOO_STRAINED = wp.constant(STRETCHED - 1.0)
 
 
 @compiled
@@ -144,18 +142,18 @@ class Trial:
         with self._lock:
             self._safe = self._safe or self._make_safe()
 
-    def advance(self, substeps: int, safe_substeps: int) -> None:
-        """Simulate one frame; a repeated one takes `safe_substeps`."""
+    def advance(self) -> None:
+        """Simulate one frame, and repeat it where it is rejected."""
         _run(self._before)
-        self.explicit.advance(substeps, 1)
+        self.explicit.advance()
         _run([*self._measure, self._judge])
-        wp.capture_if(self._any, on_true=self._redo, substeps=safe_substeps)
+        wp.capture_if(self._any, on_true=self._redo)
 
-    def _redo(self, substeps: int) -> None:
+    def _redo(self) -> None:
         self._any.zero_()
         self.make_ready()
         _run(self._restore)
-        self._safe.advance(substeps, 1)
+        self._safe.advance()
         _run([*self._measure, self._remember])
 
 

@@ -70,8 +70,9 @@ def make_count(features: Features):
             else:
                 s.winch.good_winches[b] = s.winch.winches[b]
         count_fault(b, s)
+        n = ctx.frame.substeps
+        s.control.taken[b] = n
         if wp.static(features.looks_back):
-            n = ctx.frame.substeps
             smooth = s.events[2 * b + (n - 1) % 2] != n
             s.history[b] = wp.where(smooth and not faulty, 1, 0)
             s.events[2 * b] = 0

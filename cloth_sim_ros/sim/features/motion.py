@@ -176,7 +176,10 @@ def make_predict(features: Features):
             # A chain and its bending are solved where the collider will hold it, or they would cut its corner.
             square = ctx.step.effective * ctx.step.effective
             moved += pack(square * xyz(load_row(ctx.state.contact.supports, g)), 0.0)
-        store4(ctx.p, i, wp.where(w == 0.0, pack(lo, 0.0), moved))
+        store4(ctx.d, i, wp.where(w == 0.0, pack(lo, 0.0), moved))
+        if wp.static(features.lines):
+            if ctx.material.damping > 0.0:
+                store_row(ctx.state.lines.bases, g, pack(lo + base, 0.0))
 
     return predict
 

@@ -22,6 +22,7 @@ class LineState:
 
     line_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m] of the springs in the slots of lines
     line_slips: wp.array(dtype=float)  # (S,) rate of elongation of springs right after their solve [m/s], order 2 alone
+    bases: wp.array(dtype=wp.vec4)  # (N,) displacement that dashpots see as none [m], see physics/integrate.py
     tautness: wp.array(dtype=float)  # (N,) largest tension of a line through a particle [N]
     line_scratch: wp.array(dtype=float)  # scratch of the elimination of a line, on a CPU
 
@@ -31,6 +32,7 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
     return {
         "line_multipliers": n.slots,
         "line_slips": n.slots if features.order == 2 else 0,
+        "bases": n.particles if features.lines else 0,
         "tautness": n.particles if n.slots else 0,
         "line_scratch": scratch_of(n.longest_row) if n.on_cpu else 0,
     }

@@ -18,16 +18,8 @@ float* slip_rate = slips.data + (size_t)8 * first;
 Lanes x[4], d[4], motion[4];
 auto moved_of = [&](const int* at, const Lanes* d, Lanes* to) {  // displacement in this substep, as dashpots see it
     Lanes rows[4];
-    gather(position_lo, at, rows);
+    gather((uint64_t)(bases.data + particle), at, rows);
     for (int k = 0; k < 4; ++k) to[k] = d[k] - rows[k];
-    if (carried > 0.0f) {
-        for (int k = 0; k < 4; ++k) {
-            for (int half = 0; half < 2; ++half) {
-                const wp::vec3& row = last.data[particle + at[k + 4 * half]];
-                for (int axis = 0; axis < 3; ++axis) to[k][4 * half + axis] -= carried * row[axis];
-            }
-        }
-    }
 };
 auto longer = [&](const Lanes* edge, Lanes length, const Lanes* by) {  // elongation by the motion, no cancellation
     Lanes was[3], sum[3];

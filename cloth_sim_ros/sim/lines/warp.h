@@ -50,14 +50,8 @@ if (gamma > 0.0f) {
     #pragma unroll
     for (int j = 0; j < Slots; ++j) {
         const int i = node[j] < 0 ? 0 : node[j];
-        const float4 l = ((const float4*)position_lo)[i];
-        m[j] = make_float4(d[j].x - l.x, d[j].y - l.y, d[j].z - l.z, 0.0f);
-        if (carried > 0.0f) {
-            const wp::vec3 row = last.data[particle + i];
-            m[j].x -= carried * row[0];
-            m[j].y -= carried * row[1];
-            m[j].z -= carried * row[2];
-        }
+        const float4 base = ((const float4*)bases.data)[particle + i];
+        m[j] = make_float4(d[j].x - base.x, d[j].y - base.y, d[j].z - base.z, 0.0f);
     }
     m[Slots] = make_float4(down(m[0].x, 1), down(m[0].y, 1), down(m[0].z, 1), 0.0f);
 }

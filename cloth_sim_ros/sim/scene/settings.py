@@ -21,7 +21,7 @@ class Settings:
     frame_dt: float = 1 / 60
     substeps: int = 0
     iterations: int = 0
-    error: float = 1e-3
+    error: float = 1e-2
     budget: float = 0.5
     global_damping: float = 0.0
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from cloth_sim_ros.sim.physics.plate import MOST_BENDING
 from cloth_sim_ros.sim.scene.scene import Scene
@@ -28,47 +27,6 @@ _ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS relative rounding error of a length
 _HEAT = 1e-2  # largest heating by rounding [m^2/s^3]; beyond it a spring counts as rigid
 
 EFFECTIVE = {1: 1.0, 2: 2.0 / 3.0}  # order -> effective length h_e of a substep of XPBD over its length h
-
-_LOST = 0.1  # factor of the share of tension lost at kinks, see LineKinkError
-
-
-@dataclass(frozen=True)
-class LineKinkError:
-    """Excess strain of a hanging mesh under XPBD, and the error that it counts as.
-
-    The lines of a mesh have kinks. The solve of each line straightens them, until others bend them back. So the share
-    _LOST (h_e limit / (h substeps))^2 of the tension is lost, measured in meshes of 256 to 4096 particles. Each further
-    sweep multiplies the loss by the same factor.
-
-    limit: substeps that leapfrog needs. strain: approximate strain of the sheet under its weight; 0 for no loss. An
-    excess of 5 % counts as an error of 1e-3 or, for large strains, more. It counts less if the strain is below 1e-4,
-    which nobody sees.
-    """
-
-    limit: float
-    strain: float
-    iterations: int
-
-    def excess(self, substeps: int, order: int) -> float:
-        """The share by which the strain is too large."""
-        once = _LOST * (EFFECTIVE[order] * self.limit / substeps) ** 2 if self.strain > 0.0 else 0.0
-        return min(once, once**self.iterations)
-
-    def error(self, substeps: int, order: int) -> float:
-        """The error that the excess counts as, in the units of solver.error."""
-        return self._weight * self.excess(substeps, order)
-
-    def substeps(self, error: float, order: int) -> float:
-        """The number of substeps with this error."""
-        if self.strain == 0.0:
-            return 0.0
-        excess = error / self._weight
-        return EFFECTIVE[order] * self.limit * math.sqrt(_LOST / max(excess, excess ** (1.0 / self.iterations)))
-
-    @property
-    def _weight(self) -> float:
-        # A large strain also moves the particles.
-        return max(0.02 * min(1.0, self.strain / 1e-4), 2.5 * self.strain)
 
 
 def bending_share(rate: float, step: float) -> float:

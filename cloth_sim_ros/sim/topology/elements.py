@@ -121,6 +121,12 @@ class Topology:
         return rounds(self.families, len(self.masses))
 
     @cached_property
+    def spacing(self) -> float:
+        """Mean rest length of all springs and segments [m], 1 where there are none."""
+        kinds = [*self.springs.values(), *([] if self.chain is None else [self.chain])]
+        return float(np.concatenate([elements.rest for elements in kinds]).mean()) if kinds else 1.0
+
+    @cached_property
     def widest_gap(self) -> float:
         """Largest distance of a point of a triangle or segment from the nearest of its corners, at rest [m]."""
         segment = self.panels[:, 2] < 0

@@ -9,8 +9,8 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
+from cloth_sim_ros.sim.features.collider_contact.strain import note_strain, widest_around
 from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of
-from cloth_sim_ros.sim.features.collider_contact.thickness import NEARBY, make_thickness_for, note_strain, widest_around
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
@@ -21,6 +21,7 @@ from cloth_sim_ros.sim.physics.integrate import Step, carried
 SEPARATION = wp.constant(3.0)
 # Fraction of a support that carries over to the next substep. At 1 a chain and a collider would excite one another.
 CARRIED = wp.constant(0.95)
+NEARBY = wp.constant(3.0)  # reach of facets from their corners, stretched threefold, in gaps between particles
 NOISE = wp.constant(1.0e-6)  # distance [m] below which a motion may be rounding alone
 # Bits that contact returns: a collider may come near the particle in this substep, and one touched it.
 CLOSE, TOUCHED = wp.constant(1), wp.constant(2)
@@ -223,7 +224,7 @@ def make_touch(features: Features):
     """
     meet, leave = make_ccd(features.shapes), _make_leave(features)
     carried_by, is_supported, let_go = _make_support(features)
-    least, thickness_for = least_mass(features), make_thickness_for(features)
+    least = least_mass(features)
 
     @wp.func
     def contact(i: int, met: Met, ctx: Context, width: float) -> int:
@@ -239,7 +240,6 @@ def make_touch(features: Features):
         displacement = xyz(packed)
         touched = bool(False)
         push, support = Push(), wp.vec4(0.0)
-        known = wp.vec2(0.0)
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
         while c < met.colliders.shape[0]:
@@ -257,18 +257,15 @@ def make_touch(features: Features):
             path += met.sweeps[k].spin * (wp.length(offset) + path)
             away = wp.length(offset) - path - met.colliders[c].reach - material.thickness
             close = close or (away < width and met.colliders[c].facets != 0)
-            known = thickness_for(i, met.colliders[c].roundness, away, known[1], ctx)
-            thickness = known[0]
-            away -= thickness - material.thickness
             if away < 0.0 or is_supported(before):
                 collider = met.colliders[c]
                 sweep = met.sweeps[k]
                 lo = xyz(load4(ctx.position_lo, i))
                 slip = slip_of(position - sweep.position, displacement - lo, sweep)
                 p = sweep.to_local * offset
-                # A thickness that grew just now was no overlap before.
-                apart = pace(collider, step) + (thickness - material.thickness)
-                touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
+                touching = meet(
+                    collider.shape, collider.size, collider.data, p, slip, material.thickness, pace(collider, step)
+                )
                 gap = touching[3]
                 if gap < 0.0 or is_supported(before):
                     n = xyz(touching)

@@ -334,12 +334,13 @@ def make_carry_presses(features: Features):
     @wp.func
     def carry_presses(t: int, width: int, ctx: Context):
         colliders, near = ctx.colliders.shape[0], near_of(ctx)
+        taken = ctx.state.control.taken[ctx.body.index]
         c = next_of(-1, near, False)
         while c < colliders:
             for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
                 entry = k * colliders + c
                 was = ctx.state.contact.presses[entry].when
-                ctx.state.contact.presses[entry].when = wp.where(was == ctx.frame.substeps - 1, -1, LONG_AGO)
+                ctx.state.contact.presses[entry].when = wp.where(was == taken - 1, -1, LONG_AGO)
                 ctx.state.contact.presses[entry].stopped = LONG_AGO
                 ctx.state.contact.looks[entry].known = 0
             c = next_of(c, near, False)

@@ -95,13 +95,13 @@ def hold(i: int, ctx: Context):
     g = ctx.body.particles + i
     x = load4(ctx.x, i)
     number = int(grip[3]) - 1
-    predicted = load4(ctx.p, i)
+    predicted = load4(ctx.d, i)
     give = give_of(number, x[3], ctx)
     moved = predicted[3] * ctx.step.effective * ctx.step.effective
     share = give / (give + moved)
     free = xyz(predicted) + moved * pull_before(g, number, give, ctx)
     d = share * free + (1.0 - share) * way_of(x, grip, ctx)
-    store4(ctx.p, i, wp.vec4(d[0], d[1], d[2], share * predicted[3]))
+    store4(ctx.d, i, wp.vec4(d[0], d[1], d[2], share * predicted[3]))
 
 
 @wp.func

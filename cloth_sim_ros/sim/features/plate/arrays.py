@@ -10,15 +10,15 @@ from cloth_sim_ros.sim.arrays.model import Counts, Features
 class PlateState:
     """State of sheets that bend as plates; see State for the letters."""
 
-    predicted: wp.array(dtype=wp.vec4)  # (N,) displacements before a sheet's bending moves particles
-    curve_normals: wp.array(dtype=wp.vec3)  # (C,) unit normals of triangles that are curved at rest
+    damped: wp.array(dtype=wp.vec4)  # (N,) displacements before bending [m], and their dashpots' part, see bending.py
+    curve_normals: wp.array(dtype=wp.vec4)  # (C,) unit normals of triangles that are curved at rest
     curve_pulls: wp.array(dtype=wp.vec3)  # (C,) weights with which these push their corners along the normal [1/m]
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {
-        "predicted": n.particles if features.plate else 0,
+        "damped": n.particles if features.plate else 0,
         "curve_normals": n.curves,
         "curve_pulls": n.curves,
     }

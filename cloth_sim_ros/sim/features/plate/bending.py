@@ -11,9 +11,8 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body, Features, Model
 from cloth_sim_ros.sim.arrays.state import Material
-from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, store4, xyz
+from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.kernels.native import source
-from cloth_sim_ros.sim.physics.integrate import carried
 from cloth_sim_ros.sim.physics.plate import MOST_BENDING, rest_curvature
 
 MOST = wp.constant(MOST_BENDING)  # limit of (omega h_e)^2 (1 + gamma), stiffest mode; gamma = dashpot time / h_e
@@ -32,6 +31,19 @@ def plate_sum(
     b: wp.uint64,
 ) -> wp.vec3:
     """Return sum_j w_ij (a_j - a_i + b_j - b_i) over neighbours j of particle i; a, b: addresses of rows of four."""
+    ...
+
+
+@wp.func_native(source(__file__, "curve_sum"))
+def curve_sum(
+    begin: int,
+    end: int,
+    entries: wp.array(dtype=wp.vec2i),
+    gradients: wp.array(dtype=float),
+    normals: wp.array(dtype=wp.vec4),
+    pulls: wp.array(dtype=wp.vec3),
+) -> wp.vec3:
+    """Return the sum of (gradient + pull) x normal over the curved triangles in these entries of a particle [1/m]."""
     ...
 
 
@@ -61,13 +73,14 @@ def make_plate_force(features: Features):
         force = -around(i, ctx.model, ctx.body, a, b)
         if wp.static(features.curved):
             g = ctx.body.particles + i
-            for k in range(ctx.model.curve_start[g], ctx.model.curve_start[g + 1]):
-                triangle = ctx.model.curve_entries[k]
-                n = ctx.state.plate.curve_normals[triangle[0]]
-                along = ctx.model.curve_gradients[k]
-                if triangle[1] < 3:
-                    along += ctx.state.plate.curve_pulls[triangle[0]][triangle[1]]
-                force += along * n
+            force += curve_sum(
+                ctx.model.curve_start[g],
+                ctx.model.curve_start[g + 1],
+                ctx.model.curve_entries,
+                ctx.model.curve_gradients,
+                ctx.state.plate.curve_normals,
+                ctx.state.plate.curve_pulls,
+            )
         return force
 
     return plate_force
@@ -78,17 +91,13 @@ def curve_triangle(c: int, ctx: Context, a: wp.uint64, b: wp.uint64):
     """Store the normal and pulls of curved triangle c of the batch at positions a + b; its particles read them."""
     t = ctx.model.curve_corners[c]
     origin = load4(a, t[0])
-    moment = wp.vec3()
-    for k in range(ctx.model.curve_width):
-        j = ctx.model.curve_stencil[c * ctx.model.curve_width + k]
-        moment += ctx.model.curve_stencil_gradients[c * ctx.model.curve_width + k] * xyz(
-            (load4(a, j) - origin) + load4(b, j)
-        )
+    width, gradients = ctx.model.curve_width, ctx.model.curve_stencil_gradients
+    moment = plate_sum(t[0], c * width, width, 1, 0, ctx.model.curve_stencil, gradients, a, b)
     p = xyz(load4(b, t[0]))
     q = xyz((load4(a, t[1]) - origin) + load4(b, t[1]))
     r = xyz((load4(a, t[2]) - origin) + load4(b, t[2]))
     found = rest_curvature(p, q, r, moment)
-    ctx.state.plate.curve_normals[c] = found.normal
+    store_row(ctx.state.plate.curve_normals, c, pack(found.normal, 0.0))
     ctx.state.plate.curve_pulls[c] = found.pull
 
 
@@ -107,42 +116,35 @@ def make_bending_force(features: Features):
     return bending_force
 
 
+@wp.func
+def damping_of(ctx: Context, rigidity: float) -> float:
+    """Return gamma, the time of the dashpots of bending over h_e; they are limited before the rigidity."""
+    rate = ctx.material.largest_inverse_mass * ctx.body.plate_rate * rigidity
+    room = MOST * ctx.step.inverse_square / wp.max(rate, 1.0e-30) - 1.0
+    return wp.clamp(ctx.material.damping * ctx.step.inverse, 0.0, wp.max(room, 0.0))
+
+
+@wp.func
+def damp(i: int, ctx: Context):
+    """Store d + gamma (d - base) for particle i: the operator is linear, so one sum gives bending and its dashpots."""
+    g = ctx.body.particles + i
+    d = load4(ctx.d, i)
+    if ctx.material.damping > 0.0:
+        rigidity = rigidity_of(ctx.material, ctx.body, ctx.step.inverse_square)
+        d += damping_of(ctx, rigidity) * (d - load_row(ctx.state.lines.bases, g))
+    store_row(ctx.state.plate.damped, g, d)
+
+
 def make_bend(features: Features):
-    """Return the stage that bends a sheet: it moves particle i from its displacement at `p` to that at `d`."""
+    """Return the stage that bends a sheet: it moves the displacement of particle i."""
     plate_force = make_plate_force(features)
 
     @wp.func
-    def bend(
-        i: int,
-        ctx: Context,
-    ):
-        predicted = load4(ctx.p, i)
+    def bend(i: int, ctx: Context):
+        d = load4(ctx.d, i)
         rigidity = rigidity_of(ctx.material, ctx.body, ctx.step.inverse_square)
-        # Limit the dashpots of bending before its rigidity.
-        rate = ctx.material.largest_inverse_mass * ctx.body.plate_rate * rigidity
-        room = MOST * ctx.step.inverse_square / wp.max(rate, 1.0e-30) - 1.0
-        gamma = wp.clamp(ctx.material.damping * ctx.step.inverse, 0.0, wp.max(room, 0.0))
-        force = plate_force(i, ctx, ctx.x, ctx.p)
-        if gamma > 0.0:
-            slip = around(i, ctx.model, ctx.body, ctx.p, ctx.p) - around(
-                i, ctx.model, ctx.body, ctx.position_lo, ctx.position_lo
-            )
-            if wp.static(features.order == 2):
-                if ctx.step.second:
-                    base = ctx.body.plate
-                    own = ctx.state.last_displacements[ctx.body.particles + i]
-                    for q in range(ctx.body.plate_width):
-                        k = base + q * wp.where(
-                            ctx.model.plate_strides[0] == 0, ctx.body.count, ctx.model.plate_strides[0]
-                        )
-                        k += i * wp.where(
-                            ctx.model.plate_strides[1] == 0, ctx.body.plate_width, ctx.model.plate_strides[1]
-                        )
-                        last = ctx.state.last_displacements[ctx.body.particles + ctx.model.plate_neighbours[k]] - own
-                        slip -= 2.0 * ctx.model.plate_weights[k] * carried(last)
-            force -= 0.5 * gamma * slip
-        w = predicted[3]
-        move = (w * rigidity / ctx.step.inverse_square) * force
-        store4(ctx.d, i, wp.vec4(predicted[0] + move[0], predicted[1] + move[1], predicted[2] + move[2], w))
+        force = plate_force(i, ctx, ctx.x, array_address(ctx.state.plate.damped, ctx.body.particles))
+        move = (d[3] * rigidity / ctx.step.inverse_square) * force
+        store4(ctx.d, i, wp.vec4(d[0] + move[0], d[1] + move[1], d[2] + move[2], d[3]))
 
     return bend

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The measured error of each body, and the substeps that follow from it: arrays of a batch, and their sizes."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.model import Counts, Features
+
+# Array -> the element of each of its rows. FORGOTTEN arrays are cleared if a body is placed elsewhere, KEPT ones are
+# kept if everything on the device is rebuilt.
+FORGOTTEN = {"motions": "body"}
+KEPT = {"substeps": "count", "taken": "count"}
+
+
+@wp.struct
+class StepLimits:
+    """Bounds of the substeps of one body in a frame.
+
+    start: substeps until an error is measured. least, most: bounds of those chosen from the error. smooth: minimum for
+    second order. error: wanted error, as solver.error. size: largest extent of the body [m].
+    """
+
+    start: int
+    least: int
+    most: int
+    smooth: int
+    error: float
+    size: float
+
+
+@wp.struct
+class ControlState:
+    """Measured errors and the controller's memory; see State for the letters.
+
+    A trial takes 1 / divisor of the substeps. `motions` has the largest RMS displacement from the anchors in this
+    window of time and in the one before [m], and the number of measurements in this window.
+    """
+
+    substeps: wp.array(dtype=int)  # (B,) of the next frame; 0: as StepLimits.start
+    divisors: wp.array(dtype=int)  # (B,) of this frame; 0: it is no trial
+    taken: wp.array(dtype=int)  # (B,) substeps of the last frame
+    # (B,) RMS error of the last measured frame [m], mean of its share in solver.error, its measured order
+    errors: wp.array(dtype=wp.vec3)
+    motions: wp.array(dtype=wp.vec3)  # (B,)
+    anchors: wp.array(dtype=wp.vec3)  # (N,) positions when the window began [m]
+
+
+def sizes(features: Features, n: Counts) -> dict[str, int]:
+    """Return the number of elements of each array in one world; 0 if the features do not need it."""
+    bodies = dict.fromkeys(("substeps", "divisors", "taken", "errors", "motions"), n.bodies)
+    return {**bodies, "anchors": n.particles if features.measured else 0}

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The error of a frame is measured on the device, and the substeps of the next frames follow from it.
+
+Every PERIOD frames a frame is computed three times from the same state: with n/4, n/2 and n substeps. The difference
+D of the results of n and n/2 substeps, and its ratio to that of n/2 and n/4, give the order p at which the error falls,
+and so the error D / (2^p - 1) of the frame (Richardson extrapolation). It contains all that depends on the length of a
+substep: truncation in time, and what a single sweep of the constraints leaves.
+
+The controller (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.4) allows a frame its share of
+the error that is wanted for half a second. A body whose error falls more slowly than with the first power of n, as when
+it buckles, is chaotic: more substeps do not bring two runs together. There each frame alone is allowed the whole error.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.state import Arrays, State
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.intrinsics import load_row, xyz
+from cloth_sim_ros.sim.substeps.arrays import ControlState, StepLimits
+
+PERIOD = 6  # frames from one measurement to the next
+WINDOW = wp.constant(0.5)  # time over which solver.error counts [s]
+# The errors of single frames add up to this multiple of the error after half a second, as they partly cancel and decay.
+# It was measured as 3 to 8 in smooth motions.
+ADD_UP = wp.constant(3.0)
+LEAST_MOTION = wp.constant(0.1)  # least motion that the error is relative to, as a share of the body's size
+MOST_GROWTH, LEAST_GROWTH = wp.constant(2.0), wp.constant(0.7)  # bounds of the ratio of substeps in one change
+SPARE = wp.constant(0.85)  # substeps stay if this share of them would do
+
+
+@wp.func
+def substeps_of(control: ControlState, limits: StepLimits, b: int) -> int:
+    """Substeps of body b in this frame, which may be a trial."""
+    chosen = wp.where(control.substeps[b] > 0, control.substeps[b], limits.start)
+    return wp.max(1, chosen / wp.max(1, control.divisors[b]))
+
+
+@wp.func
+def resample(g: int, longer: float, h: float, s: State):
+    """Rewrite the last displacement and velocity of particle g for substeps `longer` times as long as `h` [s].
+
+    They are read off the cubic through both ends of the last substep, or off the parabola if that has to be continued.
+    """
+    v, before, d = xyz(load_row(s.velocities, g)), s.last_velocities[g], s.last_displacements[g]
+    a = h * (before + 2.0 * v) - 3.0 * d
+    b = h * (before + v) - 2.0 * d
+    if longer > 1.0:
+        a = h * v - d
+        b = wp.vec3(0.0)
+    s.last_displacements[g] = longer * (h * v - longer * (a - longer * b))
+    s.last_velocities[g] = v - (longer / h) * (2.0 * a - 3.0 * longer * b)
+
+
+@wp.func
+def resample_all(t: int, width: int, arrays: Arrays, b: int, old: int, new: int):
+    """Resample the history of body b from `old` to `new` substeps of a frame."""
+    if old != new:
+        m = arrays.model.bodies[b]
+        for i in range(t, m.count, width):
+            resample(m.particles + i, float(old) / float(new), arrays.frames[0].length / float(old), arrays.state)
+
+
+@wp.func
+def apart(g: int, row: int, s: State, high: wp.array2d(dtype=wp.vec3), lo: wp.array2d(dtype=wp.vec3)) -> float:
+    """Squared distance of particle g from where a trial left it [m^2]; then remember where it is now."""
+    x, lost = xyz(load_row(s.positions, g)), xyz(load_row(s.position_lo, g))
+    e = (x - high[row, g]) + (lost - lo[row, g])
+    high[row, g] = x
+    lo[row, g] = lost
+    return wp.dot(e, e)
+
+
+@wp.func
+def total(part: float) -> float:
+    """Sum over the threads of a block, the same in all of them."""
+    return wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+
+
+@compiled
+def begin_trial(given: wp.array(dtype=Arrays), second: int, divisor: int, block: int):
+    bodies = given[0].limits.shape[0]
+    k, t = wp.tid() / block, wp.tid() % block
+    w, b = k / bodies, k % bodies
+    s, n = given[w].state, substeps_of(given[w].state.control, given[w].limits[b], b)
+    if t == 0:
+        s.control.divisors[b] = divisor
+    if second > 0:
+        resample_all(t, block, given[w], b, n, wp.max(1, n / divisor))
+
+
+@compiled
+def change_substeps(given: wp.array(dtype=Arrays), substeps: int, second: int, block: int):
+    bodies = given[0].limits.shape[0]
+    k, t = wp.tid() / block, wp.tid() % block
+    w, b = k / bodies, k % bodies
+    s, n = given[w].state, substeps_of(given[w].state.control, given[w].limits[b], b)
+    if second > 0:
+        resample_all(t, block, given[w], b, n, substeps)
+    if t == 0:
+        s.control.substeps[b] = substeps
+
+
+@compiled
+def end_trial(
+    given: wp.array(dtype=Arrays),
+    high: wp.array2d(dtype=wp.vec3),
+    lo: wp.array2d(dtype=wp.vec3),
+    differences: wp.array(dtype=float),
+    block: int,
+):
+    bodies = given[0].limits.shape[0]
+    k, t = wp.tid() / block, wp.tid() % block
+    w, b = k / bodies, k % bodies
+    m, s = given[w].model.bodies[b], given[w].state
+    part = float(0.0)
+    for i in range(t, m.count, block):
+        part += apart(m.particles + i, w, s, high, lo)
+    squares = total(part)
+    if t == 0:
+        differences[k] = wp.sqrt(squares / float(m.count))
+
+
+@wp.func
+def order_of(fine: float, coarse: float) -> float:
+    """The order at which differences fall from `coarse` to `fine` as the substeps double, between 0 and 2."""
+    return wp.clamp(wp.log2(coarse / wp.max(fine, 1.0e-12)), 0.0, 2.0)
+
+
+@wp.func
+def chosen(n: int, share: float, order: float, limits: StepLimits) -> int:
+    """Substeps for the wanted error, from the share of the error of a frame of n substeps, and its order."""
+    ratio = wp.pow(share / limits.error, 1.0 / wp.clamp(order, 1.0, 2.0))
+    wanted = int(wp.ceil(float(n) * wp.clamp(ratio, LEAST_GROWTH, MOST_GROWTH)))
+    if wanted <= n and float(wanted) > SPARE * float(n):
+        wanted = n
+    return wp.clamp(wanted, limits.least, limits.most)
+
+
+@compiled
+def control(
+    given: wp.array(dtype=Arrays),
+    high: wp.array2d(dtype=wp.vec3),
+    lo: wp.array2d(dtype=wp.vec3),
+    differences: wp.array(dtype=float),
+    wanted: wp.array(dtype=int),
+    second: int,
+    alone: int,
+    block: int,
+):
+    bodies = given[0].limits.shape[0]
+    k, t = wp.tid() / block, wp.tid() % block
+    w, b = k / bodies, k % bodies
+    m, s, limits, length = given[w].model.bodies[b], given[w].state, given[w].limits[b], given[w].frames[0].length
+    n, past, old_share = substeps_of(s.control, limits, b), s.control.motions[b], s.control.errors[b][1]
+    begins = past[2] == 0.0 or past[2] * float(PERIOD) * length >= WINDOW
+    part, moved = float(0.0), float(0.0)
+    for i in range(t, m.count, block):
+        g = m.particles + i
+        part += apart(g, w, s, high, lo)
+        x = xyz(load_row(s.positions, g))
+        if past[2] > 0.0:
+            moved += wp.length_sq(x - s.control.anchors[g])
+        if begins:
+            s.control.anchors[g] = x
+    fine, way = wp.sqrt(total(part) / float(m.count)), wp.sqrt(total(moved) / float(m.count))
+    order = order_of(fine, differences[k])
+    error = fine / wp.max(wp.pow(2.0, order) - 1.0, 1.0)
+    way = wp.max(past[0], way)
+    motions = wp.where(begins, wp.vec3(0.0, way, 1.0), wp.vec3(way, past[1], past[2] + 1.0))
+    motion = wp.max(wp.max(motions[0], motions[1]), LEAST_MOTION * limits.size)
+    frames = WINDOW / length
+    share = error * frames / (ADD_UP * motion)
+    better = chosen(n, share, order, limits)
+    if t == 0:
+        kept = wp.exp(-float(PERIOD) / frames)
+        s.control.errors[b] = wp.vec3(error, share + kept * (old_share - share), order)
+        s.control.motions[b] = motions
+        wanted[k] = better
+        if alone > 0:
+            s.control.substeps[b] = better
+    if alone > 0 and second > 0:
+        resample_all(t, block, given[w], b, n, better)
