@@ -25,7 +25,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.arrays.state import Arrays
+from cloth_sim_ros.sim.arrays.state import Arrays, substeps_of
 from cloth_sim_ros.sim.features.air.panels import make_panels
 from cloth_sim_ros.sim.features.collider_contact.arrays import SWEPT
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import list_colliders, make_forget_contacts, measure_extent
@@ -45,7 +45,6 @@ from cloth_sim_ros.sim.kernels.intrinsics import array_address, sync_warp
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step
 from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
-from cloth_sim_ros.sim.substeps.control import substeps_of
 from cloth_sim_ros.sim.topology.line_layout import WARP
 
 _A_FRAME = 1 << 30  # number of substeps, more than a frame has

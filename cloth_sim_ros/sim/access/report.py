@@ -35,7 +35,7 @@ def measure_lines(
     if m.line_rests[k] < 0.0:
         return
     body = m.bodies[b]
-    h = effective_step(arrays.frames[0].dt, second)
+    h = effective_step(arrays.frames[0].length / float(wp.max(1, arrays.state.control.taken[b])), second)
     force = arrays.state.lines.line_multipliers[k] / (h * h)
     i, j = body.particles + m.line_nodes[k], body.particles + m.line_others[k]
     held = m.line_scales[k] * arrays.materials[b].compliance[kind] * force

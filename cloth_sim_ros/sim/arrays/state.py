@@ -160,6 +160,19 @@ class Arrays:
     ends: wp.array(dtype=EndTurn)  # (B,) of ropes that resist twist
 
 
+@wp.func
+def substeps_of(control: ControlState, limits: StepLimits, b: int) -> int:
+    """Substeps of body b in this frame, which may be a trial."""
+    chosen = wp.where(control.substeps[b] > 0, control.substeps[b], limits.start)
+    return wp.max(1, chosen / wp.max(1, control.divisors[b]))
+
+
+@wp.func
+def substep_length(frame: Frame, control: ControlState, limits: StepLimits, b: int) -> float:
+    """Length of a substep of body b in this frame [s]."""
+    return frame.length / float(substeps_of(control, limits, b))
+
+
 def given_type(features: Features) -> type:
     """The type of a kernel's argument: the Arrays of one world, or an array of them for several worlds."""
     return wp.array(dtype=Arrays) if features.worlds else Arrays

@@ -46,7 +46,7 @@ from cloth_sim_ros.sim.topology.line_layout import CROWDED
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
-_PASSING = 3.0  # strain up to which a collider must not slip through between particles, as a ratio of lengths
+_PASSING = 6.0  # strain up to which a collider must not slip through between particles, as a ratio of lengths
 
 
 class Bodies:

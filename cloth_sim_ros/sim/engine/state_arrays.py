@@ -87,6 +87,7 @@ def make_states(
     for (name, size), start in zip(sizes.items(), [0, *ends[:-1]], strict=True):
         place = buffer.ptr + int(start) * _ALIGNED
         found[name] = wp.array(ptr=place, shape=(worlds, size), dtype=dtypes[name], device=device)
+        found[name]._ref = buffer  # a view of an array may outlive the batch
     return buffer, found
 
 

@@ -123,6 +123,30 @@ def prediction(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, lo
     return pack(displacement + lo, w * eased)
 
 
+@wp.func
+def eased_under_lines(i: int, ctx: Context, eased: float, w: float, way: wp.vec3, a: wp.vec3) -> float:
+    """Return `eased`, the share of the inverse mass w [1/kg] of particle i that acts, less what its lines take of it.
+
+    way: displacement by its velocity [m]. a: acceleration by other forces [m/s^2].
+    """
+    g = ctx.body.particles + i
+    square, left = ctx.step.effective * ctx.step.effective, eased
+    # Few particles are taut or move sideways, so roots and quotients are computed for these alone.
+    taut = square * left * w * ctx.state.lines.tautness[g]
+    if taut > MOST_TAUT * ctx.body.spacing:
+        most = MOST_TAUT * ctx.body.spacing + MOST_WEIGHTS * wp.length(square * a)
+        left *= wp.clamp(quotient(most, taut), LEAST_SHARE, 1.0)
+    lo = load4(ctx.position_lo, i)
+    aside = square * left * w * lo[3]
+    if aside > MOST_ASIDE * ctx.body.spacing:
+        left *= share_of_inverse_mass(aside, way, square * a, ctx.body.spacing)
+        left = wp.max(left, LEAST_SHARE * eased)
+    if ctx.step.weighs:
+        store4(ctx.position_lo, i, pack(xyz(lo), 0.0))
+        ctx.state.lines.tautness[g] = 0.0
+    return left
+
+
 def make_predict(features: Features):
     """Return the stage that predicts the displacement and effective inverse mass of particle i under linear drag."""
     push = make_push(features) if features.panels else None
@@ -157,19 +181,7 @@ def make_predict(features: Features):
         if wp.static(elastic_force is not None):
             a = first_share(ctx.step) * (a + w * elastic_force(i, ctx, v))
         if wp.static(features.lines):
-            h, least = ctx.step.effective, LEAST_SHARE * eased
-            # Few particles are taut or move sideways, so roots and quotients are computed for these alone.
-            taut = h * h * eased * w * ctx.state.lines.tautness[g]
-            if taut > MOST_TAUT * ctx.body.spacing:
-                most = MOST_TAUT * ctx.body.spacing + MOST_WEIGHTS * wp.length(h * h * a)
-                eased *= wp.clamp(quotient(most, taut), LEAST_SHARE, 1.0)
-            aside = h * h * eased * w * load4(ctx.position_lo, i)[3]
-            if aside > MOST_ASIDE * ctx.body.spacing:
-                eased *= share_of_inverse_mass(aside, base + h * v, h * h * a, ctx.body.spacing)
-                eased = wp.max(eased, least)
-            if ctx.step.weighs:
-                store4(ctx.position_lo, i, pack(lo, 0.0))
-                ctx.state.lines.tautness[g] = 0.0
+            eased = eased_under_lines(i, ctx, eased, w, base + ctx.step.effective * v, a)
         # Select instead of branching, or a warp with a pinned particle would run both branches.
         moved = prediction(base, v, a, eased, w, lo, ctx.step)
         if wp.static(features.supported):
@@ -178,8 +190,7 @@ def make_predict(features: Features):
             moved += pack(square * xyz(load_row(ctx.state.contact.supports, g)), 0.0)
         store4(ctx.d, i, wp.where(w == 0.0, pack(lo, 0.0), moved))
         if wp.static(features.lines):
-            if ctx.material.damping > 0.0:
-                store_row(ctx.state.lines.bases, g, pack(lo + base, 0.0))
+            store_row(ctx.state.lines.bases, g, pack(lo + base, 0.0))
 
     return predict
 

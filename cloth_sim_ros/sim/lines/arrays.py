@@ -32,7 +32,7 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
     return {
         "line_multipliers": n.slots,
         "line_slips": n.slots if features.order == 2 else 0,
-        "bases": n.particles if features.lines else 0,
+        "bases": n.particles if n.slots else 0,
         "tautness": n.particles if n.slots else 0,
         "line_scratch": scratch_of(n.longest_row) if n.on_cpu else 0,
     }

@@ -13,10 +13,10 @@ it buckles, is chaotic: more substeps do not bring two runs together. There each
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.state import Arrays, State
+from cloth_sim_ros.sim.arrays.state import Arrays, State, substeps_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, xyz
-from cloth_sim_ros.sim.substeps.arrays import ControlState, StepLimits
+from cloth_sim_ros.sim.substeps.arrays import StepLimits
 
 PERIOD = 6  # frames from one measurement to the next
 WINDOW = wp.constant(0.5)  # time over which solver.error counts [s]
@@ -26,13 +26,6 @@ ADD_UP = wp.constant(3.0)
 LEAST_MOTION = wp.constant(0.1)  # least motion that the error is relative to, as a share of the body's size
 MOST_GROWTH, LEAST_GROWTH = wp.constant(2.0), wp.constant(0.7)  # bounds of the ratio of substeps in one change
 SPARE = wp.constant(0.85)  # substeps stay if this share of them would do
-
-
-@wp.func
-def substeps_of(control: ControlState, limits: StepLimits, b: int) -> int:
-    """Substeps of body b in this frame, which may be a trial."""
-    chosen = wp.where(control.substeps[b] > 0, control.substeps[b], limits.start)
-    return wp.max(1, chosen / wp.max(1, control.divisors[b]))
 
 
 @wp.func

@@ -8,7 +8,7 @@ from probed import of_a_mesh, signed_distances
 
 from cloth_sim_ros.sim import Box, Mesh, SignedDistance, Sphere
 from cloth_sim_ros.sim.colliders import baking
-from cloth_sim_ros.sim.colliders.collider import STRETCHED
+from cloth_sim_ros.sim.colliders.collider import least_roundness
 from cloth_sim_ros.sim.colliders.mesh import is_convex, what_is_open
 
 trimesh = pytest.importorskip("trimesh")
@@ -181,15 +181,24 @@ def test_the_grid_of_a_mesh_promises_no_more_than_a_closed_form():
 def test_a_mesh_is_round_where_its_shape_is():
     """A ball comes between particles just where a sphere does, within the quarter of the thickness that is kept."""
     fine, thickness = of(ball(5)), 0.005
-    widest = np.sqrt(thickness**2 + 2 * thickness * RADIUS) / STRETCHED
-    for gap in (0.2 * widest, 0.8 * widest):
-        assert not fine.enters(gap, thickness) and not Sphere(RADIUS).enters(gap, thickness)
-    for gap in (1.01 * widest, 3.0 * widest):
-        assert fine.enters(gap, thickness) and Sphere(RADIUS).enters(gap, thickness)
+    for needed in (0.2 * RADIUS, 0.9 * RADIUS):
+        assert not fine.enters(needed, thickness) and not Sphere(RADIUS).enters(needed, thickness)
+    for needed in (1.01 * RADIUS, 3.0 * RADIUS):
+        assert fine.enters(needed, thickness) and Sphere(RADIUS).enters(needed, thickness)
     for surface in (trimesh.creation.box(2 * HALF), trimesh.creation.icosahedron(), surfaces()["ring"]):
-        assert of(surface).enters(0.8 * widest, thickness)
+        assert of(surface).enters(0.9 * RADIUS, thickness)
     plate = trimesh.creation.box((1.0, 1.0, 0.002))
-    assert of(plate).enters(0.8 * widest, thickness) and of(plate.subdivide()).enters(0.8 * widest, thickness)
+    assert of(plate).enters(0.9 * RADIUS, thickness) and of(plate.subdivide()).enters(0.9 * RADIUS, thickness)
+
+
+@pytest.mark.parametrize("thickness", [1e-3, 0.02])
+def test_the_curvature_that_particles_alone_need_keeps_the_middle_between_them_out(thickness):
+    """Particles on the corners of a square, at their thickness on a ball: the middle is as deep as is allowed."""
+    gap, depth = 0.02, max(thickness, 0.002)
+    radius = least_roundness(gap, 0.0, depth, thickness)
+    middle = np.sqrt((radius + thickness) ** 2 - gap**2)
+    assert middle == pytest.approx(radius + thickness - depth, rel=1e-9)
+    assert least_roundness(gap, 0.5, depth, thickness) == 0.5 - thickness
 
 
 def test_convex_meshes_are_known():

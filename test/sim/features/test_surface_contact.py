@@ -293,6 +293,6 @@ def test_facets_are_tested_against_those_colliders_alone_that_come_between_parti
     sim.step()
     tested = sim.device_arrays("it")[0].colliders.numpy()["facets"]
     assert dict(zip(colliders, tested.tolist(), strict=True)) == {"floor": 0, "ball": 1, "hill": 0}
-    sim.set("it.thickness", 0.2)
+    sim.set("ball.radius", 5.0)
     sim.step()
     assert not sim.device_arrays("it")[0].colliders.numpy()["facets"].any()

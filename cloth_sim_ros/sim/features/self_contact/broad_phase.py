@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.features.self_contact.pairs import (
     forget,
     slack,
 )
-from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, Surface, panel_of, place, velocity
+from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, Surface, dt_of, panel_of, place, velocity
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative, number_of, sync_all
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, xyz
 
@@ -36,7 +36,7 @@ def has_failed(panel: Panel) -> bool:
 def goes(surface: Surface, i: int, ends: bool) -> wp.vec3:
     """Return the velocity of a particle [m/s], in the substep that ends or until the next one begins."""
     if ends:
-        return xyz(load_row(surface.displacements, i) - load_row(surface.position_lo, i)) / surface.frames[0].dt
+        return xyz(load_row(surface.displacements, i) - load_row(surface.position_lo, i)) / dt_of(surface)
     return velocity(surface, i)
 
 
@@ -53,7 +53,7 @@ def _watch(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
     """Measure how far particles are from their paths, also at the end of this substep if `ends`."""
     panel = panel_of(members, p, w)
     surface = members.surfaces[panel.surface]
-    dt = surface.frames[0].dt
+    dt = dt_of(surface)
     time = float(pairs.clock[AGE]) * dt
     if has_failed(panel) != pairs.failed[w * members.panels.shape[0] + p]:
         pairs.clock[HOLDS] = 0

@@ -13,7 +13,7 @@ import warp as wp
 from cloth_sim_ros.sim.features.collider_contact.particle import NOISE
 from cloth_sim_ros.sim.features.self_contact.nearest import nearest
 from cloth_sim_ros.sim.features.self_contact.pairs import Pair, Pairs, pair_of
-from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Surface, panel_of, surface_of, velocity
+from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Surface, dt_of, panel_of, surface_of, velocity
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
@@ -34,7 +34,7 @@ def _carried(members: Members, pairs: Pairs, w: int) -> wp.vec3:
     for b in range(members.bodies.shape[0]):
         surface = members.surfaces[members.bodies[b][0] * members.worlds + w]
         count += float(surface.bodies[members.bodies[b][1]].count)
-        dt = surface.frames[0].dt
+        dt = dt_of(surface)
     scale = dt / (float(_SPEED) * count)
     return scale * wp.vec3(float(pairs.sums[w, 0]), float(pairs.sums[w, 1]), float(pairs.sums[w, 2]))
 
@@ -143,7 +143,7 @@ def _shorten(surface: Surface, i: int, carried: wp.vec3):
         moved = d - load_row(surface.position_lo, i)
         surface.last_displacements[i] = xyz(moved)
         v = load_row(surface.velocities, i)
-        moved = moved / surface.frames[0].dt
+        moved = moved / dt_of(surface)
         store_row(surface.velocities, i, wp.vec4(moved[0], moved[1], moved[2], v[3]))
 
 

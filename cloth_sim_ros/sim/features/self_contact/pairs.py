@@ -4,7 +4,7 @@
 import warp as wp
 
 from cloth_sim_ros.sim.features.self_contact.nearest import nearest
-from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, Surface
+from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, Surface, dt_of
 from cloth_sim_ros.sim.kernels.intrinsics import next_place
 
 TESTS = 15  # tests of two triangles: three corners of each against the other, and nine pairs of sides
@@ -96,7 +96,7 @@ def is_due(pairs: Pairs, t: int) -> bool:
 @wp.func
 def time_ahead(pairs: Pairs, surface: Surface) -> float:
     """Return the time for which paths are straight [s]."""
-    return float(pairs.clock[HOLDS]) * surface.frames[0].dt
+    return float(pairs.clock[HOLDS]) * dt_of(surface)
 
 
 @wp.func

@@ -43,7 +43,7 @@ from cloth_sim_ros.sim.features.self_contact.pairs import (
     time_ahead,
     way_of,
 )
-from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, may_touch, panel_of, place
+from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, dt_of, may_touch, panel_of, place
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, recorded
 from cloth_sim_ros.sim.kernels.intrinsics import lowest_bit, next_place, xyz
@@ -67,7 +67,7 @@ def _foresee(members: Members, pairs: Pairs, ends: bool):
     w = wp.tid() / panels
     panel = panel_of(members, wp.tid() - w * panels, w)
     surface = members.surfaces[panel.surface]
-    dt = surface.frames[0].dt
+    dt = dt_of(surface)
     time = float(wp.max(pairs.clock[WAS], 1)) * dt
     since = float(wp.where(pairs.clock[WHOLE] == 1, 0, pairs.clock[WAS])) * dt
     most = slack(members, surface, panel.body)

@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.features.self_contact.arrays import ASKED
 from cloth_sim_ros.sim.features.self_contact.nearest import nearest
 from cloth_sim_ros.sim.features.self_contact.pairs import CLOSE, Pairs, pair_of, room_of
-from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Surface, number_of_body, place, surface_of
+from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Surface, dt_of, number_of_body, place, surface_of
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative, number_of, recorded, sync_all
 from cloth_sim_ros.sim.kernels.intrinsics import (
     add_exactly,
@@ -103,7 +103,7 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
             kept = pairs.kept[w, k]
             if apart + moved < wp.static(CLOSE) * kept:
                 lacks = kept - apart
-                wanted = wp.where(lacks > 0.0, wp.min(_EASE * lacks, _PARTING * of_a.frames[0].dt), lacks)
+                wanted = wp.where(lacks > 0.0, wp.min(_EASE * lacks, _PARTING * dt_of(of_a)), lacks)
                 close.some[0] = 1
                 j = next_place(close.counts, w)
                 for q in range(4):
@@ -194,7 +194,7 @@ def _move(surface: Surface, i: int, turn: int):
         # A hit changes the velocity at once. Adding it to the past displacement lets BDF2 carry on just that.
         surface.last_displacements[i] = surface.last_displacements[i] + hit
         v = load_row(surface.velocities, i)
-        store_row(surface.velocities, i, v + pack(hit / surface.frames[0].dt, 0.0))
+        store_row(surface.velocities, i, v + pack(hit / dt_of(surface), 0.0))
 
 
 @wp.func

@@ -9,9 +9,10 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Body, Model
-from cloth_sim_ros.sim.arrays.state import Arrays, Frame, Material
+from cloth_sim_ros.sim.arrays.state import Arrays, Frame, Material, substep_length
 from cloth_sim_ros.sim.features.self_contact.arrays import SelfContactState
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, xyz
+from cloth_sim_ros.sim.substeps.arrays import ControlState, StepLimits
 from cloth_sim_ros.sim.topology import Topology
 
 
@@ -24,6 +25,8 @@ class Surface:
     panel_parts: wp.array(dtype=wp.vec2i)
     rest: wp.array(dtype=wp.vec3)
     frames: wp.array(dtype=Frame)
+    limits: wp.array(dtype=StepLimits)
+    control: ControlState
     materials: wp.array(dtype=Material)
     positions: wp.array(dtype=wp.vec4)
     position_lo: wp.array(dtype=wp.vec4)
@@ -35,6 +38,12 @@ class Surface:
     pair_corrections: wp.array(dtype=wp.int64)
     off_path: wp.array(dtype=float)
     ways_given_up: wp.array(dtype=float)
+
+
+@wp.func
+def dt_of(surface: Surface) -> float:
+    """Length of a substep [s]; bodies that touch one another take equally many."""
+    return substep_length(surface.frames[0], surface.control, surface.limits[0], 0)
 
 
 @wp.struct
@@ -159,6 +168,7 @@ def _surface_of(arrays: Arrays) -> Surface:
     model, state = arrays.model, arrays.state
     surface.bodies, surface.panels, surface.panel_parts = model.bodies, model.panels, model.panel_parts
     surface.rest, surface.frames, surface.materials = model.rest, arrays.frames, arrays.materials
+    surface.limits, surface.control = arrays.limits, state.control
     moving = ("positions", "position_lo", "displacements", "velocities", "last_displacements")
     own = SelfContactState.vars
     for name in (*moving, *own):
