@@ -89,7 +89,7 @@ SOLVER = (
     _integer("iterations", 0, "Sweeps of xpbd a substep; 0 is chosen for each object.", 0, 1000, live=True),
     _double(
         "error",
-        1e-3,
+        1e-2,
         "Wanted error: of positions, RMS, over the RMS of how far they moved, in half a second from rest.",
         "",
         1e-6,
@@ -358,14 +358,6 @@ NODE = (
         "s",
         0.01,
         60,
-    ),
-    _double(
-        "estimate_period",
-        1.0,
-        "A frame in so many seconds also has its error estimated, while /diagnostics has a subscriber; 0 is never.",
-        "s",
-        0,
-        3600,
     ),
     Parameter(
         "state_file",

@@ -69,7 +69,6 @@ class Replay:
     def _start(self, parameters: dict[str, Any], poses: dict[str, list], state: str) -> None:
         values = {name: tuple(value) if isinstance(value, list) else value for name, value in parameters.items()}
         values |= {name: "" for name in values if name.endswith(".follow_frame")}  # the journal has where it went
-        values["estimate_period"] = 0.0  # which changes no bit, and takes three times as long
         if self._device:
             values["device"] = self._device
         self._end()
@@ -103,7 +102,7 @@ class Replay:
             world.tracks[name].place(Pose(position, orientation))
         elif act == "set_live":
             name, value = values
-            if not name.endswith((".follow_frame", "estimate_period")):
+            if not name.endswith(".follow_frame"):
                 world.set_live(name, value, {**world.in_effect, name: value})
         elif act == "put":
             name, fields = values

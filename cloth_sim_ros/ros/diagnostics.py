@@ -27,13 +27,15 @@ class DiagnosticsOutput:
         self._unheard = 0  # seconds
 
     def is_wanted(self, world: World) -> bool:
-        """Whether somebody listens; to be asked once a second. The world's frames are judged then, and else it is
-        looked at now and then, for what the log should warn of."""
-        world.is_judged = self._publisher.get_subscription_count() > 0
-        self._unheard = 0 if world.is_judged else self._unheard + 1
+        """Return True if somebody listens; call it once a second.
+
+        Otherwise the world is looked at now and then, for what the log should warn of.
+        """
+        is_heard = self._publisher.get_subscription_count() > 0
+        self._unheard = 0 if is_heard else self._unheard + 1
         if self._unheard % LOOK == LOOK - 1 and world.sim is not None:
             world.report()
-        return world.is_judged
+        return is_heard
 
     def publish(self, array: DiagnosticArray) -> None:
         """Sends `array`, stamped."""
@@ -73,7 +75,6 @@ def diagnostics(
         values |= {key: max((each[key] for each in report.values()), default=0.0) for key in OVER_ALL}
         if world.sim.settings.method == "auto":
             values |= {f"{name}.method": f"{name} {choice.reason}" for name, choice in world.sim.choices.items()}
-        values |= {f"{name}.error_per_frame": error for name, error in world.estimates.items()}
         values |= {f"{name}.held": world.sim.held(name) for name in world.sim.scene.handles}
         values |= {f"{name}.{key}": value for name, each in report.items() for key, value in each.items()}
     status = DiagnosticStatus(name=f"{node_name}: simulation", hardware_id=str(values.get("device", "")))

@@ -77,7 +77,6 @@ class ClothSimNode(Node):
         self._sender = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sending")
         self._sending: Future | None = None
         world = World(values, log, self._frames)
-        world.is_judged = False  # before anybody listens
         self._follower = ClockFollower(self.get_clock(), world.forget_stamps, log)
         self._loop = SimulationLoop(
             world, lambda: self._bridge.values, self._built, self._send, self._tell, log, self._follower

@@ -47,8 +47,6 @@ class World:
         self.added = Added()
         self.values: Mapping[str, Any] = values  # as they were when the simulation was built
         self.in_effect: Mapping[str, Any] = values  # with the live changes since then that the simulation took
-        self.estimates: dict[str, float] = {}  # name -> error [m] of the last frame that was judged
-        self.is_judged, self._unjudged = True, 0.0  # whether frames are to be judged, and [s] since one was
         self.journal = Journal()
         self._reported = Reported(log)
         self._wind: Vector | None = None  # set by topic since the parameter was last set
@@ -87,7 +85,6 @@ class World:
         self.added.put_all(sim)
         sizes = ", ".join(f"{name} ({len(sim.masses(name))} particles)" for name in plan.scene.objects)
         self._log.info(f"simulating {sizes or 'nothing'} on {sim.device}: {sim.method}")
-        self.estimates, self._unjudged = {}, 0.0
         self.grasps.tell_empty(sim, values)
         self._reported.start(sim, values)
         self.compiling.start(sim)
@@ -108,7 +105,7 @@ class World:
         """
         self.journal.note("set_live", name, value)
         owner, _, field = name.rpartition(".")
-        if name in ("estimate_period", "state_file") or field in ("timeout", "follow_frame"):
+        if name == "state_file" or field in ("timeout", "follow_frame"):
             pass  # read when it is needed
         elif name == "pose_timeout":
             for track in self.tracks.values():
@@ -220,12 +217,8 @@ class World:
                 if pose is not None:
                     self.journal.note("move", name, pose.position, pose.orientation)
                     move(name, pose.position, pose.orientation)
-        if self.is_judged and 0.0 < self.in_effect["estimate_period"] <= self._unjudged + 0.5 * frame_dt:
-            self.estimates, self._unjudged = self.sim.step_and_estimate(), 0.0
-        else:
-            self.sim.step()
+        self.sim.step()
         self.grasps.watch(self.sim, self.in_effect)
-        self._unjudged += frame_dt
         self.simulated += frame_dt
         self.journal.note("advance")
         return frame_dt
@@ -265,7 +258,6 @@ class World:
         self.journal.cut()
         self._reported.know(self.sim.report())
         self.grasps.look(self.sim)
-        self.estimates = {}
         self._reported.reasons(self.sim)
         if self.sim.builds != builds:
             self.compiling.start(self.sim)

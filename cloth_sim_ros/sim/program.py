@@ -149,7 +149,6 @@ def make_begin(features: Features):
         if wp.static(measured):
             ctx.frame.substeps = substeps_of(ctx.state.control, arrays.limits[b], b)
         ctx.frame.dt = ctx.frame.length / float(ctx.frame.substeps)
-        ctx.smooths = ctx.frame.substeps * wp.max(1, ctx.state.control.divisors[b]) >= arrays.limits[b].smooth
         ctx.colliders = arrays.colliders
         ctx.forces = arrays.forces
         if wp.static(features.handles):
@@ -181,7 +180,6 @@ def make_enter(features: Features):
             smooth = ctx.state.events[2 * ctx.body.index + (substep + 1) % 2] != substep
             if substep == 0:
                 smooth = ctx.state.history[ctx.body.index] > 0
-            smooth = smooth and ctx.smooths
         ctx.step = make_step(ctx.frame.dt, smooth, wp.static(features.order), ctx.frame.global_damping)
         ctx.step.weighs = substep == 0 or (ctx.frame.moves > 0 and substep % WEIGHED == 0)
         if wp.static(features.order == 2):

@@ -174,8 +174,17 @@ class Reporter:
             "recoveries": recoveries,
             "redone": redone,
             "substeps": batch.substeps(b, world),
+            **_errors(batch, b, world),
             "iterations": batch.frame.iterations,
         }
+
+
+def _errors(batch: Batch, b: int, world: int) -> dict[str, float]:
+    """Return the measured errors of body b, if they are measured."""
+    if batch.measurement is None:
+        return {}
+    frame, share = batch.error(b, world)
+    return {"error_per_frame": frame, "expected_error": share}
 
 
 def _contacts(arrays: Arrays, span: slice) -> int:

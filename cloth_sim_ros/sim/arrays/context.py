@@ -35,7 +35,6 @@ class Context:
     forces: wp.array(dtype=wp.vec4)  # numbers of the scene's own forces
     drive: Drive  # of a winch
     turn: float  # of the end of a rope [rad]
-    smooths: bool  # the frame has enough substeps for second order
     substep: int
     sweep: int  # where the motion of its first collider in this substep lies in ContactState.sweeps
     group: int  # round of lines

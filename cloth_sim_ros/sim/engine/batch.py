@@ -237,8 +237,9 @@ class Batch:
 
     def substeps(self, b: int | None = None, world: int | None = None) -> int:
         """Most substeps that a body, or body b of one world, takes in the next frame; waits for the device."""
-        chosen, start = self.states["substeps"].numpy(), self.frame.start()
-        each = np.where(chosen > 0, chosen, start)[worlds_of(world)]
+        chosen, limits = self.states["substeps"].numpy(), self.frame.limits.mirrors()["rows"]
+        chosen = np.clip(chosen, limits["least"], limits["most"]) * (chosen > 0)
+        each = np.where(chosen > 0, chosen, limits["start"])[worlds_of(world)]
         return int((each if b is None else each[:, b]).max())
 
     def error(self, b: int, world: int | None = None) -> tuple[float, float]:
@@ -246,12 +247,15 @@ class Batch:
 
         The largest over all worlds if `world` is None; waits for the device.
         """
-        frame, share, _ = self.states["errors"].numpy()[worlds_of(world), b].max(axis=0).tolist()
-        return frame, share
+        frame, _, now, before = self.states["errors"].numpy()[worlds_of(world), b].max(axis=0).tolist()
+        return frame, max(now, before)
 
     def upload(self) -> None:
-        """Copy changed live numbers to the device."""
+        """Copy changed live numbers to the device, and bring the substeps within changed limits."""
+        bounded = self.frame.limits.is_changed and self.measurement is not None
         self.frame.upload()
+        if bounded:
+            self.measurement.change(0)
         for rows in self.live:
             rows.upload()
 

@@ -8,6 +8,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.arrays.state import Frame
+from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps.arrays import StepLimits
 from cloth_sim_ros.sim.substeps.choose import Choice
 
@@ -24,13 +25,9 @@ class BatchFrame:
         self.iterations = 1
         self._shared = shared
 
-    def start(self) -> np.ndarray:
-        """Substeps (worlds, bodies) that the bodies start with."""
-        return self.limits.mirrors()["rows"]["start"]
-
-    def bound(self, b: int, choice: Choice, error: float, sizes: np.ndarray) -> None:
-        """Write the choice for body b of `sizes` (worlds,) [m], whose wanted error is `error`."""
-        bounds = {"least": choice.least, "most": choice.most, "smooth": choice.smooth, "error": error, "size": sizes}
+    def bound(self, b: int, choice: Choice, settings: Settings, sizes: np.ndarray) -> None:
+        """Write the choice for body b of `sizes` (worlds,) [m]."""
+        bounds = {"least": choice.least, "most": choice.most, "error": settings.error, "size": sizes}
         self.limits.write(b, None, start=choice.substeps, **bounds)
         self.safe_limits.write(b, None, start=choice.safe_substeps)
 

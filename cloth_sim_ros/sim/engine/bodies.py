@@ -200,7 +200,7 @@ class Bodies:
         groups = [InStep([batch], batch.executor) for batch in self.batches if isinstance(batch.executor, Graph)]
         if self.coupled is not None:
             groups = [self.coupled.in_step]
-        self.frames = Frames(self.batches, groups, self.warp_device)
+        self.frames = Frames(self.batches, groups, self.settings.frame_dt, self.warp_device)
         self._write_limits()
         self.builds += 1
 
@@ -233,7 +233,7 @@ class Bodies:
             for name in batch.index:
                 topology, choice = self.elastic[name], self._choices[name]
                 sizes = float(np.ptp(topology.rest, axis=0).max()) * topology.scales_in()
-                batch.frame.bound(batch.index[name], choice, self.settings.error, sizes)
+                batch.frame.bound(batch.index[name], choice, self.settings, sizes)
             batch.frame.write(self.settings.frame_dt)
         for group in self.frames.groups:
             group.forget()
@@ -356,6 +356,11 @@ class Bodies:
                 b = batch.index[name]
                 error = batch.error(b)[1] or choice.error
                 found[name] = replace(choice, substeps=batch.substeps(b), error=error)
+                if error > self.settings.error and found[name].substeps == choice.most and not self.settings.substeps:
+                    missed = f"its error is {error:.2g} instead of {self.settings.error:g}"
+                    more = "; the budget allows no more substeps, so " + missed
+                    more += "; a larger solver.budget or solver.error helps"
+                    found[name] = replace(found[name], reason=choice.reason + more)
         return found
 
     def one(self, world: int) -> int:

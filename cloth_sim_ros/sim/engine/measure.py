@@ -63,7 +63,7 @@ class Measurement:
         return int(self._wanted.numpy().max())
 
     def change(self, substeps: int) -> None:
-        """Let all bodies take as many substeps from now on."""
+        """Let all bodies take as many substeps from now on; 0 brings those of each within its limits."""
         self._change.set_param_at_index(1, substeps)
         self._change.launch()
 

@@ -72,6 +72,7 @@ def make_count(features: Features):
         count_fault(b, s)
         n = ctx.frame.substeps
         s.control.taken[b] = n
+        s.control.unmeasured[b] += 1
         if wp.static(features.looks_back):
             smooth = s.events[2 * b + (n - 1) % 2] != n
             s.history[b] = wp.where(smooth and not faulty, 1, 0)

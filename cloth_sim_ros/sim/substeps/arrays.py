@@ -15,14 +15,13 @@ KEPT = {"substeps": "count", "taken": "count"}
 class StepLimits:
     """Bounds of the substeps of one body in a frame.
 
-    start: substeps until an error is measured. least, most: bounds of those chosen from the error. smooth: minimum for
-    second order. error: wanted error, as solver.error. size: largest extent of the body [m].
+    start: substeps until an error is measured. least, most: bounds of those chosen from the error. error: wanted error,
+    as solver.error. size: largest extent of the body [m].
     """
 
     start: int
     least: int
     most: int
-    smooth: int
     error: float
     size: float
 
@@ -31,20 +30,22 @@ class StepLimits:
 class ControlState:
     """Measured errors and the controller's memory; see State for the letters.
 
-    A trial takes 1 / divisor of the substeps. `motions` has the largest RMS displacement from the anchors in this
-    window of time and in the one before [m], and the number of measurements in this window.
+    A trial takes 1 / divisor of the substeps. Errors of windows of time are in the units of solver.error. `motions` has
+    the largest RMS displacement from the anchors in this window and in the one before [m], and the time since this
+    window began [s].
     """
 
     substeps: wp.array(dtype=int)  # (B,) of the next frame; 0: as StepLimits.start
     divisors: wp.array(dtype=int)  # (B,) of this frame; 0: it is no trial
     taken: wp.array(dtype=int)  # (B,) substeps of the last frame
-    # (B,) RMS error of the last measured frame [m], mean of its share in solver.error, its measured order
-    errors: wp.array(dtype=wp.vec3)
+    unmeasured: wp.array(dtype=int)  # (B,) frames since the error was measured
+    # (B,) RMS error of the last measured frame [m] and its order, error in this window and in the one before
+    errors: wp.array(dtype=wp.vec4)
     motions: wp.array(dtype=wp.vec3)  # (B,)
     anchors: wp.array(dtype=wp.vec3)  # (N,) positions when the window began [m]
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
-    bodies = dict.fromkeys(("substeps", "divisors", "taken", "errors", "motions"), n.bodies)
+    bodies = dict.fromkeys(("substeps", "divisors", "taken", "unmeasured", "errors", "motions"), n.bodies)
     return {**bodies, "anchors": n.particles if features.measured else 0}

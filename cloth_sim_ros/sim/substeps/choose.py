@@ -19,7 +19,7 @@ from cloth_sim_ros.sim.substeps import limits, prices
 from cloth_sim_ros.sim.substeps.prices import Surroundings
 from cloth_sim_ros.sim.topology import Topology
 
-_START = 20  # substeps of a frame of _FRAME [s] until the first error is measured
+_START = 20  # substeps of a frame of _FRAME [s] until the first error is measured, for an error of 1e-2
 _FRAME = 1.0 / 60.0
 _MOST = 2000  # maximum substeps of xpbd
 _SAFE = 40  # minimum substeps of a repeated frame
@@ -28,6 +28,7 @@ _FEWEST_LAYERS, _FEWEST_COILS = 13, 40  # minimum substeps with self or object c
 # Largest number of particles along a sheet's side per substep of xpbd: without and with self or object contact. With
 # fewer substeps, shape does not spread across the sheet, or contact fails.
 _SIDE, _SIDE_LAYERS = 10.0, 5.0
+_LOST, _EXCESS, _SEEN, _CROSSED = 0.1, 0.25, 1e-4, 6.0  # see _static
 _MOST_STIFF = 6.0  # largest ratio of the substeps that leapfrog needs to the sweeps of BDF2 on a mesh
 # Fraction of a segment by which a rope's tension may move a particle in a substep, before a collider moves it back.
 _LEANS = 0.05
@@ -54,7 +55,6 @@ class Choice:
     reason: str
     least: int
     most: int
-    smooth: int = 1
     safe_substeps: int = 1
     bending_share: float = 1.0
     surface: bool = False
@@ -118,28 +118,52 @@ def _xpbd(
     around: Surroundings,
 ) -> Choice:
     """Choose XPBD, with bounds of its substeps; limit: substeps that leapfrog needs without dashpots."""
-    iterations, order, rate = settings.iterations or 1, settings.order or 2, _bending_rate(topology, materials)
+    iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
     budget = 1e3 * settings.budget * settings.frame_dt / (iterations * prices.xpbd(topology, materials, around))
-    bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
     fewest = _fewest(topology, around.coupled)
     most = int(np.clip(budget, fewest, _MOST))
-    least = int(np.clip(math.ceil(max(fewest, bending, _leaning(topology, settings, around))), fewest, most))
-    substeps = int(np.clip(math.ceil(_START * settings.frame_dt / _FRAME), least, most))
+    # With fewer sweeps of second order, the residual of a mesh's stiff springs shakes it.
+    order = settings.order or (1 if _is_mesh(topology) and most < limit / (_MOST_STIFF * iterations) else 2)
+    static = _static(topology, materials, limit, order, around) / iterations
+    bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
+    needed = math.ceil(max(fewest, bending, static, _leaning(topology, settings, around)))
+    least = min(needed, most)
+    first = _START * math.sqrt(1e-2 / settings.error) * settings.frame_dt / _FRAME
+    substeps = int(np.clip(math.ceil(first), least, most))
     reason = f"is computed by xpbd order {order}"
     if settings.substeps:
         substeps = least = most = settings.substeps
         reason += f" in {substeps} x {iterations}"
     else:
         reason += f" in {least} to {most} substeps, as its measured error asks"
+    if least < static:
+        reason += f"; it would take {math.ceil(static)} substeps to be as stiff as it is set"
     if order == 2 and topology.bends_by_angles:
         reason += f"; substeps in which a joint is bent by more than {MOST_TURNED:g} rad are of first order"
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
         reason += f"; {share:.2g} of its bending rigidity acts"
-    smooth = 1 if settings.order or not _is_mesh(topology) else int(min(_MOST, limit / _MOST_STIFF / iterations))
-    return Choice(
-        "xpbd", order, substeps, iterations, settings.error, reason, least, most, smooth, 1, share, around.surface
-    )
+    return Choice("xpbd", order, substeps, iterations, settings.error, reason, least, most, 1, share, around.surface)
+
+
+def _static(
+    topology: Topology,
+    materials: Collection[tuple[Sequence[float], float]],
+    limit: float,
+    order: int,
+    around: Surroundings,
+) -> float:
+    """Substeps with which the static strain of a sheet is at most _EXCESS too large; limit: those leapfrog needs.
+
+    The lines of a grid meet at angles, and each undoes a little of the others. Those of a mesh have kinks: the solve of
+    each straightens them, until others bend them back, which loses the share _LOST (h_e limit / (h substeps))^2 of the
+    tension. Strains below _SEEN count less, as nobody sees them.
+    """
+    if xpbd_is_direct(topology) or not math.isfinite(limit):
+        return 0.0
+    strain = 0.5 * around.gravity * topology.masses.sum() * max(compliance[0] for compliance, _ in materials)
+    factor = limits.EFFECTIVE[order] * math.sqrt(_LOST / _EXCESS) if _is_mesh(topology) else 1.0 / _CROSSED
+    return factor * limit * math.sqrt(min(1.0, strain / _SEEN))
 
 
 def _fewest(topology: Topology, coupled: bool) -> int:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The error of a frame is measured on the device, and the substeps of the next frames follow from it.
 
-Every PERIOD frames a frame is computed three times from the same state: with n/4, n/2 and n substeps. The difference
+Every tenth of a second a frame is computed three times from the same state: with n/4, n/2, n substeps. The difference
 D of the results of n and n/2 substeps, and its ratio to that of n/2 and n/4, give the order p at which the error falls,
 and so the error D / (2^p - 1) of the frame (Richardson extrapolation). It contains all that depends on the length of a
 substep: truncation in time, and what a single sweep of the constraints leaves.
@@ -15,17 +15,30 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays, State, substeps_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
-from cloth_sim_ros.sim.kernels.intrinsics import load_row, xyz
+from cloth_sim_ros.sim.kernels.intrinsics import load_row, sync, xyz
 from cloth_sim_ros.sim.substeps.arrays import StepLimits
 
-PERIOD = 6  # frames from one measurement to the next
+_FIRST = 4  # number of frames at the start that are all measured
+_PERIOD = 0.1  # time from one measurement to the next [s]
 WINDOW = wp.constant(0.5)  # time over which solver.error counts [s]
 # The errors of single frames add up to this multiple of the error after half a second, as they partly cancel and decay.
 # It was measured as 3 to 8 in smooth motions.
-ADD_UP = wp.constant(3.0)
-LEAST_MOTION = wp.constant(0.1)  # least motion that the error is relative to, as a share of the body's size
-MOST_GROWTH, LEAST_GROWTH = wp.constant(2.0), wp.constant(0.7)  # bounds of the ratio of substeps in one change
-SPARE = wp.constant(0.85)  # substeps stay if this share of them would do
+ADD_UP = wp.constant(1.0)
+# The error is relative to the motion in the last window, and to this share of the body's size if it moved by less than
+# another share of it. Then it is at rest, and only its static shape counts.
+AT_REST, OF_SIZE = wp.constant(5.0e-3), wp.constant(0.1)
+MOST_GROWTH, LEAST_GROWTH = wp.constant(3.0), wp.constant(0.8)  # bounds of the ratio of substeps in one change
+SPARE = wp.constant(0.9)  # substeps stay if this share of them would do
+
+
+def is_measured(frame: int, frame_dt: float) -> bool:
+    """True if the error of a frame of this number and length [s] is measured: one in a period, and the first few."""
+    return frame % period_of(frame_dt) == 0 or frame < _FIRST
+
+
+def period_of(frame_dt: float) -> int:
+    """Number of frames of `frame_dt` [s] from one measurement to the next."""
+    return max(1, round(_PERIOD / frame_dt))
 
 
 @wp.func
@@ -75,6 +88,7 @@ def begin_trial(given: wp.array(dtype=Arrays), second: int, divisor: int, block:
     k, t = wp.tid() / block, wp.tid() % block
     w, b = k / bodies, k % bodies
     s, n = given[w].state, substeps_of(given[w].state.control, given[w].limits[b], b)
+    sync()  # all threads have read what one will write
     if t == 0:
         s.control.divisors[b] = divisor
     if second > 0:
@@ -86,11 +100,16 @@ def change_substeps(given: wp.array(dtype=Arrays), substeps: int, second: int, b
     bodies = given[0].limits.shape[0]
     k, t = wp.tid() / block, wp.tid() % block
     w, b = k / bodies, k % bodies
-    s, n = given[w].state, substeps_of(given[w].state.control, given[w].limits[b], b)
-    if second > 0:
-        resample_all(t, block, given[w], b, n, substeps)
+    s, limits = given[w].state, given[w].limits[b]
+    chosen = s.control.substeps[b]
+    wanted = substeps
+    if substeps == 0:
+        wanted = wp.where(chosen > 0, wp.clamp(chosen, limits.least, limits.most), 0)
+    if second > 0 and chosen > 0:
+        resample_all(t, block, given[w], b, chosen, wanted)
+    sync()  # all threads have read what one will write
     if t == 0:
-        s.control.substeps[b] = substeps
+        s.control.substeps[b] = wanted
 
 
 @compiled
@@ -144,14 +163,16 @@ def control(
     k, t = wp.tid() / block, wp.tid() % block
     w, b = k / bodies, k % bodies
     m, s, limits, length = given[w].model.bodies[b], given[w].state, given[w].limits[b], given[w].frames[0].length
-    n, past, old_share = substeps_of(s.control, limits, b), s.control.motions[b], s.control.errors[b][1]
-    begins = past[2] == 0.0 or past[2] * float(PERIOD) * length >= WINDOW
+    n, past, known = substeps_of(s.control, limits, b), s.control.motions[b], s.control.errors[b]
+    elapsed = length * float(s.control.unmeasured[b])
+    is_first = past[2] == 0.0
+    begins = is_first or past[2] + elapsed > WINDOW
     part, moved = float(0.0), float(0.0)
     for i in range(t, m.count, block):
         g = m.particles + i
         part += apart(g, w, s, high, lo)
         x = xyz(load_row(s.positions, g))
-        if past[2] > 0.0:
+        if not is_first:
             moved += wp.length_sq(x - s.control.anchors[g])
         if begins:
             s.control.anchors[g] = x
@@ -159,15 +180,20 @@ def control(
     order = order_of(fine, differences[k])
     error = fine / wp.max(wp.pow(2.0, order) - 1.0, 1.0)
     way = wp.max(past[0], way)
-    motions = wp.where(begins, wp.vec3(0.0, way, 1.0), wp.vec3(way, past[1], past[2] + 1.0))
-    motion = wp.max(wp.max(motions[0], motions[1]), LEAST_MOTION * limits.size)
-    frames = WINDOW / length
-    share = error * frames / (ADD_UP * motion)
+    motion = wp.max(way, past[1])
+    if motion < AT_REST * limits.size:
+        motion = OF_SIZE * limits.size
+    share = error * WINDOW / (ADD_UP * length * motion)
     better = chosen(n, share, order, limits)
     if t == 0:
-        kept = wp.exp(-float(PERIOD) / frames)
-        s.control.errors[b] = wp.vec3(error, share + kept * (old_share - share), order)
-        s.control.motions[b] = motions
+        grown = known[2] + share * elapsed / WINDOW
+        if begins:
+            s.control.motions[b] = wp.vec3(0.0, way, elapsed)
+            s.control.errors[b] = wp.vec4(error, order, 0.0, grown)
+        else:
+            s.control.motions[b] = wp.vec3(way, past[1], past[2] + elapsed)
+            s.control.errors[b] = wp.vec4(error, order, grown, known[3])
+        s.control.unmeasured[b] = 0
         wanted[k] = better
         if alone > 0:
             s.control.substeps[b] = better

@@ -13,12 +13,12 @@ from cloth_sim_ros.sim.features.collider_contact.broad_phase import FEW
 from cloth_sim_ros.sim.topology import Topology
 
 _NS = 1e-6  # a nanosecond [ms]
-# Cost on a CPU per particle [ms]: motion, air, plate operator, a collider, its facets. Then the cost of a spring of a
-# line, and the extra cost of its dashpot.
-_MOTION, _AIR, _PLATE, _COLLIDER, _FACETS = (n * _NS for n in (5.0, 18.0, 10.0, 9.0, 20.0))
+# Cost on a CPU per particle [ms]: motion, air, a neighbour in the plate operator, rest curvature, a collider, its facets.
+# Then the cost of a spring of a line, and the extra cost of its dashpot.
+_MOTION, _AIR, _PLATE, _CURVED, _COLLIDER, _FACETS = (n * _NS for n in (5.0, 18.0, 1.4, 45.0, 14.0, 130.0))
 _SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
 _SEGMENT = 45.0 * _NS  # cost of a particle of a rope [ms]
-_LAYERS = 900.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
+_LAYERS = 500.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
 # Cost on an H200 [ms]. A stage of several blocks, and its cost per particle of all worlds; a rope in a block. Then six
 # stages in one block, their cost per particle of the object, and per particle of all worlds. Last, self and object
 # contact, and its cost per particle of all worlds.
@@ -71,7 +71,9 @@ def _alone(topology: Topology, materials: Collection[tuple[Sequence[float], floa
         return _in_blocks(topology, 2 + len(topology.families) + around.wind + plate + 2 * around.surface, around)
     springs = sum(len(elements.rest) for elements in topology.springs.values())
     damped = any(damping > 0.0 for _, damping in materials)
-    each = _MOTION + _AIR * around.wind + _touching(around) + _PLATE * plate
+    each = _MOTION + _AIR * around.wind + _touching(around)
+    if plate:
+        each += _PLATE * topology.plate.neighbours.shape[1] + _CURVED * (topology.plate.stencil is not None)
     return around.worlds * (springs * (_SPRING + _DASHPOT * damped) + count * each)
 
 

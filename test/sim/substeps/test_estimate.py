@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live error estimate: changes nothing, and tells the size and the order of a frame's error."""
+"""The measured error: measuring changes nothing, and tells the size and the order of a frame's error."""
 
 import numpy as np
 import pytest
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Scene, Simulation, Sphere
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Sphere
 
 SHEET = Cloth(resolution=(9, 9), pins="top", thickness=0.045, stretch_compliance=1e-3, shear_compliance=1e-3)
 METHODS = {
     "order 1": {"order": 1, "iterations": 4},
     "order 2": {"order": 2, "iterations": 4},
-    "verlet": {"method": "verlet"},
     "graph": {"order": 2, "executor": "graph"},
 }
 
@@ -19,15 +18,14 @@ METHODS = {
 BALL = {"ball": Sphere(radius=0.22, position=(0, 0.2, -0.24))}
 
 
-def simulation(device, substeps=40, colliders=None, executor=None, **settings):
+def simulation(device, substeps=40, colliders=None, executor=None, thing=SHEET, **settings):
     return Simulation(
-        Scene({"it": SHEET}, colliders or {}), fixed(substeps=substeps, **settings), device=device, executor=executor
+        Scene({"it": thing}, colliders or {}), fixed(substeps=substeps, **settings), device=device, executor=executor
     )
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.long
-def test_it_changes_no_bit(device, method):
+def test_it_changes_no_bit_while_the_substeps_are_set(device, method):
     plain, watched = (simulation(device, colliders=BALL, **METHODS[method]) for _ in range(2))
     for frame in range(12):
         for sim in (plain, watched):
@@ -36,22 +34,20 @@ def test_it_changes_no_bit(device, method):
         watched.step_and_estimate() if frame % 3 == 1 else watched.step()
     for name in ("positions", "velocities"):
         assert np.array_equal(getattr(plain, name)("it"), getattr(watched, name)("it"))
-    assert plain.time == watched.time and watched.report()["it"] == plain.report()["it"]
+    assert plain.time == watched.time
 
 
-@pytest.mark.parametrize(("method", "stretch", "order"), [("order 1", 1.0, 1.0), ("verlet", 1.05, 2.0)])
-def test_it_falls_with_the_order_of_the_method(device, method, stretch, order):
-    """Of verlet in a motion whose errors are above what float32 forces scatter."""
+@pytest.mark.parametrize(("method", "order"), [("order 1", 1.0), ("order 2", 2.0)])
+def test_it_falls_with_the_order_of_the_method(device, method, order):
     found = []
-    for substeps in (20, 40, 80, 160):
+    for substeps in (10, 20, 40, 80):
         sim = simulation(device, substeps, **METHODS[method])
-        sim.set_positions("it", stretch * sim.rest_positions("it"))
         sim.step(2)
         found.append(sim.step_and_estimate()["it"])
     assert np.log2(found[0] / found[3]) / 3.0 == pytest.approx(order, abs=0.35)
 
 
-@pytest.mark.parametrize("method", ["order 1", "order 2", "verlet"])
+@pytest.mark.parametrize("method", ["order 1", "order 2"])
 def test_it_is_of_the_size_of_the_error(device, method):
     """The error of ten frames, against a run of 16 times the substeps, is within a factor of 4 of their estimates."""
     frames = 10
@@ -60,3 +56,27 @@ def test_it_is_of_the_size_of_the_error(device, method):
     sims[1].step(frames)
     true = np.sqrt(((sims[0].positions("it") - sims[1].positions("it")) ** 2).sum(1).mean())
     assert true / 4.0 < sum(estimates) < 4.0 * true
+
+
+@pytest.mark.parametrize("thing", [SHEET, Rope(segments=20)], ids=["sheet", "rope"])
+@pytest.mark.parametrize("executor", ["block", "graph"])
+def test_other_substeps_in_midair_carry_the_motion_on(device, thing, executor):
+    """The history of order 2 is read off for the new length of a substep, so its error stays of second order."""
+    sims = [simulation(device, n, thing=thing, order=2, iterations=2, executor=executor) for n in (40, 640)]
+    for sim in sims:
+        sim.step(5)
+    sims[0].set("solver.substeps", 60)
+    sims[0].step()
+    sims[1].step()
+    true = np.abs(sims[0].positions("it") - sims[1].positions("it")).max()
+    before = np.abs(sims[1].velocities("it")).max() / 60
+    assert true < 1e-3 * before
+
+
+def test_worlds_that_move_more_take_more_substeps(device):
+    sim = Simulation(Scene({"it": SHEET}), Settings(), device, worlds=3)
+    sim.set_velocities("it", np.random.default_rng(1).normal(size=(81, 3)), world=1)
+    sim.step(20)
+    substeps = [sim.report(w)["it"]["substeps"] for w in range(3)]
+    assert substeps[1] > substeps[0] == substeps[2]
+    assert np.array_equal(sim.positions("it", 0), sim.positions("it", 2))
