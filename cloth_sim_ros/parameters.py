@@ -96,6 +96,9 @@ SOLVER = (
         1,
     ),
     _double("budget", 0.5, "Share of real time that the substeps chosen for one object may take.", "", 1e-3, 1e4),
+    Parameter(
+        "sleep", "bool", True, "Whether an object at rest is not computed until something around it changes.", live=True
+    ),
     _double("global_damping", 0.0, "Drag on every particle, relative to its momentum.", "1/s", 0, 1e4),
 )
 

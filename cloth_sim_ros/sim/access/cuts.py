@@ -41,6 +41,7 @@ class Cuts:
             failed[kind] = chosen & ~before[kind] & goes_through(first, second, corners, normal)
         if any(rows.any() for rows in failed.values()):
             batch.torn.write(b, failed)
+            self._bodies.wake()
         return sum(int(rows.sum()) for kind, rows in failed.items() if kind != "bending")
 
 

@@ -150,6 +150,7 @@ class Hands:
 
     def _grasp(self, name: str, some: WorldSelection) -> None:
         h, chosen = self._row(name), self._bodies.chosen(some)
+        self._bodies.wake()
         self._bodies.handles.upload()
         for body, (batch, given, b, count) in self._each().items():
             if self.objects[name] in ("", body) and len(chosen):
@@ -164,6 +165,7 @@ class Hands:
         leaves = np.zeros(self._leaves.shape, dtype=np.int32)
         leaves[worlds_of(some), self._row(name)] = 1
         self._leaves.assign(leaves)
+        self._bodies.wake()
         self._drop()
 
     def held(self, name: str, world: Any = None) -> int | np.ndarray:
@@ -225,6 +227,7 @@ class Hands:
         rows = theirs.batch[name].read_rows("grips", name)[0]
         rows[:, 3] = renamed[rows[:, 3].astype(int)]
         self._bodies.batch[name].write_rows("grips", name, rows)
+        self._bodies.wake()
         self._count()
 
     def _count(self) -> None:

@@ -102,5 +102,6 @@ class Queries:
     def device_arrays(self, name: str, world: int = 0) -> tuple[Arrays, slice, wp.Device]:
         """See Simulation.device_arrays."""
         self._bodies.topology(name)
+        self._bodies.wake()  # the caller may write to them
         batch = self._bodies.batch[name]
         return batch.worlds[self._bodies.one(world)], batch.span(name), self._bodies.warp_device

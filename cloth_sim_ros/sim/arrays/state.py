@@ -52,7 +52,9 @@ def compliance_of(material: Material, kind: int) -> float:
 class Frame:
     """Frame of one batch. gravity [m/s^2], length [s], global_damping [1/s], wind [m/s], air_density [kg/m^3].
 
-    moves: 1 while a collider or handle moves. Each body sets `substeps`, and the length dt of a substep [s], itself.
+    moves: 1 while a collider or handle moves. wakes: 1 if anything else changed before this frame.
+
+    Each body sets `substeps`, and the length dt of a substep [s], itself.
     """
 
     gravity: wp.vec3
@@ -66,6 +68,7 @@ class Frame:
     drag: float
     lift: float
     moves: int
+    wakes: int
 
 
 @wp.struct

@@ -250,6 +250,10 @@ class Batch:
         frame, _, now, before = self.states["errors"].numpy()[worlds_of(world), b].max(axis=0).tolist()
         return frame, max(now, before)
 
+    def all_live(self) -> list[LiveArray]:
+        """The live numbers whose change wakes bodies at rest."""
+        return [*self.live, self.frame.limits]
+
     def upload(self) -> None:
         """Copy changed live numbers to the device, and bring the substeps within changed limits."""
         bounded = self.frame.limits.is_changed and self.measurement is not None

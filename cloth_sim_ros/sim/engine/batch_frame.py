@@ -25,9 +25,10 @@ class BatchFrame:
         self.iterations = 1
         self._shared = shared
 
-    def bound(self, b: int, choice: Choice, settings: Settings, sizes: np.ndarray) -> None:
-        """Write the choice for body b of `sizes` (worlds,) [m]."""
+    def bound(self, b: int, choice: Choice, settings: Settings, sizes: np.ndarray, coupled: bool) -> None:
+        """Write the choice for body b of `sizes` (worlds,) [m]; `coupled` ones never sleep, as others move them."""
         bounds = {"least": choice.least, "most": choice.most, "error": settings.error, "size": sizes}
+        bounds["sleeps"] = int(settings.sleep and not coupled)
         self.limits.write(b, None, start=choice.substeps, **bounds)
         self.safe_limits.write(b, None, start=choice.safe_substeps)
 

@@ -79,6 +79,7 @@ class Bodies:
         self.scales: dict[str, np.ndarray] = {}
         self.elastic = {name: self._topology(name, thing, False) for name, thing in scene.objects.items()}
         self._sharpest: dict[str, Collider] = {}
+        self._disturbed = False
         self._between: dict[str, set[str]] = {}  # object -> colliders that come between its particles
 
     def find_sharpest(self, names: Iterable[str]) -> None:
@@ -211,12 +212,22 @@ class Bodies:
     def advance(self) -> None:
         """Begin a frame: move colliders and handles to their wanted poses, and mark worlds in which any moves."""
         still = self.colliders.are_still and self.handles.are_still
+        live = [self.frame, self.colliders, self.handles]
+        live += [rows for batch in self.batches for rows in batch.all_live()]
+        changed = self._disturbed or any(rows.is_changed for rows in live)
+        self._disturbed = False
         self.colliders.advance()
         self.handles.advance()
         if not still:
             moves = self.colliders.moves() | self.handles.moves()
             if (moves != self.frame.read(0, None)["moves"]).any():
                 self.frame.write(0, None, moves=moves)
+        if changed != bool(self.frame.read(0, 0)["wakes"]):
+            self.frame.write(0, None, wakes=changed)
+
+    def wake(self) -> None:
+        """Let the next frame compute bodies at rest, because their state or what holds them was changed."""
+        self._disturbed = True
 
     def alike(self, most: int) -> int:
         """Number of the next `most` frames that can run as one, because the host has no work between them."""
@@ -233,7 +244,7 @@ class Bodies:
             for name in batch.index:
                 topology, choice = self.elastic[name], self._choices[name]
                 sizes = float(np.ptp(topology.rest, axis=0).max()) * topology.scales_in()
-                batch.frame.bound(batch.index[name], choice, self.settings, sizes)
+                batch.frame.bound(batch.index[name], choice, self.settings, sizes, batch.features.coupled)
             batch.frame.write(self.settings.frame_dt)
         for group in self.frames.groups:
             group.forget()

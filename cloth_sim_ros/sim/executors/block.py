@@ -123,6 +123,9 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
         if wp.static(features.redoes):
             if home.state.trial.rejected[home.body.index] == 0:
                 return
+        if wp.static(features.measured):
+            if is_asleep(home):
+                return
         mode = flush_denormals()
         ctx = load(t, home)
         sync()
@@ -153,10 +156,19 @@ def make_spread_frame(features: Features, block: int):
             if wp.static(features.redoes):
                 if ctx.state.trial.rejected[ctx.body.index] == 0:
                     continue
+            if wp.static(features.measured):
+                if is_asleep(ctx):
+                    continue
             simulate(t, group.width, ctx)
             end(t, group.width, ctx)
 
     return simulate_frame
+
+
+@wp.func
+def is_asleep(ctx: Context) -> bool:
+    """True if the body is at rest, and nothing around it moves or was changed."""
+    return ctx.state.control.asleep[ctx.body.index] > 0 and ctx.frame.moves == 0 and ctx.frame.wakes == 0
 
 
 def make_home(features: Features):

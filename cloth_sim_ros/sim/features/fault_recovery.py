@@ -73,6 +73,7 @@ def make_count(features: Features):
         n = ctx.frame.substeps
         s.control.taken[b] = n
         s.control.unmeasured[b] += 1
+        s.control.asleep[b] = 0
         if wp.static(features.looks_back):
             smooth = s.events[2 * b + (n - 1) % 2] != n
             s.history[b] = wp.where(smooth and not faulty, 1, 0)

@@ -23,6 +23,7 @@ class Settings:
     iterations: int = 0
     error: float = 1e-2
     budget: float = 0.5
+    sleep: bool = True
     global_damping: float = 0.0
 
     def __post_init__(self) -> None:

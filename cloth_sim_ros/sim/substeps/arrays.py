@@ -7,7 +7,7 @@ from cloth_sim_ros.sim.arrays.model import Counts, Features
 
 # Array -> the element of each of its rows. FORGOTTEN arrays are cleared if a body is placed elsewhere, KEPT ones are
 # kept if everything on the device is rebuilt.
-FORGOTTEN = {"motions": "body"}
+FORGOTTEN = {"motions": "body", "asleep": "body"}
 KEPT = {"substeps": "count", "taken": "count"}
 
 
@@ -16,7 +16,7 @@ class StepLimits:
     """Bounds of the substeps of one body in a frame.
 
     start: substeps until an error is measured. least, most: bounds of those chosen from the error. error: wanted error,
-    as solver.error. size: largest extent of the body [m].
+    as solver.error. size: largest extent of the body [m]. sleeps: 1 if it is not computed while it is at rest.
     """
 
     start: int
@@ -24,6 +24,7 @@ class StepLimits:
     most: int
     error: float
     size: float
+    sleeps: int
 
 
 @wp.struct
@@ -38,6 +39,7 @@ class ControlState:
     substeps: wp.array(dtype=int)  # (B,) of the next frame; 0: as StepLimits.start
     divisors: wp.array(dtype=int)  # (B,) of this frame; 0: it is no trial
     taken: wp.array(dtype=int)  # (B,) substeps of the last frame
+    asleep: wp.array(dtype=int)  # (B,) 1 while the body is at rest
     unmeasured: wp.array(dtype=int)  # (B,) frames since the error was measured
     # (B,) RMS error of the last measured frame [m] and its order, error in this window and in the one before
     errors: wp.array(dtype=wp.vec4)
@@ -47,5 +49,5 @@ class ControlState:
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
-    bodies = dict.fromkeys(("substeps", "divisors", "taken", "unmeasured", "errors", "motions"), n.bodies)
+    bodies = dict.fromkeys(("substeps", "divisors", "taken", "unmeasured", "asleep", "errors", "motions"), n.bodies)
     return {**bodies, "anchors": n.particles if features.measured else 0}

@@ -27,6 +27,7 @@ ADD_UP = wp.constant(1.0)
 # The error is relative to the motion in the last window, and to this share of the body's size if it moved by less than
 # another share of it. Then it is at rest, and only its static shape counts.
 AT_REST, OF_SIZE = wp.constant(5.0e-3), wp.constant(0.1)
+STILL = wp.constant(1.0e-5)  # displacement in a window, as a share of the body's size, below which it falls asleep
 MOST_GROWTH, LEAST_GROWTH = wp.constant(3.0), wp.constant(0.8)  # bounds of the ratio of substeps in one change
 SPARE = wp.constant(0.9)  # substeps stay if this share of them would do
 
@@ -194,6 +195,8 @@ def control(
             s.control.motions[b] = wp.vec3(way, past[1], past[2] + elapsed)
             s.control.errors[b] = wp.vec4(error, order, grown, known[3])
         s.control.unmeasured[b] = 0
+        if begins and not is_first and limits.sleeps > 0 and way < STILL * limits.size:
+            s.control.asleep[b] = 1
         wanted[k] = better
         if alone > 0:
             s.control.substeps[b] = better

@@ -13,9 +13,9 @@ from cloth_sim_ros.sim.features.collider_contact.broad_phase import FEW
 from cloth_sim_ros.sim.topology import Topology
 
 _NS = 1e-6  # a nanosecond [ms]
-# Cost on a CPU per particle [ms]: motion, air, a neighbour in the plate operator, rest curvature, a collider, its facets.
+# Cost on a CPU per particle [ms]: motion, air, a neighbour in the plate operator, rest curvature, a collider, facets.
 # Then the cost of a spring of a line, and the extra cost of its dashpot.
-_MOTION, _AIR, _PLATE, _CURVED, _COLLIDER, _FACETS = (n * _NS for n in (5.0, 18.0, 1.4, 45.0, 14.0, 130.0))
+_MOTION, _AIR, _PLATE, _CURVED, _COLLIDER, _FACETS = (n * _NS for n in (5.0, 18.0, 1.4, 45.0, 14.0, 50.0))
 _SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
 _SEGMENT = 45.0 * _NS  # cost of a particle of a rope [ms]
 _LAYERS = 500.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
