@@ -46,6 +46,19 @@ class Live:
         row, some = self._bodies.collider_row[name], self._bodies.some(world)
         self._bodies.colliders.reach(row, some, name, (position, orientation), sweep)
 
+    def squeeze(self, name: str, load: float, gap: float, world: Any = None) -> None:
+        """See Simulation.squeeze."""
+        bodies, some = self._bodies, self._bodies.some(world)
+        load = table.check(table.row(table.GRIPPER, "force"), load, f"the load of {name}")
+        collider = bodies.scene.colliders.get(name)
+        if collider is None or not collider.opposite:
+            pinching = [each for each, one in bodies.scene.colliders.items() if one.opposite]
+            raise ValueError(f"{name!r} pinches nothing; allowed is one of {names_of(pinching)}")
+        for each in (name, collider.opposite):
+            bodies.colliders.write(bodies.collider_row[each], some, squeeze=load, half_gap=0.5 * gap)
+        squeezes = (bodies.colliders.mirrors()["rows"]["squeeze"] > 0.0).any(axis=1)
+        bodies.frame.write(0, None, squeezes=squeezes)
+
     def add_collider(self, name: str, collider: Collider) -> None:
         """See Simulation.add_collider."""
         bodies, named = self._bodies, self._bodies.scene
@@ -245,6 +258,8 @@ class Live:
             compliance=collider.compliance,
             static_friction=collider.static_friction,
             kinetic_friction=collider.kinetic_friction,
+            opposite=1 + self._bodies.collider_row[collider.opposite] if collider.opposite else 0,
+            squeeze=0.0,
         )
         self._bodies.colliders.place(row, None, collider.position, collider.orientation)
 

@@ -51,7 +51,7 @@ def compliance_of(material: Material, kind: int) -> float:
 class Frame:
     """Frame of one batch. gravity [m/s^2], dt of a substep [s], global_damping [1/s], wind [m/s], air_density [kg/m^3].
 
-    moves: 1 while a collider or handle moves.
+    moves: 1 while a collider or handle moves. squeezes: 1 while colliders squeeze what is between them.
     """
 
     gravity: wp.vec3
@@ -64,6 +64,7 @@ class Frame:
     drag: float
     lift: float
     moves: int
+    squeezes: int
 
 
 @wp.struct
@@ -71,7 +72,9 @@ class ColliderMotion:
     """One collider: shape, size, reach around its origin [m], friction, and poses at both ends of the frame.
 
     data: address of a shape's data beside its size; 0 for shapes that need none. roundness: known lower bound of the
-    radius of curvature of its surface [m]. compliance: of each point of contact [m/N].
+    radius of curvature of its surface [m]. compliance: of each point of contact [m/N]. opposite: 1 + the number of the
+    collider with which it pinches, 0 if there is none. squeeze: load on each point that both touch
+    [N]. half_gap: half the distance of their surfaces [m].
     """
 
     shape: int
@@ -87,6 +90,9 @@ class ColliderMotion:
     end_position: wp.vec3
     end_orientation: wp.quat
     facets: int  # 1 if it can come between particles, so that facets are tested against it
+    opposite: int
+    squeeze: float
+    half_gap: float
 
 
 @wp.struct

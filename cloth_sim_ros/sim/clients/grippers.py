@@ -7,6 +7,7 @@ know of grippers, and a gripper holds objects by friction alone.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,11 +19,15 @@ from cloth_sim_ros.sim.input.checks import check_fields
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector, rotate, unit_quaternion
 from cloth_sim_ros.sim.simulation import Simulation
 
+_LOG = logging.getLogger(__name__)
+
 SIDES = {"left": 1.0, "right": -1.0}  # finger -> its side along the gripper's y axis
 _LOOSE = 0.01  # fraction of the wanted force below which the fingers count as not touching
 _MANY = 64  # number of points of contact that bounds the stiffness
 _SHARE = 0.5  # fraction of the way to the opening with the wanted force that the fingers go in a frame
 _TOLD = 0.05  # relative change of the force from which the opening of first contact can be found
+_FEWEST = 0.05  # number of points of contact that bounds the load on each
+_PATIENCE = 20  # frames in which the fingers miss their force before the log says so
 _FORGETS = 0.8  # factor of the known stiffness after a frame in which the fingers touch nothing
 
 Pose = tuple[tuple[float, ...], tuple[float, ...]]  # position [m], orientation x y z w
@@ -63,10 +68,11 @@ class Gripper:
     def fingers(self, name: str) -> dict[str, Box]:
         """The colliders of a gripper called `name`, <name>_left and <name>_right, for Scene.colliders."""
         shape = {field: getattr(self, field) for field in ("compliance", "static_friction", "kinetic_friction")}
+        others = [f"{name}_{side}" for side in reversed(SIDES)]
         half = tuple(0.5 * edge for edge in self.finger_size)
         return {
-            f"{name}_{side}": Box(half_extents=half, position=position, orientation=orientation, **shape)
-            for side, (position, orientation) in self.poses(self.opening).items()
+            f"{name}_{side}": Box(half_extents=half, position=position, orientation=orientation, **shape, opposite=other)
+            for (side, (position, orientation)), other in zip(self.poses(self.opening).items(), others, strict=True)
         }
 
     def poses(self, opening: float) -> dict[str, Pose]:
@@ -81,12 +87,14 @@ class GripperDriver:
     """Drives the fingers of a gripper called `name` in one world of a simulation: `advance` before each step.
 
     opening [m]: current gap between the fingers. speed [m/s]: its last rate of change. felt [N]: force of each finger
-    in the last frame. gripper: its pose and targets.
+    in the last frame. gripper: its pose and targets. load [N]: on each point between closed fingers, beyond its depth
+    over the compliance, which ends at the thickness of what is pinched.
     """
 
     def __init__(self, name: str, gripper: Gripper) -> None:
         self.name, self.gripper = name, gripper
         self.opening, self.speed, self.felt = gripper.opening, 0.0, 0.0
+        self.load, self._free, self._points, self._missed = 0.0, 0.0, 1.0, 0  # free: force without a load [N]
         self._step = 0.0  # of the opening in the last frame [m]
         self._touched = gripper.opening  # the opening at which the fingers touch what is between them [m]
         self._stiffness = 0.0  # how much the force grows as they close from there [N/m]; 0 is not known
@@ -121,9 +129,11 @@ class GripperDriver:
     def poses(self, frame_dt: float) -> dict[str, Pose]:
         """Name of each finger's collider -> wanted pose at the end of the next frame, of length `frame_dt` [s]."""
         most = self.gripper.speed * frame_dt
+        self._set_load()
+        wanted = self.gripper.force > 0.0
         step = float(np.clip(self._wanted() - self.opening, -most, most))
         before = self.opening
-        self.opening = float(np.clip(self.opening + step, 0.0, self.gripper.max_opening))
+        self.opening = float(np.clip(self.opening + step, self.least if wanted else 0.0, self.gripper.max_opening))
         self._step = self.opening - before
         self.speed = self._step / frame_dt
         return self.places()
@@ -138,6 +148,9 @@ class GripperDriver:
         Openings that a force belongs to are those in the middle of a frame, as forces are means over one.
         """
         at, wanted = self.opening - 0.5 * self._step, self.gripper.force
+        if self.load > 0.0:
+            self._before = None
+            return self.least
         if wanted <= 0.0:
             self._touched, self._stiffness, self._before = self.opening, 0.0, None
             return self.gripper.opening
@@ -146,8 +159,35 @@ class GripperDriver:
             self._stiffness *= _FORGETS  # what it held may be gone
         else:
             self._find_line(at)
-        goal = self._touched - wanted / self._stiffness if self._stiffness > 0.0 else 0.0
+        goal = self._touched - wanted / self._stiffness if self._stiffness > 0.0 else self.least
         return self.opening + _SHARE * (goal - self.opening) if self._stiffness > 0.0 else goal
+
+    least = 0.00015
+    def _set_load(self) -> None:
+        """Find the load on each point with which closed fingers would press as hard as they are to.
+
+        The force grows evenly with the load, by the number of points.
+        """
+        wanted, is_shut = self.gripper.force, self.opening == self.least and self._step == 0.0
+        if self.load == 0.0:
+            self._free = self.felt
+        elif self.felt > self._free:
+            self._points = max((self.felt - self._free) / self.load, _FEWEST)
+        more = self.load
+        if self.load == 0.0 or self.felt > _LOOSE * wanted:
+            more += (wanted - self.felt) / self._points
+        self.load = min(max(more, 0.0), wanted / _FEWEST) if is_shut else 0.0
+        self._missed = self._missed + 1 if is_shut and self.felt < (1.0 - _TOLD) * wanted else 0
+        if self._missed == _PATIENCE:
+            _LOG.warning("%s", self.shortfall)
+
+    @property
+    def shortfall(self) -> str:
+        """One sentence about why the force is not reached; empty if it is, or may be yet."""
+        if self._missed < _PATIENCE:
+            return ""
+        wanted = self.gripper.force
+        return f"{self.name} is closed and presses with {self.felt:.2g} of {wanted:g} N: too little is between its fingers"
 
     def _find_line(self, at: float) -> None:
         """Fit the line by which the force grows from 0 at first contact to the force felt at an opening [m]."""
@@ -159,9 +199,15 @@ class GripperDriver:
         self._touched = max(self._touched, at + self.felt * self.gripper.compliance / _MANY)
         self._before, self._stiffness = (at, self.felt), self.felt / (self._touched - at)
 
+    def squeeze(self, sim: Simulation, world: int = 0) -> None:
+        """Give the fingers the load of the next frame, as `poses` found it."""
+        sim.squeeze(f"{self.name}_left", self.load, self.opening, world)
+
     def advance(self, sim: Simulation, world: int = 0) -> None:
         """Move the fingers in the next frame of a simulation whose scene has them."""
         if self.gripper.force > 0.0:
             self.measure(sim, world)
-        for name, (position, orientation) in self.poses(sim.settings.frame_dt).items():
+        poses = self.poses(sim.settings.frame_dt)
+        self.squeeze(sim, world)
+        for name, (position, orientation) in poses.items():
             sim.set_collider_pose(name, position, orientation, world=world)

@@ -294,6 +294,7 @@ class Bodies:
                 features,
                 forces=tuple(map(name_of, self.scene.forces.values())),
                 handles=bool(self.scene.handles),
+                pinches=any(collider.opposite for collider in self.scene.colliders.values()),
                 surface=choice.surface,
                 coupled=self._is_coupled(name),
                 listed=self.colliders.array.shape[1] > FEW,

@@ -131,10 +131,10 @@ def note(c: int, near: Near):
             wp.atomic_or(near.words, near.first + c / wp.static(WORD), bit)
 
 
-def make_forget_contacts(listed: bool):
+def make_forget_contacts(listed: bool, pinches: bool):
     """Return the stage that begins a frame: clear the contacts and forces of colliders.
 
-    listed: True if bodies have a list of colliders; only listed ones are cleared then.
+    listed: True if bodies have a list of colliders; only listed ones are cleared then. pinches: True if some pinch.
     """
     near_of = make_near_of(listed)
 
@@ -147,7 +147,12 @@ def make_forget_contacts(listed: bool):
             for i in range(t, ctx.body.count, width):
                 entry = (ctx.body.particles + i) * colliders + c
                 store_row(ctx.state.contact.contact_forces, entry, wp.vec4(0.0))
-                store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0))
+                touch = float(0.0)
+                if wp.static(pinches):
+                    # The first substep goes on from the last one of the frame before.
+                    last = load_row(ctx.state.contact.contacts, entry)[3]
+                    touch = wp.where(wp.abs(last) > float(ctx.frame.substeps), wp.sign(last), 0.0)
+                store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0, 0.0, 0.0, touch))
             c = next_of(c, near, False)
         if wp.static(listed):
             if t == 0:

@@ -47,6 +47,14 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
     pace,
     with_push,
 )
+from cloth_sim_ros.sim.features.collider_contact.pinch import (
+    depth_before_middle,
+    is_between,
+    is_facet_squeezed,
+    load_of,
+    load_on_facet,
+    slack_of,
+)
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
@@ -58,6 +66,8 @@ LEAST_SHARE = wp.constant(0.25)
 _TOUCH_AT_ONCE = wp.constant(0.67)
 # Displacement as a fraction of the thickness; a facet that moved less reuses its deepest point (non-convex shapes).
 _STILL = wp.constant(0.02)
+# Factor of the inverse mass of a facet that two colliders squeeze. It is bound to its place, and must not overshoot.
+_SQUEEZED = wp.constant(1.5)
 LONG_AGO = wp.constant(-2)  # number of a substep that no next one can continue from
 # Barycentric weight of a corner, above which the corner's own contact already covers the point.
 CORNER = wp.constant(0.999)
@@ -116,8 +126,8 @@ def make_touched_in(features: Features):
     least = make_least(features.shapes)
 
     @wp.func
-    def touched_in(facet: Facet, entry: int, collider: ColliderMotion, ctx: Context) -> wp.vec3:
-        thickness, way = ctx.material.thickness, longest_way(facet)
+    def touched_in(facet: Facet, entry: int, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:
+        way = longest_way(facet)
         look = ctx.state.contact.looks[entry]
         moved = moved_since(look, facet)
         # No point came nearer than by its displacement, nor was it nearer in between.
@@ -163,21 +173,32 @@ def make_press_on(features: Features):
         press = Press()
         facet = facet_of(corners, ctx, sweep)
         thickness = ctx.material.thickness
-        weights = touched_in(facet, entry, collider, ctx)
-        w = yielding(corners, weights, ctx)
-        if wp.max(weights) == 0.0 or wp.max(weights) > CORNER or w == 0.0:
+        squeezed, slack = bool(False), float(0.0)
+        if wp.static(features.pinches):
+            squeezed = is_facet_squeezed(entry, collider, ctx)
+            slack = slack_of(collider, squeezed)
+        weights = touched_in(facet, entry, collider, thickness + slack, ctx)
+        w = wp.where(squeezed, _SQUEEZED, 1.0) * yielding(corners, weights, ctx)
+        if wp.max(weights) == 0.0 or (wp.max(weights) > CORNER and not squeezed) or w == 0.0:
             return press
         slip = slip_at(facet, weights)
         apart = pace(collider, ctx.step)
-        touching = meet(collider.shape, collider.size, collider.data, point_of(facet, weights), slip, thickness, apart)
-        if touching[3] >= -NOISE:  # its corners are outside; the rest may be rounding
+        p = point_of(facet, weights)
+        touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness + slack, apart)
+        gap, load = touching[3] + slack, float(0.0)
+        if squeezed:
+            squeezed = is_between(xyz(touching), collider, sweep, ctx)
+        if gap >= -NOISE and not squeezed:  # its corners are outside; the rest may be rounding
             return press
+        if squeezed:
+            gap += depth_before_middle(collider, thickness)
+            load = load_on_facet(corners, entry % ctx.colliders.shape[0], points_of(corners, ctx), ctx)
         before = wp.vec4(0.0)
         if last.when == ctx.substep:
             before = last.so_far
         n = xyz(touching)
         softness = collider.compliance * ctx.step.inverse_square / (w * points_of(corners, ctx))
-        more = outward(touching[3], w * before[3], softness) / w
+        more = outward(gap, w * before[3], softness) / w
         pressed = before[3] + more
         mu_s = wp.sqrt(ctx.material.static_friction * collider.static_friction)
         mu_k = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction)
@@ -188,11 +209,11 @@ def make_press_on(features: Features):
             press.anchor = point_of(facet, weights) - slip
         # Friction acts at the point where the slip is measured.
         press.rubbed = press.stuck
-        w_rubbed = yielding(corners, press.rubbed, ctx)
+        w_rubbed = wp.where(squeezed, 2.0 * _SQUEEZED, 1.0) * yielding(corners, press.rubbed, ctx)  # both rub
         slid = point_of(facet, press.stuck) - press.anchor
         slid -= wp.dot(slid, n) * n
         rubbed_before = w_rubbed * (xyz(before) - wp.dot(xyz(before), n) * n)
-        rubbed = friction_correction(slid, rubbed_before, w_rubbed * pressed, mu_s, mu_k)
+        rubbed = friction_correction(slid, rubbed_before, w_rubbed * (pressed + load), mu_s, mu_k)
         if wp.length_sq(rubbed - (rubbed_before - slid)) > 0.0:
             press.stuck = wp.vec3(0.0)
         press.weights = weights
@@ -200,6 +221,7 @@ def make_press_on(features: Features):
         press.push = more * press.normal
         press.rub = wp.transpose(sweep.to_local) * ((rubbed - rubbed_before) / w_rubbed)
         press.so_far = pack(rubbed / w_rubbed, pressed)
+        press.load = load
         return press
 
     return press_on
@@ -241,6 +263,7 @@ def make_press(features: Features):
                         # The push of an earlier iteration was enough.
                         ctx.state.contact.presses[entry].push = wp.vec3(0.0)
                         ctx.state.contact.presses[entry].rub = wp.vec3(0.0)
+                        ctx.state.contact.presses[entry].load = 0.0
                     c = next_of(c, near, stray)
 
     return press
@@ -304,7 +327,11 @@ def make_yield(features: Features):
                 displacement += correction
                 last = c
                 entry = met.slot * ctx.colliders.shape[0] + c
-                add_force(met.forces, entry, (met.share / w) * correction)
+                force = correction / w
+                if wp.static(features.pinches):
+                    if ctx.colliders[c].squeeze > 0.0 and ctx.step.first:
+                        force += load_of(i, c, ctx)
+                add_force(met.forces, entry, met.share * force)
                 touched = True
                 if wp.static(features.order == 2):
                     n = normal_at(i, c, ctx)
@@ -318,6 +345,7 @@ def make_yield(features: Features):
                 add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
             # Its facets may have moved the particle into a collider, so its own contact acts last.
             met.carries = False
+            met.begins = False
             touch(i, met, ctx, 0.0)
             if wp.static(features.supported):
                 by = (CARRIED * ctx.step.inverse_square) * (xyz(load4(ctx.d, i)) - xyz(packed))
