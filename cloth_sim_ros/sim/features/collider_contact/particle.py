@@ -9,7 +9,13 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.pinch import depth_before_middle, is_between, is_squeezed, slack_of
+from cloth_sim_ros.sim.features.collider_contact.pinch import (
+    depth_before_middle,
+    is_between,
+    is_squeezed,
+    note_squeezed,
+    slack_of,
+)
 from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of
 from cloth_sim_ros.sim.features.collider_contact.thickness import NEARBY, make_thickness_for, note_strain, widest_around
 from cloth_sim_ros.sim.features.grasp.hold import HELD
@@ -67,8 +73,7 @@ class Met:
 
     first_sweep: index of the first collider's motion in `sweeps`. share: factor [1/s^2] from a correction over the
     inverse mass to a force [N]. near: colliders that the body may touch. colliders: those of the world. contacts:
-    corrections of earlier iterations, see ContactState. carries: True if the support of the last substep still acts.
-    begins: True before facets have moved the particle.
+    corrections of earlier iterations. carries: True if the support of the last substep still acts.
     """
 
     slot: int
@@ -83,7 +88,6 @@ class Met:
     last_displacements: wp.array(dtype=wp.vec3)
     supports: wp.array(dtype=wp.vec4)
     carries: bool
-    begins: bool
 
 
 @wp.func
@@ -249,11 +253,7 @@ def make_touch(features: Features):
             k = met.first_sweep + c
             entry = met.slot * met.colliders.shape[0] + c
             before = wp.vec3(0.0)
-            starts = step.first
-            if wp.static(features.pinches):
-                # Behind facets, the contact of a pinch goes on from what it did before them.
-                starts = starts and (met.begins or met.colliders[c].squeeze == 0.0)
-            if starts:
+            if step.first:
                 before = carried_by(c, met, step, met.sweeps[k])
             else:
                 before = xyz(load_row(met.contacts, entry))
@@ -283,38 +283,31 @@ def make_touch(features: Features):
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness + slack, apart)
                 gap = touching[3] + slack
                 if squeezed:
-                    squeezed = is_between(xyz(touching), collider, sweep, ctx)
+                    squeezed = is_between(xyz(touching), c, ctx)
                 if gap < 0.0 or squeezed or is_supported(before):
                     n = xyz(touching)
-                    pressed, load = wp.dot(before, n), float(0.0)
+                    pressed = wp.dot(before, n)
                     if squeezed:
                         gap += depth_before_middle(collider, thickness)
-                        load = collider.squeeze * w / step.inverse_square
+                        note_squeezed(c, ctx)
                     rubbed_before = before - pressed * n
                     pressed += outward(gap, pressed, collider.compliance * step.inverse_square / w)
                     tangential = slip - wp.dot(slip, n) * n
                     mu_s = wp.sqrt(material.static_friction * collider.static_friction)
                     mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
-                    rubbed = friction_correction(tangential, rubbed_before, pressed + load, mu_s, mu_k)
-                    after = pressed * n + rubbed
+                    after = pressed * n + friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
                     displacement += wp.transpose(sweep.to_local) * (after - before)
                     # The carried correction acts in this substep, as the added one does.
-                    pushed = wp.transpose(sweep.to_local) * wp.where(starts, after + load * n, after - before)
+                    pushed = wp.transpose(sweep.to_local) * wp.where(step.first, after, after - before)
                     add_force(met.forces, entry, (met.share / w) * pushed)
                     support = larger_support(support, wp.transpose(sweep.to_local) * after, c)
                     touched = True
-                    if wp.static(features.pinches):
-                        sticks = wp.length_sq(rubbed - (rubbed_before - tangential)) == 0.0
-                        touch = float(ctx.substep + 2) * wp.where(sticks, 1.0, -1.0)
+                    touch = float(ctx.substep + 2)
                     if stray:
                         note(c, met.near)
                     stray = stray or strays(met.near, position + displacement, displacement)
                     if wp.static(features.order == 2):
-                        if squeezed:
-                            # It slides: the next substep is of first order.
-                            ctx.state.events[2 * ctx.body.index + ctx.substep % 2] = ctx.substep + 1
-                        else:
-                            push = with_push(push, wp.transpose(sweep.to_local) * n, pressed, sweep.motion, entry)
+                        push = with_push(push, wp.transpose(sweep.to_local) * n, pressed, sweep.motion, entry)
             if step.repeats or (wp.static(features.pinches) and met.colliders[c].opposite > 0):
                 store_row(met.contacts, entry, pack(after, touch))
             c = next_of(c, met.near, stray)
@@ -343,7 +336,6 @@ def make_met_in(features: Features):
         met.last_displacements = ctx.state.last_displacements
         met.supports = ctx.state.contact.supports
         met.carries = wp.static(features.supported)
-        met.begins = True
         return met
 
     return met_in

@@ -5,9 +5,9 @@ A point that both touch is squeezed until it leaves the space between them. It l
 both sides cancel: they move nothing, but friction and wrenches have them. So neither the thickness of the thing nor
 the length of a substep bounds the force of a pinch.
 
-A squeezed particle that sticks is held where it was, as by a handle (see grasp/hold.py). What hangs from it would else
-move it far in a long substep, before friction takes it back. It slides once the hold pulls by more than friction bears,
-and then friction acts as in other contacts. Where no particle is squeezed, facets are, and their corners are held.
+A squeezed particle is held where it was, as by a handle (see grasp/hold.py), or slides against a friction that acts
+as its other forces do. Contact behind the lines of a sheet would come too late in a long substep, in which what hangs
+from a few light particles moves them far. Where no particle is squeezed, facets are, and their corners are held.
 """
 
 import warp as wp
@@ -15,7 +15,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
-from cloth_sim_ros.sim.features.collider_contact.arrays import Press, Sweep
+from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.grasp.hold import firm_of, held_pull, limited_pull
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 
@@ -33,11 +33,16 @@ def slack_of(collider: ColliderMotion, squeezed: bool) -> float:
 
 
 @wp.func
-def is_between(normal: wp.vec3, collider: ColliderMotion, sweep: Sweep, ctx: Context) -> bool:
-    """Return True if a collider's local normal points to the collider opposite."""
-    opposite = ctx.state.contact.sweeps[ctx.sweep + collider.opposite - 1]
-    way = sweep.to_local * (opposite.position - sweep.position)
-    return wp.dot(normal, way) > _FACING * wp.length(way)
+def across(c: int, ctx: Context) -> wp.vec3:
+    """Return the direction from collider c to its opposite one, in which it presses."""
+    opposite = ctx.state.contact.sweeps[ctx.sweep + ctx.colliders[c].opposite - 1].position
+    return wp.normalize(opposite - ctx.state.contact.sweeps[ctx.sweep + c].position)
+
+
+@wp.func
+def is_between(normal: wp.vec3, c: int, ctx: Context) -> bool:
+    """Return True if a local normal of collider c points to its opposite one."""
+    return wp.dot(normal, ctx.state.contact.sweeps[ctx.sweep + c].to_local * across(c, ctx)) > _FACING
 
 
 @wp.func
@@ -48,14 +53,14 @@ def depth_before_middle(collider: ColliderMotion, thickness: float) -> float:
 
 @wp.func
 def touch_of(i: int, c: int, ctx: Context) -> float:
-    """Return 2 + the last substep in which collider c, which pinches, touched particle i; negative if that slid."""
+    """Return 2 + the last substep in which collider c, which pinches, touched particle i."""
     return load_row(ctx.state.contact.contacts, (ctx.body.particles + i) * ctx.colliders.shape[0] + c)[3]
 
 
 @wp.func
-def _set_touch(i: int, c: int, touch: float, ctx: Context):
+def _set_touch(i: int, c: int, ctx: Context):
     entry = (ctx.body.particles + i) * ctx.colliders.shape[0] + c
-    store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0, 0.0, 0.0, touch))
+    store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0, 0.0, 0.0, float(ctx.substep + 2)))
 
 
 @wp.func
@@ -63,7 +68,7 @@ def is_squeezed(i: int, collider: ColliderMotion, ctx: Context) -> bool:
     """Return True if a collider and its opposite one squeeze particle i: that one touched it now or a substep ago."""
     if collider.squeeze == 0.0:
         return False
-    return wp.abs(touch_of(i, collider.opposite - 1, ctx)) > float(ctx.substep)
+    return touch_of(i, collider.opposite - 1, ctx) > float(ctx.substep)
 
 
 @wp.func
@@ -76,11 +81,16 @@ def is_facet_squeezed(entry: int, collider: ColliderMotion, ctx: Context) -> boo
 
 
 @wp.func
-def load_on_facet(corners: wp.vec3i, c: int, points: float, ctx: Context) -> float:
-    """Return the load [kg m] on a facet of so many points that collider c squeezes; 0 if a corner has it."""
-    for k in range(3):
-        if wp.abs(touch_of(corners[k], c, ctx)) > float(ctx.substep):
-            return 0.0
+def note_squeezed(c: int, ctx: Context):
+    """Note that collider c squeezes a particle of the body in this substep."""
+    ctx.state.contact.squeezed_in[ctx.body.index * ctx.colliders.shape[0] + c] = ctx.substep + 2
+
+
+@wp.func
+def load_on_facet(c: int, points: float, ctx: Context) -> float:
+    """Return the load [kg m] on a facet of so many points that collider c squeezes; 0 if particles have it."""
+    if ctx.state.contact.squeezed_in[ctx.body.index * ctx.colliders.shape[0] + c] > ctx.substep:
+        return 0.0
     return ctx.colliders[c].squeeze * points / ctx.step.inverse_square
 
 
@@ -93,24 +103,24 @@ def corner_in(q: int, i: int, ctx: Context) -> int:
 
 @wp.func
 def load_of(i: int, c: int, ctx: Context) -> wp.vec3:
-    """Return the load [kg m] by which collider c squeezes the facets around particle i."""
-    sum, slot = wp.vec3(0.0), ctx.body.particles + i
+    """Return the load [N] by which collider c squeezes the facets around particle i."""
+    sum, slot = float(0.0), ctx.body.particles + i
     for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
         q = ctx.model.particle_panels[place]
         press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
         if press.when == ctx.substep:
-            sum += press.weights[corner_in(q, i, ctx)] * press.load * press.normal
-    return sum
+            sum += press.weights[corner_in(q, i, ctx)] * press.load
+    return (ctx.step.inverse_square * sum) * across(c, ctx)
 
 
 @wp.func
-def _share_of_corner(press: Press, k: int) -> float:
-    """Return the share of a stuck facet's load that corner k bears; corners near which the point is not bear none."""
+def _share_of_corner(weights: wp.vec3, k: int, least: float) -> float:
+    """Return the share of a facet's load that corner k bears; corners of less than the `least` weight bear none."""
     sum = float(0.0)
     for q in range(3):
-        if press.stuck[q] >= _CORNER_SHARE:
-            sum += press.stuck[q]
-    return wp.where(press.stuck[k] >= _CORNER_SHARE, press.stuck[k] / wp.max(sum, _CORNER_SHARE), 0.0)
+        if weights[q] >= least:
+            sum += weights[q]
+    return wp.where(weights[k] >= least, weights[k] / wp.max(sum, least), 0.0)
 
 
 @wp.func
@@ -127,24 +137,34 @@ def _way_to(place: wp.vec4, x: wp.vec4, sweep: Sweep) -> wp.vec3:
     return (sweep.position - xyz(x)) + wp.transpose(sweep.to_local) * xyz(place)
 
 
+@wp.func
+def _way_with(x: wp.vec3, lo: wp.vec3, sweep: Sweep) -> wp.vec3:
+    """Return the displacement [m] of a particle at x that moves as a collider does, with the low part lo of its place."""
+    return sweep.motion - wp.transpose(sweep.to_local) * (sweep.turn * ((x - sweep.position) + sweep.motion)) + lo
+
+
+@wp.func
+def _slip_across(slip: wp.vec3, n: wp.vec3) -> wp.vec3:
+    return slip - wp.dot(slip, n) * n
+
+
 def make_hold_pinched(features: Features):
-    """Return the stage after prediction: particle i stays where it was between two colliders if it sticks there."""
+    """Return the stage after prediction: particle i is held between two colliders, or friction brakes it there."""
 
     @wp.func
-    def stuck_load(i: int, c: int, ctx: Context) -> float:
-        """Return the load on particle i that sticks between collider c and its opposite one [N]; 0 if it does not."""
-        collider, sticks = ctx.colliders[c], float(ctx.substep + 1)
-        if touch_of(i, c, ctx) == sticks and touch_of(i, collider.opposite - 1, ctx) == sticks:
-            return collider.squeeze
+    def load_on(i: int, c: int, was: wp.vec4, ctx: Context) -> float:
+        """Return the load on particle i between collider c and its opposite one [N]; 0 if they do not squeeze it."""
+        if wp.min(touch_of(i, c, ctx), touch_of(i, ctx.colliders[c].opposite - 1, ctx)) == float(ctx.substep + 1):
+            return ctx.colliders[c].squeeze
         load = float(0.0)
         if wp.static(features.surface):
-            slot = ctx.body.particles + i
+            slot, least = ctx.body.particles + i, wp.where(was[3] == 0.0, _CORNER_SHARE, 0.5 * _CORNER_SHARE)
             for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
                 q = ctx.model.particle_panels[place]
                 press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
                 if press.when == ctx.substep - 1:
-                    load += _share_of_corner(press, corner_in(q, i, ctx)) * press.load * ctx.step.inverse_square
-        return load
+                    load += _share_of_corner(press.weights, corner_in(q, i, ctx), least) * press.load
+        return load * ctx.step.inverse_square
 
     @wp.func
     def hold_pinched(i: int, ctx: Context):
@@ -156,38 +176,63 @@ def make_hold_pinched(features: Features):
         if x[3] > 0.0:
             for c in range(ctx.colliders.shape[0]):
                 if ctx.colliders[c].squeeze > 0.0 and ctx.colliders[c].opposite - 1 > c and load == 0.0:
-                    load = stuck_load(i, c, ctx)
+                    load = load_on(i, c, was, ctx)
                     number = c + 1
         if load == 0.0:
-            if was[3] > 0.0:
+            if was[3] != 0.0:
                 store_row(ctx.state.contact.pinch_places, g, wp.vec4(0.0))
             return
         sweep = ctx.state.contact.sweeps[ctx.sweep + number - 1]
-        pull = load_row(ctx.state.contact.pinch_pulls, g)
-        if int(was[3]) != number:
+        pull = xyz(load_row(ctx.state.contact.pinch_pulls, g))
+        if int(wp.abs(was[3])) != number:
             off = (xyz(x) - (sweep.position - sweep.motion)) + xyz(load4(ctx.position_lo, i))
             was = pack((sweep.to_local - sweep.turn) * off, float(number))
             store_row(ctx.state.contact.pinch_places, g, was)
-            pull = wp.vec4(0.0)
-        store_row(ctx.state.contact.pinch_pulls, g, pack(xyz(pull), load))
+            pull = wp.vec3(0.0)
+        store_row(ctx.state.contact.pinch_pulls, g, pack(pull, load))
         give = firm_of(x[3], ctx)
-        store4(ctx.p, i, held_pull(load4(ctx.p, i), limited_pull(xyz(pull), give, ctx), give, _way_to(was, x, sweep), ctx))
+        way, pull = _way_to(was, x, sweep), limited_pull(pull, give, ctx)
+        if was[3] < 0.0:
+            give = was[0]
+            way, pull = _way_with(xyz(x), xyz(load4(ctx.position_lo, i)), sweep), wp.vec3(0.0)
+        store4(ctx.p, i, held_pull(load4(ctx.p, i), pull, give, way, ctx))
 
     return hold_pinched
 
 
 def make_feel_pinched(features: Features):
-    """Return the stage before particle i arrives: the force of the hold, and if friction bears it."""
+    """Return the stage before particle i arrives: the force of its hold or friction, and if it sticks or slides next."""
 
     @wp.func
-    def let_slide(i: int, c: int, ctx: Context):
-        store_row(ctx.state.contact.pinch_places, ctx.body.particles + i, wp.vec4(0.0))
-        if wp.static(features.surface):
-            slot = ctx.body.particles + i
-            for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
-                entry = ctx.model.particle_panels[place] * ctx.colliders.shape[0]
-                ctx.state.contact.presses[entry + c].stuck = wp.vec3(0.0)
-                ctx.state.contact.presses[entry + ctx.colliders[c].opposite - 1].stuck = wp.vec3(0.0)
+    def feel_held(i: int, c: int, place: wp.vec4, ctx: Context) -> wp.vec3:
+        """Return the force of the hold [N]; the particle slides next if friction does not bear it."""
+        g, sweep, x = ctx.body.particles + i, ctx.state.contact.sweeps[ctx.sweep + c], load4(ctx.x, i)
+        held, give = load_row(ctx.state.contact.pinch_pulls, g), firm_of(x[3], ctx)
+        missing = _way_to(place, x, sweep) - xyz(load4(ctx.d, i))
+        pull = limited_pull(xyz(held), give, ctx) + missing / give
+        rubs = _slip_across(pull, across(c, ctx))
+        mu = wp.sqrt(ctx.material.static_friction * ctx.colliders[c].static_friction)
+        if wp.length(rubs) > 2.0 * mu * held[3]:
+            mu = wp.sqrt(ctx.material.kinetic_friction * ctx.colliders[c].kinetic_friction)
+            give *= wp.length(rubs) / (2.0 * mu * held[3])
+            store_row(ctx.state.contact.pinch_places, g, wp.vec4(give, 0.0, 0.0, -place[3]))
+        store_row(ctx.state.contact.pinch_pulls, g, pack(pull, held[3]))
+        return pull
+
+    @wp.func
+    def feel_sliding(i: int, c: int, give: float, ctx: Context) -> wp.vec3:
+        """Return the friction [N]; the particle sticks next where its slip is that of a hold."""
+        g, sweep, x = ctx.body.particles + i, ctx.state.contact.sweeps[ctx.sweep + c], load4(ctx.x, i)
+        held, d = load_row(ctx.state.contact.pinch_pulls, g), xyz(load4(ctx.d, i))
+        missing = _way_with(xyz(x), xyz(load4(ctx.position_lo, i)), sweep) - d
+        mu = wp.sqrt(ctx.material.kinetic_friction * ctx.colliders[c].kinetic_friction)
+        next = wp.length(_slip_across(missing, across(c, ctx))) / wp.max(2.0 * mu * held[3], 1.0e-20)
+        place = wp.vec4(next, 0.0, 0.0, -float(c + 1))
+        if next <= firm_of(x[3], ctx):
+            place = pack(sweep.to_local * ((xyz(x) - sweep.position) + d), float(c + 1))
+        store_row(ctx.state.contact.pinch_places, g, place)
+        store_row(ctx.state.contact.pinch_pulls, g, pack(missing / give, held[3]))
+        return missing / give
 
     @wp.func
     def feel_pinched(i: int, ctx: Context):
@@ -197,27 +242,25 @@ def make_feel_pinched(features: Features):
         place = load_row(ctx.state.contact.pinch_places, g)
         if place[3] == 0.0:
             return
-        c = int(place[3]) - 1
-        other = ctx.colliders[c].opposite - 1
-        sweep, x = ctx.state.contact.sweeps[ctx.sweep + c], load4(ctx.x, i)
-        held, give = load_row(ctx.state.contact.pinch_pulls, g), firm_of(x[3], ctx)
-        missing = _way_to(place, x, sweep) - xyz(load4(ctx.d, i))
-        pull = limited_pull(xyz(held), give, ctx) + missing / give
-        store_row(ctx.state.contact.pinch_pulls, g, pack(pull, held[3]))
-        across = wp.normalize(ctx.state.contact.sweeps[ctx.sweep + other].position - sweep.position)
-        first, second = held[3] * across, -held[3] * across
-        sticks = bool(True)
-        mu = wp.sqrt(ctx.material.static_friction * ctx.colliders[c].static_friction)
-        if wp.length(pull - wp.dot(pull, across) * across) > 2.0 * mu * held[3]:
-            sticks = False
-            let_slide(i, c, ctx)
-        if touch_of(i, c, ctx) == float(ctx.substep + 1):
-            touch = float(ctx.substep + 2) * wp.where(sticks, 1.0, -1.0)
-            _set_touch(i, c, touch, ctx)
-            _set_touch(i, other, touch, ctx)
+        c = int(wp.abs(place[3])) - 1
+        other, load = ctx.colliders[c].opposite - 1, load_row(ctx.state.contact.pinch_pulls, g)[3]
+        pull = wp.vec3(0.0)
+        if place[3] > 0.0:
+            pull = feel_held(i, c, place, ctx)
+        else:
+            pull = feel_sliding(i, c, place[0], ctx)
+        first = load * across(c, ctx)
+        second = -first
+        if touch_of(i, c, ctx) >= float(ctx.substep + 1):
+            note_squeezed(c, ctx)
+            note_squeezed(other, ctx)
+            if place[3] > 0.0:  # contact does not touch what is held
+                _set_touch(i, c, ctx)
+                _set_touch(i, other, ctx)
         elif wp.static(features.surface):
-            first = ctx.step.inverse_square * load_of(i, c, ctx)
-            second = ctx.step.inverse_square * load_of(i, other, ctx)
+            first, second = load_of(i, c, ctx), load_of(i, other, ctx)
+            if place[3] < 0.0:  # others have it
+                first, second = wp.vec3(0.0), wp.vec3(0.0)
         _add_force(i, c, 0.5 * pull + first, ctx)
         _add_force(i, other, 0.5 * pull + second, ctx)
 

@@ -187,12 +187,12 @@ def make_press_on(features: Features):
         touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness + slack, apart)
         gap, load = touching[3] + slack, float(0.0)
         if squeezed:
-            squeezed = is_between(xyz(touching), collider, sweep, ctx)
+            squeezed = is_between(xyz(touching), entry % ctx.colliders.shape[0], ctx)
         if gap >= -NOISE and not squeezed:  # its corners are outside; the rest may be rounding
             return press
         if squeezed:
             gap += depth_before_middle(collider, thickness)
-            load = load_on_facet(corners, entry % ctx.colliders.shape[0], points_of(corners, ctx), ctx)
+            load = load_on_facet(entry % ctx.colliders.shape[0], points_of(corners, ctx), ctx)
         before = wp.vec4(0.0)
         if last.when == ctx.substep:
             before = last.so_far
@@ -209,11 +209,11 @@ def make_press_on(features: Features):
             press.anchor = point_of(facet, weights) - slip
         # Friction acts at the point where the slip is measured.
         press.rubbed = press.stuck
-        w_rubbed = wp.where(squeezed, 2.0 * _SQUEEZED, 1.0) * yielding(corners, press.rubbed, ctx)  # both rub
+        w_rubbed = yielding(corners, press.rubbed, ctx)
         slid = point_of(facet, press.stuck) - press.anchor
         slid -= wp.dot(slid, n) * n
         rubbed_before = w_rubbed * (xyz(before) - wp.dot(xyz(before), n) * n)
-        rubbed = friction_correction(slid, rubbed_before, w_rubbed * (pressed + load), mu_s, mu_k)
+        rubbed = friction_correction(slid, rubbed_before, w_rubbed * pressed, mu_s, mu_k)
         if wp.length_sq(rubbed - (rubbed_before - slid)) > 0.0:
             press.stuck = wp.vec3(0.0)
         press.weights = weights
@@ -322,16 +322,15 @@ def make_yield(features: Features):
         push = Push()
         c = next_of(-1, met.near, False)
         while c < ctx.colliders.shape[0]:
+            if wp.static(features.pinches):
+                if ctx.colliders[c].squeeze > 0.0 and ctx.step.first:
+                    add_force(met.forces, met.slot * ctx.colliders.shape[0] + c, load_of(i, c, ctx) / float(ctx.frame.substeps))
             correction = w * wanted_of(i, c, ctx)
             if wp.length_sq(correction) > 0.0:
                 displacement += correction
                 last = c
                 entry = met.slot * ctx.colliders.shape[0] + c
-                force = correction / w
-                if wp.static(features.pinches):
-                    if ctx.colliders[c].squeeze > 0.0 and ctx.step.first:
-                        force += load_of(i, c, ctx)
-                add_force(met.forces, entry, met.share * force)
+                add_force(met.forces, entry, (met.share / w) * correction)
                 touched = True
                 if wp.static(features.order == 2):
                     n = normal_at(i, c, ctx)
@@ -345,7 +344,6 @@ def make_yield(features: Features):
                 add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
             # Its facets may have moved the particle into a collider, so its own contact acts last.
             met.carries = False
-            met.begins = False
             touch(i, met, ctx, 0.0)
             if wp.static(features.supported):
                 by = (CARRIED * ctx.step.inverse_square) * (xyz(load4(ctx.d, i)) - xyz(packed))
