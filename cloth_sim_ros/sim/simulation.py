@@ -577,6 +577,14 @@ class Simulation:
         """
         self._live.squeeze(name, load, gap, world)
 
+    def is_squeezing(self, name: str, world: int = 0) -> bool:
+        """True if a collider and its opposite one squeezed anything in the last frame, see `squeeze`."""
+        return self._live.is_squeezing(name, world)
+
+    def thinnest(self, world: int = 0) -> float:
+        """Least thickness, or radius, of the objects [m]."""
+        return self._live.thinnest(world)
+
     def add_collider(self, name: str, collider: Collider) -> None:
         """Add a collider of one of SPARE_SHAPES in all worlds, from the next frame on.
 

@@ -59,6 +59,16 @@ class Live:
         squeezes = (bodies.colliders.mirrors()["rows"]["squeeze"] > 0.0).any(axis=1)
         bodies.frame.write(0, None, squeezes=squeezes)
 
+    def is_squeezing(self, name: str, world: int) -> bool:
+        """See Simulation.is_squeezing."""
+        row, colliders = self._bodies.collider_row[name], self._bodies.colliders.array.shape[1]
+        rows = [batch.states["squeezed_in"].numpy()[world, row::colliders] for batch in self._bodies.batches]
+        return any(found.any() for found in rows)
+
+    def thinnest(self, world: int) -> float:
+        """See Simulation.thinnest."""
+        return min(float(batch.materials.mirrors()["rows"]["thickness"][world].min()) for batch in self._bodies.batches)
+
     def add_collider(self, name: str, collider: Collider) -> None:
         """See Simulation.add_collider."""
         bodies, named = self._bodies, self._bodies.scene

@@ -87,14 +87,16 @@ class GripperDriver:
     """Drives the fingers of a gripper called `name` in one world of a simulation: `advance` before each step.
 
     opening [m]: current gap between the fingers. speed [m/s]: its last rate of change. felt [N]: force of each finger
-    in the last frame. gripper: its pose and targets. load [N]: on each point between closed fingers, beyond its depth
-    over the compliance, which ends at the thickness of what is pinched.
+    in the last frame. gripper: its pose and targets. load [N]: with which the fingers squeeze each point that both
+    touch. squeezes: True if there were any in the last frame.
     """
 
     def __init__(self, name: str, gripper: Gripper) -> None:
         self.name, self.gripper = name, gripper
         self.opening, self.speed, self.felt = gripper.opening, 0.0, 0.0
-        self.load, self._free, self._points, self._missed = 0.0, 0.0, 1.0, 0  # free: force without a load [N]
+        self.load, self.squeezes = 0.0, False
+        self._least = 0.0  # the opening at which the fingers are closed on the thinnest object [m]
+        self._missed = 0  # frames in which closed fingers missed their force
         self._step = 0.0  # of the opening in the last frame [m]
         self._touched = gripper.opening  # the opening at which the fingers touch what is between them [m]
         self._stiffness = 0.0  # how much the force grows as they close from there [N/m]; 0 is not known
@@ -124,16 +126,17 @@ class GripperDriver:
         along = rotate(self.gripper.orientation, np.array([(0.0, 1.0, 0.0)]))[0]
         loads = {side: sim.wrench(f"{self.name}_{side}", world)[0] @ along for side in SIDES}
         self.felt = 0.5 * float(sum(way * loads[side] for side, way in SIDES.items()))
+        self.squeezes, self._least = sim.is_squeezing(f"{self.name}_left", world), sim.thinnest(world)
         return self.felt
 
     def poses(self, frame_dt: float) -> dict[str, Pose]:
         """Name of each finger's collider -> wanted pose at the end of the next frame, of length `frame_dt` [s]."""
         most = self.gripper.speed * frame_dt
         self._set_load()
-        wanted = self.gripper.force > 0.0
-        step = float(np.clip(self._wanted() - self.opening, -most, most))
         before = self.opening
-        self.opening = float(np.clip(self.opening + step, self.least if wanted else 0.0, self.gripper.max_opening))
+        step = float(np.clip(self._wanted() - before, -most, most))
+        least = min(self._least, before) if self.gripper.force > 0.0 else 0.0
+        self.opening = float(np.clip(before + step, least, self.gripper.max_opening))
         self._step = self.opening - before
         self.speed = self._step / frame_dt
         return self.places()
@@ -148,36 +151,29 @@ class GripperDriver:
         Openings that a force belongs to are those in the middle of a frame, as forces are means over one.
         """
         at, wanted = self.opening - 0.5 * self._step, self.gripper.force
-        if self.load > 0.0:
-            self._before = None
-            return self.least
         if wanted <= 0.0:
             self._touched, self._stiffness, self._before = self.opening, 0.0, None
             return self.gripper.opening
+        if self.squeezes:
+            self._before = None
+            return self.opening
         if self.felt <= _LOOSE * wanted:
             self._touched, self._before = min(self._touched, at), None
             self._stiffness *= _FORGETS  # what it held may be gone
         else:
             self._find_line(at)
-        goal = self._touched - wanted / self._stiffness if self._stiffness > 0.0 else self.least
+        goal = self._touched - wanted / self._stiffness if self._stiffness > 0.0 else self._least
         return self.opening + _SHARE * (goal - self.opening) if self._stiffness > 0.0 else goal
 
-    least = 0.00015
     def _set_load(self) -> None:
-        """Find the load on each point with which closed fingers would press as hard as they are to.
-
-        The force grows evenly with the load, by the number of points.
-        """
-        wanted, is_shut = self.gripper.force, self.opening == self.least and self._step == 0.0
-        if self.load == 0.0:
-            self._free = self.felt
-        elif self.felt > self._free:
-            self._points = max((self.felt - self._free) / self.load, _FEWEST)
-        more = self.load
-        if self.load == 0.0 or self.felt > _LOOSE * wanted:
-            more += (wanted - self.felt) / self._points
-        self.load = min(max(more, 0.0), wanted / _FEWEST) if is_shut else 0.0
-        self._missed = self._missed + 1 if is_shut and self.felt < (1.0 - _TOLD) * wanted else 0
+        """Find the load on each point between the fingers; the force grows evenly with it, by the number of points."""
+        wanted = self.gripper.force
+        if not self.squeezes or wanted == 0.0:
+            self.load = wanted / _MANY
+        elif self.felt > _LOOSE * wanted:
+            self.load *= wanted / self.felt
+        is_missed = self.opening == self._least and self._step == 0.0 and self.felt < (1.0 - _TOLD) * wanted
+        self._missed = self._missed + 1 if is_missed else 0
         if self._missed == _PATIENCE:
             _LOG.warning("%s", self.shortfall)
 

@@ -89,9 +89,20 @@ def note_squeezed(c: int, ctx: Context):
 @wp.func
 def load_on_facet(c: int, points: float, ctx: Context) -> float:
     """Return the load [kg m] on a facet of so many points that collider c squeezes; 0 if particles have it."""
-    if ctx.state.contact.squeezed_in[ctx.body.index * ctx.colliders.shape[0] + c] > ctx.substep:
+    place = ctx.body.index * ctx.colliders.shape[0] + c
+    if ctx.state.contact.squeezed_in[place] > ctx.substep:
         return 0.0
+    ctx.state.contact.squeezed_in[place] = -1
     return ctx.colliders[c].squeeze * points / ctx.step.inverse_square
+
+
+@wp.func
+def holds_a_corner(corners: wp.vec3i, ctx: Context) -> bool:
+    """Return True if a pinch holds or brakes a corner of a facet."""
+    held = bool(False)
+    for k in range(3):
+        held = held or ctx.state.contact.pinch_places[ctx.body.particles + corners[k]][3] != 0.0
+    return held
 
 
 @wp.func
@@ -103,11 +114,12 @@ def corner_in(q: int, i: int, ctx: Context) -> int:
 
 @wp.func
 def load_of(i: int, c: int, ctx: Context) -> wp.vec3:
-    """Return the load [N] by which collider c squeezes the facets around particle i."""
+    """Return the load [N] by which collider c squeezes the facets around particle i; its opposite one has as much."""
     sum, slot = float(0.0), ctx.body.particles + i
+    first = wp.min(c, ctx.colliders[c].opposite - 1)
     for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
         q = ctx.model.particle_panels[place]
-        press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
+        press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + first]
         if press.when == ctx.substep:
             sum += press.weights[corner_in(q, i, ctx)] * press.load
     return (ctx.step.inverse_square * sum) * across(c, ctx)
@@ -258,7 +270,8 @@ def make_feel_pinched(features: Features):
                 _set_touch(i, c, ctx)
                 _set_touch(i, other, ctx)
         elif wp.static(features.surface):
-            first, second = load_of(i, c, ctx), load_of(i, other, ctx)
+            first = load_of(i, c, ctx)
+            second = -first
             if place[3] < 0.0:  # others have it
                 first, second = wp.vec3(0.0), wp.vec3(0.0)
         _add_force(i, c, 0.5 * pull + first, ctx)

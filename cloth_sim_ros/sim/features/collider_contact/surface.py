@@ -49,6 +49,7 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
 )
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
+    holds_a_corner,
     is_between,
     is_facet_squeezed,
     load_of,
@@ -188,6 +189,10 @@ def make_press_on(features: Features):
         gap, load = touching[3] + slack, float(0.0)
         if squeezed:
             squeezed = is_between(xyz(touching), entry % ctx.colliders.shape[0], ctx)
+        if wp.static(features.pinches):
+            # A pinch holds its corner: next to it, the way out of a collider could as well be its side.
+            if collider.squeeze > 0.0 and holds_a_corner(corners, ctx):
+                gap = 0.0
         if gap >= -NOISE and not squeezed:  # its corners are outside; the rest may be rounding
             return press
         if squeezed:
