@@ -16,10 +16,12 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
-from cloth_sim_ros.sim.features.grasp.hold import firm_of, held_pull, limited_pull
+from cloth_sim_ros.sim.features.grasp.hold import HELD, firm_of, held_pull, limited_pull
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 
 _FACING = wp.constant(0.7)  # least cosine of the angle of a normal from the way to the opposite collider
+# Ratio of the compliance with which a particle begins to slide to that of a hold, to which it falls before it sticks.
+_LOOSENS = wp.constant(10.0)
 _CORNER_SHARE = wp.constant(0.25)  # least barycentric weight of a corner that is held for its facet
 
 
@@ -226,7 +228,7 @@ def make_feel_pinched(features: Features):
         mu = wp.sqrt(ctx.material.static_friction * ctx.colliders[c].static_friction)
         if wp.length(rubs) > 2.0 * mu * held[3]:
             mu = wp.sqrt(ctx.material.kinetic_friction * ctx.colliders[c].kinetic_friction)
-            give *= wp.length(rubs) / (2.0 * mu * held[3])
+            give *= _LOOSENS * wp.length(rubs) / (2.0 * mu * held[3])
             store_row(ctx.state.contact.pinch_places, g, wp.vec4(give, 0.0, 0.0, -place[3]))
         store_row(ctx.state.contact.pinch_pulls, g, pack(pull, held[3]))
         return pull
@@ -239,6 +241,7 @@ def make_feel_pinched(features: Features):
         missing = _way_with(xyz(x), xyz(load4(ctx.position_lo, i)), sweep) - d
         mu = wp.sqrt(ctx.material.kinetic_friction * ctx.colliders[c].kinetic_friction)
         next = wp.length(_slip_across(missing, across(c, ctx))) / wp.max(2.0 * mu * held[3], 1.0e-20)
+        next = wp.sqrt(give * next)  # half the way on a logarithmic scale, or it would swing
         place = wp.vec4(next, 0.0, 0.0, -float(c + 1))
         if next <= firm_of(x[3], ctx):
             place = pack(sweep.to_local * ((xyz(x) - sweep.position) + d), float(c + 1))
@@ -263,17 +266,18 @@ def make_feel_pinched(features: Features):
             pull = feel_sliding(i, c, place[0], ctx)
         first = load * across(c, ctx)
         second = -first
+        is_held = load4(ctx.d, i)[3] <= wp.static(HELD) * load4(ctx.x, i)[3]  # contact does not touch it then
         if touch_of(i, c, ctx) >= float(ctx.substep + 1):
             note_squeezed(c, ctx)
             note_squeezed(other, ctx)
-            if place[3] > 0.0:  # contact does not touch what is held
+            if is_held:
                 _set_touch(i, c, ctx)
                 _set_touch(i, other, ctx)
         elif wp.static(features.surface):
             first = load_of(i, c, ctx)
+            if not is_held:  # facets give it the load
+                first = wp.vec3(0.0)
             second = -first
-            if place[3] < 0.0:  # others have it
-                first, second = wp.vec3(0.0), wp.vec3(0.0)
         _add_force(i, c, 0.5 * pull + first, ctx)
         _add_force(i, other, 0.5 * pull + second, ctx)
 
