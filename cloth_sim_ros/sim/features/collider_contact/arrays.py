@@ -94,7 +94,7 @@ class ContactState:
         dtype=wp.uint64
     )  # (B K/64,) bits of the colliders that a body may touch in this frame, see broad_phase.py
     squeezed_in: wp.array(dtype=int)  # (K B,) 2 + the last substep in which a collider squeezed particles; -1: facets
-    pinch_places: wp.array(dtype=wp.vec4)  # (N,) place in the axes of the collider that holds it [m], 1 + its number
+    pinch_places: wp.array(dtype=wp.vec4)  # (N,) place between the colliders that hold it [m], see pinch.py
     pinch_pulls: wp.array(dtype=wp.vec4)  # (N,) force of the hold in the last substep, and load of each side [N]
     extents: wp.array(dtype=float)  # (8 B,)
     boxes: wp.array(dtype=wp.vec4)  # (2 B,)

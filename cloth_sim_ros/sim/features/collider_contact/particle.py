@@ -10,6 +10,7 @@ from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
+    brakes,
     depth_before_middle,
     is_between,
     is_squeezed,
@@ -295,6 +296,8 @@ def make_touch(features: Features):
                     tangential = slip - wp.dot(slip, n) * n
                     mu_s = wp.sqrt(material.static_friction * collider.static_friction)
                     mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
+                    if squeezed and brakes(i, ctx):
+                        mu_s, mu_k = 0.0, 0.0
                     after = pressed * n + friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
                     displacement += wp.transpose(sweep.to_local) * (after - before)
                     # The carried correction acts in this substep, as the added one does.

@@ -42,6 +42,16 @@ def across(c: int, ctx: Context) -> wp.vec3:
 
 
 @wp.func
+def _middle_of(c: int, ctx: Context) -> Sweep:
+    """Return the motion of the point halfway between collider c and its opposite one; it turns as c does."""
+    sweep = ctx.state.contact.sweeps[ctx.sweep + c]
+    opposite = ctx.state.contact.sweeps[ctx.sweep + ctx.colliders[c].opposite - 1]
+    sweep.position = 0.5 * (sweep.position + opposite.position)
+    sweep.motion = 0.5 * (sweep.motion + opposite.motion)
+    return sweep
+
+
+@wp.func
 def is_between(normal: wp.vec3, c: int, ctx: Context) -> bool:
     """Return True if a local normal of collider c points to its opposite one."""
     return wp.dot(normal, ctx.state.contact.sweeps[ctx.sweep + c].to_local * across(c, ctx)) > _FACING
@@ -63,6 +73,19 @@ def touch_of(i: int, c: int, ctx: Context) -> float:
 def _set_touch(i: int, c: int, ctx: Context):
     entry = (ctx.body.particles + i) * ctx.colliders.shape[0] + c
     store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0, 0.0, 0.0, float(ctx.substep + 2)))
+
+
+@wp.func
+def _pressed_on(i: int, c: int, ctx: Context) -> float:
+    """Return the force [N] with which contact pushes a sliding particle out of collider c in this substep."""
+    pushed = load_row(ctx.state.contact.contacts, (ctx.body.particles + i) * ctx.colliders.shape[0] + c)
+    return wp.length(xyz(pushed)) * ctx.step.inverse_square / load4(ctx.d, i)[3]
+
+
+@wp.func
+def brakes(i: int, ctx: Context) -> bool:
+    """Return True if the friction of a pinch acts on particle i already."""
+    return ctx.state.contact.pinch_places[ctx.body.particles + i][3] != 0.0
 
 
 @wp.func
@@ -147,7 +170,7 @@ def _add_force(i: int, c: int, force: wp.vec3, ctx: Context):
 
 @wp.func
 def _way_to(place: wp.vec4, x: wp.vec4, sweep: Sweep) -> wp.vec3:
-    """Return the vector from a particle at x to its place in a collider's axes at the end of the substep [m]."""
+    """Return the vector from a particle at x to its place between two colliders at the end of the substep [m]."""
     return (sweep.position - xyz(x)) + wp.transpose(sweep.to_local) * xyz(place)
 
 
@@ -196,7 +219,7 @@ def make_hold_pinched(features: Features):
             if was[3] != 0.0:
                 store_row(ctx.state.contact.pinch_places, g, wp.vec4(0.0))
             return
-        sweep = ctx.state.contact.sweeps[ctx.sweep + number - 1]
+        sweep = _middle_of(number - 1, ctx)
         pull = xyz(load_row(ctx.state.contact.pinch_pulls, g))
         if int(wp.abs(was[3])) != number:
             off = (xyz(x) - (sweep.position - sweep.motion)) + xyz(load4(ctx.position_lo, i))
@@ -220,7 +243,7 @@ def make_feel_pinched(features: Features):
     @wp.func
     def feel_held(i: int, c: int, place: wp.vec4, ctx: Context) -> wp.vec3:
         """Return the force of the hold [N]; the particle slides next if friction does not bear it."""
-        g, sweep, x = ctx.body.particles + i, ctx.state.contact.sweeps[ctx.sweep + c], load4(ctx.x, i)
+        g, sweep, x = ctx.body.particles + i, _middle_of(c, ctx), load4(ctx.x, i)
         held, give = load_row(ctx.state.contact.pinch_pulls, g), firm_of(x[3], ctx)
         missing = _way_to(place, x, sweep) - xyz(load4(ctx.d, i))
         pull = limited_pull(xyz(held), give, ctx) + missing / give
@@ -236,11 +259,12 @@ def make_feel_pinched(features: Features):
     @wp.func
     def feel_sliding(i: int, c: int, give: float, ctx: Context) -> wp.vec3:
         """Return the friction [N]; the particle sticks next where its slip is that of a hold."""
-        g, sweep, x = ctx.body.particles + i, ctx.state.contact.sweeps[ctx.sweep + c], load4(ctx.x, i)
+        g, sweep, x = ctx.body.particles + i, _middle_of(c, ctx), load4(ctx.x, i)
         held, d = load_row(ctx.state.contact.pinch_pulls, g), xyz(load4(ctx.d, i))
         missing = _way_with(xyz(x), xyz(load4(ctx.position_lo, i)), sweep) - d
         mu = wp.sqrt(ctx.material.kinetic_friction * ctx.colliders[c].kinetic_friction)
-        next = wp.length(_slip_across(missing, across(c, ctx))) / wp.max(2.0 * mu * held[3], 1.0e-20)
+        pressed = 2.0 * held[3] + _pressed_on(i, c, ctx) + _pressed_on(i, ctx.colliders[c].opposite - 1, ctx)
+        next = wp.length(_slip_across(missing, across(c, ctx))) / wp.max(mu * pressed, 1.0e-20)
         next = wp.sqrt(give * next)  # half the way on a logarithmic scale, or it would swing
         place = wp.vec4(next, 0.0, 0.0, -float(c + 1))
         if next <= firm_of(x[3], ctx):
