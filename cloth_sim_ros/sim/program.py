@@ -31,7 +31,7 @@ from cloth_sim_ros.sim.features.collider_contact.arrays import SWEPT
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import list_colliders, make_forget_contacts, measure_extent
 from cloth_sim_ros.sim.features.collider_contact.facet_clamp import make_facet_clamp, make_give_up_way
 from cloth_sim_ros.sim.features.collider_contact.particle import make_contact, make_met_in
-from cloth_sim_ros.sim.features.collider_contact.pinch import make_feel_pinched, make_hold_pinched
+from cloth_sim_ros.sim.features.collider_contact.pinch_hold import make_feel_pinched, make_hold_pinched
 from cloth_sim_ros.sim.features.collider_contact.surface import make_carry_presses, make_press, make_yield
 from cloth_sim_ros.sim.features.collider_contact.sweep import sweep_collider
 from cloth_sim_ros.sim.features.fault_recovery import find_fault, make_count, make_settle

@@ -26,7 +26,7 @@ _LOOSE = 0.01  # fraction of the wanted force below which the fingers count as n
 _MANY = 64  # number of points of contact that bounds the stiffness
 _SHARE = 0.5  # fraction of the way to the opening with the wanted force that the fingers go in a frame
 _TOLD = 0.05  # relative change of the force from which the opening of first contact can be found
-_FEWEST = 0.05  # number of points of contact that bounds the load on each
+_FEWEST = 0.05  # number of points of contact from which the load on each can be found
 _PATIENCE = 20  # frames in which the fingers miss their force before the log says so
 _FORGETS = 0.8  # factor of the known stiffness after a frame in which the fingers touch nothing
 
@@ -71,7 +71,9 @@ class Gripper:
         others = [f"{name}_{side}" for side in reversed(SIDES)]
         half = tuple(0.5 * edge for edge in self.finger_size)
         return {
-            f"{name}_{side}": Box(half_extents=half, position=position, orientation=orientation, **shape, opposite=other)
+            f"{name}_{side}": Box(
+                half_extents=half, position=position, orientation=orientation, **shape, opposite=other
+            )
             for (side, (position, orientation)), other in zip(self.poses(self.opening).items(), others, strict=True)
         }
 
@@ -170,7 +172,7 @@ class GripperDriver:
         wanted = self.gripper.force
         if not self.squeezes or wanted == 0.0:
             self.load = wanted / _MANY
-        elif self.felt > _LOOSE * wanted:
+        elif self.felt > _FEWEST * self.load:
             self.load *= wanted / self.felt
         is_missed = self.opening == self._least and self._step == 0.0 and self.felt < (1.0 - _TOLD) * wanted
         self._missed = self._missed + 1 if is_missed else 0
@@ -183,7 +185,9 @@ class GripperDriver:
         if self._missed < _PATIENCE:
             return ""
         wanted = self.gripper.force
-        return f"{self.name} is closed and presses with {self.felt:.2g} of {wanted:g} N: too little is between its fingers"
+        return (
+            f"{self.name} is closed and presses with {self.felt:.2g} of {wanted:g} N: too little is between its fingers"
+        )
 
     def _find_line(self, at: float) -> None:
         """Fit the line by which the force grows from 0 at first contact to the force felt at an opening [m]."""

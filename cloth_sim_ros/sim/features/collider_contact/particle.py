@@ -10,11 +10,11 @@ from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
-    brakes,
     depth_before_middle,
     is_between,
-    is_squeezed,
+    make_is_squeezed,
     note_squeezed,
+    share_of_friction,
     slack_of,
 )
 from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of
@@ -231,7 +231,7 @@ def make_touch(features: Features):
     """
     meet, leave = make_ccd(features.shapes), _make_leave(features)
     carried_by, is_supported, let_go = _make_support(features)
-    least, thickness_for = least_mass(features), make_thickness_for(features)
+    least, thickness_for, is_squeezed = least_mass(features), make_thickness_for(features), make_is_squeezed(features)
 
     @wp.func
     def contact(i: int, met: Met, ctx: Context, width: float) -> int:
@@ -277,28 +277,25 @@ def make_touch(features: Features):
                 p = sweep.to_local * offset
                 # A thickness that grew just now was no overlap before.
                 apart = pace(collider, step) + (thickness - material.thickness)
-                squeezed, slack = bool(False), float(0.0)
-                if wp.static(features.pinches):
-                    squeezed = is_squeezed(i, collider, ctx)
-                    slack = slack_of(collider, squeezed)
+                squeezed = is_squeezed(i, collider, ctx)
+                slack = slack_of(collider, squeezed)
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness + slack, apart)
                 gap = touching[3] + slack
-                if squeezed:
-                    squeezed = is_between(xyz(touching), c, ctx)
+                squeezed = is_between(squeezed, xyz(touching), c, ctx)
                 if gap < 0.0 or squeezed or is_supported(before):
                     n = xyz(touching)
                     pressed = wp.dot(before, n)
-                    if squeezed:
-                        gap += depth_before_middle(collider, thickness)
-                        note_squeezed(c, ctx)
+                    gap += depth_before_middle(squeezed, collider, thickness)
+                    note_squeezed(squeezed, c, ctx)
                     rubbed_before = before - pressed * n
                     pressed += outward(gap, pressed, collider.compliance * step.inverse_square / w)
                     tangential = slip - wp.dot(slip, n) * n
                     mu_s = wp.sqrt(material.static_friction * collider.static_friction)
                     mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
-                    if squeezed and brakes(i, ctx):
-                        mu_s, mu_k = 0.0, 0.0
-                    after = pressed * n + friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
+                    rubs = share_of_friction(squeezed, i, ctx)
+                    after = pressed * n + friction_correction(
+                        tangential, rubbed_before, pressed, rubs * mu_s, rubs * mu_k
+                    )
                     displacement += wp.transpose(sweep.to_local) * (after - before)
                     # The carried correction acts in this substep, as the added one does.
                     pushed = wp.transpose(sweep.to_local) * wp.where(step.first, after, after - before)

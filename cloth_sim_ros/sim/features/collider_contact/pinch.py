@@ -16,13 +16,9 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
-from cloth_sim_ros.sim.features.grasp.hold import HELD, firm_of, held_pull, limited_pull
-from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
 
 _FACING = wp.constant(0.7)  # least cosine of the angle of a normal from the way to the opposite collider
-# Ratio of the compliance with which a particle begins to slide to that of a hold, to which it falls before it sticks.
-_LOOSENS = wp.constant(10.0)
-_CORNER_SHARE = wp.constant(0.25)  # least barycentric weight of a corner that is held for its facet
 
 
 @wp.func
@@ -42,7 +38,7 @@ def across(c: int, ctx: Context) -> wp.vec3:
 
 
 @wp.func
-def _middle_of(c: int, ctx: Context) -> Sweep:
+def middle_of(c: int, ctx: Context) -> Sweep:
     """Return the motion of the point halfway between collider c and its opposite one; it turns as c does."""
     sweep = ctx.state.contact.sweeps[ctx.sweep + c]
     opposite = ctx.state.contact.sweeps[ctx.sweep + ctx.colliders[c].opposite - 1]
@@ -52,15 +48,17 @@ def _middle_of(c: int, ctx: Context) -> Sweep:
 
 
 @wp.func
-def is_between(normal: wp.vec3, c: int, ctx: Context) -> bool:
-    """Return True if a local normal of collider c points to its opposite one."""
+def is_between(squeezed: bool, normal: wp.vec3, c: int, ctx: Context) -> bool:
+    """Return True if a point is squeezed, and the local normal of collider c there points to its opposite one."""
+    if not squeezed:
+        return False
     return wp.dot(normal, ctx.state.contact.sweeps[ctx.sweep + c].to_local * across(c, ctx)) > _FACING
 
 
 @wp.func
-def depth_before_middle(collider: ColliderMotion, thickness: float) -> float:
-    """Return how deep a surface in the middle between both lies in one of them [m]."""
-    return wp.max(thickness - collider.half_gap, 0.0)
+def depth_before_middle(squeezed: bool, collider: ColliderMotion, thickness: float) -> float:
+    """Return how deep what is squeezed, and lies in the middle, is in a collider [m]."""
+    return wp.where(squeezed, wp.max(thickness - collider.half_gap, 0.0), 0.0)
 
 
 @wp.func
@@ -70,50 +68,67 @@ def touch_of(i: int, c: int, ctx: Context) -> float:
 
 
 @wp.func
-def _set_touch(i: int, c: int, ctx: Context):
+def set_touch(i: int, c: int, ctx: Context):
     entry = (ctx.body.particles + i) * ctx.colliders.shape[0] + c
     store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0, 0.0, 0.0, float(ctx.substep + 2)))
 
 
 @wp.func
-def _pressed_on(i: int, c: int, ctx: Context) -> float:
+def pressed_on(i: int, c: int, ctx: Context) -> float:
     """Return the force [N] with which contact pushes a sliding particle out of collider c in this substep."""
     pushed = load_row(ctx.state.contact.contacts, (ctx.body.particles + i) * ctx.colliders.shape[0] + c)
     return wp.length(xyz(pushed)) * ctx.step.inverse_square / load4(ctx.d, i)[3]
 
 
 @wp.func
-def brakes(i: int, ctx: Context) -> bool:
-    """Return True if the friction of a pinch acts on particle i already."""
-    return ctx.state.contact.pinch_places[ctx.body.particles + i][3] != 0.0
+def share_of_friction(squeezed: bool, i: int, ctx: Context) -> float:
+    """Return the share of friction that contact of particle i has: none if the pinch has it."""
+    if squeezed:
+        return wp.where(ctx.state.contact.pinch_places[ctx.body.particles + i][3] != 0.0, 0.0, 1.0)
+    return 1.0
 
 
-@wp.func
-def is_squeezed(i: int, collider: ColliderMotion, ctx: Context) -> bool:
-    """Return True if a collider and its opposite one squeeze particle i: that one touched it now or a substep ago."""
-    if collider.squeeze == 0.0:
+def make_is_squeezed(features: Features):
+    """Return a Warp function: True if a collider and its opposite one, which touched it now or a substep ago, squeeze
+    particle i.
+    """
+
+    @wp.func
+    def is_squeezed(i: int, collider: ColliderMotion, ctx: Context) -> bool:
+        if wp.static(features.pinches):
+            if collider.squeeze > 0.0:
+                return touch_of(i, collider.opposite - 1, ctx) > float(ctx.substep)
         return False
-    return touch_of(i, collider.opposite - 1, ctx) > float(ctx.substep)
+
+    return is_squeezed
 
 
-@wp.func
-def is_facet_squeezed(entry: int, collider: ColliderMotion, ctx: Context) -> bool:
-    """Return True if a collider and its opposite one squeeze the facet of the press `entry`, likewise."""
-    if collider.squeeze == 0.0:
+def make_is_facet_squeezed(features: Features):
+    """Return a Warp function: the same for the facet of the press `entry`."""
+
+    @wp.func
+    def is_squeezed(entry: int, collider: ColliderMotion, ctx: Context) -> bool:
+        if wp.static(features.pinches):
+            if collider.squeeze > 0.0:
+                first = entry - entry % ctx.colliders.shape[0]
+                return ctx.state.contact.presses[first + collider.opposite - 1].when >= ctx.substep - 1
         return False
-    first = entry - entry % ctx.colliders.shape[0]
-    return ctx.state.contact.presses[first + collider.opposite - 1].when >= ctx.substep - 1
+
+    return is_squeezed
 
 
 @wp.func
-def note_squeezed(c: int, ctx: Context):
-    """Note that collider c squeezes a particle of the body in this substep."""
-    ctx.state.contact.squeezed_in[ctx.body.index * ctx.colliders.shape[0] + c] = ctx.substep + 2
+def note_squeezed(squeezed: bool, c: int, ctx: Context):
+    """Note if collider c squeezes a particle of the body in this substep."""
+    if squeezed:
+        ctx.state.contact.squeezed_in[ctx.body.index * ctx.colliders.shape[0] + c] = ctx.substep + 2
 
 
 @wp.func
-def load_on_facet(c: int, points: float, ctx: Context) -> float:
+def load_on_facet(squeezed: bool, c: int, points: float, ctx: Context) -> float:
     """Return the load [kg m] on a facet of so many points that collider c squeezes; 0 if particles have it."""
+    if not squeezed:
+        return 0.0
     place = ctx.body.index * ctx.colliders.shape[0] + c
     if ctx.state.contact.squeezed_in[place] > ctx.substep:
         return 0.0
@@ -122,11 +137,12 @@ def load_on_facet(c: int, points: float, ctx: Context) -> float:
 
 
 @wp.func
-def holds_a_corner(corners: wp.vec3i, ctx: Context) -> bool:
-    """Return True if a pinch holds or brakes a corner of a facet."""
+def holds_a_corner(corners: wp.vec3i, collider: ColliderMotion, ctx: Context) -> bool:
+    """Return True if a pinch has a corner of a facet. Beside it, the way out of a collider may as well be its side."""
     held = bool(False)
-    for k in range(3):
-        held = held or ctx.state.contact.pinch_places[ctx.body.particles + corners[k]][3] != 0.0
+    if collider.squeeze > 0.0:
+        for k in range(3):
+            held = held or ctx.state.contact.pinch_places[ctx.body.particles + corners[k]][3] != 0.0
     return held
 
 
@@ -150,8 +166,20 @@ def load_of(i: int, c: int, ctx: Context) -> wp.vec3:
     return (ctx.step.inverse_square * sum) * across(c, ctx)
 
 
+def make_add_load(features: Features):
+    """Return a Warp function: it adds the load on the facets around particle i to the force of collider c."""
+
+    @wp.func
+    def add_load(i: int, c: int, ctx: Context):
+        if wp.static(features.pinches):
+            if ctx.colliders[c].squeeze > 0.0 and ctx.step.first:
+                add_force_of(i, c, load_of(i, c, ctx), ctx)
+
+    return add_load
+
+
 @wp.func
-def _share_of_corner(weights: wp.vec3, k: int, least: float) -> float:
+def share_of_corner(weights: wp.vec3, k: int, least: float) -> float:
     """Return the share of a facet's load that corner k bears; corners of less than the `least` weight bear none."""
     sum = float(0.0)
     for q in range(3):
@@ -161,148 +189,8 @@ def _share_of_corner(weights: wp.vec3, k: int, least: float) -> float:
 
 
 @wp.func
-def _add_force(i: int, c: int, force: wp.vec3, ctx: Context):
+def add_force_of(i: int, c: int, force: wp.vec3, ctx: Context):
     """Add a force of collider c on particle i [N] in this substep to the mean over the frame."""
     entry = (ctx.body.particles + i) * ctx.colliders.shape[0] + c
     row = load_row(ctx.state.contact.contact_forces, entry)
     store_row(ctx.state.contact.contact_forces, entry, row + pack(force / float(ctx.frame.substeps), 0.0))
-
-
-@wp.func
-def _way_to(place: wp.vec4, x: wp.vec4, sweep: Sweep) -> wp.vec3:
-    """Return the vector from a particle at x to its place between two colliders at the end of the substep [m]."""
-    return (sweep.position - xyz(x)) + wp.transpose(sweep.to_local) * xyz(place)
-
-
-@wp.func
-def _way_with(x: wp.vec3, lo: wp.vec3, sweep: Sweep) -> wp.vec3:
-    """Return the displacement [m] of a particle at x that moves as a collider does, with the low part lo of its place."""
-    return sweep.motion - wp.transpose(sweep.to_local) * (sweep.turn * ((x - sweep.position) + sweep.motion)) + lo
-
-
-@wp.func
-def _slip_across(slip: wp.vec3, n: wp.vec3) -> wp.vec3:
-    return slip - wp.dot(slip, n) * n
-
-
-def make_hold_pinched(features: Features):
-    """Return the stage after prediction: particle i is held between two colliders, or friction brakes it there."""
-
-    @wp.func
-    def load_on(i: int, c: int, was: wp.vec4, ctx: Context) -> float:
-        """Return the load on particle i between collider c and its opposite one [N]; 0 if they do not squeeze it."""
-        if wp.min(touch_of(i, c, ctx), touch_of(i, ctx.colliders[c].opposite - 1, ctx)) == float(ctx.substep + 1):
-            return ctx.colliders[c].squeeze
-        load = float(0.0)
-        if wp.static(features.surface):
-            slot, least = ctx.body.particles + i, wp.where(was[3] == 0.0, _CORNER_SHARE, 0.5 * _CORNER_SHARE)
-            for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
-                q = ctx.model.particle_panels[place]
-                press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
-                if press.when == ctx.substep - 1:
-                    load += _share_of_corner(press.weights, corner_in(q, i, ctx), least) * press.load
-        return load * ctx.step.inverse_square
-
-    @wp.func
-    def hold_pinched(i: int, ctx: Context):
-        if ctx.frame.squeezes == 0:
-            return
-        g, x = ctx.body.particles + i, load4(ctx.x, i)
-        was = load_row(ctx.state.contact.pinch_places, g)
-        number, load = int(0), float(0.0)
-        if x[3] > 0.0:
-            for c in range(ctx.colliders.shape[0]):
-                if ctx.colliders[c].squeeze > 0.0 and ctx.colliders[c].opposite - 1 > c and load == 0.0:
-                    load = load_on(i, c, was, ctx)
-                    number = c + 1
-        if load == 0.0:
-            if was[3] != 0.0:
-                store_row(ctx.state.contact.pinch_places, g, wp.vec4(0.0))
-            return
-        sweep = _middle_of(number - 1, ctx)
-        pull = xyz(load_row(ctx.state.contact.pinch_pulls, g))
-        if int(wp.abs(was[3])) != number:
-            off = (xyz(x) - (sweep.position - sweep.motion)) + xyz(load4(ctx.position_lo, i))
-            was = pack((sweep.to_local - sweep.turn) * off, float(number))
-            store_row(ctx.state.contact.pinch_places, g, was)
-            pull = wp.vec3(0.0)
-        store_row(ctx.state.contact.pinch_pulls, g, pack(pull, load))
-        give = firm_of(x[3], ctx)
-        way, pull = _way_to(was, x, sweep), limited_pull(pull, give, ctx)
-        if was[3] < 0.0:
-            give = was[0]
-            way, pull = _way_with(xyz(x), xyz(load4(ctx.position_lo, i)), sweep), wp.vec3(0.0)
-        store4(ctx.p, i, held_pull(load4(ctx.p, i), pull, give, way, ctx))
-
-    return hold_pinched
-
-
-def make_feel_pinched(features: Features):
-    """Return the stage before particle i arrives: the force of its hold or friction, and if it sticks or slides next."""
-
-    @wp.func
-    def feel_held(i: int, c: int, place: wp.vec4, ctx: Context) -> wp.vec3:
-        """Return the force of the hold [N]; the particle slides next if friction does not bear it."""
-        g, sweep, x = ctx.body.particles + i, _middle_of(c, ctx), load4(ctx.x, i)
-        held, give = load_row(ctx.state.contact.pinch_pulls, g), firm_of(x[3], ctx)
-        missing = _way_to(place, x, sweep) - xyz(load4(ctx.d, i))
-        pull = limited_pull(xyz(held), give, ctx) + missing / give
-        rubs = _slip_across(pull, across(c, ctx))
-        mu = wp.sqrt(ctx.material.static_friction * ctx.colliders[c].static_friction)
-        if wp.length(rubs) > 2.0 * mu * held[3]:
-            mu = wp.sqrt(ctx.material.kinetic_friction * ctx.colliders[c].kinetic_friction)
-            give *= _LOOSENS * wp.length(rubs) / (2.0 * mu * held[3])
-            store_row(ctx.state.contact.pinch_places, g, wp.vec4(give, 0.0, 0.0, -place[3]))
-        store_row(ctx.state.contact.pinch_pulls, g, pack(pull, held[3]))
-        return pull
-
-    @wp.func
-    def feel_sliding(i: int, c: int, give: float, ctx: Context) -> wp.vec3:
-        """Return the friction [N]; the particle sticks next where its slip is that of a hold."""
-        g, sweep, x = ctx.body.particles + i, _middle_of(c, ctx), load4(ctx.x, i)
-        held, d = load_row(ctx.state.contact.pinch_pulls, g), xyz(load4(ctx.d, i))
-        missing = _way_with(xyz(x), xyz(load4(ctx.position_lo, i)), sweep) - d
-        mu = wp.sqrt(ctx.material.kinetic_friction * ctx.colliders[c].kinetic_friction)
-        pressed = 2.0 * held[3] + _pressed_on(i, c, ctx) + _pressed_on(i, ctx.colliders[c].opposite - 1, ctx)
-        next = wp.length(_slip_across(missing, across(c, ctx))) / wp.max(mu * pressed, 1.0e-20)
-        next = wp.sqrt(give * next)  # half the way on a logarithmic scale, or it would swing
-        place = wp.vec4(next, 0.0, 0.0, -float(c + 1))
-        if next <= firm_of(x[3], ctx):
-            place = pack(sweep.to_local * ((xyz(x) - sweep.position) + d), float(c + 1))
-        store_row(ctx.state.contact.pinch_places, g, place)
-        store_row(ctx.state.contact.pinch_pulls, g, pack(missing / give, held[3]))
-        return missing / give
-
-    @wp.func
-    def feel_pinched(i: int, ctx: Context):
-        if ctx.frame.squeezes == 0:
-            return
-        g = ctx.body.particles + i
-        place = load_row(ctx.state.contact.pinch_places, g)
-        if place[3] == 0.0:
-            return
-        c = int(wp.abs(place[3])) - 1
-        other, load = ctx.colliders[c].opposite - 1, load_row(ctx.state.contact.pinch_pulls, g)[3]
-        pull = wp.vec3(0.0)
-        if place[3] > 0.0:
-            pull = feel_held(i, c, place, ctx)
-        else:
-            pull = feel_sliding(i, c, place[0], ctx)
-        first = load * across(c, ctx)
-        second = -first
-        is_held = load4(ctx.d, i)[3] <= wp.static(HELD) * load4(ctx.x, i)[3]  # contact does not touch it then
-        if touch_of(i, c, ctx) >= float(ctx.substep + 1):
-            note_squeezed(c, ctx)
-            note_squeezed(other, ctx)
-            if is_held:
-                _set_touch(i, c, ctx)
-                _set_touch(i, other, ctx)
-        elif wp.static(features.surface):
-            first = load_of(i, c, ctx)
-            if not is_held:  # facets give it the load
-                first = wp.vec3(0.0)
-            second = -first
-        _add_force(i, c, 0.5 * pull + first, ctx)
-        _add_force(i, other, 0.5 * pull + second, ctx)
-
-    return feel_pinched

@@ -51,9 +51,9 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
     holds_a_corner,
     is_between,
-    is_facet_squeezed,
-    load_of,
     load_on_facet,
+    make_add_load,
+    make_is_facet_squeezed,
     slack_of,
 )
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
@@ -165,7 +165,11 @@ def make_press_on(features: Features):
 
     A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
     """
-    meet, touched_in = make_ccd(features.shapes), make_touched_in(features)
+    meet, touched_in, is_squeezed = (
+        make_ccd(features.shapes),
+        make_touched_in(features),
+        make_is_facet_squeezed(features),
+    )
 
     @wp.func
     def press_on(
@@ -174,10 +178,8 @@ def make_press_on(features: Features):
         press = Press()
         facet = facet_of(corners, ctx, sweep)
         thickness = ctx.material.thickness
-        squeezed, slack = bool(False), float(0.0)
-        if wp.static(features.pinches):
-            squeezed = is_facet_squeezed(entry, collider, ctx)
-            slack = slack_of(collider, squeezed)
+        squeezed = is_squeezed(entry, collider, ctx)
+        slack = slack_of(collider, squeezed)
         weights = touched_in(facet, entry, collider, thickness + slack, ctx)
         w = wp.where(squeezed, _SQUEEZED, 1.0) * yielding(corners, weights, ctx)
         if wp.max(weights) == 0.0 or (wp.max(weights) > CORNER and not squeezed) or w == 0.0:
@@ -186,18 +188,12 @@ def make_press_on(features: Features):
         apart = pace(collider, ctx.step)
         p = point_of(facet, weights)
         touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness + slack, apart)
-        gap, load = touching[3] + slack, float(0.0)
-        if squeezed:
-            squeezed = is_between(xyz(touching), entry % ctx.colliders.shape[0], ctx)
-        if wp.static(features.pinches):
-            # A pinch holds its corner: next to it, the way out of a collider could as well be its side.
-            if collider.squeeze > 0.0 and holds_a_corner(corners, ctx):
-                gap = 0.0
+        c = entry % ctx.colliders.shape[0]
+        squeezed = is_between(squeezed, xyz(touching), c, ctx)
+        gap = wp.where(holds_a_corner(corners, collider, ctx), 0.0, touching[3] + slack)
         if gap >= -NOISE and not squeezed:  # its corners are outside; the rest may be rounding
             return press
-        if squeezed:
-            gap += depth_before_middle(collider, thickness)
-            load = load_on_facet(entry % ctx.colliders.shape[0], points_of(corners, ctx), ctx)
+        gap += depth_before_middle(squeezed, collider, thickness)
         before = wp.vec4(0.0)
         if last.when == ctx.substep:
             before = last.so_far
@@ -226,7 +222,7 @@ def make_press_on(features: Features):
         press.push = more * press.normal
         press.rub = wp.transpose(sweep.to_local) * ((rubbed - rubbed_before) / w_rubbed)
         press.so_far = pack(rubbed / w_rubbed, pressed)
-        press.load = load
+        press.load = load_on_facet(squeezed, c, points_of(corners, ctx), ctx)
         return press
 
     return press_on
@@ -309,7 +305,7 @@ def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
 
 def make_yield(features: Features):
     """Return the stage that moves particle i as its facets are pressed."""
-    least, touch = least_mass(features), make_touch(features)
+    least, touch, add_load = least_mass(features), make_touch(features), make_add_load(features)
 
     @wp.func
     def give_way(i: int, met: Met, ctx: Context):
@@ -327,9 +323,7 @@ def make_yield(features: Features):
         push = Push()
         c = next_of(-1, met.near, False)
         while c < ctx.colliders.shape[0]:
-            if wp.static(features.pinches):
-                if ctx.colliders[c].squeeze > 0.0 and ctx.step.first:
-                    add_force(met.forces, met.slot * ctx.colliders.shape[0] + c, load_of(i, c, ctx) / float(ctx.frame.substeps))
+            add_load(i, c, ctx)
             correction = w * wanted_of(i, c, ctx)
             if wp.length_sq(correction) > 0.0:
                 displacement += correction
