@@ -68,6 +68,19 @@ class Frame:
 
 
 @wp.struct
+class PathBends:
+    """How a path through a frame differs from the straight way, see physics/path.py; all 0 if it does not.
+
+    start, end [m], start_turn, end_turn [rad].
+    """
+
+    start: wp.vec3
+    end: wp.vec3
+    start_turn: wp.vec3
+    end_turn: wp.vec3
+
+
+@wp.struct
 class ColliderMotion:
     """One collider: shape, size, reach around its origin [m], friction, and poses at both ends of the frame.
 
@@ -89,6 +102,7 @@ class ColliderMotion:
     start_orientation: wp.quat
     end_position: wp.vec3
     end_orientation: wp.quat
+    bends: PathBends
     facets: int  # 1 if it can come between particles, so that facets are tested against it
     opposite: int
     squeeze: float
@@ -109,6 +123,7 @@ class HandleMotion:
     start_orientation: wp.quat
     end_position: wp.vec3
     end_orientation: wp.quat
+    bends: PathBends
 
 
 @wp.struct

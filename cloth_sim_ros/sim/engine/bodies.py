@@ -202,8 +202,8 @@ class Bodies:
     def advance(self) -> None:
         """Begin a frame: move colliders and handles to their wanted poses, and mark worlds in which any moves."""
         still = self.colliders.are_still and self.handles.are_still
-        self.colliders.advance()
-        self.handles.advance()
+        self.colliders.advance(self.settings.frame_dt)
+        self.handles.advance(self.settings.frame_dt)
         if not still:
             moves = self.colliders.moves() | self.handles.moves()
             if (moves != self.frame.read(0, None)["moves"]).any():

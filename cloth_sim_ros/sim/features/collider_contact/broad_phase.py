@@ -15,6 +15,7 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import EXTENT, WORD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, lowest_bit, pack, store_row, xyz
+from cloth_sim_ros.sim.physics.path import longest
 
 FEW = 8  # largest number of colliders without a list, which would cost as much as it saves
 _ALL = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
@@ -54,7 +55,8 @@ def moved_of(c: ColliderMotion, share: float) -> wp.vec2:
     q0 = c.start_orientation
     q1 = c.end_orientation
     apart = wp.min(wp.length(q1 - q0), wp.length(q1 + q0))
-    return wp.vec2(share * wp.length(c.end_position - c.start_position), share * _ARC * apart)
+    way = longest(wp.length(c.end_position - c.start_position), c.bends.start, c.bends.end)
+    return wp.vec2(share * way, share * longest(_ARC * apart, c.bends.start_turn, c.bends.end_turn))
 
 
 def make_near_of(listed: bool):

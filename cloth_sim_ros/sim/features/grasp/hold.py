@@ -16,6 +16,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.state import HandleMotion
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store4, store_row, xyz
+from cloth_sim_ros.sim.physics.path import bend_at, orientation_at
 
 # RIGID: fraction of the inverse mass that a rigid hold leaves. FIRMEST: its largest compliance [m/N].
 RIGID = wp.constant(1.0e-3)
@@ -51,7 +52,9 @@ def give_of(number: int, w: float, ctx: Context) -> float:
 def orientation_of(handle: HandleMotion, after: float) -> wp.quat:
     """Return the orientation of a handle after the share `after` of the frame."""
     if wp.length_sq(handle.start_orientation - handle.end_orientation) > 0.0:
-        return wp.quat_slerp(handle.start_orientation, handle.end_orientation, after)
+        bends = handle.bends
+        start, end = handle.start_orientation, handle.end_orientation
+        return orientation_at(after, start, end, bends.start_turn, bends.end_turn)
     return handle.start_orientation
 
 
@@ -61,6 +64,7 @@ def _wanted(x: wp.vec4, grip: wp.vec4, substep: int, ctx: Context) -> wp.vec3:
     after = float(substep) / float(ctx.frame.substeps)
     handle = ctx.handles[int(grip[3]) - 1]
     travel = after * (handle.end_position - handle.start_position)
+    travel += bend_at(after, handle.bends.start, handle.bends.end)
     return (handle.start_position - xyz(x)) + travel + wp.quat_rotate(orientation_of(handle, after), xyz(grip))
 
 
