@@ -98,7 +98,9 @@ class Grippers:
             driver.move(pose.position, pose.orientation)
             if driver.gripper.force > 0.0:
                 driver.measure(sim)
-            for finger, place in driver.poses(frame_dt).items():
+            places = driver.poses(frame_dt)
+            driver.squeeze(sim)
+            for finger, place in places.items():
                 if tracks[finger].pose != Pose(*place):
                     tracks[finger].place(Pose(*place))
 

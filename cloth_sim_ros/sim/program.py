@@ -31,6 +31,7 @@ from cloth_sim_ros.sim.features.collider_contact.arrays import SWEPT
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import list_colliders, make_forget_contacts, measure_extent
 from cloth_sim_ros.sim.features.collider_contact.facet_clamp import make_facet_clamp, make_give_up_way
 from cloth_sim_ros.sim.features.collider_contact.particle import make_contact, make_met_in
+from cloth_sim_ros.sim.features.collider_contact.pinch_hold import make_feel_pinched, make_hold_pinched
 from cloth_sim_ros.sim.features.collider_contact.surface import make_carry_presses, make_press, make_yield
 from cloth_sim_ros.sim.features.collider_contact.sweep import sweep_collider
 from cloth_sim_ros.sim.features.fault_recovery import find_fault, make_count, make_settle
@@ -78,6 +79,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     predict, finish = make_predict(features), make_finish(features)
     if features.handles:
         predict, finish = both(predict, hold), both(feel, finish)
+    if features.pinches:
+        predict, finish = both(predict, make_hold_pinched(features)), both(make_feel_pinched(features), finish)
     if features.plate and not explicit:
         predict = both(predict, damp)
     if features.curved and explicit:
@@ -125,7 +128,7 @@ def _look_around(features: Features) -> list[Stage]:
     stages = []
     if features.surface:
         stages.append(Stage("carry_presses", make_carry_presses(features), every=_A_FRAME))
-    stages.append(Stage("forget_contacts", make_forget_contacts(features.listed), every=_A_FRAME))
+    stages.append(Stage("forget_contacts", make_forget_contacts(features.listed, features.pinches), every=_A_FRAME))
     if features.listed:
         stages.append(Stage("measure_extent", measure_extent, every=_A_FRAME))
         stages.append(Stage("list_colliders", list_colliders, every=_A_FRAME))

@@ -534,6 +534,31 @@ class Simulation:
         """
         self._live.set_collider_pose(name, position, orientation, sweep, world)
 
+    def squeeze(self, name: str, load: float, gap: float, world: Any = None) -> None:
+        """Let a collider and its opposite one press on what both touch, from the next frame on.
+
+        Each point between them is pressed from both sides by `load`, beyond what its depth gives, until it leaves the
+        space between them. Friction and wrenches have the load. Points that one of them touches alone have none.
+
+        Args:
+            name: One of two colliders that are each other's `opposite`.
+            load: On each point [N]; 0 is none.
+            gap: Distance between the two surfaces [m].
+            world: The number of a world, a mask (worlds,) of bool, or None for all.
+
+        Raises:
+            ValueError: There is no such collider, or the load is not allowed.
+        """
+        self._live.squeeze(name, load, gap, world)
+
+    def is_squeezing(self, name: str, world: int = 0) -> bool:
+        """True if a collider and its opposite one squeezed anything in the last frame, see `squeeze`."""
+        return self._live.is_squeezing(name, world)
+
+    def thinnest(self, world: int = 0) -> float:
+        """Least thickness, or radius, of the objects [m]."""
+        return self._live.thinnest(world)
+
     def add_collider(self, name: str, collider: Collider) -> None:
         """Add a collider of one of SPARE_SHAPES in all worlds, from the next frame on.
 

@@ -46,6 +46,29 @@ class Live:
         row, some = self._bodies.collider_row[name], self._bodies.some(world)
         self._bodies.colliders.reach(row, some, name, (position, orientation), sweep)
 
+    def squeeze(self, name: str, load: float, gap: float, world: Any = None) -> None:
+        """See Simulation.squeeze."""
+        bodies, some = self._bodies, self._bodies.some(world)
+        load = table.check(table.row(table.GRIPPER, "force"), load, f"the load of {name}")
+        collider = bodies.scene.colliders.get(name)
+        if collider is None or not collider.opposite:
+            pinching = [each for each, one in bodies.scene.colliders.items() if one.opposite]
+            raise ValueError(f"{name!r} pinches nothing; allowed is one of {names_of(pinching)}")
+        for each in (name, collider.opposite):
+            bodies.colliders.write(bodies.collider_row[each], some, squeeze=load, half_gap=0.5 * gap)
+        squeezes = (bodies.colliders.mirrors()["rows"]["squeeze"] > 0.0).any(axis=1)
+        bodies.frame.write(0, None, squeezes=squeezes)
+
+    def is_squeezing(self, name: str, world: int) -> bool:
+        """See Simulation.is_squeezing."""
+        row, colliders = self._bodies.collider_row[name], self._bodies.colliders.array.shape[1]
+        rows = [batch.states["squeezed_in"].numpy()[world, row::colliders] for batch in self._bodies.batches]
+        return any(found.any() for found in rows)
+
+    def thinnest(self, world: int) -> float:
+        """See Simulation.thinnest."""
+        return min(float(batch.materials.mirrors()["rows"]["thickness"][world].min()) for batch in self._bodies.batches)
+
     def add_collider(self, name: str, collider: Collider) -> None:
         """See Simulation.add_collider."""
         bodies, named = self._bodies, self._bodies.scene
@@ -244,6 +267,8 @@ class Live:
             compliance=collider.compliance,
             static_friction=collider.static_friction,
             kinetic_friction=collider.kinetic_friction,
+            opposite=1 + self._bodies.collider_row[collider.opposite] if collider.opposite else 0,
+            squeeze=0.0,
         )
         self._bodies.colliders.place(row, None, collider.position, collider.orientation)
 

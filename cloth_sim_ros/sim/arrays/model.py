@@ -37,6 +37,7 @@ class Features:
     surface: bool = False  # colliders can reach between particles (see colliders/collider.py)
     listed: bool = False  # colliders are so many that those near a body are listed (see broad_phase.py)
     handles: bool = False  # the scene has handles
+    pinches: bool = False  # colliders pinch what is between them (see features/collider_contact/pinch.py)
     redoes: bool = False  # compute only bodies whose frame is repeated
     coupled: bool = False  # self or object contact
     tears: bool = False  # springs can fail

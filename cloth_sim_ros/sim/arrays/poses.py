@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses of colliders and handles: a pose wanted at the end of the next frame becomes a motion through that frame."""
+"""Poses of colliders and handles: a pose wanted at the end of the next frame becomes a motion through that frame.
+
+Wanted poses are points of a smooth path. The velocity at the end of a frame follows from its displacement d and that of
+the frame before, d_b: (3 d - d_b) / 2, or 2 d from rest. Both are exact under constant acceleration. The next frame
+starts with it, so that no velocity jumps from frame to frame. No pose is late, as a frame ends where it is wanted.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +17,10 @@ import warp as wp
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, worlds_of
-from cloth_sim_ros.sim.physics.quaternion import unit_quaternion, unit_quaternions
+from cloth_sim_ros.sim.physics.quaternion import quaternion_product, unit_quaternion, unit_quaternions
+
+# Accelerations [m/s^2], [rad/s^2] beyond which velocities jump: nothing follows such a collider by friction anyway.
+_STEEPEST, _STEEPEST_TURN = 50.0, 200.0
 
 
 class Motions(LiveArray):
@@ -55,6 +63,7 @@ class Motions(LiveArray):
         self._wanted[worlds, row] = self._moving[worlds, row] = False
         pose = {"position": position, "orientation": orientation}
         self.write(row, world, **{f"{end}_{part}": value for end in ("start", "end") for part, value in pose.items()})
+        self.write(row, world, bends=0)
 
     def mirrors(self) -> dict[str, np.ndarray]:
         """The rows, flags of those that move in this frame, and the poses wanted at the end of the next."""
@@ -70,21 +79,56 @@ class Motions(LiveArray):
         super().touch()
         self.are_still = False
 
-    def advance(self) -> None:
-        """Begin a frame: rows with a new wanted pose start to move, and rows that arrived rest."""
+    def advance(self, frame_dt: float) -> None:
+        """Begin a frame of `frame_dt` [s]: rows with a new wanted pose start to move, and rows that arrived rest."""
         if self.are_still:
             return
         moved = self._moving | self._wanted
         motion, wanted = self.edit(), self._wanted
+        before, bends = _displacements(motion[wanted]), motion["bends"][wanted]
+        motion["bends"][moved] = 0
         for part in ("position", "orientation"):
             motion[f"start_{part}"][moved] = motion[f"end_{part}"][moved]
         goal = self._orientation[wanted]
         backward = (goal * motion["start_orientation"][wanted]).sum(1, keepdims=True) < 0.0
         motion["end_orientation"][wanted] = np.where(backward, -goal, goal)
         motion["end_position"][wanted] = self._position[wanted]
+        now = _displacements(motion[wanted])
+        for k, (part, steepest) in enumerate((("", _STEEPEST), ("_turn", _STEEPEST_TURN))):
+            left = before[k] - bends[f"end{part}"]
+            ends = _bends(now[k], before[k], left, steepest * frame_dt**2)
+            for end, bend in zip(("start", "end"), ends, strict=True):
+                motion["bends"][f"{end}{part}"][wanted] = bend
         self._moving, self._wanted = self._wanted, self._moving
         self._wanted[:] = False
         self.are_still = not self._moving.any()
+
+
+def _displacements(motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements [m] and rotation vectors [rad], (k, 3) each, of k rows in their frame, in world axes."""
+    x, y, z, w = motion["start_orientation"].astype(np.float64).T
+    start = np.column_stack([-x, -y, -z, w])
+    turn = quaternion_product(motion["end_orientation"].astype(np.float64), start)
+    turn *= np.where(turn[:, 3:] < 0.0, -1.0, 1.0)
+    sine = np.linalg.norm(turn[:, :3], axis=1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, turn[:, 3:])
+    turned = turn[:, :3] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+    still = (motion["start_orientation"] == motion["end_orientation"]).all(axis=1)
+    turned[still] = 0.0
+    return motion["end_position"].astype(np.float64) - motion["start_position"], turned
+
+
+def _bends(now: np.ndarray, before: np.ndarray, left: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
+    """Bends (k, 3) at the start and the end of a frame, see physics/path.py; 0 for rows that rest, or jump.
+
+    now, before: displacements of this frame and of the one before. left: velocity in which that ended, in displacements
+    a frame. most: change of displacement beyond which velocities jump.
+    """
+    rested = (before == 0.0).all(axis=1, keepdims=True)
+    arrived = np.where(rested, 2.0 * now, 1.5 * now - 0.5 * before)
+    change = np.linalg.norm(np.where(rested, 2.0 * now, now - before), axis=1, keepdims=True)
+    smooth = (change <= most) & (now != 0.0).any(axis=1, keepdims=True)
+    return np.where(smooth, left - now, 0.0), np.where(smooth, now - arrived, 0.0)
 
 
 def checked_poses(poses: np.ndarray, name: str) -> np.ndarray:

@@ -52,7 +52,8 @@ def compliance_of(material: Material, kind: int) -> float:
 class Frame:
     """Frame of one batch. gravity [m/s^2], length [s], global_damping [1/s], wind [m/s], air_density [kg/m^3].
 
-    moves: 1 while a collider or handle moves. wakes: 1 if anything else changed before this frame.
+    moves: 1 while a collider or handle moves. squeezes: 1 while colliders squeeze what is between them. wakes: 1 if
+    anything else changed before this frame.
 
     Each body sets `substeps`, and the length dt of a substep [s], itself.
     """
@@ -69,6 +70,20 @@ class Frame:
     lift: float
     moves: int
     wakes: int
+    squeezes: int
+
+
+@wp.struct
+class PathBends:
+    """How a path through a frame differs from the straight way, see physics/path.py; all 0 if it does not.
+
+    start, end [m], start_turn, end_turn [rad].
+    """
+
+    start: wp.vec3
+    end: wp.vec3
+    start_turn: wp.vec3
+    end_turn: wp.vec3
 
 
 @wp.struct
@@ -76,7 +91,9 @@ class ColliderMotion:
     """One collider: shape, size, reach around its origin [m], friction, and poses at both ends of the frame.
 
     data: address of a shape's data beside its size; 0 for shapes that need none. compliance: of each point of contact
-    [m/N].
+    [m/N]. opposite: 1 + the number of the
+    collider with which it pinches, 0 if there is none. squeeze: load on each point that both touch
+    [N]. half_gap: half the distance of their surfaces [m].
     """
 
     shape: int
@@ -90,7 +107,11 @@ class ColliderMotion:
     start_orientation: wp.quat
     end_position: wp.vec3
     end_orientation: wp.quat
+    bends: PathBends
     facets: int  # 1 if it can come between particles, so that facets are tested against it
+    opposite: int
+    squeeze: float
+    half_gap: float
 
 
 @wp.struct
@@ -107,6 +128,7 @@ class HandleMotion:
     start_orientation: wp.quat
     end_position: wp.vec3
     end_orientation: wp.quat
+    bends: PathBends
 
 
 @wp.struct

@@ -7,6 +7,7 @@ know of grippers, and a gripper holds objects by friction alone.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,11 +19,15 @@ from cloth_sim_ros.sim.input.checks import check_fields
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector, rotate, unit_quaternion
 from cloth_sim_ros.sim.simulation import Simulation
 
+_LOG = logging.getLogger(__name__)
+
 SIDES = {"left": 1.0, "right": -1.0}  # finger -> its side along the gripper's y axis
 _LOOSE = 0.01  # fraction of the wanted force below which the fingers count as not touching
 _MANY = 64  # number of points of contact that bounds the stiffness
 _SHARE = 0.5  # fraction of the way to the opening with the wanted force that the fingers go in a frame
 _TOLD = 0.05  # relative change of the force from which the opening of first contact can be found
+_FEWEST = 0.05  # number of points of contact from which the load on each can be found
+_PATIENCE = 20  # frames in which the fingers miss their force before the log says so
 _FORGETS = 0.8  # factor of the known stiffness after a frame in which the fingers touch nothing
 
 Pose = tuple[tuple[float, ...], tuple[float, ...]]  # position [m], orientation x y z w
@@ -63,10 +68,13 @@ class Gripper:
     def fingers(self, name: str) -> dict[str, Box]:
         """The colliders of a gripper called `name`, <name>_left and <name>_right, for Scene.colliders."""
         shape = {field: getattr(self, field) for field in ("compliance", "static_friction", "kinetic_friction")}
+        others = [f"{name}_{side}" for side in reversed(SIDES)]
         half = tuple(0.5 * edge for edge in self.finger_size)
         return {
-            f"{name}_{side}": Box(half_extents=half, position=position, orientation=orientation, **shape)
-            for side, (position, orientation) in self.poses(self.opening).items()
+            f"{name}_{side}": Box(
+                half_extents=half, position=position, orientation=orientation, **shape, opposite=other
+            )
+            for (side, (position, orientation)), other in zip(self.poses(self.opening).items(), others, strict=True)
         }
 
     def poses(self, opening: float) -> dict[str, Pose]:
@@ -81,12 +89,16 @@ class GripperDriver:
     """Drives the fingers of a gripper called `name` in one world of a simulation: `advance` before each step.
 
     opening [m]: current gap between the fingers. speed [m/s]: its last rate of change. felt [N]: force of each finger
-    in the last frame. gripper: its pose and targets.
+    in the last frame. gripper: its pose and targets. load [N]: with which the fingers squeeze each point that both
+    touch. squeezes: True if there were any in the last frame.
     """
 
     def __init__(self, name: str, gripper: Gripper) -> None:
         self.name, self.gripper = name, gripper
         self.opening, self.speed, self.felt = gripper.opening, 0.0, 0.0
+        self.load, self.squeezes = 0.0, False
+        self._least = 0.0  # the opening at which the fingers are closed on the thinnest object [m]
+        self._missed = 0  # frames in which closed fingers missed their force
         self._step = 0.0  # of the opening in the last frame [m]
         self._touched = gripper.opening  # the opening at which the fingers touch what is between them [m]
         self._stiffness = 0.0  # how much the force grows as they close from there [N/m]; 0 is not known
@@ -116,14 +128,17 @@ class GripperDriver:
         along = rotate(self.gripper.orientation, np.array([(0.0, 1.0, 0.0)]))[0]
         loads = {side: sim.wrench(f"{self.name}_{side}", world)[0] @ along for side in SIDES}
         self.felt = 0.5 * float(sum(way * loads[side] for side, way in SIDES.items()))
+        self.squeezes, self._least = sim.is_squeezing(f"{self.name}_left", world), sim.thinnest(world)
         return self.felt
 
     def poses(self, frame_dt: float) -> dict[str, Pose]:
         """Name of each finger's collider -> wanted pose at the end of the next frame, of length `frame_dt` [s]."""
         most = self.gripper.speed * frame_dt
-        step = float(np.clip(self._wanted() - self.opening, -most, most))
+        self._set_load()
         before = self.opening
-        self.opening = float(np.clip(self.opening + step, 0.0, self.gripper.max_opening))
+        step = float(np.clip(self._wanted() - before, -most, most))
+        least = min(self._least, before) if self.gripper.force > 0.0 else 0.0
+        self.opening = float(np.clip(before + step, least, self.gripper.max_opening))
         self._step = self.opening - before
         self.speed = self._step / frame_dt
         return self.places()
@@ -141,13 +156,38 @@ class GripperDriver:
         if wanted <= 0.0:
             self._touched, self._stiffness, self._before = self.opening, 0.0, None
             return self.gripper.opening
+        if self.squeezes:
+            self._before = None
+            return self.opening
         if self.felt <= _LOOSE * wanted:
             self._touched, self._before = min(self._touched, at), None
             self._stiffness *= _FORGETS  # what it held may be gone
         else:
             self._find_line(at)
-        goal = self._touched - wanted / self._stiffness if self._stiffness > 0.0 else 0.0
+        goal = self._touched - wanted / self._stiffness if self._stiffness > 0.0 else self._least
         return self.opening + _SHARE * (goal - self.opening) if self._stiffness > 0.0 else goal
+
+    def _set_load(self) -> None:
+        """Find the load on each point between the fingers; the force grows evenly with it, by the number of points."""
+        wanted = self.gripper.force
+        if not self.squeezes or wanted == 0.0:
+            self.load = wanted / _MANY
+        elif self.felt > _FEWEST * self.load:
+            self.load *= wanted / self.felt
+        is_missed = self.opening == self._least and self._step == 0.0 and self.felt < (1.0 - _TOLD) * wanted
+        self._missed = self._missed + 1 if is_missed else 0
+        if self._missed == _PATIENCE:
+            _LOG.warning("%s", self.shortfall)
+
+    @property
+    def shortfall(self) -> str:
+        """One sentence about why the force is not reached; empty if it is, or may be yet."""
+        if self._missed < _PATIENCE:
+            return ""
+        wanted = self.gripper.force
+        return (
+            f"{self.name} is closed and presses with {self.felt:.2g} of {wanted:g} N: too little is between its fingers"
+        )
 
     def _find_line(self, at: float) -> None:
         """Fit the line by which the force grows from 0 at first contact to the force felt at an opening [m]."""
@@ -159,9 +199,15 @@ class GripperDriver:
         self._touched = max(self._touched, at + self.felt * self.gripper.compliance / _MANY)
         self._before, self._stiffness = (at, self.felt), self.felt / (self._touched - at)
 
+    def squeeze(self, sim: Simulation, world: int = 0) -> None:
+        """Give the fingers the load of the next frame, as `poses` found it."""
+        sim.squeeze(f"{self.name}_left", self.load, self.opening, world)
+
     def advance(self, sim: Simulation, world: int = 0) -> None:
         """Move the fingers in the next frame of a simulation whose scene has them."""
         if self.gripper.force > 0.0:
             self.measure(sim, world)
-        for name, (position, orientation) in self.poses(sim.settings.frame_dt).items():
+        poses = self.poses(sim.settings.frame_dt)
+        self.squeeze(sim, world)
+        for name, (position, orientation) in poses.items():
             sim.set_collider_pose(name, position, orientation, world=world)

@@ -25,7 +25,8 @@ class Collider:
     """A pose, Coulomb coefficients and a compliance; a pair's friction is the geometric mean of its two sides.
 
     compliance [m/N]: depth of a point of contact per force; 0 is rigid. An object squeezed between two colliders has a
-    defined force only if they are not rigid.
+    defined force only if they are not rigid. opposite: name of the collider with which it pinches what is between them,
+    as the other finger of a gripper does; see Simulation.squeeze.
 
     A shape adds its lengths as fields, their rows in `dimensions`, and `reach()`, the distance from its origin to its
     farthest point [m]. `reach()` and `roundness()` use the fields as numbers, or as arrays (k,) for k sizes. A shape
@@ -38,6 +39,7 @@ class Collider:
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
     compliance: float = 0.0
+    opposite: str = ""
     dimensions: ClassVar[tuple[table.Parameter, ...]] = ()
     convex: ClassVar[bool] = True
 

@@ -216,8 +216,8 @@ class Bodies:
         live += [rows for batch in self.batches for rows in batch.all_live()]
         changed = self._disturbed or any(rows.is_changed for rows in live)
         self._disturbed = False
-        self.colliders.advance()
-        self.handles.advance()
+        self.colliders.advance(self.settings.frame_dt)
+        self.handles.advance(self.settings.frame_dt)
         if not still:
             moves = self.colliders.moves() | self.handles.moves()
             if (moves != self.frame.read(0, None)["moves"]).any():
@@ -316,6 +316,7 @@ class Bodies:
                 features,
                 forces=tuple(map(name_of, self.scene.forces.values())),
                 handles=bool(self.scene.handles),
+                pinches=any(collider.opposite for collider in self.scene.colliders.values()),
                 surface=choice.surface,
                 coupled=self._is_coupled(name),
                 listed=self.colliders.array.shape[1] > FEW,

@@ -58,6 +58,13 @@ def rotate(orientation: Quaternion, points: np.ndarray) -> np.ndarray:
     return points + w * turn + np.cross(axis, turn)
 
 
+def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Rows (k, 4) of the rotations b, then a."""
+    u, v = a[:, :3], b[:, :3]
+    w = a[:, 3:] * b[:, 3:] - (u * v).sum(axis=1, keepdims=True)
+    return np.hstack([a[:, 3:] * v + b[:, 3:] * u + np.cross(u, v), w])
+
+
 def _unit(value: Any, size: int, shortest: float) -> np.ndarray | None:
     """`value` (size,) scaled to length 1, None where it is not that many finite numbers or shorter than `shortest`."""
     try:

@@ -101,3 +101,75 @@ def test_what_a_gripper_cannot_be_is_told():
         driver.open_to(1.0)
     with pytest.raises(ValueError, match="hand.force is nan"):
         driver.press(float("nan"))
+
+
+def hanging(device, material, count, force, compliance=0.01, **settings):
+    """A cloth of 0.3 m that hangs by its upper row, of which the open fingers of a gripper have a part between them."""
+    cloth = Cloth.of(
+        material,
+        resolution=(count, count),
+        size=(0.3, 0.3),
+        position=(0.003, 0.0, -0.138),
+        orientation=UPRIGHT,
+        pins="top",
+        static_friction=MU,
+        kinetic_friction=MU,
+    )
+    gripper = Gripper(opening=0.01, force=force, compliance=compliance)
+    sim = Simulation(Scene({"it": cloth}, gripper.fingers("hand")), fixed(**settings), device)
+    return sim, GripperDriver("hand", gripper), cloth.mass * GRAVITY
+
+
+@pytest.mark.parametrize("force", [0.5, 5.0, 20.0])
+@pytest.mark.parametrize(
+    "material, count, compliance",
+    [("cotton", 13, 0.01), ("cotton", 13, 1e-6), ("silk", 10, 0.01), ("denim", 40, 1e-4)],
+)
+def test_it_presses_as_hard_on_thin_cloth(device, material, count, compliance, force):
+    sim, driver, _ = hanging(device, material, count, force, compliance, substeps=20)
+    run(sim, driver, 30)
+    assert driver.measure(sim) == pytest.approx(force, rel=0.05) and driver.shortfall == ""
+    left, right = (sim.wrench(f"hand_{side}")[0] for side in ("left", "right"))
+    assert left[1] == pytest.approx(force, rel=0.05) and right[1] == pytest.approx(-force, rel=0.05)
+
+
+@pytest.mark.parametrize("substeps, compliance", [(5, 0.01), (20, 0.01), (80, 0.01), (80, 1e-4)])
+def test_a_pinch_holds_a_hanging_cloth_by_coulombs_law(device, substeps, compliance):
+    sim, driver, weight = hanging(device, "cotton", 13, 1.0, compliance, substeps=substeps)
+    needed = weight / (2.0 * MU)
+    run(sim, driver, 20)
+    driver.press(5.0 * needed)
+    sim.set("it.pins", "none")
+    sim.set("solver.global_damping", 3.0)
+    run(sim, driver, 120)
+    felt = sum(sim.wrench(f"hand_{side}")[0][2] for side in ("left", "right"))
+    assert felt == pytest.approx(-weight, rel=0.1)
+    for share in (3.0, 2.0, 1.5, 1.3):
+        driver.press(share * needed)
+        run(sim, driver, 15)
+    before = sim.positions("it")[:, 2].mean()
+    driver.press(1.1 * needed)
+    run(sim, driver, 30)
+    assert sim.positions("it")[:, 2].mean() > before - 2e-3
+    driver.press(0.5 * needed)
+    run(sim, driver, 60)
+    assert sim.positions("it")[:, 2].mean() < before - 0.05
+
+
+def test_it_says_why_it_cannot_press(device, caplog):
+    sim, driver, _ = hanging(device, "cotton", 10, 5.0, substeps=5)
+    driver.move((0.0, 0.0, 0.2))
+    run(sim, driver, 60)
+    said = "hand is closed and presses with 0 of 5 N: too little is between its fingers"
+    assert driver.shortfall == said and caplog.messages.count(said) == 1
+    driver.press(0.0)
+    run(sim, driver, 1)
+    assert driver.shortfall == ""
+
+
+def test_what_cannot_be_squeezed_is_told(device):
+    sim, _ = hand(device, {"substeps": 5})
+    with pytest.raises(ValueError, match="'it' pinches nothing; allowed is one of hand_left, hand_right"):
+        sim.squeeze("it", 1.0, 0.0)
+    with pytest.raises(ValueError, match="the load of hand_left is -1"):
+        sim.squeeze("hand_left", -1.0, 0.0)

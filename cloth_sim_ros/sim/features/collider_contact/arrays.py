@@ -16,7 +16,7 @@ def words_of(colliders: int) -> int:
 
 
 # Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.
-FORGOTTEN = {"supports": "particle"}
+FORGOTTEN = {"supports": "particle", "pinch_places": "particle"}
 
 
 @wp.struct
@@ -42,7 +42,7 @@ class Press:
     barycentric `weights`. rub: friction correction [kg m] at the point with weights `rubbed`. normal: out of the
     collider. so_far: friction and normal correction in this substep [kg m]. stuck, anchor: while the facet sticks, the
     point with weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 if it slides. stops: shares of
-    their displacements that the corners give up in substep `stopped`.
+    their displacements that the corners give up in substep `stopped`. load: what a pinch adds along `normal` [kg m].
     """
 
     when: int
@@ -56,6 +56,7 @@ class Press:
     anchor: wp.vec3
     stopped: int
     stops: wp.vec3
+    load: float
 
 
 @wp.struct
@@ -79,7 +80,8 @@ class Look:
 class ContactState:
     """State of contact with colliders; see State for the letters."""
 
-    contacts: wp.array(dtype=wp.vec4)  # (K N,) correction of a particle by a collider so far in a substep, its axes [m]
+    # (K N,) correction of a particle by a collider so far in a substep, in its axes [m]; the last number: see touch_of
+    contacts: wp.array(dtype=wp.vec4)
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) force of each collider on each particle, mean over the frame [N]
     supports: wp.array(dtype=wp.vec4)  # (N,) chains: acceleration by a collider [m/s^2], last substep; 1 + its number
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next four
@@ -91,6 +93,9 @@ class ContactState:
     near: wp.array(
         dtype=wp.uint64
     )  # (B K/64,) bits of the colliders that a body may touch in this frame, see broad_phase.py
+    squeezed_in: wp.array(dtype=int)  # (K B,) 2 + the last substep in which a collider squeezed particles; -1: facets
+    pinch_places: wp.array(dtype=wp.vec4)  # (N,) place between the colliders that hold it [m], see pinch.py
+    pinch_pulls: wp.array(dtype=wp.vec4)  # (N,) force of the hold in the last substep, and load of each side [N]
     extents: wp.array(dtype=float)  # (8 B,)
     boxes: wp.array(dtype=wp.vec4)  # (2 B,)
 
@@ -108,6 +113,9 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
         "pressed": n.particles if features.surface else 0,
         "sweeps": SWEPT * n.bodies * n.colliders,
         "near": n.bodies * words_of(n.colliders),
+        "squeezed_in": n.bodies * n.colliders if features.pinches else 0,
+        "pinch_places": n.particles if features.pinches else 0,
+        "pinch_pulls": n.particles if features.pinches else 0,
         "extents": EXTENT * n.bodies if n.colliders else 0,
         "boxes": 2 * n.bodies if n.colliders else 0,
     }

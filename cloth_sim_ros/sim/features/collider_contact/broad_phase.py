@@ -15,6 +15,7 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import EXTENT, WORD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, lowest_bit, pack, store_row, xyz
+from cloth_sim_ros.sim.physics.path import longest
 
 FEW = 8  # largest number of colliders without a list, which would cost as much as it saves
 _ALL = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
@@ -54,7 +55,8 @@ def moved_of(c: ColliderMotion, share: float) -> wp.vec2:
     q0 = c.start_orientation
     q1 = c.end_orientation
     apart = wp.min(wp.length(q1 - q0), wp.length(q1 + q0))
-    return wp.vec2(share * wp.length(c.end_position - c.start_position), share * _ARC * apart)
+    way = longest(wp.length(c.end_position - c.start_position), c.bends.start, c.bends.end)
+    return wp.vec2(share * way, share * longest(_ARC * apart, c.bends.start_turn, c.bends.end_turn))
 
 
 def make_near_of(listed: bool):
@@ -131,23 +133,33 @@ def note(c: int, near: Near):
             wp.atomic_or(near.words, near.first + c / wp.static(WORD), bit)
 
 
-def make_forget_contacts(listed: bool):
+def make_forget_contacts(listed: bool, pinches: bool):
     """Return the stage that begins a frame: clear the contacts and forces of colliders.
 
-    listed: True if bodies have a list of colliders; only listed ones are cleared then.
+    listed: True if bodies have a list of colliders; only listed ones are cleared then. pinches: True if some pinch.
     """
     near_of = make_near_of(listed)
 
     @wp.func
     def forget_contacts(t: int, width: int, ctx: Context):
         colliders, near = ctx.colliders.shape[0], near_of(ctx)
+        if wp.static(pinches):
+            for c in range(t, colliders, width):
+                entry = ctx.body.index * colliders + c
+                squeezed = ctx.state.contact.squeezed_in[entry]
+                ctx.state.contact.squeezed_in[entry] = wp.where(squeezed > ctx.frame.substeps, 1, 0)
         near.some = wp.static(listed)  # the words hold the last list; the rest is from the frame before
         c = next_of(-1, near, False)
         while c < colliders:
             for i in range(t, ctx.body.count, width):
                 entry = (ctx.body.particles + i) * colliders + c
                 store_row(ctx.state.contact.contact_forces, entry, wp.vec4(0.0))
-                store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0))
+                touch = float(0.0)
+                if wp.static(pinches):
+                    # The first substep goes on from the last one of the frame before.
+                    last = load_row(ctx.state.contact.contacts, entry)[3]
+                    touch = wp.where(last > float(ctx.frame.substeps), 1.0, 0.0)
+                store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0, 0.0, 0.0, touch))
             c = next_of(c, near, False)
         if wp.static(listed):
             if t == 0:

@@ -9,6 +9,14 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
+from cloth_sim_ros.sim.features.collider_contact.pinch import (
+    depth_before_middle,
+    is_between,
+    make_is_squeezed,
+    note_squeezed,
+    share_of_friction,
+    slack_of,
+)
 from cloth_sim_ros.sim.features.collider_contact.strain import note_strain, widest_around
 from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
@@ -158,7 +166,7 @@ def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
 
 def least_mass(features: Features) -> float:
     """Return the fraction of its inverse mass above which a contact moves a particle; a held one has less."""
-    return HELD if features.handles else 0.0
+    return HELD if features.handles or features.pinches else 0.0
 
 
 def _make_support(features: Features):
@@ -224,7 +232,7 @@ def make_touch(features: Features):
     """
     meet, leave = make_ccd(features.shapes), _make_leave(features)
     carried_by, is_supported, let_go = _make_support(features)
-    least = least_mass(features)
+    least, is_squeezed = least_mass(features), make_is_squeezed(features)
 
     @wp.func
     def contact(i: int, met: Met, ctx: Context, width: float) -> int:
@@ -251,6 +259,7 @@ def make_touch(features: Features):
             else:
                 before = xyz(load_row(met.contacts, entry))
             after = before
+            touch = float(0.0)
             # Most particles are farther from the collider than both can move in a substep: a cheap bound shows it.
             offset = (position - met.sweeps[k].position) + displacement
             path = wp.length(displacement - met.sweeps[k].motion)
@@ -263,32 +272,40 @@ def make_touch(features: Features):
                 lo = xyz(load4(ctx.position_lo, i))
                 slip = slip_of(position - sweep.position, displacement - lo, sweep)
                 p = sweep.to_local * offset
-                touching = meet(
-                    collider.shape, collider.size, collider.data, p, slip, material.thickness, pace(collider, step)
-                )
-                gap = touching[3]
-                if gap < 0.0 or is_supported(before):
+                squeezed = is_squeezed(i, collider, ctx)
+                slack = slack_of(collider, squeezed)
+                reach, apart = material.thickness + slack, pace(collider, step)
+                touching = meet(collider.shape, collider.size, collider.data, p, slip, reach, apart)
+                gap = touching[3] + slack
+                squeezed = is_between(squeezed, xyz(touching), c, ctx)
+                if gap < 0.0 or squeezed or is_supported(before):
                     n = xyz(touching)
                     pressed = wp.dot(before, n)
+                    gap += depth_before_middle(squeezed, collider, material.thickness)
+                    note_squeezed(squeezed, c, ctx)
                     rubbed_before = before - pressed * n
                     pressed += outward(gap, pressed, collider.compliance * step.inverse_square / w)
                     tangential = slip - wp.dot(slip, n) * n
                     mu_s = wp.sqrt(material.static_friction * collider.static_friction)
                     mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
-                    after = pressed * n + friction_correction(tangential, rubbed_before, pressed, mu_s, mu_k)
+                    rubs = share_of_friction(squeezed, i, ctx)
+                    after = pressed * n + friction_correction(
+                        tangential, rubbed_before, pressed, rubs * mu_s, rubs * mu_k
+                    )
                     displacement += wp.transpose(sweep.to_local) * (after - before)
                     # The carried correction acts in this substep, as the added one does.
                     pushed = wp.transpose(sweep.to_local) * wp.where(step.first, after, after - before)
                     add_force(met.forces, entry, (met.share / w) * pushed)
                     support = larger_support(support, wp.transpose(sweep.to_local) * after, c)
                     touched = True
+                    touch = float(ctx.substep + 2)
                     if stray:
                         note(c, met.near)
                     stray = stray or strays(met.near, position + displacement, displacement)
                     if wp.static(features.order == 2):
                         push = with_push(push, wp.transpose(sweep.to_local) * n, pressed, sweep.motion, entry)
-            if step.repeats:
-                store_row(met.contacts, entry, pack(after, 0.0))
+            if step.repeats or (wp.static(features.pinches) and met.colliders[c].opposite > 0):
+                store_row(met.contacts, entry, pack(after, touch))
             c = next_of(c, met.near, stray)
         if touched or wp.static(features.supported):
             leave(i, ctx.position_lo, ctx.d, displacement, push, support, met, step)

@@ -47,6 +47,15 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
     pace,
     with_push,
 )
+from cloth_sim_ros.sim.features.collider_contact.pinch import (
+    depth_before_middle,
+    holds_a_corner,
+    is_between,
+    load_on_facet,
+    make_add_load,
+    make_is_facet_squeezed,
+    slack_of,
+)
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
@@ -58,6 +67,8 @@ LEAST_SHARE = wp.constant(0.25)
 _TOUCH_AT_ONCE = wp.constant(0.67)
 # Displacement as a fraction of the thickness; a facet that moved less reuses its deepest point (non-convex shapes).
 _STILL = wp.constant(0.02)
+# Factor of the inverse mass of a facet that two colliders squeeze. It is bound to its place, and must not overshoot.
+_SQUEEZED = wp.constant(1.5)
 LONG_AGO = wp.constant(-2)  # number of a substep that no next one can continue from
 # Barycentric weight of a corner, above which the corner's own contact already covers the point.
 CORNER = wp.constant(0.999)
@@ -116,8 +127,8 @@ def make_touched_in(features: Features):
     least = make_least(features.shapes)
 
     @wp.func
-    def touched_in(facet: Facet, entry: int, collider: ColliderMotion, ctx: Context) -> wp.vec3:
-        thickness, way = ctx.material.thickness, longest_way(facet)
+    def touched_in(facet: Facet, entry: int, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:
+        way = longest_way(facet)
         look = ctx.state.contact.looks[entry]
         moved = moved_since(look, facet)
         # No point came nearer than by its displacement, nor was it nearer in between.
@@ -154,7 +165,11 @@ def make_press_on(features: Features):
 
     A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
     """
-    meet, touched_in = make_ccd(features.shapes), make_touched_in(features)
+    meet, touched_in, is_squeezed = (
+        make_ccd(features.shapes),
+        make_touched_in(features),
+        make_is_facet_squeezed(features),
+    )
 
     @wp.func
     def press_on(
@@ -163,21 +178,28 @@ def make_press_on(features: Features):
         press = Press()
         facet = facet_of(corners, ctx, sweep)
         thickness = ctx.material.thickness
-        weights = touched_in(facet, entry, collider, ctx)
-        w = yielding(corners, weights, ctx)
-        if wp.max(weights) == 0.0 or wp.max(weights) > CORNER or w == 0.0:
+        squeezed = is_squeezed(entry, collider, ctx)
+        slack = slack_of(collider, squeezed)
+        weights = touched_in(facet, entry, collider, thickness + slack, ctx)
+        w = wp.where(squeezed, _SQUEEZED, 1.0) * yielding(corners, weights, ctx)
+        if wp.max(weights) == 0.0 or (wp.max(weights) > CORNER and not squeezed) or w == 0.0:
             return press
         slip = slip_at(facet, weights)
         apart = pace(collider, ctx.step)
-        touching = meet(collider.shape, collider.size, collider.data, point_of(facet, weights), slip, thickness, apart)
-        if touching[3] >= -NOISE:  # its corners are outside; the rest may be rounding
+        p = point_of(facet, weights)
+        touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness + slack, apart)
+        c = entry % ctx.colliders.shape[0]
+        squeezed = is_between(squeezed, xyz(touching), c, ctx)
+        gap = wp.where(holds_a_corner(corners, collider, ctx), 0.0, touching[3] + slack)
+        if gap >= -NOISE and not squeezed:  # its corners are outside; the rest may be rounding
             return press
+        gap += depth_before_middle(squeezed, collider, thickness)
         before = wp.vec4(0.0)
         if last.when == ctx.substep:
             before = last.so_far
         n = xyz(touching)
         softness = collider.compliance * ctx.step.inverse_square / (w * points_of(corners, ctx))
-        more = outward(touching[3], w * before[3], softness) / w
+        more = outward(gap, w * before[3], softness) / w
         pressed = before[3] + more
         mu_s = wp.sqrt(ctx.material.static_friction * collider.static_friction)
         mu_k = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction)
@@ -200,6 +222,7 @@ def make_press_on(features: Features):
         press.push = more * press.normal
         press.rub = wp.transpose(sweep.to_local) * ((rubbed - rubbed_before) / w_rubbed)
         press.so_far = pack(rubbed / w_rubbed, pressed)
+        press.load = load_on_facet(squeezed, c, points_of(corners, ctx), ctx)
         return press
 
     return press_on
@@ -241,6 +264,7 @@ def make_press(features: Features):
                         # The push of an earlier iteration was enough.
                         ctx.state.contact.presses[entry].push = wp.vec3(0.0)
                         ctx.state.contact.presses[entry].rub = wp.vec3(0.0)
+                        ctx.state.contact.presses[entry].load = 0.0
                     c = next_of(c, near, stray)
 
     return press
@@ -281,7 +305,7 @@ def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
 
 def make_yield(features: Features):
     """Return the stage that moves particle i as its facets are pressed."""
-    least, touch = least_mass(features), make_touch(features)
+    least, touch, add_load = least_mass(features), make_touch(features), make_add_load(features)
 
     @wp.func
     def give_way(i: int, met: Met, ctx: Context):
@@ -299,6 +323,7 @@ def make_yield(features: Features):
         push = Push()
         c = next_of(-1, met.near, False)
         while c < ctx.colliders.shape[0]:
+            add_load(i, c, ctx)
             correction = w * wanted_of(i, c, ctx)
             if wp.length_sq(correction) > 0.0:
                 displacement += correction

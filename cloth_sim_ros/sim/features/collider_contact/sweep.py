@@ -5,6 +5,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
+from cloth_sim_ros.sim.physics.path import bend_at, orientation_at
 
 
 @wp.func
@@ -15,14 +16,17 @@ def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:
     q1 = c.start_orientation
     moves = wp.length_sq(c.start_orientation - c.end_orientation) > 0.0
     if moves:
-        q0 = wp.quat_slerp(c.start_orientation, c.end_orientation, before)
-        q1 = wp.quat_slerp(c.start_orientation, c.end_orientation, after)
+        start, end = c.bends.start_turn, c.bends.end_turn
+        q0 = orientation_at(before, c.start_orientation, c.end_orientation, start, end)
+        q1 = orientation_at(after, c.start_orientation, c.end_orientation, start, end)
     sweep.to_local = wp.transpose(wp.quat_to_matrix(q1))
     if moves:
         sweep.turn = sweep.to_local - wp.transpose(wp.quat_to_matrix(q0))
         sweep.spin = wp.sqrt(wp.ddot(sweep.turn, sweep.turn))
-    sweep.motion = (c.end_position - c.start_position) * (after - before)
-    sweep.position = c.start_position + (c.end_position - c.start_position) * after
+    bend = bend_at(after, c.bends.start, c.bends.end)
+    way = c.end_position - c.start_position
+    sweep.motion = way * (after - before) + (bend - bend_at(before, c.bends.start, c.bends.end))
+    sweep.position = c.start_position + (way * after + bend)
     return sweep
 
 

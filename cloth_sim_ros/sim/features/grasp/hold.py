@@ -16,6 +16,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.state import HandleMotion
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store4, store_row, xyz
+from cloth_sim_ros.sim.physics.path import bend_at, orientation_at
 
 # RIGID: fraction of the inverse mass that a rigid hold leaves. FIRMEST: its largest compliance [m/N].
 RIGID = wp.constant(1.0e-3)
@@ -36,17 +37,24 @@ def grip_of(i: int, ctx: Context) -> wp.vec4:
 
 
 @wp.func
+def firm_of(w: float, ctx: Context) -> float:
+    """Return the compliance [m/N] of a rigid hold of one particle of inverse mass w."""
+    return wp.min(RIGID * w * ctx.step.effective * ctx.step.effective, FIRMEST)
+
+
+@wp.func
 def give_of(number: int, w: float, ctx: Context) -> float:
     """Return the compliance [m/N] of a handle's spring to one particle of inverse mass w."""
-    firm = wp.min(RIGID * w * ctx.step.effective * ctx.step.effective, FIRMEST)
-    return wp.max(ctx.handles[number].compliance * float(ctx.handle_counts[number]), firm)
+    return wp.max(ctx.handles[number].compliance * float(ctx.handle_counts[number]), firm_of(w, ctx))
 
 
 @wp.func
 def orientation_of(handle: HandleMotion, after: float) -> wp.quat:
     """Return the orientation of a handle after the share `after` of the frame."""
     if wp.length_sq(handle.start_orientation - handle.end_orientation) > 0.0:
-        return wp.quat_slerp(handle.start_orientation, handle.end_orientation, after)
+        bends = handle.bends
+        start, end = handle.start_orientation, handle.end_orientation
+        return orientation_at(after, start, end, bends.start_turn, bends.end_turn)
     return handle.start_orientation
 
 
@@ -56,6 +64,7 @@ def _wanted(x: wp.vec4, grip: wp.vec4, substep: int, ctx: Context) -> wp.vec3:
     after = float(substep) / float(ctx.frame.substeps)
     handle = ctx.handles[int(grip[3]) - 1]
     travel = after * (handle.end_position - handle.start_position)
+    travel += bend_at(after, handle.bends.start, handle.bends.end)
     return (handle.start_position - xyz(x)) + travel + wp.quat_rotate(orientation_of(handle, after), xyz(grip))
 
 
@@ -83,7 +92,25 @@ def pull_before(g: int, number: int, give: float, ctx: Context) -> wp.vec3:
     """
     if ctx.handles[number].compliance > 0.0:
         return wp.vec3(0.0)
-    return _limited(KEPT * xyz(load_row(ctx.state.grasp.grip_pulls, g)), CATCH_UP * ctx.frame.dt / give)
+    return limited_pull(xyz(load_row(ctx.state.grasp.grip_pulls, g)), give, ctx)
+
+
+@wp.func
+def limited_pull(pull: wp.vec3, give: float, ctx: Context) -> wp.vec3:
+    """Return the force [N] with which a rigid hold begins a substep, after a pull in the last one."""
+    return _limited(KEPT * pull, CATCH_UP * ctx.frame.dt / give)
+
+
+@wp.func
+def held_pull(predicted: wp.vec4, pull: wp.vec3, give: float, way: wp.vec3, ctx: Context) -> wp.vec4:
+    """Return a particle's predicted displacement [m] and inverse mass if it is held `way` [m] from where it is.
+
+    pull: force with which the hold begins the substep [N]. give: its compliance [m/N].
+    """
+    moved = predicted[3] * ctx.step.effective * ctx.step.effective
+    share = give / (give + moved)
+    d = share * (xyz(predicted) + moved * pull) + (1.0 - share) * way
+    return wp.vec4(d[0], d[1], d[2], share * predicted[3])
 
 
 @wp.func
@@ -95,13 +122,8 @@ def hold(i: int, ctx: Context):
     g = ctx.body.particles + i
     x = load4(ctx.x, i)
     number = int(grip[3]) - 1
-    predicted = load4(ctx.d, i)
     give = give_of(number, x[3], ctx)
-    moved = predicted[3] * ctx.step.effective * ctx.step.effective
-    share = give / (give + moved)
-    free = xyz(predicted) + moved * pull_before(g, number, give, ctx)
-    d = share * free + (1.0 - share) * way_of(x, grip, ctx)
-    store4(ctx.d, i, wp.vec4(d[0], d[1], d[2], share * predicted[3]))
+    store4(ctx.d, i, held_pull(load4(ctx.d, i), pull_before(g, number, give, ctx), give, way_of(x, grip, ctx), ctx))
 
 
 @wp.func
