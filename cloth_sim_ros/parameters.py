@@ -149,6 +149,8 @@ CLOTH = (
         0,
         1e6,
     ),
+    _double("weft_compliance", 0, "Compliance of the sheet in stretch along y.", "m/N", 0, 1e6, live=False),
+    _double("poisson", 0, "Contraction of a mesh across over its stretch along the warp.", "", -1, 2, live=False),
     _choice(
         "bending",
         "none",

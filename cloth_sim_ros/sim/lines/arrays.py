@@ -23,6 +23,7 @@ class LineState:
     line_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m] of the springs in the slots of lines
     line_slips: wp.array(dtype=float)  # (S,) rate of elongation of springs right after their solve [m/s], order 2 alone
     tautness: wp.array(dtype=float)  # (N,) largest tension of a line through a particle [N]
+    line_lengths: wp.array(dtype=float)  # (S,) rest lengths of a membrane's springs [m]
     line_scratch: wp.array(dtype=float)  # scratch of the elimination of a line, on a CPU
 
 
@@ -32,5 +33,6 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
         "line_multipliers": n.slots,
         "line_slips": n.slots if features.order == 2 else 0,
         "tautness": n.particles if n.slots else 0,
+        "line_lengths": n.slots if features.membrane else 0,
         "line_scratch": scratch_of(n.longest_row) if n.on_cpu else 0,
     }

@@ -151,7 +151,7 @@ def sheet_fields(name: str, area: float, mesh: bool = False, bending: str = "dih
     fields = {
         "mass": fabric.areal_mass * area,
         "stretch_compliance": 1.0 / (fabric.stretch if mesh else along),
-        "shear_compliance": None if mesh else 1.0 / diagonal,
+        "shear_compliance": 1.0 / diagonal,
         "damping": fabric.damping,
         "thickness": 0.5 * fabric.thickness,
         "static_friction": fabric.static_friction,

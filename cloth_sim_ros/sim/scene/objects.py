@@ -53,6 +53,9 @@ class Cloth:
     pins: Any = "corners"
     stretch_compliance: float = 1e-3
     shear_compliance: float | None = 3e-3
+    weft_compliance: float | None = None
+    poisson: float = 0.0
+    warp: Any = field(default=(1.0, 0.0, 0.0), repr=False, compare=False)
     bend_compliance: float | None = None
     bending: str = "springs"
     damping: float = 0.0
@@ -66,7 +69,8 @@ class Cloth:
     triangles: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        skip = tuple(name for name in ("shear_compliance", "bend_compliance") if getattr(self, name) is None)
+        absent = ("shear_compliance", "weft_compliance", "bend_compliance")
+        skip = tuple(name for name in absent if getattr(self, name) is None)
         check_fields(self, table.CLOTH, skip)
         if self.bending == "none":
             object.__setattr__(self, "bend_compliance", None)
@@ -80,6 +84,24 @@ class Cloth:
             count, names = len(self.vertices), ()
         _check_pins(self, names, count)
         _take_masses(self, count)
+        if self.vertices is not None and self.shear_compliance is not None:
+            self._check_membrane()
+
+    def _check_membrane(self) -> None:
+        """Check moduli and direction of the membrane of a mesh. Raises ValueError."""
+        for name in ("stretch_compliance", "shear_compliance", "weft_compliance"):
+            if getattr(self, name) == 0.0:
+                raise ValueError(f"Cloth.{name} is 0 with a shear_compliance; allowed on a mesh is more than that")
+        weft = self.stretch_compliance if self.weft_compliance is None else self.weft_compliance
+        most = 0.95 * math.sqrt(weft / self.stretch_compliance)
+        if abs(self.poisson) > most:
+            raise ValueError(f"Cloth.poisson is {self.poisson:g}; with these compliances allowed is at most {most:.3g}")
+        warp = np.array(self.warp, dtype=np.float64)
+        if warp.shape not in ((3,), self.triangles.shape) or not np.isfinite(warp).all():
+            raise ValueError(f"Cloth.warp has shape {warp.shape}; allowed is a vector, or one for each triangle")
+        if not np.linalg.norm(np.atleast_2d(warp), axis=1).all():
+            raise ValueError("Cloth.warp has no length; allowed are vectors along the warp")
+        object.__setattr__(self, "warp", warp)
 
     @classmethod
     def of(cls, material: str, **fields: Any) -> Cloth:
@@ -116,10 +138,6 @@ class Cloth:
                 raise ValueError(
                     f"Cloth.from_mesh has {name}; allowed are the material fields, the mesh gives the shape"
                 )
-        if fields.get("shear_compliance") is not None:
-            raise ValueError(
-                "Cloth.from_mesh has shear_compliance; a mesh's edges carry shear, allowed is stretch_compliance"
-            )
         points = finite_array(vertices, 3, "Cloth.from_mesh vertices")
         corners = finite_array(triangles, 3, "Cloth.from_mesh triangles")
         wrong = corners[(corners < 0) | (corners >= len(points)) | (corners != np.floor(corners))]
@@ -138,8 +156,8 @@ class Cloth:
         if material:
             bending = fields.get("bending", "dihedral")
             preset = sheet_fields(material, triangles_area(points, faces), mesh=True, bending=bending)
-        shape = {"shear_compliance": None, "vertices": points, "triangles": faces}
-        return cls(**{"pins": None, **preset, **fields, **shape})
+        shape = {"vertices": points, "triangles": faces}
+        return cls(**{"pins": None, "shear_compliance": None, **preset, **fields, **shape})
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import numpy as np
 
 from cloth_sim_ros.sim.topology.frequencies import Frequencies
 from cloth_sim_ros.sim.topology.lines import Family, families, rounds
+from cloth_sim_ros.sim.topology.membrane import Coupling
 from cloth_sim_ros.sim.topology.springs import Elements
 
 _MOST_POWERS = 300
@@ -69,7 +70,7 @@ class Topology:
     [1/m] of the two segments of a bend. triangles: (T, 3). panels: (P, 3) particles that the wind acts on, -1 as the
     third of a rope's segment. layout: (N, 3) rest positions [m] in local axes. grid: particles along x and y, None for
     what is no grid. winch: of a rope on a winch, the last particle at the drum and the rest length [m] of the segment
-    that begins there. plate: what a sheet resists bending with. twists: whether a rope resists twist. tear_strain:
+    that begins there. plate: what a sheet resists bending with. coupling: of the structural springs of a membrane. twists: whether a rope resists twist. tear_strain:
     beyond which its springs fail, 0 for never. load: what of the last mass is no part of the object [kg]. world_scales:
     (worlds,) by how much it is larger than all this says in each world, about `origin` (3,) [m] in the world; None
     where no world ever had another size.
@@ -85,6 +86,7 @@ class Topology:
     winch: tuple[int, float] | None = None
     twists: bool = False
     plate: Plate | None = None
+    coupling: Coupling | None = None
     bends: Elements | None = None
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     chain: Elements | None = None
