@@ -20,6 +20,7 @@ from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
 from cloth_sim_ros.sim.scene.materials import rope_fields, sheet_fields, triangles_area
 
 _LOG = logging.getLogger(__name__)
+_MOST_POISSON = 0.95  # part of the largest Poisson's ratio of a stable sheet
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,8 @@ class Cloth:
     poisson: float = 0.0
     warp: Any = field(default=(1.0, 0.0, 0.0), repr=False, compare=False)
     bend_compliance: float | None = None
+    weft_bend_compliance: float | None = None
+    diagonal_bend_compliance: float | None = None
     bending: str = "springs"
     damping: float = 0.0
     thickness: float = 0.005
@@ -70,6 +73,7 @@ class Cloth:
 
     def __post_init__(self) -> None:
         absent = ("shear_compliance", "weft_compliance", "bend_compliance")
+        absent += ("weft_bend_compliance", "diagonal_bend_compliance")
         skip = tuple(name for name in absent if getattr(self, name) is None)
         check_fields(self, table.CLOTH, skip)
         if self.bending == "none":
@@ -84,24 +88,47 @@ class Cloth:
             count, names = len(self.vertices), ()
         _check_pins(self, names, count)
         _take_masses(self, count)
-        if self.vertices is not None and self.shear_compliance is not None:
-            self._check_membrane()
+        self._check_weave()
 
-    def _check_membrane(self) -> None:
-        """Check moduli and direction of the membrane of a mesh. Raises ValueError."""
-        for name in ("stretch_compliance", "shear_compliance", "weft_compliance"):
-            if getattr(self, name) == 0.0:
-                raise ValueError(f"Cloth.{name} is 0 with a shear_compliance; allowed on a mesh is more than that")
-        weft = self.stretch_compliance if self.weft_compliance is None else self.weft_compliance
-        most = 0.95 * math.sqrt(weft / self.stretch_compliance)
+    @property
+    def weft_over_warp(self) -> float:
+        """Compliance of the weft over that of the warp."""
+        return 1.0 if self.weft_compliance is None else self.weft_compliance / self.stretch_compliance
+
+    def _check_weave(self) -> None:
+        """Check numbers of warp, weft and diagonal against one another. Raises ValueError."""
+        mesh = self.vertices is not None
+        membrane, bends = self.shear_compliance is not None, self.bend_compliance is not None
+        for name, of, allowed in (
+            ("weft_compliance", "stretch_compliance", membrane or not mesh),
+            ("weft_bend_compliance", "bend_compliance", bends and self.bending == "dihedral"),
+            ("diagonal_bend_compliance", "bend_compliance", bends and self.bending == "dihedral"),
+        ):
+            value = getattr(self, name)
+            if value is not None and not allowed:
+                needs = "a shear_compliance" if of == "stretch_compliance" else "bending 'dihedral'"
+                raise ValueError(f"Cloth.{name} is set; allowed is None without {needs}")
+            if value is not None and min(value, getattr(self, of)) <= 0.0:
+                raise ValueError(f"Cloth.{name} is {value:g}, {of} {getattr(self, of):g}; allowed are two above 0")
+        if bends and self.diagonal_bend_compliance is not None:
+            least = 0.25 * (self.bend_compliance + (self.weft_bend_compliance or self.bend_compliance))
+            if self.diagonal_bend_compliance <= least:
+                raise ValueError(
+                    f"Cloth.diagonal_bend_compliance is {self.diagonal_bend_compliance:g}; allowed is more than a "
+                    f"quarter of the sum of those of warp and weft, {least:g}"
+                )
+        if mesh and membrane and min(self.stretch_compliance, self.shear_compliance) <= 0.0:
+            raise ValueError("Cloth has a compliance of 0 on a mesh with a shear_compliance; allowed is more than that")
+        if not mesh and (self.poisson or tuple(self.warp) != (1.0, 0.0, 0.0)):
+            raise ValueError("Cloth has poisson or warp on a grid; allowed are they on a mesh, of a grid they follow")
+        most = _MOST_POISSON * math.sqrt(self.weft_over_warp)
         if abs(self.poisson) > most:
             raise ValueError(f"Cloth.poisson is {self.poisson:g}; with these compliances allowed is at most {most:.3g}")
         warp = np.array(self.warp, dtype=np.float64)
-        if warp.shape not in ((3,), self.triangles.shape) or not np.isfinite(warp).all():
+        if warp.shape != (3,) and (not mesh or warp.shape != self.triangles.shape):
             raise ValueError(f"Cloth.warp has shape {warp.shape}; allowed is a vector, or one for each triangle")
-        if not np.linalg.norm(np.atleast_2d(warp), axis=1).all():
-            raise ValueError("Cloth.warp has no length; allowed are vectors along the warp")
-        object.__setattr__(self, "warp", warp)
+        if not (np.isfinite(warp).all() and np.linalg.norm(np.atleast_2d(warp), axis=1).all()):
+            raise ValueError("Cloth.warp has a vector without a direction; allowed are vectors along the warp")
 
     @classmethod
     def of(cls, material: str, **fields: Any) -> Cloth:

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cloth_sim_ros.sim.topology.directions import in_planes
+
 # Least height of a triangle over its longest edge. The edges of thinner ones are springs without coupling, as their
 # strains say too little of the strain across.
 _SLIVER = 0.05
@@ -101,7 +103,7 @@ def _energies(
     double = np.linalg.norm(normal, axis=1)
     sound = double > _SLIVER * length.max(axis=1) ** 2
     normal = normal / np.maximum(double, 1e-300)[:, None]
-    first = _across(np.broadcast_to(warp, normal.shape), normal)
+    first = in_planes(warp, normal)
     unit = edge / length[:, :, None]
     c, s = (unit * first[:, None]).sum(2), (unit * np.cross(normal, first)[:, None]).sum(2)
     strains = np.stack([c * c, s * s, c * s], axis=2)  # of the edges, for e11, e22, 2 e12
@@ -110,19 +112,6 @@ def _energies(
     energy = back.transpose(0, 2, 1) @ moduli.matrix() @ back
     energy[~sound] = 0.5 * (moduli.warp + moduli.weft) * np.eye(3)
     return length, 0.5 * double, energy
-
-
-def _across(way: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Unit vectors (T, 3): the parts of `way` (T, 3) in the planes of `normal` (T, 3).
-
-    Where a way stands on its plane, the axis that lies best in it takes its place.
-    """
-    flat = way - (way * normal).sum(1, keepdims=True) * normal
-    size = np.linalg.norm(flat, axis=1, keepdims=True)
-    axis = np.eye(3)[np.abs(normal).argmin(axis=1)]
-    other = axis - (axis * normal).sum(1, keepdims=True) * normal
-    flat = np.where(size > 1e-6 * np.linalg.norm(way, axis=1, keepdims=True), flat, other)
-    return flat / np.linalg.norm(flat, axis=1, keepdims=True)
 
 
 def _numbers(triangles: np.ndarray, edges: np.ndarray, count: int) -> np.ndarray:

@@ -60,7 +60,7 @@ def of_sheet(
     pinned = pinned_particles(cloth.pins, named, len(local))
     bending = None
     if cloth.bend_compliance is not None and cloth.bending == "dihedral":
-        bending = plate.of_triangles(local, triangles, pinned, tears=cloth.tear_strain > 0.0)
+        bending = plate.of_triangles(local, triangles, pinned, cloth.tear_strain > 0.0, _weave(cloth))
     return Topology(
         rest=rotate(cloth.orientation, local) + np.asarray(cloth.position),
         masses=masses if cloth.particle_masses is None else cloth.particle_masses,
@@ -77,9 +77,24 @@ def of_sheet(
     )
 
 
+def _weave(cloth: Cloth) -> plate.Weave:
+    """Of the compliances of strips along warp, weft and the diagonal between them.
+
+    Under a moment of 1 N a strip along the diagonal has the curvature (1/warp + 1/weft + 2/twist) / 4, by the moments
+    along warp, weft and of twist, half a newton each.
+    """
+    weft, diagonal = (
+        1.0 if each is None else each / cloth.bend_compliance
+        for each in (cloth.weft_bend_compliance, cloth.diagonal_bend_compliance)
+    )
+    if cloth.diagonal_bend_compliance is None:
+        diagonal = 0.5 * (1.0 + weft)
+    return plate.Weave(1.0 / weft, 2.0 / (4.0 * diagonal - 1.0 - weft), cloth.warp)
+
+
 def _moduli(cloth: Cloth) -> membrane.Moduli:
-    weft = cloth.stretch_compliance if cloth.weft_compliance is None else cloth.weft_compliance
-    return membrane.Moduli(1.0 / cloth.stretch_compliance, 1.0 / weft, 1.0 / cloth.shear_compliance, cloth.poisson)
+    warp = 1.0 / cloth.stretch_compliance
+    return membrane.Moduli(warp, warp / cloth.weft_over_warp, 1.0 / cloth.shear_compliance, cloth.poisson)
 
 
 def _areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
