@@ -136,7 +136,7 @@ CLOTH = (
     _double(
         "stretch_compliance",
         1e-3,
-        "Compliance of the sheet in stretch: 1/spring constant of a square grid; 0 is rigid.",
+        "Compliance in stretch along the warp: 1/spring constant of a square grid; of a mesh 1/Young's modulus.",
         "m/N",
         0,
         1e6,
@@ -144,7 +144,7 @@ CLOTH = (
     _double(
         "shear_compliance",
         3e-3,
-        "Compliance of the diagonal springs of a square grid; 0 is rigid; a mesh has none.",
+        "Compliance in shear: 1/constant of the diagonal springs of a square grid; of a mesh 1/shear modulus.",
         "m/N",
         0,
         1e6,
@@ -158,7 +158,9 @@ CLOTH = (
         1e6,
         live=False,
     ),
-    _double("poisson", 0, "Contraction of a mesh along the weft over its stretch along the warp.", "", -1, 2, live=False),
+    _double(
+        "poisson", 0, "Contraction of a mesh along the weft over its stretch along the warp.", "", -1, 2, live=False
+    ),
     _choice(
         "bending",
         "none",
@@ -435,7 +437,10 @@ OBJECT = (
 SHEET = (
     Parameter("mesh", "string", "", "File of a triangle mesh in place of the grid, read by trimesh.", anew=True),
     replace(UNIT, text="Length of a unit in the file of the mesh.", anew=True),
-    Parameter("shear", "bool", True, "Whether a square grid has diagonal springs; a mesh has none."),
+    Parameter(
+        "shear", "bool", True, "Whether a grid has diagonal springs, and a mesh moduli; else its edges carry shear."
+    ),
+    _vector("warp", (1, 0, 0), "Direction of the warp of a mesh, in the local axes; of a grid it is x.", "", -1, 1),
 )
 
 

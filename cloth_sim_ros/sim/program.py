@@ -42,7 +42,6 @@ from cloth_sim_ros.sim.features.tearing.tear import followers, make_tear
 from cloth_sim_ros.sim.features.twist.twist import ask_for
 from cloth_sim_ros.sim.features.winch.drum import make_turn
 from cloth_sim_ros.sim.kernels.intrinsics import array_address, sync_warp
-from cloth_sim_ros.sim.kernels.native import LANES
 from cloth_sim_ros.sim.lines.membrane import lengthen
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step
@@ -75,6 +74,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
         before += _look_around(features)
     if features.winch:
         before.append(Stage("winch", _make_winch(features)))
+    if features.membrane:
+        before.append(Stage("lengthen", lengthen))
     if features.panels:
         before.append(Stage("panels", make_panels(features)))
     predict, finish = make_predict(features), make_finish(features)
@@ -251,17 +252,12 @@ def _was_overstretched(ctx: Context) -> bool:
 
 
 def _make_lines(features: Features, on_cpu: bool) -> Stage:
-    solve_line_row, team, lanes = make_solve_line_row(features), 1 if on_cpu else WARP, LANES if on_cpu else WARP
+    solve_line_row, team = make_solve_line_row(features), 1 if on_cpu else WARP
 
     @wp.func
     def lines(t: int, width: int, ctx: Context):
         group = ctx.model.groups[ctx.group]
         first, end, many = group[0], group[1], group[2]
-        if wp.static(features.membrane):
-            if many == 0:
-                for r in range(first + t / wp.static(team), end, width / wp.static(team)):
-                    lengthen(r, t % wp.static(team), wp.static(lanes), wp.static(team), ctx)
-                return
         for r in range(first + many * (t / wp.static(team)), end, many * (width / wp.static(team))):
             for k in range(many):
                 solve_line_row(r + k, ctx)

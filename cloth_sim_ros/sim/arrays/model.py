@@ -125,7 +125,10 @@ class Body:
     count: int
     groups: int  # rounds of families of lines
     groups_end: int
+    lines: int  # slots of its lines
+    lines_end: int
     line_damping: float  # factor of the time of the dashpots of its lines
+    line_rate: float  # omega^2 of the fastest mode of a membrane's springs at a compliance of 1 m/N [1/s^2]
     segments: int
     segments_end: int
     panels: int
@@ -159,8 +162,7 @@ class Seams:
 class Model:
     """Constant arrays of a batch.
 
-    groups: first and end of the rows of lines of a round, and the number a warp takes in a row; 0 to find their rest
-    lengths. A scale is element
+    groups: first and end of the rows of lines of a round, and the number a warp takes in a row. A scale is element
     compliance / material compliance. topology/line_layout.py describes the slots of lines.
     """
 

@@ -56,6 +56,7 @@ class ModelArrays:
         self.particles += len(topology.masses)
         self._append("rest", topology.rest)
         groups = len(self.groups)
+        first_line = self.size["line_nodes"]
         self._add_lines(topology)
         groups_end = len(self.groups)
         segments = self._add_chain(topology)
@@ -74,7 +75,10 @@ class ModelArrays:
             "count": len(topology.masses),
             "groups": groups,
             "groups_end": groups_end,
+            "lines": first_line,
+            "lines_end": self.size["line_nodes"],
             "line_damping": 1.0 if topology.coupling is None else topology.coupling.softness,
+            "line_rate": 0.0 if topology.coupling is None else topology.coupled_rate,
             "segments": segments,
             "segments_end": self.size["segment_length"],
             "panels": panels,
@@ -112,8 +116,6 @@ class ModelArrays:
             # A warp takes the rows of a round that belong together one after the other; a core takes all in order.
             joined = np.concatenate(parts) if self._lanes else np.stack(parts, axis=1).reshape(-1, 4)
             start = self._append("line_rows", joined)
-            if topology.coupling is not None:
-                self.groups.append((start, start + len(joined), 0))
             self.groups.append((start, start + len(joined), 1 if self._lanes else len(parts)))
 
         if topology.coupling is not None:

@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 
+from cloth_sim_ros.sim.lines.membrane import WHOLE
 from cloth_sim_ros.sim.physics.integrate import MOST_TURNED
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps import limits, prices
@@ -147,7 +148,7 @@ def _xpbd(
 
     order, calm = settings.order or 2, 0.0 if settings.order else _calm_substeps(topology, limit) / iterations
     substeps, wanted, error = substeps_of(order, calm)
-    if substeps < calm or (not settings.order and substeps_of(1, 0.0)[0] < substeps):
+    if (substeps < calm and topology.coupling is None) or (not settings.order and substeps_of(1, 0.0)[0] < substeps):
         order = 1
         substeps, wanted, error = substeps_of(order, 0.0)
     reason = f"is computed by xpbd order {order} in {substeps} x {iterations}"
@@ -161,6 +162,8 @@ def _xpbd(
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
         reason += f"; {share:.2g} of its bending rigidity acts"
+    if topology.coupling is not None and substeps < _whole_substeps(limit, order):
+        reason += "; it shears too little"
     return Choice("xpbd", order, substeps, iterations, error, reason, bending_share=share, surface=around.surface)
 
 
@@ -215,6 +218,8 @@ def _kinks(
     """Error left by the kinks of a mesh's lines; limit: substeps that leapfrog needs without dashpots."""
     weight = around.gravity * topology.masses.sum() if _is_mesh(topology) and math.isfinite(limit) else 0.0
     strain = 0.5 * weight * max(compliance[0] for compliance, _ in materials)
+    if topology.coupling is not None and weight > 0.0:
+        strain = max(strain, limits.SEEN)  # it has its moduli under any load
     return limits.LineKinkError(limit, strain, settings.iterations or 1)
 
 
@@ -224,8 +229,18 @@ def _swing(topology: Topology, length: float) -> float:
 
 
 def _calm_substeps(topology: Topology, limit: float) -> float:
-    """Minimum sweeps of second order on a mesh; with fewer, the residual of its stiff springs shakes it."""
+    """Minimum sweeps of second order on a mesh; with fewer, the residual of its stiff springs shakes it.
+
+    Those of a membrane do not, but only a part of its coupling acts then.
+    """
+    if topology.coupling is not None:
+        return _whole_substeps(limit, 2)
     return limit / _MOST_STIFF if _is_mesh(topology) else 0.0
+
+
+def _whole_substeps(limit: float, order: int) -> float:
+    """Substeps in which the whole coupling of a membrane acts; `limit`: those that leapfrog needs."""
+    return limits.LEAPFROG * limits.EFFECTIVE[order] * limit / math.sqrt(WHOLE)
 
 
 def _is_mesh(topology: Topology) -> bool:

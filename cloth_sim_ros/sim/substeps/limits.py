@@ -23,12 +23,14 @@ class Unstable(ValueError):
 # springs most modes are near the fastest, in a sheet few.
 _SHARE = 0.7
 _SHARE_OF_LINES = 0.5
+LEAPFROG = 2.0 * _SHARE  # omega h of the steps that are taken for a sheet
 
 _ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS relative rounding error of a length in float32
 _HEAT = 1e-2  # largest heating by rounding [m^2/s^3]; beyond it a spring counts as rigid
 
 EFFECTIVE = {1: 1.0, 2: 2.0 / 3.0}  # order -> effective length h_e of a substep of XPBD over its length h
 
+SEEN = 1e-4  # strain from which on its error counts in full
 _LOST = 0.1  # factor of the share of tension lost at kinks, see LineKinkError
 
 
@@ -68,7 +70,7 @@ class LineKinkError:
     @property
     def _weight(self) -> float:
         # A large strain also moves the particles.
-        return max(0.02 * min(1.0, self.strain / 1e-4), 2.5 * self.strain)
+        return max(0.02 * min(1.0, self.strain / SEEN), 2.5 * self.strain)
 
 
 def bending_share(rate: float, step: float) -> float:
@@ -91,6 +93,7 @@ def check_explicit(
         "self_contact of": thing.self_contact,
         "object_contact of": scene.object_contact,
         "tear_strain of": topology.tear_strain > 0.0,
+        "a shear_compliance of the mesh": topology.coupling is not None,
     }
     for what, is_there in lacking.items():
         if is_there:

@@ -6,10 +6,14 @@ A/2 s^T K s of a linear elastic membrane is one of the edges (Delingette 2008, T
 membranes). Constant strains are exact on any mesh.
 
 Lines of edges need a diagonal matrix. So K = D - R. The diagonal D has the sum of the magnitudes of each row of K, so
-that R has no negative eigenvalue (Gershgorin). D is the springs. R s changes their rest lengths, line by line, at the
-strains that the lines before have left. The energy with D in place of K bounds that of the membrane from above and
-touches it there, so that each line lowers the energy of the membrane (Hunter and Lange 2004, A tutorial on MM
-algorithms).
+that R has no negative eigenvalue (Gershgorin). D is the springs, which are implicit. R s changes their rest lengths, at
+the strains s where a substep starts. So it is exact at rest, adds R h to the viscosity, and is stable for any step by
+which all springs together are solved (Ascher, Ruuth and Wetton 1995, Implicit-explicit methods for time-dependent
+partial differential equations).
+
+Lines are solved one after the other, in one sweep. By the spectral radii of the steps of meshes of silk and cotton that
+is stable up to (omega h)^2 of 100, with omega of the fastest mode of D. In longer substeps a part of R stays out, down
+to 0.8 R, with which all that were tried are stable. The sheet then shears too little.
 """
 
 from __future__ import annotations

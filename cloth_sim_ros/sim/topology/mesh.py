@@ -28,7 +28,7 @@ def of_mesh(cloth: Cloth, name: str) -> Topology:
     edges, opposite, area = _edges(triangles, areas, name)
     length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
     coupling = None
-    if cloth.shear_compliance is None:
+    if cloth.shear_compliance is None or cloth.tear_strain > 0.0:
         springs = {"structural": Elements(edges, length, length**2 / area)}
     else:
         constants, coupling = membrane.of_triangles(points, triangles, edges, _moduli(cloth), cloth.warp)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bending of a sheet: energy B/2 times the integral of |H|^2, H the Hessian of the positions over the flat sheet.
 
-A woven sheet weighs the parts of |H|^2: that of the warp with 1, of the weft and of the twist with ratios of rigidities.
+A woven sheet weighs the parts of |H|^2: that of the warp with 1, those of weft and twist with ratios of rigidities.
 
 On every triangle H is that of Morley's plate element (Morley 1968): H = sum over its edges of l psi n n^T / A. There n
 is the normal of the edge in the plane of the triangle, l its length and A the area. psi is how far the slope along n at

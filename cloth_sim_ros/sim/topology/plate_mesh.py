@@ -21,10 +21,11 @@ class Mesh:
     """Triangles at rest, each in its own plane, and their neighbours.
 
     triangles (T, 3). area (T,) [m^2], normal (T, 3). along, out (T, 3, 2): unit vectors of an edge and its outward
-    normal, in axes of the triangle along the warp and across. length, height (T, 3) [m]: of edge and corner. foot (T, 3): where the height meets
-    the edge, 0 at its start, 1 at its end. twin (T, 3): the same edge of the neighbour as 3 t + c, itself on a border.
-    turned (T, 3): whether the neighbour runs along that edge in the other direction, as in a mesh of one orientation.
-    bends (T, 3): whether the triangle bends at an edge; clamped (T, 3): whether the neighbour there is a clamp.
+    normal, in axes of the triangle along the warp and across. length, height (T, 3) [m]: of edge and corner. foot (T,
+    3): where the height meets the edge, 0 at its start, 1 at its end. twin (T, 3): the same edge of the neighbour as
+    3 t + c, itself on a border. turned (T, 3): whether the neighbour runs along that edge in the other direction, as in
+    a mesh of one orientation. bends (T, 3): whether the triangle bends at an edge; clamped (T, 3): whether the
+    neighbour there is a clamp.
     """
 
     triangles: np.ndarray
