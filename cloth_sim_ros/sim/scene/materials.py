@@ -75,13 +75,14 @@ FABRICS = {
         "beyond; thickness and friction are estimates",
     ),
     "denim": Fabric(
-        0.324, 1010.0, 205.0, 60.0, 0.1, 6.1e-5, 3.7e-5, 3.6e-5, 5e-3, 0.7e-3, 0.55, 0.45,
-        "jeans with 1 % elastane in the weft: mass, stretch and shear of Wang's 11 oz black denim, bending the upper "
-        "quartile of 51 of 0.28 to 0.36 kg/m^2 by Feng; thickness and friction are estimates",
+        0.324, 1010.0, 205.0, 60.0, 0.1, 1.04e-4, 4.3e-5, 4.4e-5, 5e-3, 0.7e-3, 0.55, 0.45,
+        "jeans with 1 % elastane in the weft: mass, stretch and shear of Wang's 11 oz black denim, bending the "
+        "stiffest tenth of 51 of 0.28 to 0.36 kg/m^2 by Feng; thickness and friction are estimates",
     ),
     "silk": Fabric(
-        0.06, 800.0, 600.0, 15.0, 0.1, 1.4e-6, 1.0e-6, 1.2e-6, 3e-3, 0.15e-3, 0.35, 0.25,
-        "habutai of 14 momme: mass by its trade weight; shear and bending by KES-F; stretch and friction are estimates",
+        0.06, 800.0, 600.0, 15.0, 0.1, 1.5e-6, 8.9e-7, 5.9e-7, 3e-3, 0.15e-3, 0.35, 0.25,
+        "habutai of 14 momme: mass by its trade weight, shear by KES-F, bending the lower quartile of 24 of 0.04 to "
+        "0.06 kg/m^2 by Feng; stretch and friction are estimates",
     ),
     "wool": Fabric(
         0.25, 1000.0, 700.0, 40.0, 0.1, 1.4e-5, 1.0e-5, 1.2e-5, 8e-3, 0.7e-3, 0.5, 0.4,
@@ -96,8 +97,9 @@ FABRICS = {
         "tablecloth: Wang's white dots on black; thickness and friction are estimates",
     ),
     "flag": Fabric(
-        0.097, 1000.0, 800.0, 25.0, 0.1, 1.1e-6, 1.9e-6, 1.7e-6, 4e-3, 0.2e-3, 0.35, 0.25,
-        "limp polyester banner: mass and bending of one of the limpest woven fabrics by Feng; all else is an estimate",
+        0.08, 1000.0, 800.0, 25.0, 0.1, 1.3e-6, 1.4e-6, 9.3e-7, 4e-3, 0.2e-3, 0.35, 0.25,
+        "limp polyester banner: mass and bending of one of the limpest of 0.06 to 0.09 kg/m^2 by Feng; all else is an "
+        "estimate",
     ),
     "fleece": Fabric(
         0.228, 150.0, 245.0, 30.0, 0.3, 2.9e-5, 1.5e-5, 2.2e-5, 8e-3, 2e-3, 0.6, 0.5,
