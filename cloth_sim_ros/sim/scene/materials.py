@@ -80,9 +80,8 @@ FABRICS = {
         "stiffest tenth of 51 of 0.28 to 0.36 kg/m^2 by Feng; thickness and friction are estimates",
     ),
     "silk": Fabric(
-        0.06, 800.0, 600.0, 15.0, 0.1, 1.5e-6, 8.9e-7, 5.9e-7, 3e-3, 0.15e-3, 0.35, 0.25,
-        "habutai of 14 momme: mass by its trade weight, shear by KES-F, bending the lower quartile of 24 of 0.04 to "
-        "0.06 kg/m^2 by Feng; stretch and friction are estimates",
+        0.06, 500.0, 400.0, 15.0, 0.1, 1.4e-6, 1.0e-6, 1.2e-6, 3e-3, 0.15e-3, 0.35, 0.25,
+        "habutai of 14 momme: mass by its trade weight; shear and bending by KES-F; stretch and friction are estimates",
     ),
     "wool": Fabric(
         0.25, 1000.0, 700.0, 40.0, 0.1, 1.4e-5, 1.0e-5, 1.2e-5, 8e-3, 0.7e-3, 0.5, 0.4,
