@@ -139,7 +139,7 @@ CLOTH = (
     _double(
         "stretch_compliance",
         1e-3,
-        "Compliance of the sheet in stretch: 1/spring constant of a square grid; 0 is rigid.",
+        "Compliance in stretch along the warp: 1/spring constant of a square grid; of a mesh 1/Young's modulus.",
         "m/N",
         0,
         1e6,
@@ -147,10 +147,22 @@ CLOTH = (
     _double(
         "shear_compliance",
         3e-3,
-        "Compliance of the diagonal springs of a square grid; 0 is rigid; a mesh has none.",
+        "Compliance in shear: 1/constant of the diagonal springs of a square grid; of a mesh 1/shear modulus.",
         "m/N",
         0,
         1e6,
+    ),
+    _double(
+        "weft_compliance",
+        0,
+        "Compliance in stretch along the weft, of a grid along y; 0 is that of the warp.",
+        "m/N",
+        0,
+        1e6,
+        live=False,
+    ),
+    _double(
+        "poisson", 0, "Contraction of a mesh along the weft over its stretch along the warp.", "", -1, 2, live=False
     ),
     _choice(
         "bending",
@@ -165,6 +177,24 @@ CLOTH = (
         "m/N or 1/(N m)",
         0,
         1e12,
+    ),
+    _double(
+        "weft_bend_compliance",
+        0,
+        "dihedral: 1/rigidity of a strip along the weft; 0 is that of the warp.",
+        "1/(N m)",
+        0,
+        1e12,
+        live=False,
+    ),
+    _double(
+        "diagonal_bend_compliance",
+        0,
+        "dihedral: 1/rigidity of a strip at 45 degrees; 0 is the mean of warp and weft.",
+        "1/(N m)",
+        0,
+        1e12,
+        live=False,
     ),
     _double("thickness", 0.005, "Distance from a collider at which the middle surface touches it.", "m", 0, 1.0),
     _double(
@@ -402,7 +432,10 @@ OBJECT = (
 SHEET = (
     Parameter("mesh", "string", "", "File of a triangle mesh in place of the grid, read by trimesh.", anew=True),
     replace(UNIT, text="Length of a unit in the file of the mesh.", anew=True),
-    Parameter("shear", "bool", True, "Whether a square grid has diagonal springs; a mesh has none."),
+    Parameter(
+        "shear", "bool", True, "Whether a grid has diagonal springs, and a mesh moduli; else its edges carry shear."
+    ),
+    _vector("warp", (1, 0, 0), "Direction of the warp of a mesh, in the local axes; of a grid it is x.", "", -1, 1),
 )
 
 

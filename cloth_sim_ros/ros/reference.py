@@ -23,9 +23,10 @@ runs. Whole numbers and text such as `1e-6` are accepted for decimals.
 """
 
 MATERIALS = """`material` sets what is not set otherwise: mass, compliances, bending (`dihedral`, of a rope `angle`),
-damping, friction, and of a cloth half of its thickness. The springs of a grid of square cells then have Young's
-modulus E and the shear modulus; the edges of a mesh have E alone. A rope of another `radius` has mass and EA by its
-square, EI by its fourth power.
+damping, friction, and of a cloth half of its thickness. A grid of square cells and a mesh then have the Young's moduli
+E of warp and weft and the shear modulus. A mesh has Poisson's ratio too; of a grid it is about shear / E of the weft. B
+are the flexural rigidities of strips along warp, weft and at 45 degrees. A compliance that is set scales those of weft
+and diagonal that are not. A rope of another `radius` has mass and EA by its square, EI by its fourth power.
 """
 
 
@@ -53,7 +54,8 @@ def _section(title: str, prefix: str, rows: Iterable[Parameter]) -> str:
 
 def _materials() -> str:
     """The presets of sheets and of ropes."""
-    sheets = ["material", "mass [kg/m^2]", "E [N/m]", "shear [N/m]", "B [N m]", "damping [s]", "thick [m]"]
+    sheets = ["material", "mass [kg/m^2]", "E warp [N/m]", "E weft [N/m]", "shear [N/m]", "Poisson"]
+    sheets += ["B warp [N m]", "B weft [N m]", "B diagonal [N m]", "damping [s]", "thick [m]"]
     ropes = ["material", "radius [m]", "mass [kg/m]", "EA [N]", "EI [N m^2]", "damping [s]"]
     lines = ["\n## Materials\n", MATERIALS]
     for head, presets in ((sheets, FABRICS), (ropes, CORDS)):

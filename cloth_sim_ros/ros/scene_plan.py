@@ -129,12 +129,12 @@ def _of_material(values: Values, name: str, given: Container[str]) -> dict[str, 
             length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         fields = rope_fields(own["material"], length, radius)
         return {**fields, "bending": "angle"}
-    bending = own["bending"] if f"{name}.bending" in given else "dihedral"
     path, scale = own["mesh"], own["scale"]
     area = math.prod(own["size"])
     if path:
         area = scale**2 * triangles_area(*load_mesh(path, f"{name}.mesh", scale))
-    return sheet_fields(own["material"], area, bool(path), bending)
+    own_fields = {field: value for field, value in own.items() if f"{name}.{field}" in given}
+    return sheet_fields(own["material"], area, own_fields, bool(path))
 
 
 def make_object(values: Values, name: str) -> Cloth | Rope:
@@ -160,9 +160,12 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
     path, shear, scale = own.pop("mesh"), own.pop("shear"), own.pop("scale")
     if not shear:
         own["shear_compliance"] = None
+    for like_warp in ("weft_compliance", "weft_bend_compliance", "diagonal_bend_compliance"):
+        own[like_warp] = own[like_warp] or None
     if not path:
+        del own["warp"]
         return Cloth(**own)
-    for absent in ("resolution", "size", "shear_compliance"):
+    for absent in ("resolution", "size"):
         del own[absent]
     return Cloth.from_mesh(*load_mesh(path, f"{name}.mesh", scale), scale=scale, **own)
 

@@ -24,13 +24,14 @@ from cloth_sim_ros.sim.colliders.plane import Plane
 from cloth_sim_ros.sim.colliders.sphere import Sphere
 from cloth_sim_ros.sim.colliders.volume import SignedDistance
 from cloth_sim_ros.sim.scene.handles import Handle
+from cloth_sim_ros.sim.scene.materials import Fabric
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope, Winch
 from cloth_sim_ros.sim.scene.scene import Scene, Wind
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.simulation import Simulation
 
 __all__ = [
-    "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Gripper", "GripperDriver", "Handle", "Mesh",
-    "Plane", "Readback", "Rope", "Scene", "Settings", "SignedDistance", "Simulation", "Sphere", "Surface", "Variation",
-    "Winch", "Wind"
+    "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Fabric", "Gripper", "GripperDriver", "Handle",
+    "Mesh", "Plane", "Readback", "Rope", "Scene", "Settings", "SignedDistance", "Simulation", "Sphere", "Surface",
+    "Variation", "Winch", "Wind"
 ]  # fmt: skip

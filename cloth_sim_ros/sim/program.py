@@ -43,6 +43,7 @@ from cloth_sim_ros.sim.features.tearing.tear import followers, make_tear
 from cloth_sim_ros.sim.features.twist.twist import ask_for
 from cloth_sim_ros.sim.features.winch.drum import make_turn
 from cloth_sim_ros.sim.kernels.intrinsics import array_address, sync_warp
+from cloth_sim_ros.sim.lines.membrane import lengthen
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step
 from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
@@ -74,6 +75,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
         before += _look_around(features)
     if features.winch:
         before.append(Stage("winch", _make_winch(features)))
+    if features.membrane:
+        before.append(Stage("lengthen", lengthen))
     if features.panels:
         before.append(Stage("panels", make_panels(features)))
     predict, finish = make_predict(features), make_finish(features)

@@ -307,7 +307,8 @@ class Simulation:
     def springs(self, name: str, world: int = 0) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Return kind -> (pairs, rest_length, constant) of the springs as they are now.
 
-        pairs is (S, 2) int, rest_length (S,) [m], and constant (S,) [N/m], infinite for rigid springs.
+        pairs is (S, 2) int, rest_length (S,) [m], and constant (S,) [N/m], infinite for rigid springs. The springs of a
+        mesh with a shear_compliance are coupled, so that they alone do not say its energy.
         """
         return self._queries.springs(name, world)
 

@@ -9,6 +9,7 @@ import sys
 import warp as wp
 
 from cloth_sim_ros.study import elongation, error, report, scenes, speed, stability, throws, touching, tune
+from cloth_sim_ros.study.fabric import command as fabric
 from cloth_sim_ros.study.pictures import command as pictures
 
 COMMANDS = {
@@ -16,6 +17,7 @@ COMMANDS = {
     "scenes": (scenes, "what a frame of real scenes costs by the defaults and by set numbers, and its error"),
     "error": (error, "error against time for a case over orders, substeps and iterations"),
     "elongation": (elongation, "how much too long a hung sheet gets by XPBD, over substeps and iterations"),
+    "fabric": (fabric, "drape, stretch and bending of fabrics by the tests of a laboratory, beside published values"),
     "touching": (touching, "what it costs to keep a sheet apart from itself, and what comes through"),
     "throws": (throws, "things thrown at sheets, drawn at random: what passes, and how deep the rest gets"),
     "tune": (tune, "the cheapest settings of a scene file that keep a wanted error"),

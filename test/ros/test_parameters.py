@@ -153,7 +153,7 @@ def test_a_material_sets_what_the_file_does_not(start, client):
     cotton, steel = FABRICS["cotton"], CORDS["steel cable"]
     assert client.get("cloth.mass") == pytest.approx(0.2 * cotton.areal_mass)
     assert client.get("cloth.bending") == "dihedral"
-    assert client.get("cloth.bend_compliance") == pytest.approx(1.0 / cotton.bending)
+    assert client.get("cloth.bend_compliance") == pytest.approx(1.0 / cotton.bend_warp)
     assert client.get("cloth.shear_compliance") == pytest.approx(1.0 / cotton.shear)
     assert client.get("cloth.damping") == 0.001, "the file set it"
     assert client.get("line.mass") == pytest.approx(2.0 * steel.linear_mass)
@@ -167,7 +167,8 @@ def test_a_material_may_change_and_what_was_set_stays(start, client):
     assert client.set("cloth.static_friction", 0.1).successful
     assert client.set("cloth.material", "denim").successful
     assert client.get("cloth.mass") == pytest.approx(0.2 * denim.areal_mass)
-    assert client.get("cloth.bend_compliance") == pytest.approx(1.0 / denim.bending)
+    assert client.get("cloth.bend_compliance") == pytest.approx(1.0 / denim.bend_warp)
+    assert client.get("cloth.weft_bend_compliance") == pytest.approx(1.0 / denim.bend_weft)
     assert (client.get("cloth.static_friction"), client.get("cloth.damping")) == (0.1, 0.001)
     assert client.set("cloth.size", [1.0, 1.0]).successful
     assert client.get("cloth.mass") == pytest.approx(denim.areal_mass)

@@ -141,6 +141,12 @@ def test_a_mesh_file_becomes_a_cloth(tmp_path):
     small = make_plan({**given, **material_values(given, {"sheet.mesh", "sheet.scale"})}).scene.objects["sheet"]
     assert np.ptp(small.vertices) == pytest.approx(0.01)
     assert small.mass == pytest.approx(FABRICS["cotton"].areal_mass * 6e-4)
+    assert small.shear_compliance == pytest.approx(1.0 / FABRICS["cotton"].shear)
+    woven = make_plan(values(sheet__mesh=str(file), sheet__pins="none", sheet__warp=(0.0, 1.0, 0.0)))
+    assert tuple(woven.scene.objects["sheet"].warp) == (0.0, 1.0, 0.0)
+    assert woven.scene.objects["sheet"].shear_compliance == 3e-3
+    plain = make_plan(values(sheet__mesh=str(file), sheet__pins="none", sheet__shear=False)).scene.objects["sheet"]
+    assert plain.shear_compliance is None
 
 
 @pytest.mark.parametrize("content", ["", "solid nothing\nendsolid nothing\n", "\x00\x01garbage"])

@@ -170,6 +170,8 @@ class Live:
         needed = "twist_compliance" if field == "end_turn" else field
         if needed in ("shear_compliance", "bend_compliance", "twist_compliance") and getattr(thing, needed) is None:
             raise ValueError(f"{name} is set but {owner} was built without; allowed is an object built with {needed}")
+        if field == "shear_compliance" and self._bodies.topology(owner).coupling is not None:
+            raise ValueError(f"{name} is set while {owner} runs; allowed is stretch_compliance, which scales both")
         value = self._checked(row, value, name, world)
         if field == "end_turn":
             self._bodies.batch[owner].ends.write(self._bodies.batch[owner].index[owner], world, turn=value)

@@ -39,6 +39,8 @@ def measure_lines(
     force = arrays.state.lines.line_multipliers[k] / (h * h)
     i, j = body.particles + m.line_nodes[k], body.particles + m.line_others[k]
     held = m.line_scales[k] * arrays.materials[b].compliance[kind] * force
+    if arrays.state.lines.line_lengths.shape[0] > 0:
+        held += m.line_rests[k] - arrays.state.lines.line_lengths[k]
     _measure(arrays, b, wp.vec2i(i, j), m.line_rests[k], 0.0, held, implicit, result)
 
 
@@ -84,7 +86,8 @@ def _measure(
     rate -= feed * length / wp.max(rest, 1.0e-12)
     wp.atomic_max(result, STRAIN, wp.abs(length - rest) / wp.max(rest, 1.0e-12))
     if implicit:
-        wp.atomic_max(result, RESIDUAL, wp.abs(length - rest + arrays.materials[b].damping * rate + held))
+        damping = arrays.materials[b].damping * arrays.model.bodies[b].line_damping
+        wp.atomic_max(result, RESIDUAL, wp.abs(length - rest + damping * rate + held))
 
 
 @lru_cache

@@ -41,6 +41,7 @@ class Features:
     redoes: bool = False  # compute only bodies whose frame is repeated
     coupled: bool = False  # self or object contact
     tears: bool = False  # springs can fail
+    membrane: bool = False  # the elongations of springs change the rest lengths of others
     forces: tuple[str, ...] = ()  # names in forces.FORCES, in the order of Arrays.forces
     line_slots: int = 1  # particles of a line that a thread of a warp holds
 
@@ -95,6 +96,7 @@ class Features:
             curved=topology.plate is not None and topology.plate.stencil is not None,
             line_slots=slots_a_thread(topology.families),
             tears=topology.tear_strain > 0.0,
+            membrane=topology.coupling is not None,
         )
 
 
@@ -129,6 +131,10 @@ class Body:
     count: int
     groups: int  # rounds of families of lines
     groups_end: int
+    lines: int  # slots of its lines
+    lines_end: int
+    line_damping: float  # factor of the time of the dashpots of its lines
+    line_rate: float  # omega^2 of the fastest mode of a membrane's springs at a compliance of 1 m/N [1/s^2]
     segments: int
     segments_end: int
     panels: int
@@ -173,6 +179,11 @@ class Model:
     line_others: wp.array(dtype=int)  # (S,) the particle behind it in its line, -1 for none
     line_rests: wp.array(dtype=float)  # (S,) rest length of the spring between them [m], -1 where there is none
     line_scales: wp.array(dtype=float)  # (S,) scale of that spring
+    # (S,) of membranes, see topology/membrane.py: particles across that spring, shares of the lengths to them, and base
+    # [m] and share of its own length
+    line_across: wp.array(dtype=wp.vec2i)
+    line_shares: wp.array(dtype=wp.vec4)
+    line_bases: wp.array(dtype=wp.vec2)
     segment_length: wp.array(dtype=float)  # (C,) rest length [m] of chain segments
     particle_masses: wp.array(dtype=float)  # (N,) [kg] off the drum, of bodies that a winch feeds, by world
     rest: wp.array(dtype=wp.vec3)  # (N,) positions at rest [m]

@@ -15,6 +15,8 @@ from cloth_sim_ros.sim.arrays.model import Body, Model, Seams
 from cloth_sim_ros.sim.topology import KINDS, Topology
 from cloth_sim_ros.sim.topology.elements import Plate
 from cloth_sim_ros.sim.topology.line_layout import Rows, in_lanes, in_warps, packed
+from cloth_sim_ros.sim.topology.membrane import Coupling
+from cloth_sim_ros.sim.topology.springs import Elements
 from cloth_sim_ros.sim.topology.tears import at_triangles, under_bends
 
 _NOT_ROWS = ("bodies", "groups", "plate_strides", "curve_width", "seams")
@@ -54,6 +56,7 @@ class ModelArrays:
         self.particles += len(topology.masses)
         self._append("rest", topology.rest)
         groups = len(self.groups)
+        first_line = self.size["line_nodes"]
         self._add_lines(topology)
         groups_end = len(self.groups)
         segments = self._add_chain(topology)
@@ -72,6 +75,10 @@ class ModelArrays:
             "count": len(topology.masses),
             "groups": groups,
             "groups_end": groups_end,
+            "lines": first_line,
+            "lines_end": self.size["line_nodes"],
+            "line_damping": 1.0 if topology.coupling is None else topology.coupling.softness,
+            "line_rate": 0.0 if topology.coupling is None else topology.coupled_rate,
             "segments": segments,
             "segments_end": self.size["segment_length"],
             "panels": panels,
@@ -110,6 +117,21 @@ class ModelArrays:
             joined = np.concatenate(parts) if self._lanes else np.stack(parts, axis=1).reshape(-1, 4)
             start = self._append("line_rows", joined)
             self.groups.append((start, start + len(joined), 1 if self._lanes else len(parts)))
+
+        if topology.coupling is not None:
+            self._add_coupling(topology.coupling, topology.springs["structural"])
+
+    def _add_coupling(self, coupling: Coupling, springs: Elements) -> None:
+        """The coupling of the structural springs of a body, in the slots of its lines."""
+        slots_of, first, end = self.spring_slots[-1]["structural"], self.lines[-1][0][1], self.lines[-1][-1][2]
+        slots = slots_of - first
+        across, shares, bases = (np.zeros((end - first, size)) for size in (2, 4, 2))
+        across[slots] = np.where(coupling.across < 0, springs.particles[:, :1], coupling.across)
+        back = self.joined("line_nodes")[slots_of] != springs.particles[:, 0]  # lines run from its end to its start
+        shares[slots] = np.where(back[:, None], coupling.shares[:, [1, 0, 3, 2]], coupling.shares)
+        bases[slots] = np.stack([coupling.bases, coupling.own], axis=1)
+        for name, rows in (("across", across), ("shares", shares), ("bases", bases)):
+            self._append(f"line_{name}", rows)
 
     def _rows_of(self, topology: Topology) -> list[Rows]:
         """Rows of each family; in warps, lines within a line share the row number of that line."""

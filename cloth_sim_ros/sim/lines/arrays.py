@@ -24,6 +24,7 @@ class LineState:
     line_slips: wp.array(dtype=float)  # (S,) rate of elongation of springs right after their solve [m/s], order 2 alone
     bases: wp.array(dtype=wp.vec4)  # (N,) displacement that dashpots see as none [m], see physics/integrate.py
     tautness: wp.array(dtype=float)  # (N,) largest tension of a line through a particle [N]
+    line_lengths: wp.array(dtype=float)  # (S,) rest lengths of a membrane's springs [m]
     line_scratch: wp.array(dtype=float)  # scratch of the elimination of a line, on a CPU
 
 
@@ -34,5 +35,6 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
         "line_slips": n.slots if features.order == 2 else 0,
         "bases": n.particles if n.slots else 0,
         "tautness": n.particles if n.slots else 0,
+        "line_lengths": n.slots if features.membrane else 0,
         "line_scratch": scratch_of(n.longest_row) if n.on_cpu else 0,
     }

@@ -81,7 +81,7 @@ def make_solve_line_row(features: Features):
     def solve_line_row(r: int, ctx: Context):
         row = ctx.model.line_rows[r]
         alpha = compliance_of(ctx.material, row[3]) * ctx.step.inverse_square
-        gamma = ctx.material.damping * ctx.step.inverse
+        gamma = ctx.material.damping * ctx.body.line_damping * ctx.step.inverse
         carried = float(0.0)
         keeps = bool(False)
         held = ctx.body.pinned
@@ -92,12 +92,15 @@ def make_solve_line_row(features: Features):
             keeps = ctx.last and gamma > 0.0
             if ctx.step.second:
                 carried = wp.static(1.0 / 3.0)
+        rests = ctx.model.line_rests
+        if wp.static(features.membrane):
+            rests = ctx.state.lines.line_lengths
         solve_row(
             row[0],
             row[1],
             row[2],
             ctx.model.line_nodes,
-            ctx.model.line_rests,
+            rests,
             ctx.model.line_scales,
             ctx.state.lines.line_multipliers,
             ctx.state.lines.line_scratch,

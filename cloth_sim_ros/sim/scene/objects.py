@@ -17,9 +17,10 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.input.checks import check_fields, finite_array
 from cloth_sim_ros.sim.input.mesh_repair import Unfit, repair
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
-from cloth_sim_ros.sim.scene.materials import rope_fields, sheet_fields, triangles_area
+from cloth_sim_ros.sim.scene.materials import Fabric, rope_fields, sheet_fields, triangles_area
 
 _LOG = logging.getLogger(__name__)
+_MOST_POISSON = 0.95  # part of the largest Poisson's ratio of a stable sheet
 
 
 @dataclass(frozen=True)
@@ -29,15 +30,24 @@ class Cloth:
     Particle (ix, iy) is index iy*nx + ix at local (ix*w/(nx-1) - w/2, iy*h/(ny-1) - h/2, 0).
 
     stretch_compliance, shear_compliance [m/N]: 1/constant of every spring of a square grid, borders twice as compliant.
-    On a mesh the edge between triangles of area A1, A2 has constant (A1 + A2) / (compliance |e|^2), which is the same
-    on a grid (Van Gelder 1998). shear_compliance None means no shear springs. Compliance 0 is rigid.
+    shear_compliance None means no shear springs. Compliance 0 is rigid. weft_compliance: that of the springs along y;
+    None for the same as along x, the warp.
+
+    A mesh with a shear_compliance is a linear membrane: stretch_compliance and weft_compliance are 1/Young's modulus of
+    warp and weft, shear_compliance is 1/shear modulus, and poisson the contraction of the weft over a stretch of the
+    warp. They hold in any direction of any mesh. warp: its direction in local axes, (3,), or (T, 3) for each triangle;
+    the part in the triangle's plane counts. A live stretch_compliance scales all of it. A mesh that tears, or without a
+    shear_compliance, has springs: the edge between triangles of area A1, A2 has the constant
+    (A1 + A2) / (stretch_compliance |e|^2) (Van Gelder 1998), and 3/8 of Young's modulus is its shear modulus.
 
     bend_compliance: None for no bending. With bending="springs" [m/N] it is 1/constant of the distance springs over two
     edges. With "dihedral" [1/(N m)] it is 1/flexural rigidity B of a sheet whose Poisson ratio is 0 in bending. Its
     energy is B/2 times the integral of the squared curvatures (kxx^2 + 2 kxy^2 + kyy^2). A strip of width w bends with
-    B w and twists with 2 B w, in any direction of any mesh. The energy is quadratic in the positions (Bergou et al.
-    2006), exact for sheets that hardly stretch. Free edges carry no moment. A triangle of three pinned particles is a
-    clamp: two pinned rows hold the sheet at the second one.
+    B w and twists with 2 B w, in any direction of any mesh. weft_bend_compliance, diagonal_bend_compliance: the same of
+    strips along the weft and at 45 degrees; then a strip along the warp has B. None is that of the warp, and the mean
+    of both. The energy is quadratic in the positions (Bergou et al. 2006), exact for sheets that hardly stretch. Free
+    edges carry no moment. A triangle of three pinned particles is a clamp: two pinned rows hold the sheet at the
+    second one.
 
     mass [kg] is lumped by area; particle_masses (N,) [kg] overrides it (a heavy hem). damping [s]: dashpot coefficient
     c = damping x constant. thickness [m]: distance at which the cloth touches a collider. With self_contact its parts
@@ -53,7 +63,12 @@ class Cloth:
     pins: Any = "corners"
     stretch_compliance: float = 1e-3
     shear_compliance: float | None = 3e-3
+    weft_compliance: float | None = None
+    poisson: float = 0.0
+    warp: Any = field(default=(1.0, 0.0, 0.0), repr=False, compare=False)
     bend_compliance: float | None = None
+    weft_bend_compliance: float | None = None
+    diagonal_bend_compliance: float | None = None
     bending: str = "springs"
     damping: float = 0.0
     thickness: float = 0.005
@@ -66,7 +81,9 @@ class Cloth:
     triangles: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        skip = tuple(name for name in ("shear_compliance", "bend_compliance") if getattr(self, name) is None)
+        absent = ("shear_compliance", "weft_compliance", "bend_compliance")
+        absent += ("weft_bend_compliance", "diagonal_bend_compliance")
+        skip = tuple(name for name in absent if getattr(self, name) is None)
         check_fields(self, table.CLOTH, skip)
         if self.bending == "none":
             object.__setattr__(self, "bend_compliance", None)
@@ -80,30 +97,73 @@ class Cloth:
             count, names = len(self.vertices), ()
         _check_pins(self, names, count)
         _take_masses(self, count)
+        self._check_weave()
+
+    @property
+    def weft_over_warp(self) -> float:
+        """Compliance of the weft over that of the warp."""
+        return 1.0 if self.weft_compliance is None else self.weft_compliance / self.stretch_compliance
+
+    def _check_weave(self) -> None:
+        """Check numbers of warp, weft and diagonal against one another. Raises ValueError."""
+        mesh = self.vertices is not None
+        membrane, bends = self.shear_compliance is not None, self.bend_compliance is not None
+        for name, of, allowed in (
+            ("weft_compliance", "stretch_compliance", membrane or not mesh),
+            ("weft_bend_compliance", "bend_compliance", bends and self.bending == "dihedral"),
+            ("diagonal_bend_compliance", "bend_compliance", bends and self.bending == "dihedral"),
+        ):
+            value = getattr(self, name)
+            if value is not None and not allowed:
+                needs = "a shear_compliance" if of == "stretch_compliance" else "bending 'dihedral'"
+                raise ValueError(f"Cloth.{name} is set; allowed is None without {needs}")
+            if value is not None and min(value, getattr(self, of)) <= 0.0:
+                raise ValueError(f"Cloth.{name} is {value:g}, {of} {getattr(self, of):g}; allowed are two above 0")
+        if bends and self.diagonal_bend_compliance is not None:
+            least = 0.25 * (self.bend_compliance + (self.weft_bend_compliance or self.bend_compliance))
+            if self.diagonal_bend_compliance <= least:
+                raise ValueError(
+                    f"Cloth.diagonal_bend_compliance is {self.diagonal_bend_compliance:g}; allowed is more than a "
+                    f"quarter of the sum of those of warp and weft, {least:g}"
+                )
+        if mesh and membrane and min(self.stretch_compliance, self.shear_compliance) <= 0.0:
+            raise ValueError("Cloth has a compliance of 0 on a mesh with a shear_compliance; allowed is more than that")
+        if not mesh and (self.poisson or tuple(self.warp) != (1.0, 0.0, 0.0)):
+            raise ValueError("Cloth has poisson or warp on a grid; allowed are they on a mesh, of a grid they follow")
+        most = _MOST_POISSON * math.sqrt(self.weft_over_warp)
+        if abs(self.poisson) > most:
+            raise ValueError(f"Cloth.poisson is {self.poisson:g}; with these compliances allowed is at most {most:.3g}")
+        warp = np.array(self.warp, dtype=np.float64)
+        if warp.shape != (3,) and (not mesh or warp.shape != self.triangles.shape):
+            raise ValueError(f"Cloth.warp has shape {warp.shape}; allowed is a vector, or one for each triangle")
+        if not (np.isfinite(warp).all() and np.linalg.norm(np.atleast_2d(warp), axis=1).all()):
+            raise ValueError("Cloth.warp has a vector without a direction; allowed are vectors along the warp")
 
     @classmethod
-    def of(cls, material: str, **fields: Any) -> Cloth:
-        """Make a sheet of a material in `materials.FABRICS`; `fields` of Cloth, such as size, override it.
+    def of(cls, material: str | Fabric, **fields: Any) -> Cloth:
+        """Make a sheet of a material in `materials.FABRICS`, or a Fabric; `fields` of Cloth, such as size, override it.
 
-        The mass follows from the size. The moduli are exact for square cells. Raises ValueError for an unknown
-        material.
+        The warp is along x. The mass follows from the size. Stretch and shear are exact for square cells, and give
+        Poisson's ratio. Raises ValueError for an unknown material.
         """
         area = math.prod(table.check(table.row(table.CLOTH, "size"), fields.get("size", cls.size), "Cloth.size"))
-        return cls(**{**sheet_fields(material, area, bending=fields.get("bending", "dihedral")), **fields})
+        return cls(**sheet_fields(material, area, fields))
 
     @classmethod
-    def from_mesh(cls, vertices: Any, triangles: Any, material: str = "", scale: float = 1.0, **fields: Any) -> Cloth:
+    def from_mesh(
+        cls, vertices: Any, triangles: Any, material: str | Fabric = "", scale: float = 1.0, **fields: Any
+    ) -> Cloth:
         """Make a cloth from a triangle mesh.
 
-        Edges carry both stretch and shear, so the cloth has no shear_compliance. Pins are indices; the named pins of a
-        grid do not exist. Triangles without an area, and vertices that no other triangle uses, are dropped, which the
-        log reports. Particles are the remaining vertices in their order. Pins and particle_masses use the given
+        Without a material or a shear_compliance, edges carry both stretch and shear. Pins are indices; the named pins
+        of a grid do not exist. Triangles without an area, and vertices that no other triangle uses, are dropped, which
+        the log reports. Particles are the remaining vertices in their order. Pins and particle_masses use the given
         numbering.
 
         Args:
             vertices: (N, 3) in local axes, in units of `scale`.
             triangles: (T, 3) indices of vertices.
-            material: A name in `materials.FABRICS`, or "". The mass then follows from the area.
+            material: A name in `materials.FABRICS`, a Fabric, or "". The mass then follows from the area.
             scale: Length of a unit of the vertices [m].
             fields: Fields of Cloth, which override those of the material.
 
@@ -116,10 +176,6 @@ class Cloth:
                 raise ValueError(
                     f"Cloth.from_mesh has {name}; allowed are the material fields, the mesh gives the shape"
                 )
-        if fields.get("shear_compliance") is not None:
-            raise ValueError(
-                "Cloth.from_mesh has shear_compliance; a mesh's edges carry shear, allowed is stretch_compliance"
-            )
         points = finite_array(vertices, 3, "Cloth.from_mesh vertices")
         corners = finite_array(triangles, 3, "Cloth.from_mesh triangles")
         wrong = corners[(corners < 0) | (corners >= len(points)) | (corners != np.floor(corners))]
@@ -134,12 +190,10 @@ class Cloth:
             _LOG.warning("Cloth.from_mesh %s", mesh.told)
         if len(mesh.points) < len(points):
             fields = _renumbered(fields, mesh.place, len(mesh.points))
-        points, faces, preset = mesh.points, mesh.triangles, {}
+        points, faces = mesh.points, mesh.triangles
         if material:
-            bending = fields.get("bending", "dihedral")
-            preset = sheet_fields(material, triangles_area(points, faces), mesh=True, bending=bending)
-        shape = {"shear_compliance": None, "vertices": points, "triangles": faces}
-        return cls(**{"pins": None, **preset, **fields, **shape})
+            fields = sheet_fields(material, triangles_area(points, faces), fields, mesh=True)
+        return cls(**{"pins": None, "shear_compliance": None, **fields, "vertices": points, "triangles": faces})
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from cloth_sim_ros.sim.lines.membrane import WHOLE
 from cloth_sim_ros.sim.physics.integrate import MOST_TURNED
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps import limits, prices
@@ -123,7 +124,8 @@ def _xpbd(
     fewest = _fewest(topology, around.coupled)
     most = int(np.clip(budget, fewest, _MOST))
     # With fewer sweeps of second order, the residual of a mesh's stiff springs shakes it.
-    order = settings.order or (1 if _is_mesh(topology) and most < limit / (_MOST_STIFF * iterations) else 2)
+    shaken = _is_mesh(topology) and topology.coupling is None and most < limit / (_MOST_STIFF * iterations)
+    order = settings.order or (1 if shaken else 2)
     static = _static(topology, materials, limit, order, around) / iterations
     bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
     needed = math.ceil(max(fewest, bending, static, _leaning(topology, settings, around)))
@@ -157,10 +159,13 @@ def _static(
 
     The lines of a grid meet at angles, and each undoes a little of the others. Those of a mesh have kinks: the solve of
     each straightens them, until others bend them back, which loses the share _LOST (h_e limit / (h substeps))^2 of the
-    tension. Strains below _SEEN count less, as nobody sees them.
+    tension. Strains below _SEEN count less, as nobody sees them. Of a membrane, a part of the coupling acts with fewer.
     """
     if xpbd_is_direct(topology) or not math.isfinite(limit):
         return 0.0
+    step = limits.EFFECTIVE[order] * limit
+    if topology.coupling is not None:
+        return max(math.sqrt(_LOST / _EXCESS), limits.LEAPFROG / math.sqrt(WHOLE)) * step
     strain = 0.5 * around.gravity * topology.masses.sum() * max(compliance[0] for compliance, _ in materials)
     factor = limits.EFFECTIVE[order] * math.sqrt(_LOST / _EXCESS) if _is_mesh(topology) else 1.0 / _CROSSED
     return factor * limit * math.sqrt(min(1.0, strain / _SEEN))

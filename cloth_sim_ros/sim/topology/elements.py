@@ -17,6 +17,7 @@ import numpy as np
 
 from cloth_sim_ros.sim.topology.frequencies import Frequencies
 from cloth_sim_ros.sim.topology.lines import Family, families, rounds
+from cloth_sim_ros.sim.topology.membrane import Coupling
 from cloth_sim_ros.sim.topology.springs import Elements
 
 _MOST_POWERS = 300
@@ -64,15 +65,16 @@ class Plate:
 class Topology:
     """One object: rest positions (N, 3) [m] in the world, masses (N,) [kg], pinned (N,), elements, triangles, segments.
 
-    springs: kind of KINDS -> Elements of pairs, rest [m]. chain: the same of a rope's segments where they are solved in
-    one, which then has no springs. bends: (B, 3), whose rest is the turn [-]. bend_weights (B, 2): the inverse lengths
-    [1/m] of the two segments of a bend. triangles: (T, 3). panels: (P, 3) particles that the wind acts on, -1 as the
-    third of a rope's segment. layout: (N, 3) rest positions [m] in local axes. grid: particles along x and y, None for
-    what is no grid. winch: of a rope on a winch, the last particle at the drum and the rest length [m] of the segment
-    that begins there. plate: what a sheet resists bending with. twists: whether a rope resists twist. tear_strain:
-    beyond which its springs fail, 0 for never. load: what of the last mass is no part of the object [kg]. world_scales:
-    (worlds,) by how much it is larger than all this says in each world, about `origin` (3,) [m] in the world; None
-    where no world ever had another size.
+    springs: kind of KINDS -> Elements of pairs, rest [m]. chain: the same of a rope's segments where they are
+    solved in one, which then has no springs. bends: (B, 3), whose rest is the turn [-]. bend_weights (B, 2): the
+    inverse lengths [1/m] of the two segments of a bend. triangles: (T, 3). panels: (P, 3) particles that the wind
+    acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions [m] in local axes. grid: particles
+    along x and y, None for what is no grid. winch: of a rope on a winch, the last particle at the drum and the rest
+    length [m] of the segment that begins there. plate: what a sheet resists bending with. coupling: of the
+    structural springs of a membrane. twists: whether a rope resists twist. tear_strain: beyond which its springs
+    fail, 0 for never. load: what of the last mass is no part of the object [kg]. world_scales: (worlds,) by how
+    much it is larger than all this says in each world, about `origin` (3,) [m] in the world; None where no world
+    ever had another size.
     """
 
     rest: np.ndarray
@@ -85,6 +87,7 @@ class Topology:
     winch: tuple[int, float] | None = None
     twists: bool = False
     plate: Plate | None = None
+    coupling: Coupling | None = None
     bends: Elements | None = None
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     chain: Elements | None = None
@@ -209,6 +212,12 @@ class Topology:
     def bends_by_angles(self) -> bool:
         """True if the joints of a rope resist bending."""
         return self.bends is not None
+
+    @cached_property
+    def coupled_rate(self) -> float:
+        """omega^2 [1/s^2] of the fastest mode of the springs of a membrane at a compliance of 1 m/N."""
+        springs = {"structural": self.springs["structural"]}
+        return Frequencies(springs, self.rest, self.masses, self.pinned, crumples=False).exact((1.0,))
 
     @cached_property
     def plate_rate(self) -> float:

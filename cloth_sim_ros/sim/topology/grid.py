@@ -50,7 +50,8 @@ def _grid_springs(cloth: Cloth, index: np.ndarray, local: np.ndarray) -> dict[st
         return [(index[:, :-step], index[:, step:], on_x[:, :-step]), (index[:-step], index[step:], on_y[:-step])]
 
     one = np.ones((ny - 1, nx - 1))
-    groups = {"structural": lines(1)}
+    along, across = lines(1)
+    groups = {"structural": [along, (*across[:2], across[2] * cloth.weft_over_warp)]}
     if cloth.shear_compliance is not None:
         groups["shear"] = [
             (index[:-1, :-1], index[1:, 1:], one),

@@ -7,7 +7,7 @@ import numpy as np
 
 from cloth_sim_ros.sim.physics.quaternion import rotate
 from cloth_sim_ros.sim.scene.objects import Cloth
-from cloth_sim_ros.sim.topology import plate
+from cloth_sim_ros.sim.topology import membrane, plate
 from cloth_sim_ros.sim.topology.elements import Topology, pinned_particles
 from cloth_sim_ros.sim.topology.springs import Elements
 
@@ -27,13 +27,18 @@ def of_mesh(cloth: Cloth, name: str) -> Topology:
     masses = cloth.mass * lumped / lumped.sum()
     edges, opposite, area = _edges(triangles, areas, name)
     length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
-    springs = {"structural": Elements(edges, length, length**2 / area)}
+    coupling = None
+    if cloth.shear_compliance is None or cloth.tear_strain > 0.0:
+        springs = {"structural": Elements(edges, length, length**2 / area)}
+    else:
+        constants, coupling = membrane.of_triangles(points, triangles, edges, _moduli(cloth), cloth.warp)
+        springs = {"structural": Elements(edges, length, 1.0 / (constants * cloth.stretch_compliance))}
     inner = opposite[:, 1] >= 0
     if cloth.bend_compliance is not None and cloth.bending == "springs" and inner.any():
         pairs = opposite[inner]
         rest = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1)
         springs["bending"] = Elements(pairs, rest, np.ones(len(pairs)))
-    return of_sheet(cloth, name, points, masses, {}, triangles, springs)
+    return of_sheet(cloth, name, points, masses, {}, triangles, springs, coupling=coupling)
 
 
 def of_sheet(
@@ -45,6 +50,7 @@ def of_sheet(
     triangles: np.ndarray,
     springs: dict[str, Elements],
     grid: tuple[int, int] | None = None,
+    coupling: membrane.Coupling | None = None,
 ) -> Topology:
     """Build the topology of a grid or mesh: pins, pose in the world, and bending of the triangles.
 
@@ -54,7 +60,7 @@ def of_sheet(
     pinned = pinned_particles(cloth.pins, named, len(local))
     bending = None
     if cloth.bend_compliance is not None and cloth.bending == "dihedral":
-        bending = plate.of_triangles(local, triangles, pinned, tears=cloth.tear_strain > 0.0)
+        bending = plate.of_triangles(local, triangles, pinned, cloth.tear_strain > 0.0, _weave(cloth))
     return Topology(
         rest=rotate(cloth.orientation, local) + np.asarray(cloth.position),
         masses=masses if cloth.particle_masses is None else cloth.particle_masses,
@@ -64,10 +70,31 @@ def of_sheet(
         panels=triangles,
         layout=local,
         plate=bending,
+        coupling=coupling,
         grid=grid,
         tear_strain=cloth.tear_strain,
         origin=np.asarray(cloth.position),
     )
+
+
+def _weave(cloth: Cloth) -> plate.Weave:
+    """Of the compliances of strips along warp, weft and the diagonal between them.
+
+    Under a moment of 1 N a strip along the diagonal has the curvature (1/warp + 1/weft + 2/twist) / 4, by the moments
+    along warp, weft and of twist, half a newton each.
+    """
+    weft, diagonal = (
+        1.0 if each is None else each / cloth.bend_compliance
+        for each in (cloth.weft_bend_compliance, cloth.diagonal_bend_compliance)
+    )
+    if cloth.diagonal_bend_compliance is None:
+        diagonal = 0.5 * (1.0 + weft)
+    return plate.Weave(1.0 / weft, 2.0 / (4.0 * diagonal - 1.0 - weft), cloth.warp)
+
+
+def _moduli(cloth: Cloth) -> membrane.Moduli:
+    warp = 1.0 / cloth.stretch_compliance
+    return membrane.Moduli(warp, warp / cloth.weft_over_warp, 1.0 / cloth.shear_compliance, cloth.poisson)
 
 
 def _areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:

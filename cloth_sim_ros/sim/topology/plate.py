@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bending of a sheet: energy B/2 times the integral of |H|^2, H the Hessian of the positions over the flat sheet.
 
+A woven sheet weighs the parts of |H|^2: that of the warp with 1, those of weft and twist with ratios of rigidities.
+
 On every triangle H is that of Morley's plate element (Morley 1968): H = sum over its edges of l psi n n^T / A. There n
 is the normal of the edge in the plane of the triangle, l its length and A the area. psi is how far the slope along n at
 the middle of the edge is from the slope of the triangle. Morley's element takes the slopes as unknowns. Here they
@@ -16,6 +18,9 @@ Arrays (T, 3) of edges are as plate_mesh.py has them.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 
 from cloth_sim_ros.sim.topology.elements import Plate, PlateParts
@@ -29,20 +34,31 @@ _SINGULAR = 1e-2
 _NOTHING = 1e-13  # share of the largest weight below which a weight is rounding
 
 
-def of_triangles(points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray, tears: bool = False) -> Plate | None:
-    """The bending operator of a sheet for rigidity B = 1, None where no two triangles meet.
+@dataclass(frozen=True)
+class Weave:
+    """Rigidities of weft and twist over that of the warp, and the direction of the warp, (3,) or (T, 3)."""
+
+    weft: float = 1.0
+    twist: float = 1.0
+    warp: np.ndarray | tuple[float, ...] = (1.0, 0.0, 0.0)
+
+
+def of_triangles(
+    points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray, tears: bool = False, weave: Weave = Weave()
+) -> Plate | None:
+    """The bending operator of a sheet whose warp has the rigidity B = 1, None where no two triangles meet.
 
     points (N, 3) [m] at rest, triangles (T, 3) with at most two at an edge, pinned (N,) bool. Free borders carry no
     moment. A triangle of three pinned particles is a clamp: it does not bend, and its neighbours start with its slope.
     With `tears` it is told which triangle each part of a weight is of.
     """
-    mesh = Mesh.of(points, triangles, pinned)
+    mesh = Mesh.of(points, triangles, pinned, weave.warp)
     if not mesh.bends.any():
         return None
     correction = _correction(mesh)
     stencil, slopes = _slopes(mesh, correction)
     rest = _at_rest(mesh, stencil, slopes, points)
-    stiffness = _stiffness(mesh)
+    stiffness = _stiffness(mesh, weave)
     first, second = np.triu_indices(stencil.shape[1], 1)
     weights = (slopes.transpose(0, 2, 1) @ (stiffness @ slopes))[:, first, second]
     pairs = (stencil[:, first].ravel(), stencil[:, second].ravel())
@@ -197,9 +213,14 @@ def _at_rest(mesh: Mesh, stencil: np.ndarray, slopes: np.ndarray, points: np.nda
     return normal
 
 
-def _stiffness(mesh: Mesh) -> np.ndarray:
-    """(T, 3, 3) [1/m^2]: A |H|^2 as a quadratic form of l psi at the edges, the least over the slopes at free edges."""
-    gram = (mesh.out @ mesh.out.transpose(0, 2, 1)) ** 2
+def _stiffness(mesh: Mesh, weave: Weave) -> np.ndarray:
+    """(T, 3, 3) [1/m^2]: A |H|^2 as a quadratic form of l psi at the edges, the least over the slopes at free edges.
+
+    In the square of H = [[a, c], [c, b]], a^2 + 2 c^2 + b^2, the weave weighs the parts of weft b and twist c.
+    """
+    warp, weft = mesh.out[:, :, 0], mesh.out[:, :, 1]
+    parts = np.stack([warp**2, math.sqrt(2.0 * weave.twist) * warp * weft, math.sqrt(weave.weft) * weft**2], axis=2)
+    gram = parts @ parts.transpose(0, 2, 1)
     free = ~mesh.bends
     kept = np.where(free[:, :, None] | free[:, None, :], 0.0, gram)
     solved = free & ~free.all(axis=1, keepdims=True)

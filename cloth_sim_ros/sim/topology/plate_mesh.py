@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cloth_sim_ros.sim.topology.directions import in_planes
+
 _SLIVER = 1e-3  # least height of a triangle over its longest edge; across thinner ones the sheet is hinged
 NEXT, LAST = [1, 2, 0], [2, 0, 1]  # the corners after and before each corner
 
@@ -19,10 +21,11 @@ class Mesh:
     """Triangles at rest, each in its own plane, and their neighbours.
 
     triangles (T, 3). area (T,) [m^2], normal (T, 3). along, out (T, 3, 2): unit vectors of an edge and its outward
-    normal in axes of the triangle. length, height (T, 3) [m]: of edge and corner. foot (T, 3): where the height meets
-    the edge, 0 at its start, 1 at its end. twin (T, 3): the same edge of the neighbour as 3 t + c, itself on a border.
-    turned (T, 3): whether the neighbour runs along that edge in the other direction, as in a mesh of one orientation.
-    bends (T, 3): whether the triangle bends at an edge; clamped (T, 3): whether the neighbour there is a clamp.
+    normal, in axes of the triangle along the warp and across. length, height (T, 3) [m]: of edge and corner. foot (T,
+    3): where the height meets the edge, 0 at its start, 1 at its end. twin (T, 3): the same edge of the neighbour as
+    3 t + c, itself on a border. turned (T, 3): whether the neighbour runs along that edge in the other direction, as in
+    a mesh of one orientation. bends (T, 3): whether the triangle bends at an edge; clamped (T, 3): whether the
+    neighbour there is a clamp.
     """
 
     triangles: np.ndarray
@@ -39,8 +42,11 @@ class Mesh:
     clamped: np.ndarray
 
     @classmethod
-    def of(cls, points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray) -> Mesh:
-        """The mesh of points (N, 3) [m], triangles (T, 3) with at most two at an edge, and pinned (N,)."""
+    def of(cls, points: np.ndarray, triangles: np.ndarray, pinned: np.ndarray, warp: np.ndarray) -> Mesh:
+        """The mesh of points (N, 3) [m], triangles (T, 3) with at most two at an edge, and pinned (N,).
+
+        warp: (3,) or (T, 3), of which the part in a triangle's plane counts.
+        """
         corners = points[triangles]
         edge = corners[:, LAST] - corners[:, NEXT]
         length = np.linalg.norm(edge, axis=2)
@@ -52,7 +58,7 @@ class Mesh:
         double = np.where(sound, double, 1.0)
         unit = edge / length[:, :, None]
         normal = normal / double[:, None]
-        x = unit[:, 0]
+        x = in_planes(warp, normal)
         y = np.cross(normal, x)
         along = np.stack([(unit * x[:, None]).sum(2), (unit * y[:, None]).sum(2)], axis=2)
         out = np.stack([along[:, :, 1], -along[:, :, 0]], axis=2)

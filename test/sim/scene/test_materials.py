@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Presets: what they weigh, the moduli that their springs have, limits that no cloth or rope is beyond, and rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Simulation, Winch, Wind
-from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS, spring_constants
+from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS, Fabric, spring_constants
 
 G = 9.81
 
@@ -61,34 +63,39 @@ def test_a_sheet_weighs_and_stretches_as_its_fabric(name):
     fabric = FABRICS[name]
     cloth = Cloth.of(name, size=(0.8, 0.4), resolution=(17, 9), pins=None)
     assert cloth.mass == pytest.approx(fabric.areal_mass * 0.32, rel=1e-9)
-    assert pulled_modulus(cloth, 0.4, 0.8) == pytest.approx(fabric.stretch, rel=1e-3)
+    assert pulled_modulus(cloth, 0.4, 0.8) == pytest.approx(fabric.warp, rel=1e-3)
+    across = Cloth.of(Fabric(0.1, fabric.weft, fabric.warp, fabric.shear, 0.0, *3 * [1e-5]), size=(0.8, 0.4))
+    assert pulled_modulus(replace(across, resolution=(17, 9)), 0.4, 0.8) == pytest.approx(fabric.weft, rel=1e-3)
     shear = 2.0 * strained_energy(cloth, np.array([(0.0, 0.5), (0.5, 0.0)])) / 0.32
     assert shear == pytest.approx(fabric.shear, rel=1e-5)
-    assert (cloth.bending, cloth.bend_compliance) == ("dihedral", pytest.approx(1.0 / fabric.bending))
+    rigidities = (fabric.bend_warp, fabric.bend_weft, fabric.bend_diagonal)
+    bends = (cloth.bend_compliance, cloth.weft_bend_compliance, cloth.diagonal_bend_compliance)
+    assert cloth.bending == "dihedral" and bends == pytest.approx([1.0 / each for each in rigidities])
     assert cloth.damping == fabric.damping and cloth.thickness == 0.5 * fabric.thickness
     assert (cloth.static_friction, cloth.kinetic_friction) == (fabric.static_friction, fabric.kinetic_friction)
 
 
 @pytest.mark.parametrize("name", FABRICS)
-def test_a_mesh_of_equilateral_triangles_has_the_modulus_of_its_fabric(name):
+def test_a_mesh_has_the_moduli_of_its_fabric(name):
     fabric = FABRICS[name]
     cloth = Cloth.from_mesh(*equilateral(), name)
-    area = 25 * 0.1**2 * np.sqrt(0.75)
-    assert cloth.mass == pytest.approx(fabric.areal_mass * area, rel=1e-9)
-    along = 2.0 * strained_energy(cloth, np.diag([1.0, 0.0])) / area
-    shear = 2.0 * strained_energy(cloth, np.array([(0.0, 0.5), (0.5, 0.0)])) / area
-    assert along == pytest.approx(fabric.stretch / (1.0 - 1.0 / 9.0), rel=1e-4)  # Poisson's ratio is 1/3
-    assert shear == pytest.approx(3.0 / 8.0 * fabric.stretch, rel=1e-4)
+    assert cloth.mass == pytest.approx(fabric.areal_mass * 25 * 0.1**2 * np.sqrt(0.75), rel=1e-9)
+    found = (cloth.stretch_compliance, cloth.weft_compliance, cloth.shear_compliance)
+    assert found == pytest.approx([1.0 / each for each in (fabric.warp, fabric.weft, fabric.shear)])
+    assert cloth.poisson == fabric.poisson
 
 
 @pytest.mark.parametrize("name", FABRICS)
 def test_fabrics_are_physical(name):
-    """Density of the felt, bending length of Peirce, and springs of positive constants."""
+    """Density of the felt, bending length of Peirce, a diagonal that twists, and springs of positive constants."""
     fabric = FABRICS[name]
     assert 50.0 < fabric.areal_mass / fabric.thickness < 1500.0
-    assert 5e-3 < (fabric.bending / (fabric.areal_mass * G)) ** (1.0 / 3.0) < 0.1
-    along, diagonal = spring_constants(fabric.stretch, fabric.shear)
-    assert along > 0.0 and 0.0 < diagonal / (along + diagonal) < 0.5
+    for bending in (fabric.bend_warp, fabric.bend_weft, fabric.bend_diagonal):
+        assert 5e-3 < (bending / (fabric.areal_mass * G)) ** (1.0 / 3.0) < 0.1
+    assert 0.2 < 0.25 * fabric.bend_diagonal * (1.0 / fabric.bend_warp + 1.0 / fabric.bend_weft) < 0.8
+    along, across, diagonal = spring_constants(fabric.warp, fabric.weft, fabric.shear)
+    assert min(along, across) > 0.0 and 0.0 < diagonal / (across + diagonal) < 0.51
+    assert abs(fabric.poisson) < 0.95 * np.sqrt(fabric.warp / fabric.weft)
     assert 0.0 < fabric.damping < 0.05 and 0.0 < fabric.kinetic_friction <= fabric.static_friction <= 1.0
 
 
@@ -122,6 +129,10 @@ def test_what_is_given_wins_over_the_material():
     cloth = Cloth.of("denim", mass=1.0, bending="springs", bend_compliance=0.1, damping=0.0)
     assert (cloth.mass, cloth.bending, cloth.bend_compliance, cloth.damping) == (1.0, "springs", 0.1, 0.0)
     assert Cloth.of("denim", bending="none").bend_compliance is None
+    soft, denim = Cloth.of("denim", stretch_compliance=0.1, bend_compliance=1e6), Cloth.of("denim")
+    assert soft.weft_over_warp == pytest.approx(denim.weft_over_warp)  # what is not given keeps its ratio
+    assert soft.weft_bend_compliance / 1e6 == pytest.approx(denim.weft_bend_compliance / denim.bend_compliance)
+    assert Cloth.from_mesh(*equilateral(), "denim", shear_compliance=None).weft_compliance is None
     assert Rope.of("nylon rope", winch=Winch()).bend_compliance == Rope.of("nylon rope").bend_compliance
 
 

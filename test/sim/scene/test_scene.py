@@ -32,7 +32,26 @@ BAD = {
     "zero quaternion": (lambda: Cloth(orientation=(0, 0, 0, 0)), "quaternion"),
     "unknown bending": (lambda: Cloth(bending="stiff"), "dihedral"),
     "mesh with resolution": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 2]], resolution=(4, 4)), "resolution"),
-    "mesh with shear": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 2]], shear_compliance=1.0), "shear"),
+    "mesh rigid in shear": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 2]], shear_compliance=0.0), "compliance of 0"),
+    "unstable Poisson": (
+        lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 2]], shear_compliance=1.0, poisson=1.0),
+        "Cloth.poisson is 1; with these compliances allowed is at most 0.95",
+    ),
+    "Poisson of a grid": (lambda: Cloth(poisson=0.2), "poisson or warp on a grid"),
+    "weft of edges": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 2]], weft_compliance=1.0), "Cloth.weft_compliance"),
+    "rigid weft": (lambda: Cloth(weft_compliance=0.0), "Cloth.weft_compliance is 0"),
+    "warp nowhere": (
+        lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 2]], shear_compliance=1.0, warp=(0, 0, 0)),
+        "without a direction",
+    ),
+    "warps of other triangles": (
+        lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 2]], shear_compliance=1.0, warp=np.ones((2, 3))),
+        r"shape (2, 3)",
+    ),
+    "diagonal stiffer than both": (
+        lambda: Cloth(bending="dihedral", bend_compliance=4.0, diagonal_bend_compliance=1.0),
+        "diagonal_bend_compliance is 1; allowed is more than a quarter",
+    ),
     "mesh beyond its vertices": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 3]]), "vertex 3"),
     "mesh of NaN": (lambda: Cloth.from_mesh(np.full((3, 3), np.nan), [[0, 1, 2]]), "finite"),
     "rope without length": (lambda: Rope(points=[[0, 0, 0], [0, 0, 0]]), "no length"),

@@ -143,11 +143,12 @@ def make_forget_contacts(listed: bool, pinches: bool):
     @wp.func
     def forget_contacts(t: int, width: int, ctx: Context):
         colliders, near = ctx.colliders.shape[0], near_of(ctx)
+        taken = ctx.state.control.taken[ctx.body.index]
         if wp.static(pinches):
             for c in range(t, colliders, width):
                 entry = ctx.body.index * colliders + c
                 squeezed = ctx.state.contact.squeezed_in[entry]
-                ctx.state.contact.squeezed_in[entry] = wp.where(squeezed > ctx.frame.substeps, 1, 0)
+                ctx.state.contact.squeezed_in[entry] = wp.where(squeezed > taken, 1, 0)
         near.some = wp.static(listed)  # the words hold the last list; the rest is from the frame before
         c = next_of(-1, near, False)
         while c < colliders:
@@ -158,7 +159,7 @@ def make_forget_contacts(listed: bool, pinches: bool):
                 if wp.static(pinches):
                     # The first substep goes on from the last one of the frame before.
                     last = load_row(ctx.state.contact.contacts, entry)[3]
-                    touch = wp.where(last > float(ctx.frame.substeps), 1.0, 0.0)
+                    touch = wp.where(last > float(taken), 1.0, 0.0)
                 store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0, 0.0, 0.0, touch))
             c = next_of(c, near, False)
         if wp.static(listed):

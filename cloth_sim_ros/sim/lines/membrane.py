@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The membrane of a mesh: springs whose rest lengths follow the lengths around them (topology/membrane.py)."""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
+
+# Least and largest rest length over that of the material.
+SHORTENED, LENGTHENED = wp.constant(0.25), wp.constant(4.0)
+# (omega h_e)^2 of the springs up to which the whole coupling acts, that from which least of it does, and that share.
+WHOLE, STIFF, LEAST = wp.constant(60.0), wp.constant(240.0), wp.constant(0.8)
+
+
+@wp.func
+def coupled_share(ctx: Context) -> float:
+    """Return the share of the coupling that acts in this substep."""
+    rate = ctx.body.line_rate * ctx.material.largest_inverse_mass / wp.max(ctx.material.compliance[0], 1.0e-30)
+    return wp.clamp((STIFF - rate / ctx.step.inverse_square) / (STIFF - WHOLE), 0.0, 1.0) * (1.0 - LEAST) + LEAST
+
+
+@wp.func
+def lengthen(t: int, width: int, ctx: Context):
+    """Stage that finds the rest lengths of springs where the substep starts; thread t of `width` does its share."""
+    share = coupled_share(ctx)
+    for k in range(ctx.body.lines + t, ctx.body.lines_end, width):
+        rest = ctx.model.line_rests[k]
+        if rest >= 0.0:
+            i, j, across = ctx.model.line_nodes[k], ctx.model.line_others[k], ctx.model.line_across[k]
+            p, q = across[0], across[1]
+            xi, xj, xp, xq = load4(ctx.x, i), load4(ctx.x, j), load4(ctx.x, p), load4(ctx.x, q)
+            li, lj, lp, lq = (
+                load4(ctx.position_lo, i),
+                load4(ctx.position_lo, j),
+                load4(ctx.position_lo, p),
+                load4(ctx.position_lo, q),
+            )
+            around = wp.vec4(
+                wp.length(xyz((xp - xi) + (lp - li))),
+                wp.length(xyz((xp - xj) + (lp - lj))),
+                wp.length(xyz((xq - xi) + (lq - li))),
+                wp.length(xyz((xq - xj) + (lq - lj))),
+            )
+            base = ctx.model.line_bases[k]
+            length = base[0] + base[1] * wp.length(xyz((xj - xi) + (lj - li)))
+            length += wp.dot(ctx.model.line_shares[k], around)
+            rest = wp.clamp(rest + share * (length - rest), SHORTENED * rest, LENGTHENED * rest)
+        ctx.state.lines.line_lengths[k] = rest
