@@ -29,7 +29,8 @@ _FEWEST_LAYERS, _FEWEST_COILS = 13, 40  # minimum substeps with self or object c
 # Largest number of particles along a sheet's side per substep of xpbd: without and with self or object contact. With
 # fewer substeps, shape does not spread across the sheet, or contact fails.
 _SIDE, _SIDE_LAYERS = 10.0, 5.0
-_LOST, _EXCESS, _SEEN, _CROSSED = 0.1, 0.25, 1e-4, 6.0  # see _static
+# See _static: largest excess of a static strain over solver.error, loss in meshes, strain that is seen.
+_EXCESS, _LOST, _SEEN = 25.0, 0.1, 1e-4
 _MOST_STIFF = 6.0  # largest ratio of the substeps that leapfrog needs to the sweeps of BDF2 on a mesh
 # Fraction of a segment by which a rope's tension may move a particle in a substep, before a collider moves it back.
 _LEANS = 0.05
@@ -126,7 +127,8 @@ def _xpbd(
     # With fewer sweeps of second order, the residual of a mesh's stiff springs shakes it.
     shaken = _is_mesh(topology) and topology.coupling is None and most < limit / (_MOST_STIFF * iterations)
     order = settings.order or (1 if shaken else 2)
-    static = _static(topology, materials, limit, order, around) / iterations
+    static = _static(settings, topology, materials, _effective(settings, order) / settings.frame_dt * limit, around)
+    static /= iterations
     bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
     needed = math.ceil(max(fewest, bending, static, _leaning(topology, settings, around)))
     least = min(needed, most)
@@ -149,26 +151,29 @@ def _xpbd(
 
 
 def _static(
+    settings: Settings,
     topology: Topology,
     materials: Collection[tuple[Sequence[float], float]],
     limit: float,
-    order: int,
     around: Surroundings,
 ) -> float:
-    """Substeps with which the static strain of a sheet is at most _EXCESS too large; limit: those leapfrog needs.
+    """Substeps with which the static strain of a sheet is right; limit: those of leapfrog times the effective step.
 
     The lines of a grid meet at angles, and each undoes a little of the others. Those of a mesh have kinks: the solve of
-    each straightens them, until others bend them back, which loses the share _LOST (h_e limit / (h substeps))^2 of the
-    tension. Strains below _SEEN count less, as nobody sees them. Of a membrane, a part of the coupling acts with fewer.
+    each straightens them, until others bend them back. The excess of the strain is _LOST (limit / substeps)^2 in a
+    mesh, and about 0.1 (limit / (4 substeps))^1.35 in a grid. At most _EXCESS times solver.error is allowed. Strains
+    below _SEEN count less, as nobody sees them. Of a membrane, a part of the coupling acts with too few substeps.
     """
     if xpbd_is_direct(topology) or not math.isfinite(limit):
         return 0.0
-    step = limits.EFFECTIVE[order] * limit
+    excess = min(1.0, _EXCESS * settings.error)
     if topology.coupling is not None:
-        return max(math.sqrt(_LOST / _EXCESS), limits.LEAPFROG / math.sqrt(WHOLE)) * step
+        return max(math.sqrt(_LOST / excess), limits.LEAPFROG / math.sqrt(WHOLE)) * limit
     strain = 0.5 * around.gravity * topology.masses.sum() * max(compliance[0] for compliance, _ in materials)
-    factor = limits.EFFECTIVE[order] * math.sqrt(_LOST / _EXCESS) if _is_mesh(topology) else 1.0 / _CROSSED
-    return factor * limit * math.sqrt(min(1.0, strain / _SEEN))
+    seen = min(1.0, strain / _SEEN)
+    if _is_mesh(topology):
+        return math.sqrt(_LOST / excess * seen) * limit
+    return 0.25 * (0.1 / excess * seen) ** (1.0 / 1.35) * limit
 
 
 def _fewest(topology: Topology, coupled: bool) -> int:

@@ -6,9 +6,8 @@ D of the results of n and n/2 substeps, and its ratio to that of n/2 and n/4, gi
 and so the error D / (2^p - 1) of the frame (Richardson extrapolation). It contains all that depends on the length of a
 substep: truncation in time, and what a single sweep of the constraints leaves.
 
-The controller (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.4) allows a frame its share of
-the error that is wanted for half a second. A body whose error falls more slowly than with the first power of n, as when
-it buckles, is chaotic: more substeps do not bring two runs together. There each frame alone is allowed the whole error.
+The controller (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.4) then takes as many substeps
+that the errors of the frames in half a second add up to the wanted one.
 """
 
 import warp as wp
@@ -21,9 +20,10 @@ from cloth_sim_ros.sim.substeps.arrays import StepLimits
 _FIRST = 4  # number of frames at the start that are all measured
 _PERIOD = 0.1  # time from one measurement to the next [s]
 WINDOW = wp.constant(0.5)  # time over which solver.error counts [s]
-# The errors of single frames add up to this multiple of the error after half a second, as they partly cancel and decay.
-# It was measured as 3 to 8 in smooth motions.
-ADD_UP = wp.constant(1.0)
+# Truncation errors of all frames in a window add up. What a sweep leaves falls with the first power of the substeps; it
+# pulls a body off its balance, to which it returns within this time [s]. Between these orders both are there.
+RETURN, SWEEPS, TRUNCATES = wp.constant(0.08), wp.constant(1.0), wp.constant(1.4)
+FEW = wp.constant(16)  # substeps below which trials are too coarse to tell the order, so all errors are added up
 # The error is relative to the motion in the last window, and to this share of the body's size if it moved by less than
 # another share of it. Then it is at rest, and only its static shape counts.
 AT_REST, OF_SIZE = wp.constant(5.0e-3), wp.constant(0.1)
@@ -184,7 +184,10 @@ def control(
     motion = wp.max(way, past[1])
     if motion < AT_REST * limits.size:
         motion = OF_SIZE * limits.size
-    share = error * WINDOW / (ADD_UP * length * motion)
+    added = wp.lerp(RETURN, WINDOW, wp.clamp((order - SWEEPS) / (TRUNCATES - SWEEPS), 0.0, 1.0))
+    if n < FEW:
+        added = WINDOW
+    share = error * wp.max(added / length, 1.0) / motion
     better = chosen(n, share, order, limits)
     if t == 0:
         grown = known[2] + share * elapsed / WINDOW

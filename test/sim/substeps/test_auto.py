@@ -29,8 +29,10 @@ def test_each_object_gets_its_own_numbers_and_a_reason():
     things = {"soft": SOFT, "rigid": RIGID, "rope": Rope(segments=5, start=(2, 0, 0), end=(3, 0, 0))}
     sim = auto(things)
     for chosen in sim.choices.values():
-        assert f"is computed by {chosen.words} in {chosen.substeps} x {chosen.iterations}" in chosen.reason
-    assert sim.choices["rigid"].substeps > sim.choices["rope"].substeps
+        bounds = f"{chosen.least} to {chosen.most} substeps"
+        assert f"is computed by {chosen.words} in {bounds}, as its measured error asks" in chosen.reason
+        assert chosen.least <= chosen.substeps <= chosen.most
+    assert "in 7 x 2" in auto(things, substeps=7, iterations=2).choices["soft"].reason
     assert sim.method.startswith("auto: ") and "xpbd order 2" in sim.method
 
 
@@ -116,10 +118,9 @@ def cut(count, side, **fields):
 def test_what_hangs_swings_down_as_right_as_is_wanted(thing):
     """From level, for 20 frames, beside many more substeps. A light sheet of 0.3 m was 1.1 % of its way off, a mesh of
     cotton 1.4 %, while 0.1 % was wanted."""
-    sims = [auto(thing), auto(thing, method="xpbd", order=2, substeps=400, iterations=1)]
+    sims = [auto(thing, error=1e-3, budget=10.0), auto(thing, order=2, substeps=400, iterations=1)]
     ways = ways_of(sims, 20)
-    assert sims[0].choices["it"].error < 1.05e-3
-    assert np.linalg.norm(np.subtract(*ways)) < 1.5e-3 * np.linalg.norm(ways[1])
+    assert np.linalg.norm(np.subtract(*ways)) < 1e-3 * np.linalg.norm(ways[1])
 
 
 @pytest.mark.parametrize(
@@ -133,7 +134,7 @@ def test_what_hangs_swings_down_as_right_as_is_wanted(thing):
     ids=["corner", "two corners", "stiff in wind", "in wind"],
 )
 def test_what_is_free_moves_as_right_as_is_wanted(pins, side, constant, wind):
-    """Over half a second, beside many more substeps, with no more of them than that takes."""
+    """Over half a second, beside many more substeps, with no more of them than a third of the explicit ones."""
     springs = {"stretch_compliance": 1.0 / constant, "shear_compliance": 3.0 / constant}
     leans = (0.3, 0.1, 0.0, np.sqrt(0.9))  # edge-on, wind makes it flutter, and no two runs are alike for long
     place = {"size": (side, side), "pins": pins, "orientation": leans if wind else (0, 0, 0, 1)}
@@ -141,15 +142,18 @@ def test_what_is_free_moves_as_right_as_is_wanted(pins, side, constant, wind):
     fine = {"method": "xpbd", "order": 2, "substeps": 400, "iterations": 1}
     sims = [auto(sheet, wind=wind, **each) for each in ({"method": "xpbd", "error": 1e-2}, fine)]
     ways = ways_of(sims, 30)
-    assert sims[0].choices["it"].substeps < 30 and sims[0].choices["it"].error < 1.05e-2
+    assert sims[0].choices["it"].substeps < 60
     assert np.linalg.norm(np.subtract(*ways)) < 1e-2 * np.linalg.norm(ways[1])
 
 
 def test_beyond_the_budget_it_gives_the_nearest_and_says_what_is_missed():
-    rich, poor = (choice(RIGID, budget=budget) for budget in (100.0, 1e-3))
-    assert "budget" not in rich.reason and rich.error <= 1.05e-3
-    assert f"its error may be {poor.error:.2g} instead of 0.001 ({rich.substeps} substeps)" in poor.reason
-    assert poor.substeps < rich.substeps and poor.error > 1e-3
+    sims = [auto(SOFT, error=1e-3, budget=budget) for budget in (100.0, 1e-3)]
+    for sim in sims:
+        sim.step(20)
+    rich, poor = (sim.choices["it"] for sim in sims)
+    assert "budget" not in rich.reason
+    assert f"its error is {poor.error:.2g} instead of 0.001; a larger solver.budget" in poor.reason
+    assert poor.substeps < rich.substeps and poor.error > max(1e-3, rich.error)
 
 
 def test_the_report_tells_what_computes_each_object():
@@ -157,7 +161,7 @@ def test_the_report_tells_what_computes_each_object():
     sim.step()
     for name, chosen in sim.choices.items():
         report = sim.report()[name]
-        assert report["substeps"] >= chosen.substeps and report["iterations"] == chosen.iterations
+        assert report["substeps"] == chosen.substeps and report["iterations"] == chosen.iterations
         assert report["redone"] == 0
 
 
@@ -188,11 +192,16 @@ def test_a_live_change_of_kernels_carries_the_state_over_and_says_so(caplog):
 
 def test_a_live_change_of_numbers_changes_the_substeps_and_builds_nothing():
     sim = auto(SOFT)
-    builds, before = sim.builds, sim.choices["it"].substeps
-    sim.set("it.stretch_compliance", 2.5e-4)
-    assert sim.report()["it"]["substeps"] == sim.choices["it"].substeps > before
-    sim.set("solver.error", 1e-5)
-    assert sim.report()["it"]["substeps"] > 2 * before
+    builds, before = sim.builds, sim.choices["it"]
+    sim.set("it.stretch_compliance", 2.5e-5)
+    assert sim.choices["it"].least > before.least
+    sim.step(12)
+    found = sim.report()["it"]["substeps"]
+    sim.set("solver.error", 1e-4)
+    sim.step(12)
+    assert sim.report()["it"]["substeps"] > 2 * found
+    sim.set("solver.substeps", 9)
+    assert sim.report()["it"]["substeps"] == 9
     sim.set("solver.iterations", 2)
     assert sim.report()["it"]["iterations"] == 2 and sim.builds == builds
 
@@ -204,9 +213,9 @@ def test_one_choice_serves_an_object_in_all_worlds():
     sim.step(10)
     x = [sim.positions("it", world) for world in range(3)]
     assert np.array_equal(x[0], x[2]) and not np.array_equal(x[0], x[1])
-    before = sim.choices["it"].substeps
+    before = sim.choices["it"].least
     sim.set("it.stretch_compliance", 1e-6, world=2)
-    assert sim.choices["it"].substeps > before and "3 worlds" in sim.method
+    assert sim.choices["it"].least > before and "3 worlds" in sim.method
     assert all(np.array_equal(x[world], sim.positions("it", world)) for world in range(3))
     sim.step(10)
     assert not np.array_equal(sim.positions("it", 0), sim.positions("it", 2))

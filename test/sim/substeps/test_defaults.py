@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a user gets who says nothing of the solver, against equilibria in float64 and closed forms."""
 
-import re
-
 import numpy as np
 import pytest
 from minimum import minimum, system_of
@@ -45,12 +43,13 @@ def crooked(side):
     return points + moved * inside[:, None]
 
 
-def at_rest(thing, device, frames=480, damping=3.0):
-    sim = Simulation(Scene({"it": thing}), Settings(global_damping=damping, budget=10.0), device)
+def at_rest(thing, device, frames=480, damping=3.0, error=1e-2):
+    sim = Simulation(Scene({"it": thing}), Settings(global_damping=damping, budget=10.0, error=error), device)
     sim.step(frames)
     return sim, sim.positions("it").astype(np.float64)
 
 
+@pytest.mark.parametrize("error", [1e-2, 1e-3])
 @pytest.mark.parametrize("hem", [0.0, 5.0])
 @pytest.mark.parametrize(
     ("kind", "side", "constant"),
@@ -59,25 +58,14 @@ def at_rest(thing, device, frames=480, damping=3.0):
         ("mesh", 8, 1e2), ("mesh", 8, 1e5), ("mesh", 16, 1e2), ("mesh", 16, 1e4), ("mesh", 32, 1e2), ("mesh", 32, 1e4),
     ],
 )  # fmt: skip
-def test_hung_and_loaded_sheets_are_strained_as_their_springs_are(device, kind, side, constant, hem):
-    sim, x = at_rest(sheet(kind, side, 1.0 / constant, hem), device)
+def test_hung_and_loaded_sheets_are_strained_as_their_springs_are(device, kind, side, constant, hem, error):
+    """Within 25 times the wanted error, or strains of a few millionths that nobody sees."""
+    sim, x = at_rest(sheet(kind, side, 1.0 / constant, hem), device, error=error)
     system = system_of(sim)
     exact = minimum(system, x)
     found, wanted = (np.abs(system.strains(at)).mean() for at in (x, exact))
     assert np.sqrt(((x - exact) ** 2).sum(axis=1).mean()) < 1e-3 * SIZE
-    assert found == pytest.approx(wanted, rel=0.05, abs=5e-6), sim.choices["it"].reason
-
-
-@pytest.mark.parametrize(("substeps", "iterations", "order"), [(20, 1, 2), (40, 1, 1), (40, 1, 2), (20, 2, 2)])
-def test_a_mesh_is_strained_too_much_by_no_more_than_is_told(device, substeps, iterations, order):
-    """With too few substeps: it is at most a fifth more than the reason says, and at least a fifth of that."""
-    numbers = {"method": "xpbd", "order": order, "substeps": substeps, "iterations": iterations}
-    sim = Simulation(Scene({"it": sheet("mesh", 24, 1e-3)}), Settings(global_damping=3.0, **numbers), device)
-    sim.step(480)
-    x, system = sim.positions("it").astype(np.float64), system_of(sim)
-    found, wanted = (np.abs(system.strains(at)).mean() for at in (x, minimum(system, x)))
-    told = float(re.search(r"strained (\d+)% too much", sim.choices["it"].reason)[1]) / 100.0
-    assert 0.2 * told < found / wanted - 1.0 < 1.2 * told
+    assert found == pytest.approx(wanted, rel=25 * error, abs=2.5e-3 * error), sim.choices["it"].reason
 
 
 @pytest.mark.long
