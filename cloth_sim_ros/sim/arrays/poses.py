@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Poses of colliders and handles: a pose wanted at the end of the next frame becomes a motion through that frame.
 
-Wanted poses are points of a smooth path. The velocity at the end of a frame follows from its displacement d and that of
-the frame before, d_b: (3 d - d_b) / 2, or 2 d from rest. Both are exact under constant acceleration. The next frame
-starts with it, so that no velocity jumps from frame to frame. No pose is late, as a frame ends where it is wanted.
+Wanted poses are points of a smooth path. A frame begins with the velocity v at which the one before ended, so that none
+jumps. It ends with the mean of two estimates: 2 d - v by its own displacement d, and (3 d - d_b) / 2 by that of the
+frame before, d_b. Both are exact under constant acceleration. The first alone would swing for ever after a change of
+acceleration, and the second sees it late. From rest it is 2 d. A frame ends where it is wanted, so no pose is late.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, worlds_
 from cloth_sim_ros.sim.physics.quaternion import quaternion_product, unit_quaternion, unit_quaternions
 
 # Accelerations [m/s^2], [rad/s^2] beyond which velocities jump: nothing follows such a collider by friction anyway.
-_STEEPEST, _STEEPEST_TURN = 50.0, 200.0
+_STEEPEST, _STEEPEST_TURN = 20.0, 100.0
 
 
 class Motions(LiveArray):
@@ -125,7 +126,7 @@ def _bends(now: np.ndarray, before: np.ndarray, left: np.ndarray, most: float) -
     a frame. most: change of displacement beyond which velocities jump.
     """
     rested = (before == 0.0).all(axis=1, keepdims=True)
-    arrived = np.where(rested, 2.0 * now, 1.5 * now - 0.5 * before)
+    arrived = np.where(rested, 2.0 * now, 0.5 * (2.0 * now - left) + 0.25 * (3.0 * now - before))
     change = np.linalg.norm(np.where(rested, 2.0 * now, now - before), axis=1, keepdims=True)
     smooth = (change <= most) & (now != 0.0).any(axis=1, keepdims=True)
     return np.where(smooth, left - now, 0.0), np.where(smooth, now - arrived, 0.0)

@@ -56,9 +56,10 @@ def test_cloth_on_a_tray_that_speeds_up_does_not_slip(device, fps):
     assert sim.wrench("board")[0][0] == pytest.approx(-0.95 * MOST * MASS, rel=0.02)
 
 
+@pytest.mark.parametrize("phase", [0.3, 0.8])
 @pytest.mark.parametrize("fps", ONSETS)
-def test_a_start_within_a_frame_lets_it_slip_little(device, fps):
-    slips = slip(on_a_board(device, fps), fps, 0.4, way=lambda t: 0.5 * 0.95 * MOST * max(t - 0.5 / fps, 0.0) ** 2)
+def test_a_start_within_a_frame_lets_it_slip_little(device, fps, phase):
+    slips = slip(on_a_board(device, fps), fps, 0.4, way=lambda t: 0.5 * 0.95 * MOST * max(t - phase / fps, 0.0) ** 2)
     assert slips.max() < ONSETS[fps]
 
 
@@ -118,4 +119,4 @@ def test_a_start_at_full_speed_is_straight():
 def test_noise_of_poses_does_not_grow():
     x = np.random.default_rng(1).normal(0.0, 1e-3, 400)
     found = paths(60, x)
-    assert found[:, 1:].std() < 2.0 * found[:, 0].std()
+    assert found[:, 1:].std() < 3.0 * found[:, 0].std()
