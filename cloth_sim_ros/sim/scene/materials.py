@@ -80,8 +80,8 @@ FABRICS = {
         "stiffest tenth of 51 of 0.28 to 0.36 kg/m^2 by Feng; thickness and friction are estimates",
     ),
     "silk": Fabric(
-        0.06, 500.0, 400.0, 15.0, 0.1, 1.4e-6, 1.0e-6, 1.2e-6, 3e-3, 0.15e-3, 0.35, 0.25,
-        "habutai of 14 momme: mass by its trade weight; shear and bending by KES-F; stretch and friction are estimates",
+        0.07, 500.0, 400.0, 15.0, 0.1, 1.4e-6, 1.0e-6, 1.2e-6, 3e-3, 0.15e-3, 0.35, 0.25,
+        "habutai of 16 momme: mass by its trade weight; shear and bending by KES-F; stretch and friction are estimates",
     ),
     "wool": Fabric(
         0.25, 1000.0, 700.0, 40.0, 0.1, 1.4e-5, 1.0e-5, 1.2e-5, 8e-3, 0.7e-3, 0.5, 0.4,
@@ -96,8 +96,8 @@ FABRICS = {
         "tablecloth: Wang's white dots on black; thickness and friction are estimates",
     ),
     "flag": Fabric(
-        0.08, 1000.0, 800.0, 25.0, 0.1, 1.3e-6, 1.4e-6, 9.3e-7, 4e-3, 0.2e-3, 0.35, 0.25,
-        "limp polyester banner: mass and bending of one of the limpest of 0.06 to 0.09 kg/m^2 by Feng; all else is an "
+        0.11, 800.0, 600.0, 20.0, 0.1, 1.1e-6, 1.9e-6, 1.7e-6, 4e-3, 0.2e-3, 0.35, 0.25,
+        "limp polyester banner: mass by makers, bending of one of the limpest by Feng, their seventh; all else is an "
         "estimate",
     ),
     "fleece": Fabric(

@@ -14,9 +14,9 @@ from cloth_sim_ros.sim.topology import Topology
 
 _NS = 1e-6  # a nanosecond [ms]
 # Cost on a CPU per particle [ms]: motion, air, a neighbour in the plate operator, rest curvature, a collider, facets.
-# Then the cost of a spring of a line, and the extra cost of its dashpot.
+# Then the cost of a spring of a line, and the extra costs of its dashpot and of its coupling in a membrane.
 _MOTION, _AIR, _PLATE, _CURVED, _COLLIDER, _FACETS = (n * _NS for n in (5.0, 18.0, 1.4, 45.0, 14.0, 50.0))
-_SPRING, _DASHPOT = 4.0 * _NS, 2.0 * _NS
+_SPRING, _DASHPOT, _COUPLING = 4.0 * _NS, 2.0 * _NS, 5.0 * _NS
 _SEGMENT = 45.0 * _NS  # cost of a particle of a rope [ms]
 _LAYERS = 500.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
 # Cost on an H200 [ms]. A stage of several blocks, and its cost per particle of all worlds; a rope in a block. Then six
@@ -64,17 +64,19 @@ def _meeting(topology: Topology, around: Surroundings) -> float:
 
 def _alone(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
     """Cost of an object without self and object contact [ms]."""
-    count, plate = len(topology.masses), topology.plate is not None
+    count, plate, coupled = len(topology.masses), topology.plate is not None, topology.coupling is not None
     if not len(topology.triangles):
         return _ROPE if around.device == "cuda" else around.worlds * count * _SEGMENT
     if around.device == "cuda":
-        return _in_blocks(topology, 2 + len(topology.families) + around.wind + plate + 2 * around.surface, around)
+        stages = 2 + len(topology.families) + coupled + around.wind + plate + 2 * around.surface
+        return _in_blocks(topology, stages, around)
     springs = sum(len(elements.rest) for elements in topology.springs.values())
     damped = any(damping > 0.0 for _, damping in materials)
     each = _MOTION + _AIR * around.wind + _touching(around)
     if plate:
         each += _PLATE * topology.plate.neighbours.shape[1] + _CURVED * (topology.plate.stencil is not None)
-    return around.worlds * (springs * (_SPRING + _DASHPOT * damped) + count * each)
+    spring = _SPRING + _DASHPOT * damped + _COUPLING * coupled
+    return around.worlds * (springs * spring + count * each)
 
 
 def _touching(around: Surroundings) -> float:

@@ -96,7 +96,7 @@ def table(rows: list[dict]) -> str:
     return "\n".join(
         lines
         + [
-            f"{row['fabric']:10} {row['test']:24} {row['mesh']:10} {row['found']:10.3g}  {row['wanted']}"
+            f"{row['fabric']:10} {row['test']:24} {row['mesh']:10} {row['found']:10.4g}  {row['wanted']}"
             for row in rows
         ]
     )
