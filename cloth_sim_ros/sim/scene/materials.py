@@ -10,6 +10,9 @@ times are estimates throughout: loss factors of 0.1 to 0.3 at about 5 Hz.
 of Feng, Huang, Xu and Wang 2022, Learning-based bending stiffness parameter estimation by a drape tester. "Wang" marks
 Wang, O'Brien and Ramamoorthi 2011, Data-driven elastic models for cloth, at small strain. A quarter of their bending
 constant is a rigidity, as it multiplies a force of half the angle over both heights.
+
+Fabrics of one name differ by several times in bending. Which of the measured ones silk, flag, leather, cotton and denim
+are was chosen with published drape coefficients in view (docs/explanation/fabric.md).
 """
 
 from __future__ import annotations
@@ -81,11 +84,13 @@ FABRICS = {
     ),
     "silk": Fabric(
         0.07, 500.0, 400.0, 15.0, 0.1, 1.4e-6, 1.0e-6, 1.2e-6, 3e-3, 0.15e-3, 0.35, 0.25,
-        "habutai of 16 momme: mass by its trade weight; shear and bending by KES-F; stretch and friction are estimates",
+        "habutai of 16 momme: mass by its trade weight, shear and mean bending by KES-F; the ratio of warp to weft, "
+        "stretch and friction are estimates",
     ),
     "wool": Fabric(
         0.25, 1000.0, 700.0, 40.0, 0.1, 1.4e-5, 1.0e-5, 1.2e-5, 8e-3, 0.7e-3, 0.5, 0.4,
-        "men's suiting: mass, shear and bending by KES-F; stretch and friction are estimates",
+        "men's suiting: mass, shear and mean bending by KES-F; the ratio of warp to weft, stretch and "
+        "friction are estimates",
     ),
     "towel": Fabric(
         0.45, 600.0, 600.0, 40.0, 0.1, 4e-5, 4e-5, 4e-5, 1e-2, 4e-3, 0.7, 0.6,
