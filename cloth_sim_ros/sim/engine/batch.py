@@ -104,7 +104,7 @@ class Batch:
             frame = self.frame
             numbers = (frame.safe_rows.array, frame.safe_limits.array)
             safe = partial(make_safe_executor, features, self.worlds, numbers, self.counts, device)
-            self._trial = Trial(self.executor, safe, self.worlds, self.counts, self.lines)
+            self._trial = Trial(self._advance_explicit, safe, self.worlds, self.counts, self.lines)
         self.restart(wp.array(np.arange(worlds), dtype=int, device=device))
 
     def _world(self, w: int, model: Model, shared: Shared) -> Arrays:
@@ -234,6 +234,12 @@ class Batch:
             advance_measured([self.measurement], lambda divisor: self.executor.advance())
         else:
             self.executor.advance()
+
+    def _advance_explicit(self) -> None:
+        if isinstance(self.executor, Block):
+            self.executor.advance()
+        else:
+            self.executor.advance(self.substeps(), self.frame.iterations)
 
     def substeps(self, b: int | None = None, world: int | None = None) -> int:
         """Most substeps that a body, or body b of one world, takes in the next frame; waits for the device."""

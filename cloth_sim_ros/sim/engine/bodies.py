@@ -198,9 +198,9 @@ class Bodies:
         itself = [name for name, thing in self.scene.objects.items() if thing.self_contact]
         self.coupled = CoupledBodies(coupled, self.topologies, itself, self.scene.object_contact) if coupled else None
         self._arrays: list[wp.array] = []
-        groups = [InStep([batch], batch.executor) for batch in self.batches if isinstance(batch.executor, Graph)]
-        if self.coupled is not None:
-            groups = [self.coupled.in_step]
+        counted = [batch for batch in self.batches if batch.features.measured and isinstance(batch.executor, Graph)]
+        groups = [InStep([batch], batch.executor) for batch in counted if not batch.features.coupled]
+        groups += [self.coupled.in_step] if self.coupled is not None else []
         self.frames = Frames(self.batches, groups, self.settings.frame_dt, self.warp_device)
         self._write_limits()
         self.builds += 1

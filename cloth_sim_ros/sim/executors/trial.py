@@ -105,12 +105,14 @@ def remember_strain(given: wp.array(dtype=Arrays)):
 class Trial:
     """An executor of explicit steps, with one of XPBD that repeats rejected frames.
 
-    explicit: the executor of explicit steps. make_safe: builds the one of XPBD, which changes rejected bodies alone.
-    worlds: arrays of each world. counts: number of particles of each body. lines: (kind, first, end) of the slots of
-    every body.
+    explicit: simulates a frame by explicit steps. make_safe: builds the executor of XPBD, which changes rejected bodies
+    alone. worlds: arrays of each world. counts: number of particles of each body. lines: (kind, first, end) of slots
+    of every body.
     """
 
-    def __init__(self, explicit, make_safe: Callable, worlds: list[Arrays], counts: list[int], lines: list) -> None:
+    def __init__(
+        self, explicit: Callable[[], None], make_safe: Callable, worlds: list[Arrays], counts: list[int], lines: list
+    ) -> None:
         self.explicit, self._make_safe = explicit, make_safe
         self._device = worlds[0].state.positions.device
         self._given = wp.array(worlds, dtype=Arrays, device=self._device)
@@ -145,7 +147,7 @@ class Trial:
     def advance(self) -> None:
         """Simulate one frame, and repeat it where it is rejected."""
         _run(self._before)
-        self.explicit.advance()
+        self.explicit()
         _run([*self._measure, self._judge])
         wp.capture_if(self._any, on_true=self._redo)
 

@@ -20,7 +20,7 @@ def unlimited(monkeypatch):
 
     def lift():
         monkeypatch.setattr("cloth_sim_ros.sim.substeps.limits.explicit_substeps", lambda *_, **__: 1)
-        monkeypatch.setattr(Trial, "advance", lambda trial: trial.explicit.advance())
+        monkeypatch.setattr(Trial, "advance", lambda trial: trial.explicit())
 
     return lift
 
