@@ -72,7 +72,7 @@ def test_the_choice_says_what_the_budget_misses(tmp_path):
     text = printed("error-and-budget", tmp_path)
     shown = (TUTORIALS / "error-and-budget.md").read_text()
     asked = [(float(error), reason) for error, reason in re.findall(r"asked ([\d.]+): (.*)", text)]
-    measured = [float(number) for number in re.findall(r"measured error (\S+)", text)]
+    measured = [float(number) for number in re.findall(r"    measured error (\S+)", text)]
     substeps = [int(reason.split()[0]) for _, reason in asked]
     assert [error for error, _ in asked] == [0.1, 0.01, 0.001, 0.0001]
     assert all(error <= wanted for error, (wanted, _) in zip(measured[:2], asked, strict=False))

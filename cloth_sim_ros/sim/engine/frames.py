@@ -16,7 +16,7 @@ _KEPT = 8  # largest number of graphs kept
 
 
 class Frames:
-    """Frames of batches, of which `groups` advance in step; the errors of some are measured.
+    """Frames of batches, of which `groups` advance in step; the errors of some frames are measured.
 
     frame_dt: length of a frame [s].
 
@@ -40,7 +40,12 @@ class Frames:
         Before they are captured, frames run launch
         by launch once, which loads their kernels.
         """
-        each = tuple(measured or is_measured(first + k, self._frame_dt) for k in range(frames))
+        numbers = range(first, first + frames)
+        each = tuple(measured or is_measured(number, self._frame_dt) for number in numbers)
+        if self.groups:
+            rarely = [measured or is_measured(number, self._frame_dt, in_step=True) for number in numbers]
+            self._launch(each, ending, rarely)
+            return
         if not self.captures:
             self._launch(each, ending)
             return
@@ -55,9 +60,13 @@ class Frames:
             self._graphs.pop(next(iter(self._graphs)))
         self._graphs[key] = capture.graph
 
-    def _launch(self, measured: Sequence[bool], ending: Callable[[], None] | None) -> None:
-        for measures in measured:
-            for part in (*self._alone, *self.groups):
-                part.advance(measures)
+    def _launch(
+        self, measured: Sequence[bool], ending: Callable[[], None] | None, in_step: Sequence[bool] = ()
+    ) -> None:
+        for k, measures in enumerate(measured):
+            for batch in self._alone:
+                batch.advance(measures)
+            for group in self.groups:
+                group.advance(in_step[k])
             if ending is not None:
                 ending()

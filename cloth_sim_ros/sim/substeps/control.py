@@ -17,6 +17,7 @@ from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, sync, xyz
 from cloth_sim_ros.sim.substeps.arrays import StepLimits
 
+_RARELY = 5  # periods from one measurement of bodies in step to the next
 _FIRST = 4  # number of frames at the start that are all measured
 _PERIOD = 0.1  # time from one measurement to the next [s]
 WINDOW = wp.constant(0.5)  # time over which solver.error counts [s]
@@ -32,8 +33,13 @@ MOST_GROWTH, LEAST_GROWTH = wp.constant(3.0), wp.constant(0.8)  # bounds of the 
 SPARE = wp.constant(0.9)  # substeps stay if this share of them would do
 
 
-def is_measured(frame: int, frame_dt: float) -> bool:
-    """True if the error of a frame of this number and length [s] is measured: one in a period, and the first few."""
+def is_measured(frame: int, frame_dt: float, in_step: bool = False) -> bool:
+    """True if the error of a frame of this number and length [s] is measured: one in a period, and the first few.
+
+    in_step: True for bodies that advance in step; their trials are dear, and one in five periods has to do.
+    """
+    if in_step:
+        return frame % (_RARELY * period_of(frame_dt)) == 0
     return frame % period_of(frame_dt) == 0 or frame < _FIRST
 
 
