@@ -89,6 +89,13 @@ def total(part: float) -> float:
     return wp.tile_sum(wp.tile(part, preserve_type=True))[0]
 
 
+@wp.func
+def size_of(squares: float, count: int, limits: StepLimits) -> float:
+    """Root of the mean of `count` squares [m]; the body's size if a trial blew up or the body was not finite."""
+    size = wp.sqrt(squares / float(count))
+    return wp.where(wp.isfinite(size), size, limits.size)
+
+
 @compiled
 def begin_trial(given: wp.array(dtype=Arrays), second: int, divisor: int, block: int):
     bodies = given[0].limits.shape[0]
@@ -136,7 +143,7 @@ def end_trial(
         part += apart(m.particles + i, w, s, high, lo)
     squares = total(part)
     if t == 0:
-        differences[k] = wp.sqrt(squares / float(m.count))
+        differences[k] = size_of(squares, m.count, given[w].limits[b])
 
 
 @wp.func
@@ -183,7 +190,7 @@ def control(
             moved += wp.length_sq(x - s.control.anchors[g])
         if begins:
             s.control.anchors[g] = x
-    fine, way = wp.sqrt(total(part) / float(m.count)), wp.sqrt(total(moved) / float(m.count))
+    fine, way = size_of(total(part), m.count, limits), size_of(total(moved), m.count, limits)
     order = order_of(fine, differences[k])
     error = fine / wp.max(wp.pow(2.0, order) - 1.0, 1.0)
     way = wp.max(past[0], way)

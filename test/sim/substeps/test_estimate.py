@@ -80,3 +80,15 @@ def test_worlds_that_move_more_take_more_substeps(device):
     substeps = [sim.report(w)["it"]["substeps"] for w in range(3)]
     assert substeps[1] > substeps[0] == substeps[2]
     assert np.array_equal(sim.positions("it", 0), sim.positions("it", 2))
+
+
+def test_a_body_that_is_not_finite_leaves_an_error_that_is(device):
+    sim = Simulation(Scene({"it": SHEET}), Settings(), device)
+    sim.step(3)
+    arrays, span, _ = sim.device_arrays("it")
+    rows = arrays.state.velocities[span].numpy()
+    rows[40, 2] = np.nan
+    arrays.state.velocities[span].assign(rows)
+    sim.step(10)
+    report = sim.report()["it"]
+    assert report["recoveries"] == 1 and np.isfinite([report["expected_error"], report["error_per_frame"]]).all()
