@@ -49,7 +49,7 @@ def test_the_example_of_the_winch_is_its_file(simulations):
     assert simulations["cable"].scene.objects["cable"].end_mass == file.end_mass
 
 
-def test_the_first_scene_has_a_hand_that_holds_a_corner(simulations):
+def test_the_first_scene_has_a_hand_that_keeps_a_corner(simulations):
     sim = simulations["towel"]
     assert sim.held("hand") == 1 and set(sim.scene.objects) == {"towel", "cable"}
     for frame in range(60):

@@ -56,7 +56,9 @@ def test_what_a_moving_collider_gives_is_the_momentum_that_the_cloth_gains(devic
         given -= sim.wrench("ball")[0] / 60
     momentum = sim.masses("cloth") @ sim.velocities("cloth").astype(float)
     assert momentum[2] > 0.02
-    assert np.linalg.norm(momentum - given) < 1e-3 * np.linalg.norm(given)
+    # Order 2 carries half a substep of momentum on, which other substeps change.
+    allowed = 1e-3 if settings else 1e-2
+    assert np.linalg.norm(momentum - given) < allowed * np.linalg.norm(given)
 
 
 def test_a_rope_over_a_pole_weighs_on_it(device):

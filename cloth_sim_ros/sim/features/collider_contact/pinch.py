@@ -137,7 +137,7 @@ def load_on_facet(squeezed: bool, c: int, points: float, ctx: Context) -> float:
 
 
 @wp.func
-def holds_a_corner(corners: wp.vec3i, collider: ColliderMotion, ctx: Context) -> bool:
+def keeps_a_corner(corners: wp.vec3i, collider: ColliderMotion, ctx: Context) -> bool:
     """Return True if a pinch has a corner of a facet. Beside it, the way out of a collider may as well be its side."""
     held = bool(False)
     if collider.squeeze > 0.0:

@@ -49,8 +49,8 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
 )
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
-    holds_a_corner,
     is_between,
+    keeps_a_corner,
     load_on_facet,
     make_add_load,
     make_is_facet_squeezed,
@@ -190,7 +190,7 @@ def make_press_on(features: Features):
         touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness + slack, apart)
         c = entry % ctx.colliders.shape[0]
         squeezed = is_between(squeezed, xyz(touching), c, ctx)
-        gap = wp.where(holds_a_corner(corners, collider, ctx), 0.0, touching[3] + slack)
+        gap = wp.where(keeps_a_corner(corners, collider, ctx), 0.0, touching[3] + slack)
         if gap >= -NOISE and not squeezed:  # its corners are outside; the rest may be rounding
             return press
         gap += depth_before_middle(squeezed, collider, thickness)
