@@ -189,8 +189,7 @@ class Simulation:
         """
         some = self._bodies.some(world)
         chosen = self._bodies.chosen(some)
-        for batch in self._bodies.batches:
-            batch.restart(chosen)
+        self._bodies.restart(chosen)
         for name, collider in self._bodies.scene.colliders.items():
             self._bodies.colliders.place(self._bodies.collider_row[name], some, collider.position, collider.orientation)
         self._hands.reset(some)

@@ -85,7 +85,6 @@ class Batch:
         self.live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         colliders = shared.colliders.array.shape[1]
         state, self.states = make_states(collected, features, colliders, worlds, device)
-        self._state = state  # kept alive
         self.masses = Masses(list(topologies.values()), self._spans, self.materials, worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]

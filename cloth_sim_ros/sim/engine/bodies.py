@@ -96,9 +96,9 @@ class Bodies:
     def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]], thickness: float) -> Choice:
         """Choose how to compute an object with these pairs of compliances and damping, and this least thickness."""
         topology, rows = self.elastic[name], self.colliders.array.shape[1]
-        wind, coupled, tears = self.scene.wind is not None, self._is_coupled(name), topology.tear_strain > 0.0
+        wind, coupled = self.scene.wind is not None, self._is_coupled(name)
         device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
-        around = Surroundings(device, wind, rows, self.worlds, self.scene.spare_colliders > 0, coupled, tears, gravity)
+        around = Surroundings(device, wind, rows, self.worlds, self.scene.spare_colliders > 0, coupled, gravity)
         choose = partial(choosing.choose, self.settings, topology, list(materials))
         choice = choose(around)
         entering = self._entering(topology, thickness, self.settings.frame_dt / choice.substeps)
@@ -204,6 +204,13 @@ class Bodies:
         self.frames = Frames(self.batches, groups, self.settings.frame_dt, self.warp_device)
         self._write_limits()
         self.builds += 1
+
+    def restart(self, chosen: wp.array) -> None:
+        """Put all bodies back to their rest shape, at rest, in the worlds of these numbers."""
+        for batch in self.batches:
+            batch.restart(chosen)
+        for group in self.frames.groups:
+            group.forget()
 
     def _is_coupled(self, name: str) -> bool:
         """True if an object has self contact or contact with other objects."""

@@ -32,8 +32,7 @@ class Surroundings:
     """Properties of a scene that determine the cost of a substep.
 
     device: "cpu" or "cuda". wind: True with air. colliders, worlds: numbers of them. surface: True if colliders are
-    also kept out between particles. coupled: True with self or object contact. tears: True if springs can fail.
-    gravity: [m/s^2].
+    also kept out between particles. coupled: True with self or object contact. gravity: [m/s^2].
     """
 
     device: str
@@ -42,7 +41,6 @@ class Surroundings:
     worlds: int = 1
     surface: bool = False
     coupled: bool = False
-    tears: bool = False
     gravity: float = 9.81
 
     @property

@@ -8,7 +8,6 @@ live change of the material never touches these arrays. Nothing here knows of a 
 from __future__ import annotations
 
 import copy
-import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -186,27 +185,6 @@ class Topology:
         beside = out - np.outer(out @ axis, axis)
         along = beside @ beside[np.linalg.norm(beside, axis=1).argmax()]
         return [int(k) for k in (first, second, along.argmin(), along.argmax())]
-
-    @property
-    def is_free(self) -> bool:
-        """True if an object is held by few particles at most."""
-        return np.count_nonzero(self.pinned) < 0.5 * math.sqrt(len(self.masses))
-
-    @cached_property
-    def hung_length(self) -> float:
-        """Length of a sheet from the line along which it is held [m]; such a sheet swings more than it stretches.
-
-        It is 0 for a sheet that is held elsewhere too, or by few particles, and for a rope.
-        """
-        held = self.layout[self.pinned]
-        if not len(self.triangles) or self.is_free:
-            return 0.0
-        middle = held.mean(axis=0)
-        _, spread, axes = np.linalg.svd(held - middle, full_matrices=False)
-        if spread[1] >= 1e-6 * max(spread[0], 1e-300):
-            return 0.0
-        out = self.layout - middle
-        return float(np.linalg.norm(out - np.outer(out @ axes[0], axes[0]), axis=1).max())
 
     @property
     def bends_by_angles(self) -> bool:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The measured error: measuring changes nothing, and tells the size and the order of a frame's error."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from fixed_settings import fixed
@@ -92,3 +94,16 @@ def test_a_body_that_is_not_finite_leaves_an_error_that_is(device):
     sim.step(10)
     report = sim.report()["it"]
     assert report["recoveries"] == 1 and np.isfinite([report["expected_error"], report["error_per_frame"]]).all()
+
+
+@pytest.mark.parametrize("worlds", [None, np.array([True, False])], ids=["all", "one"])
+def test_coupled_bodies_start_anew_as_at_first(device, worlds):
+    """Their substeps had grown; a frame stays as long as it is, whoever is reset."""
+    sheet = dataclasses.replace(SHEET, self_contact=True)
+    sim = Simulation(Scene({"it": sheet}), Settings(error=1e-4, budget=50.0), device, worlds=2)
+    sim.step(35)
+    assert sim.choices["it"].substeps > 2 * sim.choices["it"].least
+    sim.reset(worlds)
+    sim.step(6)
+    fallen = sim.rest_positions("it")[0, 2] - sim.positions("it", 0)[:, 2].min()
+    assert fallen == pytest.approx(0.5 * 9.81 * (6 / 60) ** 2, rel=0.1)
