@@ -40,13 +40,13 @@ from cloth_sim_ros.sim.features.motion import make_finish, make_predict
 from cloth_sim_ros.sim.features.plate.bending import curve_triangle, damp, make_bend
 from cloth_sim_ros.sim.features.stage import Stage, both, once, over_meeting, over_particles
 from cloth_sim_ros.sim.features.tearing.tear import followers, make_tear
-from cloth_sim_ros.sim.features.twist.twist import ask_for
+from cloth_sim_ros.sim.features.twist.twist import ask_for, make_find_twist, push_by_couples
 from cloth_sim_ros.sim.features.winch.drum import make_turn
 from cloth_sim_ros.sim.kernels.intrinsics import array_address, sync_warp
 from cloth_sim_ros.sim.lines.membrane import lengthen
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step
-from cloth_sim_ros.sim.ropes.chain_solve import make_solve_chain
+from cloth_sim_ros.sim.ropes.solve import make_solve, make_start
 from cloth_sim_ros.sim.topology.line_layout import WARP
 
 _A_FRAME = 1 << 30  # number of substeps, more than a frame has
@@ -64,10 +64,10 @@ class Program:
     ending: list[Stage] = field(default_factory=list)
 
 
-def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: bool = True) -> Program:
+def make_program(features: Features, on_cpu: bool, threads: int = 1) -> Program:
     """Return the program for `features`.
 
-    on_cpu: True for a CPU. threads, stored: for chains, see make_solve_chain.
+    on_cpu: True for a CPU. threads: those that solve a rope.
     """
     program = Program()
     before, explicit = program.before, features.method == "verlet"
@@ -80,6 +80,9 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     if features.panels:
         before.append(Stage("panels", make_panels(features)))
     predict, finish = make_predict(features), make_finish(features)
+    if features.twist:
+        before.append(Stage("twist", _make_twist(features)))
+        predict = both(predict, push_by_couples)
     if features.handles:
         predict, finish = both(predict, hold), both(feel, finish)
     if features.pinches:
@@ -94,7 +97,7 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1, stored: boo
     if features.plate and not explicit:
         before.append(over_particles("bend", make_bend(features)))
     if features.chain:
-        program.solved.append(Stage("chain", _make_chain(features, threads, stored)))
+        program.solved += [Stage("start", make_start(features)), Stage("chain", make_solve(features, threads))]
     if features.lines:
         program.solved.append(_make_lines(features, on_cpu))
     if features.shapes:
@@ -131,7 +134,7 @@ def _look_around(features: Features) -> list[Stage]:
     stages = []
     if features.surface:
         stages.append(Stage("carry_presses", make_carry_presses(features), every=_A_FRAME))
-    stages.append(Stage("forget_contacts", make_forget_contacts(features.listed, features.pinches), every=_A_FRAME))
+    stages.append(Stage("forget_contacts", make_forget_contacts(features), every=_A_FRAME))
     if features.listed:
         stages.append(Stage("measure_extent", measure_extent, every=_A_FRAME))
         stages.append(Stage("list_colliders", list_colliders, every=_A_FRAME))
@@ -167,7 +170,6 @@ def make_begin(features: Features):
         ctx.x = array_address(arrays.state.positions, ctx.body.particles)
         ctx.position_lo = array_address(arrays.state.position_lo, ctx.body.particles)
         ctx.d = array_address(arrays.state.displacements, ctx.body.particles)
-        ctx.spans = ctx.x
         return ctx
 
     return begin
@@ -233,28 +235,16 @@ def _make_curve(explicit: bool) -> Stage:
     return Stage("curve", curve)
 
 
-def _make_chain(features: Features, threads: int, stored: bool):
-    solve_chain = make_solve_chain(features, threads, stored)
+def _make_twist(features: Features):
+    find_twist = make_find_twist(features.order, features.handles)
 
     @wp.func
-    def chain(t: int, width: int, ctx: Context):
-        if wp.static(features.twist):
-            if t == 0 and ctx.step.first:
-                ask_for(ctx.turn, ctx.body.index, ctx.state)
-        overstretched = bool(False)
-        if t < wp.static(threads):
-            overstretched = solve_chain(t, ctx, ctx.spans)
+    def twist(t: int, width: int, ctx: Context):
         if t == 0:
-            ctx.state.rope.overstretched[ctx.body.index] = wp.where(
-                overstretched or (not ctx.step.first and _was_overstretched(ctx)), 1, 0
-            )
+            ask_for(ctx.turn, ctx.body.index, ctx.state)
+            find_twist(ctx)
 
-    return chain
-
-
-@wp.func
-def _was_overstretched(ctx: Context) -> bool:
-    return ctx.state.rope.overstretched[ctx.body.index] > 0
+    return twist
 
 
 def _make_lines(features: Features, on_cpu: bool) -> Stage:

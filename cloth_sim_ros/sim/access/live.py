@@ -244,6 +244,7 @@ class Live:
             None,
             compliance=compliances_of(thing),
             damping=thing.damping,
+            bend_damping=getattr(thing, "bend_damping", 0.0),
             thickness=thing.radius if isinstance(thing, Rope) else thing.thickness,
             static_friction=thing.static_friction,
             kinetic_friction=thing.kinetic_friction,

@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tension along ropes, from the results of their solver on the device.
 
-A rigid segment has a tension without a strain, so a direct solve's multipliers say little about it. They are a small
-difference of displacements divided by almost no compliance, and their rounding may be as large as the tension. The
-displacement of each particle by the solve is accurate, and gives the force of the chain on it. Sums of these forces
-from a free end are the forces of the segments. Between two held ends one force is unknown. A fit finds it so that
-forces lie along their segments.
+A solve finds the pulls of all segments together in double precision, so those of neighbours are in balance, also where
+they are rigid.
 """
 
 from __future__ import annotations
@@ -18,10 +15,6 @@ from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import xyz
 from cloth_sim_ros.sim.physics.distance import SHORTEST
-
-# Weight, in the fit between two held ends, of the solver's tension along a segment against the force across it. It
-# decides the tension of a straight rope.
-ALONG = wp.constant(wp.float64(1.0e-3))
 
 
 @wp.func
@@ -36,52 +29,14 @@ def is_held(arrays: Arrays, i: int) -> bool:
     return arrays.state.positions[i][3] == 0.0
 
 
-@wp.func
-def fitted(
-    arrays: Arrays, b: int, begin: int, end: int, free_start: bool, free_end: bool, forces: wp.array(dtype=wp.vec3)
-):
-    """Add the unknown constant to the forces of segments `begin` to `end`, which were summed from 0."""
-    body = arrays.model.bodies[b]
-    lacks = wp.vec3d()
-    if free_start:
-        lacks = wp.vec3d(arrays.state.rope.chain_forces[body.particles + begin])
-    elif free_end:
-        lacks = -wp.vec3d(arrays.state.rope.chain_forces[body.particles + end]) - wp.vec3d(forces[end - 1])
-    else:
-        matrix = wp.mat33d()
-        right = wp.vec3d()
-        for k in range(begin, end):
-            n = wp.normalize(wp.vec3d(edge_at(arrays, body.particles + k)))
-            share = wp.identity(n=3, dtype=wp.float64) - (wp.float64(1.0) - ALONG) * wp.outer(n, n)
-            matrix += share
-            right += ALONG * wp.float64(arrays.state.rope.tensions[body.segments + k]) * n
-            right -= share * wp.vec3d(forces[k])
-        lacks = wp.inverse(matrix) * right
-    for k in range(begin, end):
-        forces[k] += wp.vec3(lacks)
-
-
 @compiled
-def balance(given: wp.array(dtype=Arrays), b: int, forces: wp.array2d(dtype=wp.vec3)):
+def pull_of_chain(given: wp.array(dtype=Arrays), b: int, forces: wp.array2d(dtype=wp.vec3)):
     """Compute the force [N] with which each segment of a directly solved rope pulls its first particle."""
-    w = wp.tid()
+    w, k = wp.tid()
     arrays = given[w]
-    pulls = forces[w]
     body = arrays.model.bodies[b]
-    segments = body.segments_end - body.segments
-    begin = int(0)
-    total = wp.vec3d()
-    for k in range(segments):
-        i = body.particles + k
-        if k > begin:
-            total += wp.vec3d(arrays.state.rope.chain_forces[i])
-        pulls[k] = wp.vec3(total)
-        held = is_held(arrays, i + 1)
-        if held or k + 1 == segments:
-            free_start = begin == 0 and not is_held(arrays, body.particles)
-            fitted(arrays, b, begin, k + 1, free_start, not held, pulls)
-            begin = k + 1
-            total = wp.vec3d()
+    n = wp.normalize(edge_at(arrays, body.particles + k))
+    forces[w, k] = arrays.state.rope.tensions[body.segments + k] * n
 
 
 @compiled
@@ -128,7 +83,7 @@ class Tensions:
         self._given = wp.array(worlds, dtype=Arrays, device=device)
         self.forces = wp.zeros((len(worlds), segments), dtype=wp.vec3, device=device)
         if batch.features.chain:
-            kernel, dim, inputs = balance, len(worlds), [self._given, b, self.forces]
+            kernel, dim, inputs = pull_of_chain, self.forces.shape, [self._given, b, self.forces]
         else:
             springs = wp.array(_springs_of(batch, b, segments), dtype=int, device=device)
             kernel, dim, inputs = pull_of_springs, self.forces.shape, [self._given, b, springs, self.forces]

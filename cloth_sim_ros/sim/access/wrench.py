@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import xyz
 
 @wp.func
 def bending_force(arrays: Arrays, b: int, i: int) -> wp.vec3:
-    """Force [N] on particle i of a rope by the joints around it (see ropes/beam.py)."""
+    """Force [N] on particle i of a rope by the joints around it (see ropes/newton.py)."""
     body = arrays.model.bodies[b]
     force = wp.vec3(0.0)
     for place in range(3):

@@ -27,7 +27,6 @@ class Context:
     x: wp.uint64
     position_lo: wp.uint64
     d: wp.uint64
-    spans: wp.uint64  # address where the threads of a block share spans of a chain
     cooperative_group: CooperativeGroup  # the blocks that compute the body together
     colliders: wp.array(dtype=ColliderMotion)
     handles: wp.array(dtype=HandleMotion)

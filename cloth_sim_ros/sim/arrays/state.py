@@ -28,12 +28,14 @@ from cloth_sim_ros.sim.substeps.arrays import ControlState, StepLimits
 class Material:
     """Material of one body.
 
-    compliance: structural, shear (in a rope: twist) and bending, in units of the scene. damping: [s]. thickness: [m].
+    compliance: structural, shear (in a rope: twist) and bending, in units of the scene. damping, bend_damping: times of
+    the dashpots [s]. thickness: [m].
     largest_inverse_mass: the body's mass in Model over its mass in this world.
     """
 
     compliance: wp.vec3
     damping: float
+    bend_damping: float
     thickness: float
     static_friction: float
     kinetic_friction: float

@@ -274,11 +274,13 @@ class Batch:
 
     def _forget(self, name: str, chosen: wp.array) -> None:
         b = self.index[name]
+        each = self.states["contacts"].shape[1] // self.states["positions"].shape[1]
         spans = {
             "particle": [self.span(name)],
             "segment": [self.segments(name)],
             "body": [slice(b, b + 1)],
             "line": [slice(first, end) for _, first, end in self.lines[b]],
+            "contact": [slice(each * self.span(name).start, each * self.span(name).stop)],
         }
         # A substep counts as smooth by the one before it, so clear those, as from rest.
         core = {"history": "body", "last_displacements": "particle", "last_velocities": "particle"}

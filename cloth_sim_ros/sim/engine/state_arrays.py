@@ -41,7 +41,7 @@ OWNERS = {
 def rows_by_array(table: str) -> dict[str, str]:
     """Array -> kind of its rows, from the tables FORGOTTEN or KEPT of all OWNERS.
 
-    FORGOTTEN has the kinds "particle", "segment", "line" and "body".
+    FORGOTTEN has the kinds "particle", "segment", "line", "body", and "contact" for a row a particle and collider.
     """
     return {name: row for owner in OWNERS.values() for name, row in getattr(owner, table, {}).items()}
 

@@ -28,8 +28,8 @@ from cloth_sim_ros.sim.kernels.intrinsics import (
     sync,
 )
 from cloth_sim_ros.sim.program import Program, make_begin, make_enter, make_program
-from cloth_sim_ros.sim.ropes.scan import THREADS, scan_size
 
+_ROPE = 256  # largest number of threads of a rope, of which two eliminate
 _LEAST, _MOST = 64, 512  # threads of each of several blocks of a body; contact needs too many registers for more
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 
@@ -38,8 +38,7 @@ def capacity(device: wp.Device, features: Features) -> int:
     """Return the largest number of particles of a body that one block can hold."""
     if device.is_cpu:
         return 1 << 30
-    spans = 16 * scan_size(THREADS) if features.chain else 0
-    return (shared_memory(device) - spans) // BYTES_A_PARTICLE
+    return shared_memory(device) // BYTES_A_PARTICLE
 
 
 def shared_memory(device: wp.Device) -> int:
@@ -84,7 +83,7 @@ def threads_for(features: Features, largest: int, device: wp.Device) -> int:
         return 1
     work, most = largest, 1024
     if features.chain:
-        work, most = largest - 1, THREADS
+        work, most = largest - 1, _ROPE
     elif features.method == "xpbd":
         work = max(128, largest // features.line_slots)
     return min(most, -(-work // 32) * 32)
@@ -107,7 +106,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
     shared: number of particles in shared memory, 0 for plain arrays. block: threads of a block; the compiler knows it,
     so that their registers fit the multiprocessor. most_shared: bytes of shared memory.
     """
-    program = make_program(features, block == 1, block, shared == 0 or shared > THREADS)
+    program = make_program(features, block == 1, block)
     load, unload = _make_memory(features, shared, block, most_shared)
     home_of = make_home(features)
     called = block == 1 and bool(features.shapes)
@@ -190,19 +189,6 @@ def make_home(features: Features):
     return home_of
 
 
-def make_give_spans(slots: int):
-    """Return a Warp function that gives a body `slots` vec4 of shared memory for the spans of its chain."""
-    address = make_tile_address(slots) if slots else None
-
-    @wp.func
-    def give_spans(ctx: Context) -> Context:
-        if wp.static(slots > 0):
-            ctx.spans = address(wp.tile_empty(shape=(wp.static(slots),), dtype=wp.vec4, storage="shared"))
-        return ctx
-
-    return give_spans
-
-
 def _make_substeps(features: Features, program: Program, called: bool, wait=wait_in_block):
     """Return a Warp function in which the threads of a body run all substeps of a frame; wait(ctx) is their barrier."""
     enter, before = make_enter(features), in_sequence(program.before, "before", called, wait)
@@ -232,16 +218,14 @@ def _make_substeps(features: Features, program: Program, called: bool, wait=wait
 def _make_memory(features: Features, shared: int, block: int, most_shared: int):
     """Return two Warp functions: load a body into shared memory as far as it fits, and store it back."""
     # Data that every particle reads and writes once a substep lies in shared memory too, if there is room.
-    slots = scan_size(block) if block > 1 and features.chain else 0
     keeps_low = features.lines or features.chain
-    all_shared = keeps_low and shared > 0 and 16 * (3 * shared + slots) <= most_shared
+    all_shared = keeps_low and shared > 0 and 16 * 3 * shared <= most_shared
     tile_size = (3 if all_shared else 2) * shared
     tile_address = make_tile_address(tile_size) if shared else None
     # Velocities and the history of order 2 are 10 floats a particle; a rope would fetch them from afar every substep.
     history = 5 * shared // 2 if all_shared and features.chain and features.order == 2 else 0
-    history = history if 16 * (tile_size + slots + history) <= most_shared else 0
+    history = history if 16 * (tile_size + history) <= most_shared else 0
     history_address = make_tile_address(history) if history else None
-    give_spans = make_give_spans(slots)
 
     @wp.func
     def load(t: int, home: Context) -> Context:
@@ -267,7 +251,7 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
             ctx.state = with_history_at(begin, wp.static(shared), ctx.body, home.state)
             for i in range(t, ctx.body.count, wp.static(block)):
                 copy_history(ctx.body.particles + i, home.state, ctx.state)
-        return give_spans(ctx)
+        return ctx
 
     @wp.func
     def unload(t: int, ctx: Context, home: Context):

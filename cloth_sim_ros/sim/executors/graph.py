@@ -14,7 +14,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import Arrays, gathered, given_type
-from cloth_sim_ros.sim.executors.block import blocks_for, make_give_spans, make_home, threads_for
+from cloth_sim_ros.sim.executors.block import blocks_for, make_home, threads_for
 from cloth_sim_ros.sim.features.self_contact.ccd_clamp import CcdClamp
 from cloth_sim_ros.sim.features.self_contact.early_out import EarlyOut
 from cloth_sim_ros.sim.features.self_contact.search import Search
@@ -24,7 +24,6 @@ from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative_groups_of, number_of
 from cloth_sim_ros.sim.kernels.intrinsics import flush_denormals, restore_mode
 from cloth_sim_ros.sim.program import make_enter, make_program
-from cloth_sim_ros.sim.ropes.scan import scan_size
 
 _KEPT = 8  # number of recorded frames, each for one pair of substeps and iterations
 
@@ -152,7 +151,6 @@ def make_kernels(features: Features, block: int) -> dict[str, wp.Kernel]:
 def _make_kernel(part: str, run, features: Features, block: int, module: wp.Module) -> wp.Kernel:
     """Return the kernel that runs a part in the substep and iteration of a launch."""
     home_of, enter, argument = make_home(features), make_enter(features), given_type(features)
-    give_spans = make_give_spans(scan_size(block) if part == "solved" and features.chain and block > 1 else 0)
 
     def launched(
         given: argument,
@@ -175,7 +173,7 @@ def _make_kernel(part: str, run, features: Features, block: int, module: wp.Modu
             ctx.step.store = store != 0
             ctx.last = last != 0
             ctx.step.repeats = ctx.frame.iterations > 1
-            run(t, group.width, give_spans(ctx))
+            run(t, group.width, ctx)
         restore_mode(mode)
 
     launched.__qualname__ = f"launch_{part}"

@@ -38,7 +38,6 @@ def make_settle(features: Features):
             return
         put_back(g, s.relapses[ctx.body.index], ctx.model, s)
         if wp.static(features.chain):
-            s.rope.chain_forces[g] = wp.vec3(0.0)
             if wp.static(features.supported):
                 s.contact.supports[g] = wp.vec4(0.0)
             k = ctx.body.segments + i

@@ -31,7 +31,6 @@ from cloth_sim_ros.sim.physics.integrate import (
     LEAST_SHARE,
     MOST_ASIDE,
     MOST_TAUT,
-    MOST_TURNED,
     MOST_WEIGHTS,
     Step,
     carried,
@@ -185,9 +184,12 @@ def make_predict(features: Features):
         # Select instead of branching, or a warp with a pinned particle would run both branches.
         moved = prediction(base, v, a, eased, w, lo, ctx.step)
         if wp.static(features.supported):
-            # A chain and its bending are solved where the collider will hold it, or they would cut its corner.
+            # A rope is solved where facets will hold it, or it would cut their corner.
             square = ctx.step.effective * ctx.step.effective
             moved += pack(square * xyz(load_row(ctx.state.contact.supports, g)), 0.0)
+        if wp.static(features.chain):
+            start = (base + ctx.step.effective * v) + lo
+            ctx.state.rope.falls[g] = wp.where(w == 0.0, wp.vec3(0.0), xyz(moved) - start)
         store4(ctx.d, i, wp.where(w == 0.0, pack(lo, 0.0), moved))
         if wp.static(features.lines):
             store_row(ctx.state.lines.bases, g, pack(lo + base, 0.0))
@@ -215,15 +217,6 @@ def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
 MOST_SPACINGS = wp.constant(0.25)
 
 
-@wp.func
-def turned_by_bending(j: int, ctx: Context) -> float:
-    """Return the angle [rad] by which joint j of a rope is bent from rest, from its moment; 0 if there is no joint."""
-    if j >= ctx.body.count - 2:
-        return 0.0
-    place = ctx.body.segments + j
-    return wp.length(ctx.state.rope.moments[place]) * ctx.material.compliance[2] * ctx.model.joints[place][1]
-
-
 def make_finish(features: Features):
     """Return the stage that turns the displacement of particle i into its velocity and position."""
     smooth = SMOOTH_ROPE if features.chain else SMOOTH_SHEET
@@ -247,8 +240,6 @@ def make_finish(features: Features):
             )
             if wp.static(features.supported):
                 not_smooth = not_smooth or ctx.state.contact.supports[g][3] > 0.0
-            if wp.static(features.beam):
-                not_smooth = not_smooth or turned_by_bending(i, ctx) > MOST_TURNED
             if not_smooth:
                 ctx.state.events[2 * ctx.body.index + ctx.substep % 2] = ctx.substep + 1
             before = xyz(load_row(ctx.state.velocities, g))

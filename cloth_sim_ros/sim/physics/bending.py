@@ -8,9 +8,3 @@ import warp as wp
 def wrap_angle(angle: float) -> float:
     """The angle in (-pi, pi]: a fold through pi is followed the short way."""
     return angle - 2.0 * wp.pi * wp.round(angle / (2.0 * wp.pi))
-
-
-@wp.func
-def rest_turn(turn: wp.vec3, rest: float) -> wp.vec3:
-    """The turn vector of length `rest` that is nearest to `turn`."""
-    return turn * (rest / wp.max(wp.length(turn), 1.0e-9))

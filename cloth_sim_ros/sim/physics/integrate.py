@@ -15,9 +15,6 @@ import warp as wp
 from cloth_sim_ros.sim.kernels.intrinsics import divide, quotient
 
 _THIRD = wp.constant(1.0 / 3.0)
-# Angle [rad] by which bending may turn a joint of a rope away from its rest shape in a substep of second order. Stretch
-# and bending are solved one after the other. Beyond this angle each undoes so much of the other that BDF2 gains energy.
-MOST_TURNED = wp.constant(0.02)
 
 
 @wp.func

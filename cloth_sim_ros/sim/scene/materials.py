@@ -4,7 +4,8 @@
 Every preset names the source of its numbers. Cloth stiffens as it stretches. A preset is the nearest linear sheet at
 the loads of hanging cloth. "KES-F" marks rounded typical values of such cloth (Kawabata 1980, The standardization and
 analysis of hand evaluation). "makers" marks rounded catalogue values. "estimate" marks values without a source. Damping
-times are estimates throughout: loss factors of 0.1 to 0.3 at about 5 Hz.
+times are estimates throughout: loss factors of 0.1 to 0.3 at about 5 Hz. In bending of ropes, whose strands rub, they
+are 0.3 to 0.6.
 
 "Feng" marks bending of woven cloth of such a mass, by cantilever in warp, weft and at 45 degrees, among the 618 fabrics
 of Feng, Huang, Xu and Wang 2022, Learning-based bending stiffness parameter estimation by a drape tester. "Wang" marks
@@ -53,14 +54,15 @@ class Fabric:
 
 @dataclass(frozen=True)
 class Cord:
-    """A rope of `radius` [m]: linear_mass [kg/m], `stretch` = EA [N], `bending` = EI [N m^2], `damping` time [s],
-    coefficients of friction."""
+    """A rope of `radius` [m]: linear_mass [kg/m], `stretch` = EA [N], `bending` = EI [N m^2], times of `damping` in
+    stretch and of `bend_damping` [s], coefficients of friction."""
 
     radius: float
     linear_mass: float
     stretch: float
     bending: float
     damping: float
+    bend_damping: float
     static_friction: float
     kinetic_friction: float
     source: str
@@ -132,32 +134,32 @@ FABRICS = {
 
 CORDS = {
     "cotton rope": Cord(
-        4e-3, 0.04, 1.5e4, 4e-4, 1e-2, 0.5, 0.4,
+        4e-3, 0.04, 1.5e4, 4e-4, 1e-2, 2e-2, 0.5, 0.4,
         "three strands, 8 mm: mass by makers' tables; EA and EI are estimates, EI from an overhang of 0.2 m (Peirce)",
     ),
     "nylon rope": Cord(
-        5e-3, 0.062, 5e4, 2e-3, 1e-2, 0.4, 0.3,
+        5e-3, 0.062, 5e4, 2e-3, 1e-2, 1.5e-2, 0.4, 0.3,
         "three strands, 10 mm: makers' tables, EA from 9 % at a fifth of the breaking load; EI is an estimate",
     ),
     "polyester rope": Cord(
-        5e-3, 0.076, 1.7e5, 3e-3, 8e-3, 0.4, 0.3,
+        5e-3, 0.076, 1.7e5, 3e-3, 8e-3, 1.5e-2, 0.4, 0.3,
         "double braid, 10 mm: makers' tables, EA from 3 % at a fifth of the breaking load; EI is an estimate",
     ),
     "climbing rope": Cord(
-        4.9e-3, 0.063, 9.8e3, 1.5e-3, 1.5e-2, 0.4, 0.3,
+        4.9e-3, 0.063, 9.8e3, 1.5e-3, 1.5e-2, 2e-2, 0.4, 0.3,
         "dynamic single rope, 9.8 mm: makers' data, EA from 8 % under 80 kg (EN 892 allows 10 %); EI is an estimate",
     ),
     "steel cable": Cord(
-        3e-3, 0.14, 1.4e6, 5e-2, 5e-4, 0.2, 0.15,
+        3e-3, 0.14, 1.4e6, 5e-2, 5e-4, 1e-2, 0.2, 0.15,
         "6 x 19 with fibre core, 6 mm: mass by engineeringtoolbox.com, EA from 14 mm^2 of metal at 100 GPa (Feyrer "
         "2015, Wire Ropes); EI, an estimate, is twice that of its wires side by side, which friction ties together",
     ),
     "rubber hose": Cord(
-        9.5e-3, 0.2, 5e3, 5e-2, 3e-3, 0.9, 0.7,
+        9.5e-3, 0.2, 5e3, 5e-2, 3e-3, 1e-2, 0.9, 0.7,
         "garden hose with a textile layer, 12.5 mm by 19 mm, E = 10 MPa in bending: estimates",
     ),
     "power cable": Cord(
-        4e-3, 0.105, 2e5, 2e-2, 5e-3, 0.6, 0.5,
+        4e-3, 0.105, 2e5, 2e-2, 5e-3, 1.5e-2, 0.6, 0.5,
         "flexible PVC sheath with 3 x 1.5 mm^2 of copper strands, 8 mm: mass by makers' tables, else estimates",
     ),
 }  # fmt: skip
@@ -239,6 +241,7 @@ def rope_fields(name: str, length: float, radius: float | None = None) -> dict[s
         "stretch_compliance": 1.0 / (cord.stretch * larger**2),
         "bend_compliance": 1.0 / (cord.bending * larger**4),
         "damping": cord.damping,
+        "bend_damping": cord.bend_damping,
         "static_friction": cord.static_friction,
         "kinetic_friction": cord.kinetic_friction,
     }

@@ -14,7 +14,6 @@ from functools import partial
 import numpy as np
 
 from cloth_sim_ros.sim.lines.membrane import WHOLE
-from cloth_sim_ros.sim.physics.integrate import MOST_TURNED
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps import limits, prices
 from cloth_sim_ros.sim.substeps.prices import Surroundings
@@ -142,8 +141,6 @@ def _xpbd(
         reason += f" in {least} to {most} substeps, as its measured error asks"
     if least < static:
         reason += f"; it would take {math.ceil(static)} substeps to be as stiff as it is set"
-    if order == 2 and topology.bends_by_angles:
-        reason += f"; substeps in which a joint is bent by more than {MOST_TURNED:g} rad are of first order"
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
         reason += f"; {share:.2g} of its bending rigidity acts"

@@ -1,143 +1,66 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The direct solve along chains: spans join to what the ladder finds, and wild starts recover under any load."""
+"""The direct solve of ropes: elimination is a solve of the matrix, and wild starts recover under any load."""
 
 import itertools
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 import warp as wp
-from scipy.spatial.transform import Rotation
 
-from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
-from cloth_sim_ros.sim.physics.chain import (
-    Span,
-    edge_frame,
-    join,
-    particle_compliance,
-    series_admittance,
-    span_of,
-    turn_frame,
-    turned_end,
-)
-from cloth_sim_ros.sim.ropes.arrays import Segment
-from cloth_sim_ros.sim.ropes.segments import forward
+from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation, ropes
+from cloth_sim_ros.sim.ropes.arrays import NUMBERS
+from cloth_sim_ros.sim.ropes.newton import eliminate
 
 SEGMENTS = 16
 LENGTH = 1.0 / SEGMENTS
+PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of the six numbers of a symmetric matrix
 
 
 @wp.kernel(enable_backward=False)
-def walk(segments: wp.array(dtype=Segment), w0: float, found: wp.array(dtype=wp.mat33), moved: wp.array(dtype=wp.vec3)):
-    """One thread along the ladder."""
-    y = wp.identity(n=3, dtype=float) * w0
-    q = wp.vec3(0.0)
-    old = segments[0].frame
-    for k in range(segments.shape[0]):
-        y = turn_frame(y, old, segments[k].frame)
-        segment, y, q, pull = forward(segments[k], y, q)
-        old = segments[k].frame
-    found[0] = y
-    moved[0] = old * q
+def solve_rows(first: int, count: int, bends: bool, scratch: wp.array(dtype=wp.float64)):
+    eliminate(wp.tid(), 0, 0, first, count, bends, scratch)
 
 
-@wp.kernel(enable_backward=False)
-def fold(segments: wp.array(dtype=Segment), w0: float, spans: wp.array(dtype=Span)):
-    """The same, joining neighbours pairwise until one span is left."""
-    for k in range(segments.shape[0]):
-        s = segments[k]
-        spans[k] = span_of(s.far, s.along, s.across, s.tension, s.gap, s.missing)
-    start = Span()
-    start.compliance = wp.identity(n=3, dtype=float) * w0
-    spans[0] = join(start, spans[0])
-    width = int(1)  # noqa: UP018 - a variable of the kernel
-    while width < segments.shape[0]:
-        for i in range(0, segments.shape[0], 2 * width):
-            turn = segments[i + width].frame * wp.transpose(segments[i + width - 1].frame)
-            spans[i] = join(turned_end(spans[i], turn), spans[i + width])
-        width *= 2
+def columns():
+    """Where the blocks of a row begin, from the layout in rows.h."""
+    text = (Path(ropes.__file__).parent / "rows.h").read_text()
+    names = re.search(r"enum \{(.*?)\};", re.sub(r"//.*", "", text), re.S)[1]
+    found, last = {}, -1
+    for name, value in re.findall(r"(\w+)(?: = ([^,]+))?,", names):
+        last = last + 1 if not value else sum(int(found.get(part.strip(), part)) for part in value.split("+"))
+        found[name] = last
+    return found
 
 
-@wp.kernel(enable_backward=False)
-def frames_along(normals: wp.array(dtype=wp.vec3), frames: wp.array(dtype=wp.mat33)):
-    frames[wp.tid()] = edge_frame(normals[wp.tid()])
+def symmetric(m):
+    return [m[place] for place in PLACES]
 
 
-@wp.kernel(enable_backward=False)
-def invert(
-    y: wp.array(dtype=wp.mat33),
-    numbers: wp.array(dtype=wp.vec3),
-    edges: wp.array(dtype=wp.mat33),
-    particles: wp.array(dtype=wp.mat33),
-):
-    i = wp.tid()
-    edges[i] = series_admittance(y[i], numbers[i][0], numbers[i][1])
-    particles[i] = particle_compliance(numbers[i][2], edges[i])
-
-
-def inverses(matrices):
-    """In float64, of unit diagonals."""
-    scale = 1.0 / np.sqrt(np.einsum("nii->ni", matrices))
-    both = scale[:, :, None] * scale[:, None, :]
-    return np.linalg.inv(matrices * both) * both
-
-
-@pytest.mark.parametrize(("along", "angle"), [(1e-7, 1e-6), (1e-3, 1e-3), (1.0, 3.0)])
-def test_inverses_keep_their_digits_over_ten_orders_of_magnitude(along, angle):
-    """Error against float64, of each entry beside the diagonal ones in its row and column."""
-    random, count = np.random.default_rng(2), 2000
-    directions = random.standard_normal((count, 3))
-    frames = Rotation.from_rotvec(angle * directions / np.linalg.norm(directions, axis=1, keepdims=True)).as_matrix()
-    yields = np.column_stack([along * 10.0 ** random.uniform(0, 2, count), 10.0 ** random.uniform(-1, 2, (count, 2))])
-    y = (np.einsum("nij,nj,nkj->nik", frames, yields, frames)).astype(np.float32)
-    stiff = 10.0 ** random.uniform(-9, 2, count)
-    stiff[::10] = 0.0
-    numbers = np.column_stack([np.full(count, along), stiff, 10.0 ** random.uniform(-4, 2.5, count)]).astype(np.float32)
-    edges, particles = (wp.zeros(count, dtype=wp.mat33, device="cpu") for _ in range(2))
-    given = [wp.array(y, dtype=wp.mat33, device="cpu"), wp.array(numbers, dtype=wp.vec3, device="cpu")]
-    wp.launch(invert, count, [*given, edges, particles], device="cpu")
-    numbers = numbers.astype(float)
-    across = 1.0 / np.maximum(numbers[:, 1], 1e-30)
-    springs = np.column_stack([numbers[:, 0], across, across])[:, :, None] * np.eye(3)
-    found = edges.numpy().astype(float)
-    masses = np.eye(3) / numbers[:, 2, None, None]
-    for result, expected in (
-        (found, inverses(y.astype(float) + springs)),
-        (particles.numpy().astype(float), inverses(found + masses)),
-    ):
-        size = np.sqrt(np.einsum("nii->ni", expected))
-        error = np.abs(result - expected) / (size[:, :, None] * size[:, None, :])
-        assert np.median(error.max((1, 2))) < 2e-7
-        assert error.max() < 1e-5 * (1.0 if along < 1.0 else 10.0)
-
-
-@pytest.mark.parametrize("load", [1.0, 1e5])
-@pytest.mark.parametrize("along", [1e-7, 1.0])
-@pytest.mark.parametrize("pinned", [True, False])
-def test_joined_spans_are_the_ladder(load, along, pinned):
-    random = np.random.default_rng(3)
-    normals = np.array([1.0, 0.0, 0.0]) + 0.3 * random.standard_normal((SEGMENTS, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    frames = wp.zeros(SEGMENTS, dtype=wp.mat33, device="cpu")
-    wp.launch(frames_along, SEGMENTS, inputs=[wp.array(normals, dtype=wp.vec3, device="cpu"), frames], device="cpu")
-    rows = np.zeros(SEGMENTS, dtype=Segment.numpy_dtype())
-    rows["frame"] = frames.numpy()
-    rows["near"], rows["far"], rows["along"] = 160.0, 160.0, along
-    rows["far"][-1] = 160.0 / load
-    rows["across"] = random.uniform(0.0, 1e-2, SEGMENTS) * np.sqrt(load)
-    rows["tension"] = random.uniform(0.0, 1e-4, SEGMENTS) * load
-    rows["gap"] = 1e-3 * random.standard_normal(SEGMENTS)
-    rows["missing"] = 1e-4 * random.standard_normal((SEGMENTS, 3))
-    w0 = 0.0 if pinned else 160.0
-    rows["near"][0] = w0
-    segments = wp.array(rows, dtype=Segment, device="cpu")
-    compliance, moved = wp.zeros(1, dtype=wp.mat33, device="cpu"), wp.zeros(1, dtype=wp.vec3, device="cpu")
-    spans = wp.zeros(SEGMENTS, dtype=Span, device="cpu")
-    wp.launch(walk, 1, inputs=[segments, w0, compliance, moved], device="cpu")
-    wp.launch(fold, 1, inputs=[segments, w0, spans], device="cpu")
-    result = spans.numpy()[0]
-    size = np.abs(compliance.numpy()[0]).max()
-    assert result["compliance"] == pytest.approx(compliance.numpy()[0], rel=2e-3, abs=2e-3 * float(size))
-    assert result["free"] == pytest.approx(moved.numpy()[0], rel=2e-3, abs=2e-3 * float(np.abs(moved.numpy()).max()))
+@pytest.mark.parametrize("bends", [True, False])
+@pytest.mark.parametrize(("first", "count"), [(0, 2), (0, 3), (0, 4), (0, 5), (2, 9), (0, 64), (1, 200)])
+def test_the_elimination_solves_the_matrix(device, first, count, bends):
+    """Random symmetric blocks, positive as those of masses and springs a million times stiffer."""
+    random, at, n = np.random.default_rng(count), columns(), count - first
+    rows, matrix, right = np.zeros((count + 3, NUMBERS)), np.eye(3 * n), random.standard_normal((n, 3))
+    rows[:, at["DIAGONAL"] : at["DIAGONAL"] + 3] = 1.0
+    for reach in (1, 2) if bends else (1,):
+        for i in range(reach, n):
+            half = random.standard_normal((3, 3))
+            block = 1e6 * half @ half.T
+            for a, b, sign in ((i, i, 1), (i - reach, i - reach, 1), (i, i - reach, -1), (i - reach, i, -1)):
+                matrix[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] += sign * block
+            name = "FIRST" if reach == 1 else "SECOND"
+            rows[first + i, at[name] : at[name] + 6] = symmetric(-block)
+    for i in range(n):
+        block = matrix[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
+        rows[first + i, at["DIAGONAL"] : at["DIAGONAL"] + 6] = symmetric(block)
+        rows[first + i, at["RIGHT"] : at["RIGHT"] + 3] = right[i]
+    scratch = wp.array(rows.ravel(), dtype=wp.float64, device=device)
+    wp.launch(solve_rows, 1 if device == "cpu" else 32, [first, count, bends, scratch], device=device, block_dim=32)
+    found = scratch.numpy().reshape(rows.shape)[first:count, at["MOVE"] : at["MOVE"] + 3]
+    assert found == pytest.approx(np.linalg.solve(matrix, right.ravel()).reshape(n, 3), rel=1e-6, abs=1e-8)
 
 
 def heavy_rope(load, compliance):

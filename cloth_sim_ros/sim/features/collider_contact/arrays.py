@@ -16,7 +16,7 @@ def words_of(colliders: int) -> int:
 
 
 # Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.
-FORGOTTEN = {"supports": "particle", "pinch_places": "particle"}
+FORGOTTEN = {"supports": "particle", "pinch_places": "particle", "contacts": "contact"}
 
 
 @wp.struct
@@ -80,10 +80,12 @@ class Look:
 class ContactState:
     """State of contact with colliders; see State for the letters."""
 
-    # (K N,) correction of a particle by a collider so far in a substep, in its axes [m]; the last number: see touch_of
+    # (K N,) correction of a particle by a collider so far in a substep, in its axes [m]; in a rope the acceleration
+    # [m/s^2], also of the last substep. The last number: see touch_of
     contacts: wp.array(dtype=wp.vec4)
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) force of each collider on each particle, mean over the frame [N]
-    supports: wp.array(dtype=wp.vec4)  # (N,) chains: acceleration by a collider [m/s^2], last substep; 1 + its number
+    leans: wp.array(dtype=wp.vec4)  # (K N,) ropes: normal in the solve, and 1 + its friction, see lean.py
+    supports: wp.array(dtype=wp.vec4)  # (N,) ropes: acceleration by facets [m/s^2], last substep; 1 + their collider
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next four
     looks: wp.array(dtype=Look)  # (P K,)
     close: wp.array(dtype=int)  # (N,) 1 if facets around a particle may touch a collider in this substep
@@ -105,6 +107,7 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
     return {
         "contacts": n.particles * n.colliders,
         "contact_forces": n.particles * n.colliders,
+        "leans": n.particles * n.colliders if features.leans else 0,
         "supports": n.particles if features.supported else 0,
         "presses": n.panels * n.colliders if features.surface else 0,
         "looks": n.panels * n.colliders if features.surface else 0,

@@ -12,6 +12,7 @@ Scenes with few colliders have no list: every particle tests all of them.
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import EXTENT, WORD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, lowest_bit, pack, store_row, xyz
@@ -133,11 +134,12 @@ def note(c: int, near: Near):
             wp.atomic_or(near.words, near.first + c / wp.static(WORD), bit)
 
 
-def make_forget_contacts(listed: bool, pinches: bool):
+def make_forget_contacts(features: Features):
     """Return the stage that begins a frame: clear the contacts and forces of colliders.
 
-    listed: True if bodies have a list of colliders; only listed ones are cleared then. pinches: True if some pinch.
+    If bodies have a list of colliders, only the listed ones are cleared. What touched a rope in the last substep stays.
     """
+    listed, pinches, leans = features.listed, features.pinches, features.leans
     near_of = make_near_of(listed)
 
     @wp.func
@@ -155,12 +157,13 @@ def make_forget_contacts(listed: bool, pinches: bool):
             for i in range(t, ctx.body.count, width):
                 entry = (ctx.body.particles + i) * colliders + c
                 store_row(ctx.state.contact.contact_forces, entry, wp.vec4(0.0))
-                touch = float(0.0)
-                if wp.static(pinches):
+                kept = wp.vec4(0.0)
+                if wp.static(pinches or leans):
                     # The first substep goes on from the last one of the frame before.
-                    last = load_row(ctx.state.contact.contacts, entry)[3]
-                    touch = wp.where(last > float(taken), 1.0, 0.0)
-                store_row(ctx.state.contact.contacts, entry, wp.vec4(0.0, 0.0, 0.0, touch))
+                    last = load_row(ctx.state.contact.contacts, entry)
+                    if last[3] > float(taken):
+                        kept = pack(wp.where(wp.static(leans), xyz(last), wp.vec3(0.0)), 1.0)
+                store_row(ctx.state.contact.contacts, entry, kept)
             c = next_of(c, near, False)
         if wp.static(listed):
             if t == 0:

@@ -9,6 +9,7 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
+from cloth_sim_ros.sim.features.collider_contact.lean import change_of
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
     is_between,
@@ -18,16 +19,13 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import (
     slack_of,
 )
 from cloth_sim_ros.sim.features.collider_contact.strain import note_strain, widest_around
-from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 
-# Speed [m/s] at which parts that overlap at the start of a substep separate, as after a fall of half a metre. Without
-# this limit, a collider that is placed into a cloth would fling it out within one substep.
-SEPARATION = wp.constant(3.0)
-# Fraction of a support that carries over to the next substep. At 1 a chain and a collider would excite one another.
+# Fraction of what facets do to a rope that carries over to the next substep. At 1 both would excite one another.
 CARRIED = wp.constant(0.95)
 NEARBY = wp.constant(3.0)  # reach of facets from their corners, stretched threefold, in gaps between particles
 NOISE = wp.constant(1.0e-6)  # distance [m] below which a motion may be rounding alone
@@ -63,19 +61,13 @@ def length_of(step: Step) -> float:
     return step.effective / wp.where(step.second, 2.0 / 3.0, 1.0)
 
 
-@wp.func
-def pace(collider: ColliderMotion, step: Step) -> float:
-    """Return how far an overlap may separate in a substep [m]; unlimited for a compliant collider."""
-    return wp.where(collider.compliance > 0.0, 1.0e9, SEPARATION * step.effective)
-
-
 @wp.struct
 class Met:
     """Data of the contacts of particle number `slot`.
 
     first_sweep: index of the first collider's motion in `sweeps`. share: factor [1/s^2] from a correction over the
     inverse mass to a force [N]. near: colliders that the body may touch. colliders: those of the world. contacts:
-    corrections of earlier iterations. carries: True if the support of the last substep still acts.
+    corrections of earlier iterations. carries: True if the solve of a rope had them, see lean.py.
     """
 
     slot: int
@@ -93,9 +85,10 @@ class Met:
 
 
 @wp.func
-def larger_support(support: wp.vec4, push: wp.vec3, c: int) -> wp.vec4:
-    """Return the larger of a support and the push of collider c [m], the latter with 1 + c."""
-    return wp.where(wp.length_sq(push) > wp.length_sq(xyz(support)), pack(push, float(c + 1)), support)
+def let_go(met: Met, step: Step):
+    """Forget what facets did to a particle of a rope in the last substep."""
+    if met.supports.shape[0] > 0 and step.first and met.carries:
+        met.supports[met.slot] = wp.vec4(0.0)
 
 
 @wp.func
@@ -158,8 +151,7 @@ def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
         kept_speed = forgotten(v, moved / length_of(step), normal, hit)
         met.last_displacements[met.slot] = kept
         store_row(met.velocities, met.slot, pack(kept_speed, 0.0))
-        # While a chain leans on a collider, its substeps are of first order, and carry no past on.
-        if step.second or met.supports.shape[0] == 0:
+        if step.second or not met.carries:
             lost = lost_motion(past - kept, v - kept_speed, step)
     return lost
 
@@ -169,58 +161,47 @@ def least_mass(features: Features) -> float:
     return HELD if features.handles or features.pinches else 0.0
 
 
-def _make_support(features: Features):
-    """Return three Warp functions for the support of a particle by a collider.
+def _make_before(features: Features):
+    """Return a Warp function: the correction [m] that collider c asks already of particle i, in its axes, and its w.
 
-    The first returns the correction carried over from the last substep, in the collider's axes [m]. The second returns
-    True if there is one. The third clears the support. All do nothing if `features` have no supports.
+    A rope has that of its solve (see lean.py), or in a second call of a substep (`met.carries` is False) that of the
+    first one. A sheet has those of earlier iterations. The last number is above 0 if the collider touched it.
     """
 
     @wp.func
-    def carried_by(c: int, met: Met, step: Step, sweep: Sweep) -> wp.vec3:
-        carried = wp.vec3(0.0)
-        if wp.static(features.supported):
-            support = load_row(met.supports, met.slot)
-            if met.carries and int(support[3]) == c + 1:
-                carried = (step.effective * step.effective) * (sweep.to_local * xyz(support))
-        return carried
+    def before_of(i: int, c: int, entry: int, w: float, met: Met, ctx: Context) -> wp.vec4:
+        before = wp.vec3(0.0)
+        if wp.static(features.leans):
+            leaned = ctx.state.contact.leans[entry]
+            square = ctx.step.effective * ctx.step.effective
+            if leaned[3] > 0.0 or not met.carries:
+                before = square * xyz(load_row(met.contacts, entry))
+            if leaned[3] > 0.0 and met.carries:
+                u = ctx.state.rope.solved[met.slot] - ctx.state.rope.starts[met.slot]
+                softness = met.colliders[c].compliance * ctx.step.inverse_square / w
+                change = change_of(u, xyz(leaned), softness, leaned[3] - 1.0)
+                before -= met.sweeps[met.first_sweep + c].to_local * change
+        elif not ctx.step.first:
+            before = xyz(load_row(met.contacts, entry))
+        return pack(before, wp.where(wp.length_sq(before) > 0.0, 1.0, 0.0))
 
-    @wp.func
-    def is_supported(before: wp.vec3) -> bool:
-        return wp.static(features.supported) and wp.length_sq(before) > 0.0
-
-    @wp.func
-    def let_go(met: Met):
-        if wp.static(features.supported):
-            met.supports[met.slot] = wp.vec4(0.0)
-
-    return carried_by, is_supported, let_go
+    return before_of
 
 
 def _make_leave(features: Features):
-    """Return a Warp function that applies the colliders' result to particle i, and keeps the largest support."""
+    """Return a Warp function that applies the colliders' result to particle i."""
 
     @wp.func
-    def leave(
-        i: int,
-        lo: wp.uint64,
-        d: wp.uint64,
-        displacement: wp.vec3,
-        push: Push,
-        support: wp.vec4,
-        met: Met,
-        step: Step,
-    ):
-        w = load4(d, i)[3]
-        if wp.static(features.supported):
-            if met.carries:
-                held = pack((CARRIED * step.inverse_square) * xyz(support), support[3])
-                store_row(met.supports, met.slot, held)
-        store4(d, i, pack(displacement, w))
+    def leave(i: int, displacement: wp.vec3, push: Push, met: Met, ctx: Context):
+        packed = load4(ctx.d, i)
+        w = packed[3]
+        if wp.static(features.leans):
+            ctx.state.rope.solved[met.slot] += displacement - xyz(packed)
+        store4(ctx.d, i, pack(displacement, w))
         if wp.static(features.order == 2):
             if push.pressed > 0.0:
-                moved = displacement - xyz(load4(lo, i))
-                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, step))
+                moved = displacement - xyz(load4(ctx.position_lo, i))
+                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
 
     return leave
 
@@ -231,7 +212,7 @@ def make_touch(features: Features):
     It returns bits: CLOSE if a collider may come within `width` [m] in the substep, TOUCHED if one touched it.
     """
     meet, leave = make_ccd(features.shapes), _make_leave(features)
-    carried_by, is_supported, let_go = _make_support(features)
+    before_of, leans = _make_before(features), features.leans
     least, is_squeezed = least_mass(features), make_is_squeezed(features)
 
     @wp.func
@@ -241,23 +222,20 @@ def make_touch(features: Features):
         row = load4(ctx.x, i)
         w = packed[3]
         if w <= wp.static(least) * row[3]:
-            let_go(met)
             return CLOSE
         close = bool(False)
         position = xyz(row)
         displacement = xyz(packed)
         touched = bool(False)
-        push, support = Push(), wp.vec4(0.0)
+        push = Push()
+        let_go(met, step)
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
         while c < met.colliders.shape[0]:
             k = met.first_sweep + c
             entry = met.slot * met.colliders.shape[0] + c
-            before = wp.vec3(0.0)
-            if step.first:
-                before = carried_by(c, met, step, met.sweeps[k])
-            else:
-                before = xyz(load_row(met.contacts, entry))
+            known = before_of(i, c, entry, w, met, ctx)
+            before, acted = xyz(known), known[3] > 0.0
             after = before
             touch = float(0.0)
             # Most particles are farther from the collider than both can move in a substep: a cheap bound shows it.
@@ -266,7 +244,7 @@ def make_touch(features: Features):
             path += met.sweeps[k].spin * (wp.length(offset) + path)
             away = wp.length(offset) - path - met.colliders[c].reach - material.thickness
             close = close or (away < width and met.colliders[c].facets != 0)
-            if away < 0.0 or is_supported(before):
+            if away < 0.0 or acted:
                 collider = met.colliders[c]
                 sweep = met.sweeps[k]
                 lo = xyz(load4(ctx.position_lo, i))
@@ -278,7 +256,7 @@ def make_touch(features: Features):
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, reach, apart)
                 gap = touching[3] + slack
                 squeezed = is_between(squeezed, xyz(touching), c, ctx)
-                if gap < 0.0 or squeezed or is_supported(before):
+                if gap < 0.0 or squeezed or acted:
                     n = xyz(touching)
                     pressed = wp.dot(before, n)
                     gap += depth_before_middle(squeezed, collider, material.thickness)
@@ -293,10 +271,11 @@ def make_touch(features: Features):
                         tangential, rubbed_before, pressed, rubs * mu_s, rubs * mu_k
                     )
                     displacement += wp.transpose(sweep.to_local) * (after - before)
-                    # The carried correction acts in this substep, as the added one does.
-                    pushed = wp.transpose(sweep.to_local) * wp.where(step.first, after, after - before)
-                    add_force(met.forces, entry, (met.share / w) * pushed)
-                    support = larger_support(support, wp.transpose(sweep.to_local) * after, c)
+                    pushed = after - before
+                    if wp.static(leans):
+                        # The last iteration has all of the solve's correction.
+                        pushed = wp.where(ctx.last, wp.where(met.carries, after, pushed), wp.vec3(0.0))
+                    add_force(met.forces, entry, (met.share / w) * (wp.transpose(sweep.to_local) * pushed))
                     touched = True
                     touch = float(ctx.substep + 2)
                     if stray:
@@ -304,11 +283,13 @@ def make_touch(features: Features):
                     stray = stray or strays(met.near, position + displacement, displacement)
                     if wp.static(features.order == 2):
                         push = with_push(push, wp.transpose(sweep.to_local) * n, pressed, sweep.motion, entry)
-            if step.repeats or (wp.static(features.pinches) and met.colliders[c].opposite > 0):
+            if wp.static(leans):
+                store_row(met.contacts, entry, pack(step.inverse_square * after, touch))
+            elif step.repeats or (wp.static(features.pinches) and met.colliders[c].opposite > 0):
                 store_row(met.contacts, entry, pack(after, touch))
             c = next_of(c, met.near, stray)
-        if touched or wp.static(features.supported):
-            leave(i, ctx.position_lo, ctx.d, displacement, push, support, met, step)
+        if touched:
+            leave(i, displacement, push, met, ctx)
         return wp.where(close, CLOSE, 0) + wp.where(touched, TOUCHED, 0)
 
     return contact
@@ -331,7 +312,7 @@ def make_met_in(features: Features):
         met.velocities = ctx.state.velocities
         met.last_displacements = ctx.state.last_displacements
         met.supports = ctx.state.contact.supports
-        met.carries = wp.static(features.supported)
+        met.carries = wp.static(features.leans)
         return met
 
     return met_in

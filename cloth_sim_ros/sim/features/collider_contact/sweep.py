@@ -5,6 +5,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
+from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.physics.path import bend_at, orientation_at
 
 
@@ -39,3 +40,14 @@ def slip_of(start: wp.vec3, moved: wp.vec3, sweep: Sweep) -> wp.vec3:
     The collider itself began at -u.
     """
     return sweep.to_local * (moved - sweep.motion) + sweep.turn * (start + sweep.motion)
+
+
+# Speed [m/s] at which parts that overlap at the start of a substep separate, as after a fall of half a metre. Without
+# this limit, a collider that is placed into a cloth would fling it out within one substep.
+SEPARATION = wp.constant(3.0)
+
+
+@wp.func
+def pace(collider: ColliderMotion, step: Step) -> float:
+    """Return how far an overlap may separate in a substep [m]; unlimited for a compliant collider."""
+    return wp.where(collider.compliance > 0.0, 1.0e9, SEPARATION * step.effective)

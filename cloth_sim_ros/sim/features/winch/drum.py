@@ -21,7 +21,6 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body, Model
-from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.features.winch.arrays import Drive, WinchState
 from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.physics.integrate import split_sum
@@ -86,7 +85,6 @@ def make_turn(order: int):
         store4(ctx.x, k + 1, wp.vec4(drum[0], drum[1], drum[2], 0.0))
         store4(ctx.position_lo, k + 1, drum_low)
         ctx.state.velocities[g + 1] = wp.vec4(0.0)
-        ctx.state.rope.chain_forces[g + 1] = wp.vec3(0.0)
         ctx.state.rope.tensions[ctx.body.segments + k] = 0.0
         if wp.static(order == 2):
             ctx.state.last_velocities[g + 1] = wp.vec3(0.0)
@@ -159,13 +157,6 @@ def make_turn(order: int):
 
 
 @wp.func
-def rest_of(k: int, ctx: Context) -> float:
-    """Return the rest length [m] of segment k of the body."""
-    winch = ctx.state.winch.winches[ctx.body.index]
-    return wp.where(k == winch.index, winch.length, ctx.model.segment_length[ctx.body.segments + k])
-
-
-@wp.func
 def joint_out(j: int, joint: wp.vec4, winch: WinchState) -> wp.vec4:
     """Return joint j as in Model.joints, with the present length of the fed segment; without weights on the drum."""
     if j < winch.index:
@@ -173,28 +164,3 @@ def joint_out(j: int, joint: wp.vec4, winch: WinchState) -> wp.vec4:
     if j > winch.index:
         return joint
     return wp.vec4(0.0, joint[1] + 0.5 * (winch.length - 1.0 / joint[2]), 1.0 / winch.length, joint[3])
-
-
-def make_fed(order: int):
-    """Return a Warp function: the elongation [m] of segment k in this substep from being fed.
-
-    length: its present length, which scales the fed rest length [m]. As with displacements, the part that order 2
-    carries on is left out.
-    """
-
-    @wp.func
-    def fed_to(k: int, length: float, s: State, body: Body, second: bool) -> float:
-        winch = s.winch.winches[body.index]
-        fed = winch.fed
-        if wp.static(order == 2):
-            if second:
-                fed -= winch.last_fed / 3.0
-        return wp.where(k == winch.index, fed * length / winch.length, 0.0)
-
-    return fed_to
-
-
-@wp.func
-def first_out(s: State, body: Body) -> int:
-    """Return the first segment of the body that is out."""
-    return s.winch.winches[body.index].index

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// Fill the rows of the matrix and its right side; rows behind the last particle move nothing.
+struct Place { float v[4]; };
+const Place* moves = (const Place*)d;
+auto add_edge = [&](int k, double sign, double* to) {  // the stiffness of segment k
+    const double* n = row(k) + NORMAL;
+    const double across = sign * row(k)[ACROSS], more = sign * row(k)[ALONG] - across;
+    for (int c = 0; c < 6; ++c) {
+        const int a = c < 3 ? c : (c == 5 ? 1 : 0), b = c < 3 ? c : (c == 3 ? 1 : 2);
+        to[c] += more * n[a] * n[b] + (c < 3 ? across : 0.0);
+    }
+};
+auto add_joint = [&](int j, double weight, double* to) {  // the stiffness of joint j between two of its particles
+    const double* k = row(j) + BEND;
+    const double stiff = weight * row(j)[STIFF], across = stiff * row(j)[SHARE];
+    for (int c = 0; c < 6; ++c) {
+        const int a = c < 3 ? c : (c == 5 ? 1 : 0), b = c < 3 ? c : (c == 3 ? 1 : 2);
+        to[c] += (row(j)[SHARE] < 1.0 ? (stiff - across) * k[a] * k[b] : 0.0) + (c < 3 ? across : 0.0);
+    }
+};
+auto weight_of = [&](int j, int place) {
+    const double before = row(j)[BEFORE], behind = row(j)[BEHIND];
+    return place == 0 ? before : (place == 1 ? -(before + behind) : behind);
+};
+for (int i = first + t; i < count + 3; i += threads) {
+    double* to = row(i) + DIAGONAL;
+    for (int c = 0; c < 21; ++c) to[c] = 0.0;
+    const double w = i < count ? moves[i].v[3] : 0.0;
+    if (w == 0.0) {
+        for (int c = 0; c < 3; ++c) to[c] = 1.0;
+        continue;
+    }
+    const double mass = 1.0 / w, *diagonal = to;
+    double *right = row(i) + RIGHT, *one = row(i) + FIRST, *two = row(i) + SECOND;
+    const bool after = i > first && moves[i - 1].v[3] > 0.0f, beyond = i > first + 1 && moves[i - 2].v[3] > 0.0f;
+    const int g = particles + i;
+    for (int c = 0; c < 3; ++c) {
+        to[c] += mass;
+        right[c] = mass * ((double)targets.data[g][c] - moves[i].v[c]);
+    }
+    if (pushes.shape[0] > 0) {
+        const auto& hold = holds.data[g];
+        const auto& start = starts.data[g];
+        double moved[3];
+        for (int c = 0; c < 3; ++c) moved[c] = (double)moves[i].v[c] - start[c];
+        for (int c = 0; c < 3; ++c) {
+            to[c] += mass * hold.data[c][c];
+            right[c] += mass * pushes.data[g][c];
+            for (int b = 0; b < 3; ++b) right[c] -= mass * hold.data[c][b] * moved[b];
+        }
+        to[3] += mass * hold.data[0][1];
+        to[4] += mass * hold.data[0][2];
+        to[5] += mass * hold.data[1][2];
+    }
+    if (i + 1 < count) {
+        add_edge(i, 1.0, to);
+        for (int c = 0; c < 3; ++c) right[c] += row(i)[PULL] * row(i)[NORMAL + c];
+    }
+    if (i > first) {
+        add_edge(i - 1, 1.0, to);
+        for (int c = 0; c < 3; ++c) right[c] -= row(i - 1)[PULL] * row(i - 1)[NORMAL + c];
+        if (after) add_edge(i - 1, -1.0, one);
+    }
+    for (int place = 0; bends && place < 3; ++place) {
+        const int j = i - place;
+        if (j < first || j > count - 3) continue;
+        const double own = weight_of(j, place);
+        add_joint(j, own * own, to);
+        for (int c = 0; c < 3; ++c) right[c] -= own * row(j)[MOMENT + c];
+        if (place > 0 && after) add_joint(j, own * weight_of(j, place - 1), one);
+        if (place > 1 && beyond) add_joint(j, own * weight_of(j, 0), two);
+    }
+}

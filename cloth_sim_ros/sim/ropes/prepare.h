@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// Fill the segments and joints from particle `first` on.
+struct Place { float v[4]; };
+const Place *places = (const Place*)x, *moves = (const Place*)d, *lost = (const Place*)position_lo;
+const double square = (double)effective * effective, shortest_square = (double)shortest * shortest;
+// Vector from particle i to the next [m], its change in this substep, and what order 2 carries on of the last change.
+struct Edge { double now[3], change[3], carried[3]; };
+const bool damped = gamma > 0.0f || bend_gamma > 0.0f;
+auto edge_of = [&](int i) {
+    Edge edge = {};
+    for (int c = 0; c < 3; ++c) {
+        const double moved = (double)moves[i + 1].v[c] - moves[i].v[c];
+        edge.now[c] = ((double)places[i + 1].v[c] - places[i].v[c]) + moved;
+        if (!damped) continue;
+        edge.change[c] = moved - ((double)lost[i + 1].v[c] - lost[i].v[c]);
+        if (!carries) continue;
+        const auto* last = last_displacements.data + particles + i;
+        edge.carried[c] = ((double)last[1][c] - last[0][c]) / 3.0;
+    }
+    return edge;
+};
+// How much longer a vector of length `size` became, but for what is carried on; 0 for a rotation.
+auto growth_of = [&](const Edge& edge, double size) {
+    double product = 0.0, before = 0.0, carried = 0.0;
+    for (int c = 0; c < 3; ++c) {
+        const double was = edge.now[c] - edge.change[c];
+        product += (edge.now[c] + was) * edge.change[c];
+        before += was * was;
+        carried += edge.now[c] * edge.carried[c];
+    }
+    const double sum = size + sqrt(before);
+    return sum > 0.0 && size > 0.0 ? product / sum - carried / size : 0.0;
+};
+auto length_of = [](const double* v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); };
+for (int k = first + t; k < count - 1; k += threads) {
+    double* to = row(k);
+    Edge edge = edge_of(k);
+    double length = length_of(edge.now);
+    if (length < (double)shortest) {  // any direction does, if those of neighbours differ
+        for (int c = 0; c < 3; ++c) edge.now[c] = c == k % 3 ? (double)shortest : 0.0;
+        length = (double)shortest;
+    }
+    double rest = rests.data[segments + k], grown = 0.0;
+    if (k == fed_segment) {
+        rest = fed_length;
+        grown = (double)fed * length / fed_length;
+    }
+    const double held = square * tensions.data[segments + k], yields = (double)compliance * rest / square;
+    double gap = length - rest - yields * held;
+    if (gamma > 0.0f) gap += gamma * (growth_of(edge, length) - grown);
+    const double near = moves[k].v[3], far = moves[k + 1].v[3], eased = 1.0 / (1.0 + gamma);
+    const double lightest = near > far ? near : far;
+    double along = yields * eased;
+    if (along < 1.0e-9 * lightest) along = 1.0e-9 * lightest;
+    if (along < (double)least) along = (double)least;
+    along = lightest > 0.0 ? 1.0 / along : 0.0;
+    const double pull = held + along * eased * gap;
+    for (int c = 0; c < 3; ++c) to[NORMAL + c] = edge.now[c] / length;
+    to[PULL] = pull;
+    to[ALONG] = along;
+    // The pull by the elongation jerks where a segment turns far. The tension of the last step is smooth.
+    to[ACROSS] = lightest > 0.0 && held > 0.0 ? held / (length > 1.0e-3 * rest ? length : 1.0e-3 * rest) : 0.0;
+    to[REACH] = length > rest ? length : rest;
+    to[TURN] = 0.0;
+}
+for (int j = first + t; bends && j < count - 2; j += threads) {
+    double* to = row(j);
+    const auto joint = joints.data[segments + j];
+    double before = joint[2], behind = joint[3], span = joint[1];
+    if (j == fed_segment) {
+        span += 0.5 * (fed_length - 1.0 / before);
+        before = 1.0 / fed_length;
+    }
+    const Edge one = edge_of(j), two = edge_of(j + 1);
+    Edge turn;
+    for (int c = 0; c < 3; ++c) {
+        turn.now[c] = behind * two.now[c] - before * one.now[c];
+        turn.change[c] = behind * two.change[c] - before * one.change[c];
+        turn.carried[c] = behind * two.carried[c] - before * one.carried[c];
+    }
+    const double size = length_of(turn.now), inverse = size > 1.0e-9 ? 1.0 / size : 0.0;
+    const double stiff = square / ((double)bend_compliance * span), rest = joint[0] * inverse;
+    const double growth = bend_gamma > 0.0f ? bend_gamma * growth_of(turn, size) : 0.0;
+    to[BEFORE] = before;
+    to[BEHIND] = behind;
+    to[STIFF] = stiff * (1.0 + bend_gamma);
+    to[SHARE] = (rest < 1.0 ? 1.0 - rest : 0.0) / (1.0 + bend_gamma);
+    for (int c = 0; c < 3; ++c) {
+        to[BEND + c] = turn.now[c] * inverse;
+        to[MOMENT + c] = stiff * ((1.0 - rest) * turn.now[c] + growth * to[BEND + c]);
+    }
+}

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stages of a rope: where its solve starts, and Newton steps of all its segments and joints together.
+
+The solve starts where velocity alone would bring the particles. What was at rest is then still in place, so that
+contacts are found as they are. The other forces, which `targets` contain, act within the solve.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.features.collider_contact.lean import make_lean
+from cloth_sim_ros.sim.features.collider_contact.particle import make_met_in
+from cloth_sim_ros.sim.features.grasp.hold import HELD
+from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, sync, sync_any, xyz
+from cloth_sim_ros.sim.physics.distance import SHORTEST
+from cloth_sim_ros.sim.ropes.newton import (
+    OVERSTRETCHED,
+    TOO_FAR,
+    UNSETTLED,
+    assemble,
+    eliminate,
+    judge,
+    move,
+    prepare,
+)
+
+# Largest squared turn of a segment by a step [rad^2]; above it a linear solve is not valid.
+LARGEST_TURN = wp.constant(0.09)
+
+# Speed [m/s] of the length error above which another Newton step follows at once. Across, a linear solve leaves a
+# segment too long by half the square of its turn. The next substep would undo that at once. A load that far outweighs
+# the rope would then hop at that speed, fall into the slack, and gain energy.
+SETTLED_SPEED = wp.constant(1.0e-3)
+
+# ATTEMPTS: largest number of solves of a segment that turned too far. Each is stiffer across, as much as the turn
+# stretches it (an upper bound of the energy). NEWTON_STEPS: largest number of Newton steps until all is settled.
+ATTEMPTS = wp.constant(5)
+NEWTON_STEPS = wp.constant(8)
+
+# Smallest compliance of a rigid segment along it, in the matrix, as a fraction of that of a rope's whole mass.
+STIFFEST = wp.constant(1.0e-4)
+
+# Largest change of a segment's length in a substep, as a fraction of its length. Beyond it, or after several attempts,
+# a rope counts as overstretched.
+MOST_STRETCHED = wp.constant(0.02)
+
+
+def make_start(features: Features):
+    """Return the stage before the solve, in which threads set targets and starts, and find what touches the rope."""
+    lean = make_lean(features) if features.leans else None
+    met_in = make_met_in(features) if features.leans else None
+
+    @wp.func
+    def place(i: int, ctx: Context):
+        g = ctx.body.particles + i
+        packed = load4(ctx.d, i)
+        now = xyz(packed)
+        if ctx.step.first:
+            ctx.state.rope.targets[g] = now
+            # A handle has placed what it holds.
+            if packed[3] > HELD * load4(ctx.x, i)[3]:
+                now -= ctx.state.rope.falls[g]
+            store4(ctx.d, i, pack(now, packed[3]))
+        else:
+            # Moves since the last solve, as by another object, count as part of the target.
+            ctx.state.rope.targets[g] += now - ctx.state.rope.solved[g]
+
+    @wp.func
+    def start(t: int, width: int, ctx: Context):
+        for i in range(t, ctx.body.count, width):
+            place(i, ctx)
+        if wp.static(lean is not None):
+            met = met_in(ctx)
+            for i in range(t, ctx.body.count, width):
+                met.slot = ctx.body.particles + i
+                lean(i, met, ctx)
+
+    return start
+
+
+def make_solve(features: Features, threads: int):
+    """Return the stage in which `threads` threads solve a rope: Newton steps until all segments are settled."""
+    beam, winch, second = features.beam, features.winch, features.order == 2
+
+    @wp.func
+    def ready(t: int, first: int, ctx: Context):
+        fed_segment, length, fed = int(-1), float(0.0), float(0.0)
+        if wp.static(winch):
+            drum = ctx.state.winch.winches[ctx.body.index]
+            fed_segment = int(drum.index)
+            length = float(drum.length)
+            fed = float(drum.fed)
+            if wp.static(second):
+                if ctx.step.second:
+                    fed -= drum.last_fed / 3.0
+        prepare(
+            t,
+            wp.static(threads),
+            ctx.body.index,
+            ctx.body.particles,
+            ctx.body.segments,
+            first,
+            ctx.body.count,
+            wp.static(beam),
+            ctx.x,
+            ctx.position_lo,
+            ctx.d,
+            ctx.model.segment_length,
+            ctx.model.joints,
+            ctx.state.rope.tensions,
+            ctx.state.last_displacements,
+            ctx.state.rope.scratch,
+            ctx.material.compliance[0],
+            ctx.material.compliance[2],
+            ctx.material.damping * ctx.step.inverse,
+            ctx.material.bend_damping * ctx.step.inverse,
+            ctx.step.effective,
+            wp.static(second) and ctx.step.second,
+            STIFFEST * (ctx.material.largest_inverse_mass * ctx.body.yielding),
+            SHORTEST,
+            fed_segment,
+            length,
+            fed,
+        )
+
+    @wp.func
+    def attempt(t: int, first: int, ctx: Context) -> int:
+        rope, body = ctx.state.rope, ctx.body
+        assemble(
+            t,
+            wp.static(threads),
+            body.index,
+            body.particles,
+            first,
+            body.count,
+            wp.static(beam),
+            ctx.d,
+            rope.targets,
+            rope.starts,
+            rope.pushes,
+            rope.holds,
+            rope.scratch,
+        )
+        sync()
+        eliminate(t, body.index, body.particles, first, body.count, wp.static(beam), rope.scratch)
+        sync()
+        settled = SETTLED_SPEED * ctx.step.effective
+        return judge(
+            t,
+            wp.static(threads),
+            body.index,
+            body.particles,
+            first,
+            body.count,
+            rope.scratch,
+            LARGEST_TURN,
+            settled,
+            MOST_STRETCHED,
+        )
+
+    @wp.func
+    def solve(t: int, ctx: Context) -> bool:
+        first = int(0)
+        if wp.static(winch):
+            first = ctx.state.winch.winches[ctx.body.index].index
+        overstretched, again, steps = bool(False), bool(True), int(0)
+        while again:
+            ready(t, first, ctx)
+            sync()
+            events, count = int(TOO_FAR), int(0)
+            while sync_any(events & TOO_FAR) != 0 and count < ATTEMPTS:
+                events = attempt(t, first, ctx)
+                count += 1
+            overstretched = overstretched or sync_any(events & (TOO_FAR | OVERSTRETCHED)) != 0
+            move(
+                t,
+                wp.static(threads),
+                ctx.body.index,
+                ctx.body.particles,
+                ctx.body.segments,
+                first,
+                ctx.body.count,
+                wp.static(beam),
+                ctx.d,
+                ctx.state.rope.tensions,
+                ctx.state.rope.moments,
+                ctx.state.rope.scratch,
+                ctx.step.inverse_square,
+            )
+            steps += 1
+            again = sync_any(events & UNSETTLED) != 0 and steps < NEWTON_STEPS
+        return overstretched
+
+    @wp.func
+    def chain(t: int, width: int, ctx: Context):
+        overstretched = bool(False)
+        if t < wp.static(threads):
+            overstretched = solve(t, ctx)
+            if wp.static(features.leans) or ctx.step.repeats:
+                for i in range(t, ctx.body.count, wp.static(threads)):
+                    ctx.state.rope.solved[ctx.body.particles + i] = xyz(load4(ctx.d, i))
+        if t == 0:
+            before = not ctx.step.first and ctx.state.rope.overstretched[ctx.body.index] > 0
+            ctx.state.rope.overstretched[ctx.body.index] = wp.where(overstretched or before, 1, 0)
+
+    return chain
