@@ -9,8 +9,8 @@ u~ is the displacement by all other forces, C the elongation of a segment, alpha
 w1 e1 - w0 e0 is the turn vector of a joint between segments e0 and e1 of inverse lengths w0 and w1, the difference of
 their unit tangents (Bergou et al. 2008, Discrete Elastic Rods). Its energy has the factor h_e^2, too.
 
-The second derivative is made positive: pressure along a segment does not soften it across, and a joint that is bent
-less than at rest is not softened across its turn vector. A stiff segment keeps its tension from step to step, as in an
+The second derivative is kept positive: pressure softens a segment across, and less bending than at rest a joint, by no
+more than the masses allow. A stiff segment keeps its tension from step to step, as in an
 augmented Lagrangian. So a compliance of 0 has a finite matrix. Dashpots act on the growth of lengths and of |kappa|,
 which a rotation leaves.
 
@@ -50,6 +50,7 @@ def prepare(
     rests: wp.array(dtype=float),
     joints: wp.array(dtype=wp.vec4),
     tensions: wp.array(dtype=float),
+    moments: wp.array(dtype=wp.vec3),
     last_displacements: wp.array(dtype=wp.vec3),
     scratch: wp.array(dtype=wp.float64),
     compliance: float,

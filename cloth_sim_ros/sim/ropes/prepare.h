@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fill the segments and joints from particle `first` on.
+// Fill the segments and joints from particle `first` on. Pressure softens a segment across, and less bending than at
+// rest does so to a joint, but by no more than a share of what the masses add: the matrix stays positive.
 struct Place { float v[4]; };
 const Place *places = (const Place*)x, *moves = (const Place*)d, *lost = (const Place*)position_lo;
 const double square = (double)effective * effective, shortest_square = (double)shortest * shortest;
@@ -59,7 +60,9 @@ for (int k = first + t; k < count - 1; k += threads) {
     to[PULL] = pull;
     to[ALONG] = along;
     // The pull by the elongation jerks where a segment turns far. The tension of the last step is smooth.
-    to[ACROSS] = lightest > 0.0 && held > 0.0 ? held / (length > 1.0e-3 * rest ? length : 1.0e-3 * rest) : 0.0;
+    const double across = lightest > 0.0 ? held / (length > 1.0e-3 * rest ? length : 1.0e-3 * rest) : 0.0;
+    const double least_across = lightest > 0.0 ? -1.0 / (16.0 * lightest) : 0.0;
+    to[ACROSS] = across > least_across ? across : least_across;
     to[REACH] = length > rest ? length : rest;
     to[TURN] = 0.0;
 }
@@ -84,7 +87,14 @@ for (int j = first + t; bends && j < count - 2; j += threads) {
     to[BEFORE] = before;
     to[BEHIND] = behind;
     to[STIFF] = stiff * (1.0 + bend_gamma);
-    to[SHARE] = (rest < 1.0 ? 1.0 - rest : 0.0) / (1.0 + bend_gamma);
+    double lightest = 0.0, held = 0.0;
+    for (int i = j; i < j + 3; ++i) lightest = lightest > moves[i].v[3] ? lightest : moves[i].v[3];
+    for (int c = 0; c < 3; ++c) held += square * moments.data[segments + j][c] * turn.now[c] * inverse;
+    const double steepest = before > behind ? before : behind, room = 64.0 * lightest * steepest * steepest * stiff;
+    double across = joint[0] > 0.0f ? held * inverse / stiff : 1.0;
+    if (across < (room > 0.0 ? -1.0 / room : 0.0)) across = room > 0.0 ? -1.0 / room : 0.0;
+    if (across > 1.0) across = 1.0;
+    to[SHARE] = across / (1.0 + bend_gamma);
     for (int c = 0; c < 3; ++c) {
         to[BEND + c] = turn.now[c] * inverse;
         to[MOMENT + c] = stiff * ((1.0 - rest) * turn.now[c] + growth * to[BEND + c]);

@@ -73,8 +73,7 @@ def make_start(features: Features):
         if wp.static(lean is not None):
             met = met_in(ctx)
             for i in range(t, ctx.body.count, width):
-                met.slot = ctx.body.particles + i
-                lean(i, met, ctx)
+                lean(i, met.near, ctx)
 
     return start
 
@@ -109,6 +108,7 @@ def make_solve(features: Features, threads: int):
             ctx.model.segment_length,
             ctx.model.joints,
             ctx.state.rope.tensions,
+            ctx.state.rope.moments,
             ctx.state.last_displacements,
             ctx.state.rope.scratch,
             ctx.material.compliance[0],
