@@ -23,6 +23,7 @@ from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
 
 RATIO = wp.constant(100.0)  # R
+ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
 
 @wp.func
@@ -39,6 +40,16 @@ def change_of(u: wp.vec3, n: wp.vec3, softness: float, rubbed: float) -> wp.vec3
     """
     along = wp.dot(u, n)
     return (ratio_along(softness) * along) * n + (RATIO * rubbed) * (u - along * n)
+
+
+@wp.func
+def exact_gap(gap: float, opened: float, size: float) -> float:
+    """Return a gap [m], of which the part before this substep counts as 0 if rounding at that size [m] may be all of it.
+
+    opened: the part in this substep [m], known with more digits. R times the rounding error would exceed a weight.
+    """
+    before = gap - opened
+    return opened + wp.sign(before) * wp.max(wp.abs(before) - ROUNDING * size, 0.0)
 
 
 def make_lean(features: Features):
@@ -68,14 +79,17 @@ def make_lean(features: Features):
                 met = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 n, before = xyz(met), (ctx.step.effective * ctx.step.effective) * xyz(stored)
                 softness = collider.compliance * ctx.step.inverse_square / w
-                pressed = (wp.dot(before, n) / RATIO - met[3]) * ratio_along(softness)
-                if pressed > 0.0 and not is_squeezed(i, collider, ctx):
+                gap = exact_gap(met[3], wp.dot(slip, n), wp.length(offset))
+                pressed = (wp.dot(before, n) / RATIO - gap) * ratio_along(softness)
+                # What may be rounding neither parts the particle from the collider nor lets it slide.
+                slack = RATIO * ROUNDING * wp.length(offset)
+                if pressed >= -slack and not is_squeezed(i, collider, ctx):
                     rub = (before - wp.dot(before, n) * n) - RATIO * (slip - wp.dot(slip, n) * n)
                     mu_s = wp.sqrt(ctx.material.static_friction * collider.static_friction)
                     mu_k = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction)
                     rubbed, size = float(1.0), wp.length(rub)
-                    if size > mu_s * pressed:
-                        rubbed = mu_k * pressed / size
+                    if size > mu_s * wp.max(pressed, 0.0) + slack:
+                        rubbed = mu_k * wp.max(pressed, 0.0) / size
                     local = pressed * n + rubbed * rub
                     back = wp.transpose(sweep.to_local)
                     push += back * local

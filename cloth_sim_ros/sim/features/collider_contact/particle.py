@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.lean import change_of
+from cloth_sim_ros.sim.features.collider_contact.lean import change_of, exact_gap
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
     is_between,
@@ -255,6 +255,8 @@ def make_touch(features: Features):
                 reach, apart = material.thickness + slack, pace(collider, step)
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, reach, apart)
                 gap = touching[3] + slack
+                if wp.static(leans):
+                    gap = exact_gap(touching[3], wp.dot(slip, xyz(touching)), wp.length(offset)) + slack
                 squeezed = is_between(squeezed, xyz(touching), c, ctx)
                 if gap < 0.0 or squeezed or acted:
                     n = xyz(touching)
