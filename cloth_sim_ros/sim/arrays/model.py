@@ -60,15 +60,6 @@ class Features:
         return self.method == "xpbd" and not self.redoes
 
     @property
-    def supported(self) -> bool:
-        """True if what facets do to a rope carries over to the next substep, which is then of first order.
-
-        Coupled objects do not change order, as they stay in step with others. The same move is another force in a
-        substep of another order.
-        """
-        return self.leans and self.surface and not self.coupled
-
-    @property
     def leans(self) -> bool:
         """True if colliders touch a rope within its solve, see features/collider_contact/lean.py."""
         return self.chain and self.shapes != ()

@@ -46,7 +46,8 @@ from cloth_sim_ros.sim.topology.line_layout import CROWDED
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
-_PASSING = 6.0  # strain up to which a collider must not slip through between particles, as a ratio of lengths
+# Ratio of lengths up to which a collider must not slip through between particles: of a sheet, and of a rope.
+_PASSING, _PASSING_ROPE = 6.0, 1.2
 
 
 class Bodies:
@@ -115,7 +116,9 @@ class Bodies:
         """Names of colliders that can come between particles, in substeps of length `substep` [s]."""
         scale = topology.scales_in().max()
         gap, passing = topology.widest_gap * scale, _PASSING * topology.widest_gap * scale
-        if len(topology.triangles):
+        if not len(topology.triangles):
+            passing = _PASSING_ROPE * topology.widest_gap * scale
+        else:
             # The fastest collider pushes one particle ahead before the others follow. No point of a triangle lies
             # farther from its corners than its longest side over the root of 3.
             passing = max(passing, gap + FASTEST * substep / math.sqrt(3.0))

@@ -38,8 +38,6 @@ def make_settle(features: Features):
             return
         put_back(g, s.relapses[ctx.body.index], ctx.model, s)
         if wp.static(features.chain):
-            if wp.static(features.supported):
-                s.contact.supports[g] = wp.vec4(0.0)
             k = ctx.body.segments + i
             if k < ctx.body.segments_end:
                 s.rope.tensions[k] = 0.0

@@ -183,10 +183,6 @@ def make_predict(features: Features):
             eased = eased_under_lines(i, ctx, eased, w, base + ctx.step.effective * v, a)
         # Select instead of branching, or a warp with a pinned particle would run both branches.
         moved = prediction(base, v, a, eased, w, lo, ctx.step)
-        if wp.static(features.supported):
-            # A rope is solved where facets will hold it, or it would cut their corner.
-            square = ctx.step.effective * ctx.step.effective
-            moved += pack(square * xyz(load_row(ctx.state.contact.supports, g)), 0.0)
         if wp.static(features.chain):
             start = (base + ctx.step.effective * v) + lo
             ctx.state.rope.falls[g] = wp.where(w == 0.0, wp.vec3(0.0), xyz(moved) - start)
@@ -238,8 +234,6 @@ def make_finish(features: Features):
             not_smooth = (
                 wp.length(displacement - ctx.state.last_displacements[g]) > wp.static(smooth) * ctx.body.spacing
             )
-            if wp.static(features.supported):
-                not_smooth = not_smooth or ctx.state.contact.supports[g][3] > 0.0
             if not_smooth:
                 ctx.state.events[2 * ctx.body.index + ctx.substep % 2] = ctx.substep + 1
             before = xyz(load_row(ctx.state.velocities, g))

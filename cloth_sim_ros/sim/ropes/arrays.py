@@ -23,6 +23,9 @@ class RopeState:
     starts: wp.array(dtype=wp.vec3)  # (N,) displacements before the solve [m], if there are colliders, as the next two
     pushes: wp.array(dtype=wp.vec3)  # (N,) correction by colliders at the start of the solve [m]
     holds: wp.array(dtype=wp.mat33)  # (N,) how much of a move from there colliders take back
+    segment_pushes: wp.array(dtype=wp.vec3)  # (C,) the same of a point of a segment [kg m], if facets are tested
+    segment_holds: wp.array(dtype=wp.mat33)  # (C,) [kg]
+    segment_points: wp.array(dtype=wp.vec2)  # (C,) weights of both ends of the segment at that point
     scratch: wp.array(dtype=wp.float64)  # see rows.h
     overstretched: wp.array(dtype=int)  # (B,) 1 if a rope is overstretched in this substep
 
@@ -31,6 +34,7 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
     particles = n.particles if features.chain else 0
     touched = n.particles if features.leans else 0
+    between = n.segments if features.leans and features.surface else 0
     return {
         "tensions": n.segments,
         "moments": n.joints,
@@ -40,6 +44,9 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
         "starts": touched,
         "pushes": touched,
         "holds": touched,
+        "segment_pushes": between,
+        "segment_holds": between,
+        "segment_points": between,
         "scratch": NUMBERS * (n.particles + 3 * n.bodies) if features.chain else 0,
         "overstretched": n.bodies if features.chain else 0,
     }

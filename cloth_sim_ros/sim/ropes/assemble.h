@@ -61,6 +61,29 @@ for (int i = first + t; i < count + 3; i += threads) {
         for (int c = 0; c < 3; ++c) right[c] -= row(i - 1)[PULL] * row(i - 1)[NORMAL + c];
         if (after) add_edge(i - 1, -1.0, one);
     }
+    // Colliders between particles; the point of segment k lies between i and i + 1, or i - 1 and i.
+    for (int k = i - 1; segment_pushes.shape[0] > 0 && k <= i; ++k) {
+        if (k < first || k > count - 2) continue;
+        const auto& point = segment_points.data[segments + k];
+        const auto& hold = segment_holds.data[segments + k];
+        const double own = point[i - k], beyond = point[1 - (i - k)];
+        if (own == 0.0) continue;
+        for (int c = 0; c < 3; ++c) {
+            right[c] += own * segment_pushes.data[segments + k][c];
+            for (int b = 0; b < 3; ++b) {
+                double moved = 0.0;
+                for (int e = 0; e < 2; ++e) {
+                    moved += point[e] * ((double)moves[k + e].v[b] - starts.data[particles + k + e][b]);
+                }
+                right[c] -= own * hold.data[c][b] * moved;
+            }
+        }
+        for (int c = 0; c < 6; ++c) {
+            const int a = c < 3 ? c : (c == 5 ? 1 : 0), b = c < 3 ? c : (c == 3 ? 1 : 2);
+            to[c] += own * own * hold.data[a][b];
+            if (k < i && after) one[c] += own * beyond * hold.data[a][b];
+        }
+    }
     for (int place = 0; bends && place < 3; ++place) {
         const int j = i - place;
         if (j < first || j > count - 3) continue;

@@ -88,6 +88,10 @@ def assemble(
     starts: wp.array(dtype=wp.vec3),
     pushes: wp.array(dtype=wp.vec3),
     holds: wp.array(dtype=wp.mat33),
+    segments: int,
+    segment_pushes: wp.array(dtype=wp.vec3),
+    segment_holds: wp.array(dtype=wp.mat33),
+    segment_points: wp.array(dtype=wp.vec2),
     scratch: wp.array(dtype=wp.float64),
 ):
     """Fill the rows of the matrix; see RopeState for the arrays."""

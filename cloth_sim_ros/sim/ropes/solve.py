@@ -9,7 +9,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.features.collider_contact.lean import make_lean
+from cloth_sim_ros.sim.features.collider_contact.lean import make_lean, make_lean_between
 from cloth_sim_ros.sim.features.collider_contact.particle import make_met_in
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, sync, sync_any, xyz
@@ -49,6 +49,7 @@ MOST_STRETCHED = wp.constant(0.02)
 def make_start(features: Features):
     """Return the stage before the solve, in which threads set targets and starts, and find what touches the rope."""
     lean = make_lean(features) if features.leans else None
+    lean_between = make_lean_between(features) if features.leans and features.surface else None
     met_in = make_met_in(features) if features.leans else None
 
     @wp.func
@@ -74,6 +75,10 @@ def make_start(features: Features):
             met = met_in(ctx)
             for i in range(t, ctx.body.count, width):
                 lean(i, met.near, ctx)
+            if wp.static(lean_between is not None):
+                sync()
+                for k in range(t, ctx.body.count - 1, width):
+                    lean_between(k, met.near, ctx)
 
     return start
 
@@ -140,6 +145,10 @@ def make_solve(features: Features, threads: int):
             rope.starts,
             rope.pushes,
             rope.holds,
+            body.segments,
+            rope.segment_pushes,
+            rope.segment_holds,
+            rope.segment_points,
             rope.scratch,
         )
         sync()

@@ -16,7 +16,7 @@ def words_of(colliders: int) -> int:
 
 
 # Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.
-FORGOTTEN = {"supports": "particle", "pinch_places": "particle", "contacts": "contact"}
+FORGOTTEN = {"pinch_places": "particle", "contacts": "contact"}
 
 
 @wp.struct
@@ -40,8 +40,9 @@ class Press:
 
     when: the substep; -1 stands for the last substep of the frame before. push: correction [kg m] at the point with
     barycentric `weights`. rub: friction correction [kg m] at the point with weights `rubbed`. normal: out of the
-    collider. so_far: friction and normal correction in this substep [kg m]. stuck, anchor: while the facet sticks, the
-    point with weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 if it slides. stops: shares of
+    collider. so_far: friction and normal correction in this substep [kg m]; of a rope the forces [N], also of the last
+    substep. lean, leaned, acted: of a rope the normal in its solve and 1 + its friction, the weights of the point, and
+    the correction [kg m], see lean.py. stuck, anchor: while the facet sticks, the point with weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 if it slides. stops: shares of
     their displacements that the corners give up in substep `stopped`. load: what a pinch adds along `normal` [kg m].
     """
 
@@ -52,6 +53,9 @@ class Press:
     rub: wp.vec3
     normal: wp.vec3
     so_far: wp.vec4
+    lean: wp.vec4
+    leaned: wp.vec3
+    acted: wp.vec3
     stuck: wp.vec3
     anchor: wp.vec3
     stopped: int
@@ -85,7 +89,6 @@ class ContactState:
     contacts: wp.array(dtype=wp.vec4)
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) force of each collider on each particle, mean over the frame [N]
     leans: wp.array(dtype=wp.vec4)  # (K N,) ropes: normal in the solve, and 1 + its friction, see lean.py
-    supports: wp.array(dtype=wp.vec4)  # (N,) ropes: acceleration by facets [m/s^2], last substep; 1 + their collider
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next four
     looks: wp.array(dtype=Look)  # (P K,)
     close: wp.array(dtype=int)  # (N,) 1 if facets around a particle may touch a collider in this substep
@@ -108,7 +111,6 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
         "contacts": n.particles * n.colliders,
         "contact_forces": n.particles * n.colliders,
         "leans": n.particles * n.colliders if features.leans else 0,
-        "supports": n.particles if features.supported else 0,
         "presses": n.panels * n.colliders if features.surface else 0,
         "looks": n.panels * n.colliders if features.surface else 0,
         "close": n.particles if features.surface else 0,

@@ -1,22 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact of a rope's particles within its solve, as an augmented Lagrangian of Coulomb's law.
+"""Contact of a rope within its solve, as an augmented Lagrangian of Coulomb's law.
 
-A collider that presses a particle by p_0 so far, in a place `gap` above it and after a slip s, corrects it by
+A collider that corrects a point by p_0 so far, in a place `gap` above it and after a slip s, corrects it by
 
     p = (p_0n - R gap) n + (p_0t - R s)    while that is within the cone of friction,
 
 with p_n >= 0, and with the tangential part cut to the cone where it slides. R, a ratio of a contact's stiffness to the
-mass of the particle, is finite, so that the rope is solved with the contact as one more spring. The multiplier p is
+mass of the point, is finite, so that the rope is solved with the contact as one more spring. The multiplier p is
 carried to the next substep, so that R does not matter for what rests (Alart and Curnier 1991; Daviet 2020, Simple and
-scalable frictional contacts for thin nodal objects). The stage `contact` behind the solve takes what R left.
+scalable frictional contacts for thin nodal objects). The stages behind the solve take what R left.
+
+Points are particles, and those of segments that a collider touched between its particles in the last substep.
 """
 
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_of, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
+from cloth_sim_ros.sim.features.collider_contact.facet import point_of, slip_at
+from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of
 from cloth_sim_ros.sim.features.collider_contact.pinch import make_is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
@@ -28,18 +33,18 @@ ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the d
 
 @wp.func
 def ratio_along(softness: float) -> float:
-    """Return R along the normal of a collider; softness: its compliance over the particle's inverse mass x h^2."""
+    """Return R along the normal of a collider; softness: its compliance over the point's inverse mass x h^2."""
     return RATIO / (1.0 + RATIO * softness)
 
 
 @wp.func
-def change_of(u: wp.vec3, n: wp.vec3, softness: float, rubbed: float) -> wp.vec3:
-    """Return by how much a collider's correction [m] falls while the solve moves its particle by u [m].
+def hold_of(n: wp.vec3, softness: float, rubbed: float) -> wp.mat33:
+    """Return by how much a correction falls while the solve moves its point by a metre in each direction.
 
-    rubbed: 1 while the particle sticks, less where it slides.
+    rubbed: 1 while the point sticks, less where it slides.
     """
-    along = wp.dot(u, n)
-    return (ratio_along(softness) * along) * n + (RATIO * rubbed) * (u - along * n)
+    along = wp.outer(n, n)
+    return ratio_along(softness) * along + (RATIO * rubbed) * (wp.identity(n=3, dtype=float) - along)
 
 
 @wp.func
@@ -50,6 +55,29 @@ def exact_gap(gap: float, opened: float, size: float) -> float:
     """
     before = gap - opened
     return opened + wp.sign(before) * wp.max(wp.abs(before) - ROUNDING * size, 0.0)
+
+
+@wp.func
+def augmented(
+    before: wp.vec3, met: wp.vec4, slip: wp.vec3, size: float, softness: float, collider: ColliderMotion, ctx: Context
+) -> wp.vec4:
+    """Return the correction [m] of a point by a collider, and 1 + `rubbed` of hold_of; 0 if they are apart.
+
+    before: correction so far [m]; met: normal and gap [m]; slip: of the point on the collider [m]; size: distance from
+    the collider's origin [m]. All are in the collider's axes.
+    """
+    n = xyz(met)
+    gap = exact_gap(met[3], wp.dot(slip, n), size)
+    pressed = (wp.dot(before, n) / RATIO - gap) * ratio_along(softness)
+    # What may be rounding neither parts the point from the collider nor lets it slide.
+    slack = RATIO * ROUNDING * size
+    if pressed < -slack:
+        return wp.vec4(0.0)
+    rub, rubbed = (before - wp.dot(before, n) * n) - RATIO * (slip - wp.dot(slip, n) * n), float(1.0)
+    cone = wp.max(pressed, 0.0)
+    if wp.length(rub) > wp.sqrt(ctx.material.static_friction * collider.static_friction) * cone + slack:
+        rubbed = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction) * cone / wp.length(rub)
+    return pack(pressed * n + rubbed * rub, 1.0 + rubbed)
 
 
 def make_lean(features: Features):
@@ -77,30 +105,101 @@ def make_lean(features: Features):
                 slip = slip_of(position - sweep.position, displacement - xyz(load4(ctx.position_lo, i)), sweep)
                 thickness, apart, p = ctx.material.thickness, pace(collider, ctx.step), sweep.to_local * offset
                 met = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
-                n, before = xyz(met), (ctx.step.effective * ctx.step.effective) * xyz(stored)
+                before = (ctx.step.effective * ctx.step.effective) * xyz(stored)
                 softness = collider.compliance * ctx.step.inverse_square / w
-                gap = exact_gap(met[3], wp.dot(slip, n), wp.length(offset))
-                pressed = (wp.dot(before, n) / RATIO - gap) * ratio_along(softness)
-                # What may be rounding neither parts the particle from the collider nor lets it slide.
-                slack = RATIO * ROUNDING * wp.length(offset)
-                if pressed >= -slack and not is_squeezed(i, collider, ctx):
-                    rub = (before - wp.dot(before, n) * n) - RATIO * (slip - wp.dot(slip, n) * n)
-                    mu_s = wp.sqrt(ctx.material.static_friction * collider.static_friction)
-                    mu_k = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction)
-                    rubbed, size = float(1.0), wp.length(rub)
-                    if size > mu_s * wp.max(pressed, 0.0) + slack:
-                        rubbed = mu_k * wp.max(pressed, 0.0) / size
-                    local = pressed * n + rubbed * rub
+                found = augmented(before, met, slip, wp.length(offset), softness, collider, ctx)
+                if found[3] > 0.0 and not is_squeezed(i, collider, ctx):
                     back = wp.transpose(sweep.to_local)
-                    push += back * local
-                    n = back * n
-                    along = wp.outer(n, n)
-                    hold += ratio_along(softness) * along
-                    hold += (RATIO * rubbed) * (wp.identity(n=3, dtype=float) - along)
-                    store_row(ctx.state.contact.contacts, entry, pack(ctx.step.inverse_square * local, stored[3]))
-                    ctx.state.contact.leans[entry] = pack(n, 1.0 + rubbed)
+                    n = back * xyz(met)
+                    push += back * xyz(found)
+                    hold += hold_of(n, softness, found[3] - 1.0)
+                    corrected = pack(ctx.step.inverse_square * xyz(found), stored[3])
+                    store_row(ctx.state.contact.contacts, entry, corrected)
+                    ctx.state.contact.leans[entry] = pack(n, found[3])
             c = next_of(c, near, stray)
         ctx.state.rope.pushes[g] = push
         ctx.state.rope.holds[g] = hold
 
     return lean
+
+
+@wp.func
+def _inverse_mass(corners: wp.vec3i, weights: wp.vec3, ctx: Context) -> float:
+    """Return the inverse mass of a point of a segment [1/kg]."""
+    near, far = load4(ctx.d, corners[0])[3], load4(ctx.d, corners[1])[3]
+    beyond = weights[1] + weights[2]
+    return weights[0] * weights[0] * near + beyond * beyond * far
+
+
+def make_lean_between(features: Features):
+    """Return a Warp function that finds what a collider does to segment k between its particles.
+
+    Where several touch a segment, only the one that presses most acts within the solve.
+    """
+    meet = make_ccd(features.shapes)
+
+    @wp.func
+    def lean_between(k: int, near: Near, ctx: Context):
+        corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
+        push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), wp.vec2(0.0), float(0.0)
+        kept = int(-1)
+        c = next_of(-1, near, False)
+        while c < ctx.colliders.shape[0]:
+            entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
+            press = ctx.state.contact.presses[entry]
+            ctx.state.contact.presses[entry].lean = wp.vec4(0.0)
+            if press.when >= ctx.substep - 1 and press.so_far[3] > 0.0:
+                collider, sweep = ctx.colliders[c], ctx.state.contact.sweeps[ctx.sweep + c]
+                facet, w = facet_of(corners, ctx, sweep), _inverse_mass(corners, press.weights, ctx)
+                p, slip = point_of(facet, press.weights), slip_at(facet, press.weights)
+                apart = pace(collider, ctx.step)
+                met = meet(collider.shape, collider.size, collider.data, p, slip, ctx.material.thickness, apart)
+                local = sweep.to_local * press.normal
+                before = (w * ctx.step.effective * ctx.step.effective) * (xyz(press.so_far) + press.so_far[3] * local)
+                softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
+                found = augmented(before, met, slip, wp.length(p), softness, collider, ctx)
+                pressed = wp.dot(xyz(found), xyz(met))
+                if found[3] > 0.0 and w > 0.0 and pressed > most:
+                    most, back = pressed, wp.transpose(sweep.to_local)
+                    n = back * xyz(met)
+                    push, hold = (1.0 / w) * (back * xyz(found)), (1.0 / w) * hold_of(n, softness, found[3] - 1.0)
+                    point = wp.vec2(press.weights[0], press.weights[1] + press.weights[2])
+                    if kept >= 0:
+                        ctx.state.contact.presses[kept].lean = wp.vec4(0.0)
+                        ctx.state.contact.presses[kept].so_far = wp.vec4(0.0)
+                    kept = entry
+                    ctx.state.contact.presses[entry].lean = pack(n, found[3])
+                    ctx.state.contact.presses[entry].leaned = press.weights
+                else:
+                    ctx.state.contact.presses[entry].so_far = wp.vec4(0.0)
+            c = next_of(c, near, False)
+        ctx.state.rope.segment_pushes[place] = push
+        ctx.state.rope.segment_holds[place] = hold
+        ctx.state.rope.segment_points[place] = point
+
+    return lean_between
+
+
+@wp.func
+def keep_lean(k: int, near: Near, ctx: Context):
+    """Store what the solve made of the correction of segment k as that of this substep so far."""
+    corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
+    point = ctx.state.rope.segment_points[place]
+    if point[0] + point[1] == 0.0:
+        return
+    a, b = ctx.body.particles + corners[0], ctx.body.particles + corners[1]
+    moved = point[0] * (ctx.state.rope.solved[a] - ctx.state.rope.starts[a])
+    moved += point[1] * (ctx.state.rope.solved[b] - ctx.state.rope.starts[b])
+    acted = ctx.state.rope.segment_pushes[place] - ctx.state.rope.segment_holds[place] * moved
+    c = next_of(-1, near, False)
+    while c < ctx.colliders.shape[0]:
+        entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
+        lean = ctx.state.contact.presses[entry].lean
+        if lean[3] > 0.0:
+            n = xyz(lean)
+            rub = ctx.state.contact.sweeps[ctx.sweep + c].to_local * (acted - wp.dot(acted, n) * n)
+            ctx.state.contact.presses[entry].when = ctx.substep
+            ctx.state.contact.presses[entry].normal = n
+            ctx.state.contact.presses[entry].acted = acted
+            ctx.state.contact.presses[entry].so_far = ctx.step.inverse_square * pack(rub, wp.dot(acted, n))
+        c = next_of(c, near, False)

@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.lean import change_of, exact_gap
+from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, hold_of
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
     is_between,
@@ -25,8 +25,6 @@ from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, 
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 
-# Fraction of what facets do to a rope that carries over to the next substep. At 1 both would excite one another.
-CARRIED = wp.constant(0.95)
 NEARBY = wp.constant(3.0)  # reach of facets from their corners, stretched threefold, in gaps between particles
 NOISE = wp.constant(1.0e-6)  # distance [m] below which a motion may be rounding alone
 # Bits that contact returns: a collider may come near the particle in this substep, and one touched it.
@@ -80,15 +78,7 @@ class Met:
     forces: wp.array(dtype=wp.vec4)
     velocities: wp.array(dtype=wp.vec4)
     last_displacements: wp.array(dtype=wp.vec3)
-    supports: wp.array(dtype=wp.vec4)
     carries: bool
-
-
-@wp.func
-def let_go(met: Met, step: Step):
-    """Forget what facets did to a particle of a rope in the last substep."""
-    if met.supports.shape[0] > 0 and step.first and met.carries:
-        met.supports[met.slot] = wp.vec4(0.0)
 
 
 @wp.func
@@ -179,7 +169,7 @@ def _make_before(features: Features):
             if leaned[3] > 0.0 and met.carries:
                 u = ctx.state.rope.solved[met.slot] - ctx.state.rope.starts[met.slot]
                 softness = met.colliders[c].compliance * ctx.step.inverse_square / w
-                change = change_of(u, xyz(leaned), softness, leaned[3] - 1.0)
+                change = hold_of(xyz(leaned), softness, leaned[3] - 1.0) * u
                 before -= met.sweeps[met.first_sweep + c].to_local * change
         elif not ctx.step.first:
             before = xyz(load_row(met.contacts, entry))
@@ -228,7 +218,6 @@ def make_touch(features: Features):
         displacement = xyz(packed)
         touched = bool(False)
         push = Push()
-        let_go(met, step)
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
         while c < met.colliders.shape[0]:
@@ -313,7 +302,6 @@ def make_met_in(features: Features):
         met.forces = ctx.state.contact.contact_forces
         met.velocities = ctx.state.velocities
         met.last_displacements = ctx.state.last_displacements
-        met.supports = ctx.state.contact.supports
         met.carries = wp.static(features.leans)
         return met
 

@@ -35,8 +35,8 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     is_tested,
     moved_since,
 )
+from cloth_sim_ros.sim.features.collider_contact.lean import keep_lean
 from cloth_sim_ros.sim.features.collider_contact.particle import (
-    CARRIED,
     NOISE,
     Met,
     Push,
@@ -56,7 +56,7 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import (
     make_is_facet_squeezed,
     slack_of,
 )
-from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
+from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
 # Smallest divisor of a push beside a pinned or heavy corner, as a fraction of the largest inverse mass. No other corner
@@ -165,11 +165,21 @@ def make_press_on(features: Features):
 
     A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
     """
-    meet, touched_in, is_squeezed = (
+    meet, touched_in, is_squeezed, leans = (
         make_ccd(features.shapes),
         make_touched_in(features),
         make_is_facet_squeezed(features),
+        features.leans,
     )
+
+    @wp.func
+    def so_far_of(last: Press, ctx: Context) -> wp.vec4:
+        """Return the corrections of a facet in this substep so far [kg m]: friction, and along the normal."""
+        if last.when != ctx.substep:
+            return wp.vec4(0.0)
+        if wp.static(leans):
+            return (ctx.step.effective * ctx.step.effective) * last.so_far
+        return last.so_far
 
     @wp.func
     def press_on(
@@ -191,12 +201,10 @@ def make_press_on(features: Features):
         c = entry % ctx.colliders.shape[0]
         squeezed = is_between(squeezed, xyz(touching), c, ctx)
         gap = wp.where(keeps_a_corner(corners, collider, ctx), 0.0, touching[3] + slack)
-        if gap >= -NOISE and not squeezed:  # its corners are outside; the rest may be rounding
+        before = so_far_of(last, ctx)
+        if gap >= -NOISE and before[3] == 0.0 and not squeezed:  # its corners are outside; the rest may be rounding
             return press
         gap += depth_before_middle(squeezed, collider, thickness)
-        before = wp.vec4(0.0)
-        if last.when == ctx.substep:
-            before = last.so_far
         n = xyz(touching)
         softness = collider.compliance * ctx.step.inverse_square / (w * points_of(corners, ctx))
         more = outward(gap, w * before[3], softness) / w
@@ -222,6 +230,8 @@ def make_press_on(features: Features):
         press.push = more * press.normal
         press.rub = wp.transpose(sweep.to_local) * ((rubbed - rubbed_before) / w_rubbed)
         press.so_far = pack(rubbed / w_rubbed, pressed)
+        if wp.static(leans):
+            press.so_far *= ctx.step.inverse_square
         press.load = load_on_facet(squeezed, c, points_of(corners, ctx), ctx)
         return press
 
@@ -233,11 +243,14 @@ def make_press(features: Features):
 
     Thread t of `width` does its share.
     """
-    press_on, near_of = make_press_on(features), make_near_of(features.listed)
+    press_on, near_of, leans = make_press_on(features), make_near_of(features.listed), features.leans
 
     @wp.func
     def press(t: int, width: int, ctx: Context):
         colliders, near = ctx.colliders.shape[0], near_of(ctx)
+        if wp.static(leans):
+            for k in range(t, ctx.body.count - 1, width):
+                keep_lean(k, near, ctx)
         for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
             corners = corners_of(k, ctx)
             whole = bool(True)
@@ -256,6 +269,7 @@ def make_press(features: Features):
                         if longest_way(facet_of(corners, ctx, sweep)) > FAST * ctx.material.thickness:
                             mark(corners, PRESSED, ctx)  # another of its points may pass through, see facet_clamp.py
                     if wp.max(found.weights) > 0.0:
+                        found.lean, found.leaned, found.acted = last.lean, last.leaned, last.acted
                         found.when = ctx.substep
                         ctx.state.contact.presses[entry] = found
                         note(c, near)
@@ -303,9 +317,23 @@ def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
     return wp.normalize(normal)
 
 
+@wp.func
+def feel_leans(i: int, met: Met, ctx: Context):
+    """Add to the forces of colliders what they did to the segments around particle i of a rope within its solve."""
+    for place in range(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1]):
+        q = ctx.model.particle_panels[place]
+        first = corners_of(q, ctx)[0] == i
+        for c in range(ctx.colliders.shape[0]):
+            press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
+            if press.when == ctx.substep and press.lean[3] > 0.0:
+                share = wp.where(first, press.leaned[0], press.leaned[1] + press.leaned[2])
+                add_force(met.forces, met.slot * ctx.colliders.shape[0] + c, (met.share * share) * press.acted)
+
+
 def make_yield(features: Features):
     """Return the stage that moves particle i as its facets are pressed."""
     least, touch, add_load = least_mass(features), make_touch(features), make_add_load(features)
+    leans = features.leans
 
     @wp.func
     def give_way(i: int, met: Met, ctx: Context):
@@ -313,21 +341,22 @@ def make_yield(features: Features):
         w = packed[3]
         if w <= wp.static(least) * load4(ctx.x, i)[3]:
             return
+        if wp.static(leans):
+            if ctx.last:
+                feel_leans(i, met, ctx)
         marks = ctx.state.contact.pressed[met.slot]
         if marks & PRESSED == 0:
             return
         ctx.state.contact.pressed[met.slot] = MOVED
         ctx.state.contact.facets_moved_in[ctx.body.index] = ctx.substep + 1
         displacement = xyz(packed)
-        touched, last = bool(False), int(0)
-        push = Push()
+        touched, push = bool(False), Push()
         c = next_of(-1, met.near, False)
         while c < ctx.colliders.shape[0]:
             add_load(i, c, ctx)
             correction = w * wanted_of(i, c, ctx)
             if wp.length_sq(correction) > 0.0:
                 displacement += correction
-                last = c
                 entry = met.slot * ctx.colliders.shape[0] + c
                 add_force(met.forces, entry, (met.share / w) * correction)
                 touched = True
@@ -338,16 +367,14 @@ def make_yield(features: Features):
             c = next_of(c, met.near, False)
         if touched:
             store4(ctx.d, i, pack(displacement, w))
+            if wp.static(leans):
+                ctx.state.rope.solved[met.slot] += displacement - xyz(packed)
             if wp.static(features.order == 2):
                 moved = displacement - xyz(load4(ctx.position_lo, i))
                 add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
             # Its facets may have moved the particle into a collider, so its own contact acts last.
             met.carries = False
             touch(i, met, ctx, 0.0)
-            if wp.static(features.supported):
-                by = (CARRIED * ctx.step.inverse_square) * (xyz(load4(ctx.d, i)) - xyz(packed))
-                support = load_row(ctx.state.contact.supports, met.slot)
-                store_row(ctx.state.contact.supports, met.slot, pack(xyz(support) + by, float(last + 1)))
 
     return give_way
 
