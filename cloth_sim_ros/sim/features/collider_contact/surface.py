@@ -269,7 +269,9 @@ def make_press(features: Features):
                         if longest_way(facet_of(corners, ctx, sweep)) > FAST * ctx.material.thickness:
                             mark(corners, PRESSED, ctx)  # another of its points may pass through, see facet_clamp.py
                     if wp.max(found.weights) > 0.0:
-                        found.lean, found.leaned, found.acted = last.lean, last.leaned, last.acted
+                        found.lean = last.lean
+                        found.leaned = last.leaned
+                        found.acted = last.acted
                         found.when = ctx.substep
                         ctx.state.contact.presses[entry] = found
                         note(c, near)
