@@ -83,8 +83,8 @@ def make_start(features: Features):
     return start
 
 
-def make_solve(features: Features, threads: int):
-    """Return the stage in which `threads` threads solve a rope: Newton steps until all segments are settled."""
+def _make_ready(features: Features, threads: int):
+    """Return a Warp function that fills the segments and joints of a rope for a Newton step."""
     beam, winch, second = features.beam, features.winch, features.order == 2
 
     @wp.func
@@ -129,6 +129,13 @@ def make_solve(features: Features, threads: int):
             fed,
         )
 
+    return ready
+
+
+def _make_attempt(features: Features, threads: int):
+    """Return a Warp function that solves for the moves of a rope, and returns the thread's events as bits."""
+    beam = features.beam
+
     @wp.func
     def attempt(t: int, first: int, ctx: Context) -> int:
         rope, body = ctx.state.rope, ctx.body
@@ -167,6 +174,14 @@ def make_solve(features: Features, threads: int):
             settled,
             MOST_STRETCHED,
         )
+
+    return attempt
+
+
+def make_solve(features: Features, threads: int):
+    """Return the stage in which `threads` threads solve a rope: Newton steps until all segments are settled."""
+    beam, winch = features.beam, features.winch
+    ready, attempt = _make_ready(features, threads), _make_attempt(features, threads)
 
     @wp.func
     def solve(t: int, ctx: Context) -> bool:

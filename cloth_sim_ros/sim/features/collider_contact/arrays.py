@@ -42,8 +42,9 @@ class Press:
     barycentric `weights`. rub: friction correction [kg m] at the point with weights `rubbed`. normal: out of the
     collider. so_far: friction and normal correction in this substep [kg m]; of a rope the forces [N], also of the last
     substep. lean, leaned, acted: of a rope the normal in its solve and 1 + its friction, the weights of the point, and
-    the correction [kg m], see lean.py. stuck, anchor: while the facet sticks, the point with weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 if it slides. stops: shares of
-    their displacements that the corners give up in substep `stopped`. load: what a pinch adds along `normal` [kg m].
+    the correction [kg m], see lean.py. stuck, anchor: while the facet sticks, the point with weights `stuck` is held at
+    `anchor` [m], in the collider's axes; all 0 if it slides. stops: shares of their displacements that the corners give
+    up in substep `stopped`. load: what a pinch adds along `normal` [kg m].
     """
 
     when: int

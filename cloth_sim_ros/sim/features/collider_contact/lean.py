@@ -26,6 +26,7 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import make_is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
+from cloth_sim_ros.sim.physics.friction import outward
 
 RATIO = wp.constant(100.0)  # R
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
@@ -49,7 +50,7 @@ def hold_of(n: wp.vec3, softness: float, rubbed: float) -> wp.mat33:
 
 @wp.func
 def exact_gap(gap: float, opened: float, size: float) -> float:
-    """Return a gap [m], of which the part before this substep counts as 0 if rounding at that size [m] may be all of it.
+    """Return a gap [m], whose part before this substep counts as 0 if rounding at that size [m] may be all of it.
 
     opened: the part in this substep [m], known with more digits. R times the rounding error would exceed a weight.
     """
@@ -58,13 +59,51 @@ def exact_gap(gap: float, opened: float, size: float) -> float:
 
 
 @wp.func
+def half_turn_of(i: int, ctx: Context) -> float:
+    """Return half the angle [rad] by which a rope turns at particle i; 0 at its ends."""
+    if i == 0 or i + 1 == ctx.body.count:
+        return 0.0
+    here = xyz(load4(ctx.x, i)) + xyz(load4(ctx.d, i))
+    first = here - (xyz(load4(ctx.x, i - 1)) + xyz(load4(ctx.d, i - 1)))
+    last = (xyz(load4(ctx.x, i + 1)) + xyz(load4(ctx.d, i + 1))) - here
+    return 0.5 * wp.atan2(wp.length(wp.cross(first, last)), wp.dot(first, last))
+
+
+@wp.func
+def along_curve(mu: float, half_turn: float) -> float:
+    """Return the coefficient with which a corner of a rope rubs as the curve does that it stands for.
+
+    Over an angle t the tension of a curve grows by exp(mu t) (Euler and Eytelwein). At a corner that is pressed along
+    its bisector it grows by (1 + m tan(t/2)) / (1 - m tan(t/2)); m is returned.
+    """
+    if half_turn < 1.0e-3:
+        return mu
+    return wp.tanh(mu * half_turn) / wp.tan(wp.min(half_turn, 1.5))
+
+
+@wp.func
+def friction_of(collider: ColliderMotion, half_turn: float, ctx: Context) -> wp.vec2:
+    """Return the coefficients of static and kinetic friction of a body on a collider, at such a corner of a rope."""
+    static = wp.sqrt(ctx.material.static_friction * collider.static_friction)
+    kinetic = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction)
+    return wp.vec2(along_curve(static, half_turn), along_curve(kinetic, half_turn))
+
+
+@wp.func
 def augmented(
-    before: wp.vec3, met: wp.vec4, slip: wp.vec3, size: float, softness: float, collider: ColliderMotion, ctx: Context
+    before: wp.vec3,
+    met: wp.vec4,
+    slip: wp.vec3,
+    size: float,
+    softness: float,
+    half_turn: float,
+    collider: ColliderMotion,
+    ctx: Context,
 ) -> wp.vec4:
     """Return the correction [m] of a point by a collider, and 1 + `rubbed` of hold_of; 0 if they are apart.
 
     before: correction so far [m]; met: normal and gap [m]; slip: of the point on the collider [m]; size: distance from
-    the collider's origin [m]. All are in the collider's axes.
+    the collider's origin [m]. All are in the collider's axes. half_turn: of the rope there [rad].
     """
     n = xyz(met)
     gap = exact_gap(met[3], wp.dot(slip, n), size)
@@ -75,9 +114,28 @@ def augmented(
         return wp.vec4(0.0)
     rub, rubbed = (before - wp.dot(before, n) * n) - RATIO * (slip - wp.dot(slip, n) * n), float(1.0)
     cone = wp.max(pressed, 0.0)
-    if wp.length(rub) > wp.sqrt(ctx.material.static_friction * collider.static_friction) * cone + slack:
-        rubbed = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction) * cone / wp.length(rub)
+    friction = friction_of(collider, half_turn, ctx)
+    if wp.length(rub) > friction[0] * cone + slack:
+        rubbed = friction[1] * cone / wp.length(rub)
     return pack(pressed * n + rubbed * rub, 1.0 + rubbed)
+
+
+@wp.func
+def settled(before: wp.vec3, n: wp.vec3, gap: float, slip: wp.vec3, softness: float, friction: wp.vec2):
+    """Return the multiplier (3,) [m] of a point after the solve, and how it moves to where it touches (3,) [m].
+
+    before: correction in the solve. slip: what is left of it along the collider. The multiplier meets Coulomb's law,
+    and acts so in the next substep. A light particle of a stiff rope would fly off if it moved by what it now has less.
+    """
+    pressed = wp.max(wp.dot(before, n), 0.0)
+    out = outward(gap, pressed, softness)
+    pressed += out
+    rub, moved = (before - wp.dot(before, n) * n) - slip, out * n - slip
+    size = wp.length(rub)
+    if size > friction[0] * pressed:
+        rub *= wp.min(1.0, friction[1] * pressed / wp.max(size, 1.0e-20))
+        moved = out * n
+    return pressed * n + rub, moved
 
 
 def make_lean(features: Features):
@@ -87,7 +145,7 @@ def make_lean(features: Features):
     @wp.func
     def lean(i: int, near: Near, ctx: Context):
         g, packed, position = ctx.body.particles + i, load4(ctx.d, i), xyz(load4(ctx.x, i))
-        displacement, w = xyz(packed), packed[3]
+        displacement, w, turn = xyz(packed), packed[3], half_turn_of(i, ctx)
         push, hold = wp.vec3(0.0), wp.mat33(0.0)
         ctx.state.rope.starts[g] = displacement
         stray = strays(near, position + displacement, displacement)
@@ -107,7 +165,7 @@ def make_lean(features: Features):
                 met = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 before = (ctx.step.effective * ctx.step.effective) * xyz(stored)
                 softness = collider.compliance * ctx.step.inverse_square / w
-                found = augmented(before, met, slip, wp.length(offset), softness, collider, ctx)
+                found = augmented(before, met, slip, wp.length(offset), softness, turn, collider, ctx)
                 if found[3] > 0.0 and not is_squeezed(i, collider, ctx):
                     back = wp.transpose(sweep.to_local)
                     n = back * xyz(met)
@@ -157,7 +215,7 @@ def make_lean_between(features: Features):
                 local = sweep.to_local * press.normal
                 before = (w * ctx.step.effective * ctx.step.effective) * (xyz(press.so_far) + press.so_far[3] * local)
                 softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
-                found = augmented(before, met, slip, wp.length(p), softness, collider, ctx)
+                found = augmented(before, met, slip, wp.length(p), softness, 0.0, collider, ctx)
                 pressed = wp.dot(xyz(found), xyz(met))
                 if found[3] > 0.0 and w > 0.0 and pressed > most:
                     most, back = pressed, wp.transpose(sweep.to_local)

@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, hold_of
+from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, half_turn_of, hold_of, settled
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
     is_between,
@@ -178,6 +178,45 @@ def _make_before(features: Features):
     return before_of
 
 
+def _make_correct(features: Features):
+    """Return a Warp function: all that a collider corrects a particle by, its move, and what counts as force (3,) [m].
+
+    See `settled` for the arguments.
+    """
+
+    @wp.func
+    def correct(
+        before: wp.vec3,
+        n: wp.vec3,
+        gap: float,
+        slip: wp.vec3,
+        softness: float,
+        friction: wp.vec2,
+        met: Met,
+        ctx: Context,
+    ):
+        pressed = wp.dot(before, n)
+        rubbed = before - pressed * n
+        pressed += outward(gap, pressed, softness)
+        after = pressed * n + friction_correction(slip, rubbed, pressed, friction[0], friction[1])
+        moved = after - before
+        pushed = moved
+        if wp.static(features.leans):
+            if met.carries and wp.length_sq(before) > 0.0:
+                after, moved = settled(before, n, gap, slip, softness, friction)
+                pushed = before + moved
+            # The last iteration has all of the solve's correction.
+            pushed = wp.where(ctx.last, pushed, wp.vec3(0.0))
+        return after, moved, pushed
+
+    return correct
+
+
+@wp.func
+def _no_turn(i: int, ctx: Context) -> float:
+    return 0.0
+
+
 def _make_leave(features: Features):
     """Return a Warp function that applies the colliders' result to particle i."""
 
@@ -202,7 +241,8 @@ def make_touch(features: Features):
     It returns bits: CLOSE if a collider may come within `width` [m] in the substep, TOUCHED if one touched it.
     """
     meet, leave = make_ccd(features.shapes), _make_leave(features)
-    before_of, leans = _make_before(features), features.leans
+    before_of, correct, leans = _make_before(features), _make_correct(features), features.leans
+    turn_at = half_turn_of if leans else _no_turn
     least, is_squeezed = least_mass(features), make_is_squeezed(features)
 
     @wp.func
@@ -245,27 +285,18 @@ def make_touch(features: Features):
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, reach, apart)
                 gap = touching[3] + slack
                 if wp.static(leans):
-                    gap = exact_gap(touching[3], wp.dot(slip, xyz(touching)), wp.length(offset)) + slack
+                    gap = slack + exact_gap(touching[3], wp.dot(slip, xyz(touching)), wp.length(offset))
                 squeezed = is_between(squeezed, xyz(touching), c, ctx)
                 if gap < 0.0 or squeezed or acted:
                     n = xyz(touching)
-                    pressed = wp.dot(before, n)
                     gap += depth_before_middle(squeezed, collider, material.thickness)
                     note_squeezed(squeezed, c, ctx)
-                    rubbed_before = before - pressed * n
-                    pressed += outward(gap, pressed, collider.compliance * step.inverse_square / w)
+                    softness = collider.compliance * step.inverse_square / w
                     tangential = slip - wp.dot(slip, n) * n
-                    mu_s = wp.sqrt(material.static_friction * collider.static_friction)
-                    mu_k = wp.sqrt(material.kinetic_friction * collider.kinetic_friction)
-                    rubs = share_of_friction(squeezed, i, ctx)
-                    after = pressed * n + friction_correction(
-                        tangential, rubbed_before, pressed, rubs * mu_s, rubs * mu_k
-                    )
-                    displacement += wp.transpose(sweep.to_local) * (after - before)
-                    pushed = after - before
-                    if wp.static(leans):
-                        # The last iteration has all of the solve's correction.
-                        pushed = wp.where(ctx.last, wp.where(met.carries, after, pushed), wp.vec3(0.0))
+                    friction = share_of_friction(squeezed, i, ctx) * friction_of(collider, turn_at(i, ctx), ctx)
+                    after, moved, pushed = correct(before, n, gap, tangential, softness, friction, met, ctx)
+                    pressed = wp.dot(after, n)
+                    displacement += wp.transpose(sweep.to_local) * moved
                     add_force(met.forces, entry, (met.share / w) * (wp.transpose(sweep.to_local) * pushed))
                     touched = True
                     touch = float(ctx.substep + 2)

@@ -35,7 +35,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     is_tested,
     moved_since,
 )
-from cloth_sim_ros.sim.features.collider_contact.lean import keep_lean
+from cloth_sim_ros.sim.features.collider_contact.lean import friction_of, keep_lean
 from cloth_sim_ros.sim.features.collider_contact.particle import (
     NOISE,
     Met,
@@ -160,6 +160,20 @@ def make_touched_in(features: Features):
     return touched_in
 
 
+def _make_so_far(leans: bool):
+    """Return a Warp function: corrections of a facet in this substep so far [kg m], of friction and along the normal."""
+
+    @wp.func
+    def so_far_of(last: Press, ctx: Context) -> wp.vec4:
+        if last.when != ctx.substep:
+            return wp.vec4(0.0)
+        if wp.static(leans):
+            return (ctx.step.effective * ctx.step.effective) * last.so_far
+        return last.so_far
+
+    return so_far_of
+
+
 def make_press_on(features: Features):
     """Return a Warp function: the Press of a facet against one collider, with friction; `last` is its last Press.
 
@@ -171,15 +185,7 @@ def make_press_on(features: Features):
         make_is_facet_squeezed(features),
         features.leans,
     )
-
-    @wp.func
-    def so_far_of(last: Press, ctx: Context) -> wp.vec4:
-        """Return the corrections of a facet in this substep so far [kg m]: friction, and along the normal."""
-        if last.when != ctx.substep:
-            return wp.vec4(0.0)
-        if wp.static(leans):
-            return (ctx.step.effective * ctx.step.effective) * last.so_far
-        return last.so_far
+    so_far_of = _make_so_far(leans)
 
     @wp.func
     def press_on(
@@ -209,8 +215,7 @@ def make_press_on(features: Features):
         softness = collider.compliance * ctx.step.inverse_square / (w * points_of(corners, ctx))
         more = outward(gap, w * before[3], softness) / w
         pressed = before[3] + more
-        mu_s = wp.sqrt(ctx.material.static_friction * collider.static_friction)
-        mu_k = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction)
+        mu = friction_of(collider, 0.0, ctx)
         press.stuck = last.stuck
         press.anchor = last.anchor
         if last.when < ctx.substep - 1 or wp.max(last.stuck) == 0.0:
@@ -222,7 +227,7 @@ def make_press_on(features: Features):
         slid = point_of(facet, press.stuck) - press.anchor
         slid -= wp.dot(slid, n) * n
         rubbed_before = w_rubbed * (xyz(before) - wp.dot(xyz(before), n) * n)
-        rubbed = friction_correction(slid, rubbed_before, w_rubbed * pressed, mu_s, mu_k)
+        rubbed = friction_correction(slid, rubbed_before, w_rubbed * pressed, mu[0], mu[1])
         if wp.length_sq(rubbed - (rubbed_before - slid)) > 0.0:
             press.stuck = wp.vec3(0.0)
         press.weights = weights
