@@ -41,7 +41,7 @@ class Press:
     when: the substep; -1 stands for the last substep of the frame before. push: correction [kg m] at the point with
     barycentric `weights`. rub: friction correction [kg m] at the point with weights `rubbed`. normal: out of the
     collider. so_far: friction and normal correction in this substep [kg m]; of a rope the forces [N], also of the last
-    substep. lean, leaned, acted: of a rope the normal in its solve and 1 + its friction, the weights of the point, and
+    substep. lean, leaned, acted: of a rope normal and state of the contact in its solve, the weights of the point, and
     the correction [kg m], see lean.py. stuck, anchor: while the facet sticks, the point with weights `stuck` is held at
     `anchor` [m], in the collider's axes; all 0 if it slides. stops: shares of their displacements that the corners give
     up in substep `stopped`. load: what a pinch adds along `normal` [kg m].
@@ -89,7 +89,7 @@ class ContactState:
     # [m/s^2], also of the last substep. The last number: see touch_of
     contacts: wp.array(dtype=wp.vec4)
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) force of each collider on each particle, mean over the frame [N]
-    leans: wp.array(dtype=wp.vec4)  # (K N,) ropes: normal in the solve, and 1 + its friction, see lean.py
+    leans: wp.array(dtype=wp.vec4)  # (K N,) ropes: normal and state of the contact in the solve, see lean.py
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next four
     looks: wp.array(dtype=Look)  # (P K,)
     close: wp.array(dtype=int)  # (N,) 1 if facets around a particle may touch a collider in this substep

@@ -29,6 +29,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_ro
 from cloth_sim_ros.sim.physics.friction import outward
 
 RATIO = wp.constant(100.0)  # R
+SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
 
@@ -39,13 +40,17 @@ def ratio_along(softness: float) -> float:
 
 
 @wp.func
-def hold_of(n: wp.vec3, softness: float, rubbed: float) -> wp.mat33:
-    """Return by how much a correction falls while the solve moves its point by a metre in each direction.
+def hold_of(n: wp.vec3, softness: float, state: float, p: wp.vec3) -> wp.mat33:
+    """Return by how much a correction p [m] falls while the solve moves its point by a metre in each direction.
 
-    rubbed: 1 while the point sticks, less where it slides.
+    state: of the contact, see `augmented`.
     """
-    along = wp.outer(n, n)
-    return ratio_along(softness) * along + (RATIO * rubbed) * (wp.identity(n=3, dtype=float) - along)
+    along, rub = wp.outer(n, n), p - wp.dot(p, n) * n
+    across, rubbed = wp.identity(n=3, dtype=float) - along, state - 1.0
+    if state > SLIDES:
+        rubbed = state - SLIDES
+        across -= wp.outer(rub, rub) / wp.max(wp.length_sq(rub), 1.0e-30)
+    return ratio_along(softness) * along + (RATIO * rubbed) * across
 
 
 @wp.func
@@ -100,7 +105,9 @@ def augmented(
     collider: ColliderMotion,
     ctx: Context,
 ) -> wp.vec4:
-    """Return the correction [m] of a point by a collider, and 1 + `rubbed` of hold_of; 0 if they are apart.
+    """Return the correction [m] of a point by a collider, and the state of the contact; 0 if they are apart.
+
+    The state is 2 where it sticks, and less where it slides; above SLIDES it slides freely.
 
     before: correction so far [m]; met: normal and gap [m]; slip: of the point on the collider [m]; size: distance from
     the collider's origin [m]. All are in the collider's axes. half_turn: of the rope there [rad].
@@ -108,16 +115,20 @@ def augmented(
     n = xyz(met)
     gap = exact_gap(met[3], wp.dot(slip, n), size)
     pressed = (wp.dot(before, n) / RATIO - gap) * ratio_along(softness)
-    # What may be rounding neither parts the point from the collider nor lets it slide.
+    # What may be rounding does not part the point from the collider, nor let it slide before it is loaded.
     slack = RATIO * ROUNDING * size
     if pressed < -slack:
         return wp.vec4(0.0)
-    rub, rubbed = (before - wp.dot(before, n) * n) - RATIO * (slip - wp.dot(slip, n) * n), float(1.0)
-    cone = wp.max(pressed, 0.0)
+    rub, cone = (before - wp.dot(before, n) * n) - RATIO * (slip - wp.dot(slip, n) * n), wp.max(pressed, 0.0)
     friction = friction_of(collider, half_turn, ctx)
-    if wp.length(rub) > friction[0] * cone + slack:
-        rubbed = friction[1] * cone / wp.length(rub)
-    return pack(pressed * n + rubbed * rub, 1.0 + rubbed)
+    most = wp.where(wp.length_sq(before) > 0.0, friction[0] * cone, slack)
+    if wp.length(rub) <= most:
+        return pack(pressed * n + rub, 2.0)
+    rubbed = friction[1] * cone / wp.length(rub)
+    # Friction that cannot stop the point in this substep has its full size. Else it is like a dashpot, and never turns
+    # a motion round.
+    free = friction[1] * cone < wp.length(slip - wp.dot(slip, n) * n)
+    return pack(pressed * n + rubbed * rub, wp.where(free, SLIDES, 1.0) + rubbed)
 
 
 @wp.func
@@ -170,7 +181,7 @@ def make_lean(features: Features):
                     back = wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push += back * xyz(found)
-                    hold += hold_of(n, softness, found[3] - 1.0)
+                    hold += hold_of(n, softness, found[3], back * xyz(found))
                     corrected = pack(ctx.step.inverse_square * xyz(found), stored[3])
                     store_row(ctx.state.contact.contacts, entry, corrected)
                     ctx.state.contact.leans[entry] = pack(n, found[3])
@@ -220,7 +231,8 @@ def make_lean_between(features: Features):
                 if found[3] > 0.0 and w > 0.0 and pressed > most:
                     most, back = pressed, wp.transpose(sweep.to_local)
                     n = back * xyz(met)
-                    push, hold = (1.0 / w) * (back * xyz(found)), (1.0 / w) * hold_of(n, softness, found[3] - 1.0)
+                    push = (1.0 / w) * (back * xyz(found))
+                    hold = (1.0 / w) * hold_of(n, softness, found[3], push)
                     point = wp.vec2(press.weights[0], press.weights[1] + press.weights[2])
                     if kept >= 0:
                         ctx.state.contact.presses[kept].lean = wp.vec4(0.0)

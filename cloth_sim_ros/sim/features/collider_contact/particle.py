@@ -169,8 +169,9 @@ def _make_before(features: Features):
             if leaned[3] > 0.0 and met.carries:
                 u = ctx.state.rope.solved[met.slot] - ctx.state.rope.starts[met.slot]
                 softness = met.colliders[c].compliance * ctx.step.inverse_square / w
-                change = hold_of(xyz(leaned), softness, leaned[3] - 1.0) * u
-                before -= met.sweeps[met.first_sweep + c].to_local * change
+                to_local = met.sweeps[met.first_sweep + c].to_local
+                hold = hold_of(xyz(leaned), softness, leaned[3], wp.transpose(to_local) * before)
+                before -= to_local * (hold * u)
         elif not ctx.step.first:
             before = xyz(load_row(met.contacts, entry))
         return pack(before, wp.where(wp.length_sq(before) > 0.0, 1.0, 0.0))

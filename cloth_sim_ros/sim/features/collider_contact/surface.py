@@ -161,7 +161,7 @@ def make_touched_in(features: Features):
 
 
 def _make_so_far(leans: bool):
-    """Return a Warp function: corrections of a facet in this substep so far [kg m], of friction and along the normal."""
+    """Return a Warp function: corrections of a facet in this substep [kg m], by friction and along the normal."""
 
     @wp.func
     def so_far_of(last: Press, ctx: Context) -> wp.vec4:
