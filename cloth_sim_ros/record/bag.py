@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from cloth_sim_ros.record.topics import CLOUD, Topics
-from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.journal import VERSION
+from cloth_sim_ros.ros.parameters import names
 
 MAKE_ONE = "make one with cloth_sim_record or `ros2 bag record -a`"
 

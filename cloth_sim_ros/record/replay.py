@@ -19,9 +19,9 @@ import warp
 
 from cloth_sim_ros import sim as shapes
 from cloth_sim_ros.record.bag import Bag, Stamp
-from cloth_sim_ros.ros.frames import Frames
+from cloth_sim_ros.ros.inputs.frames import Frames
+from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.ros.journal import ACTS
-from cloth_sim_ros.ros.pose_track import Pose
 from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.sim import Readback
 

@@ -22,23 +22,23 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from cloth_sim_ros.parameters import Parameter
-from cloth_sim_ros.ros import inputs
-from cloth_sim_ros.ros.clock_follower import ClockFollower
-from cloth_sim_ros.ros.commands import NEWEST_ONLY, Commands
-from cloth_sim_ros.ros.diagnostics import DiagnosticsOutput, busy, diagnostics
-from cloth_sim_ros.ros.frame_clock import Pace
-from cloth_sim_ros.ros.frames import Frames, Refused
-from cloth_sim_ros.ros.grippers import GripperStates
-from cloth_sim_ros.ros.journal_output import JournalOutput
-from cloth_sim_ros.ros.long_waits import LongWaits
-from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
-from cloth_sim_ros.ros.outputs import LATEST, Audience, ObjectOutput, Wrenches
-from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
-from cloth_sim_ros.ros.parameter_services import ParameterServices, settled
-from cloth_sim_ros.ros.reported import Forwarded
-from cloth_sim_ros.ros.scene_plan import group
-from cloth_sim_ros.ros.simulation_loop import SimulationLoop
+from cloth_sim_ros.ros.inputs import messages as inputs
+from cloth_sim_ros.ros.inputs.commands import NEWEST_ONLY, Commands
+from cloth_sim_ros.ros.inputs.frames import Frames, Refused
+from cloth_sim_ros.ros.inputs.grippers import GripperStates
+from cloth_sim_ros.ros.outputs.colliders import CollidersOutput, name_of, read_marker
+from cloth_sim_ros.ros.outputs.diagnostics import DiagnosticsOutput, busy, diagnostics
+from cloth_sim_ros.ros.outputs.journal import JournalOutput
+from cloth_sim_ros.ros.outputs.log import Forwarded
+from cloth_sim_ros.ros.outputs.objects import LATEST, Audience, ObjectOutput, Wrenches
+from cloth_sim_ros.ros.parameters.bridge import ParameterBridge
+from cloth_sim_ros.ros.parameters.plan import group
+from cloth_sim_ros.ros.parameters.services import ParameterServices, settled
 from cloth_sim_ros.ros.state_services import StateServices
+from cloth_sim_ros.ros.time.clock_follower import ClockFollower
+from cloth_sim_ros.ros.time.frame_clock import Pace
+from cloth_sim_ros.ros.time.long_waits import LongWaits
+from cloth_sim_ros.ros.time.loop import SimulationLoop
 from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.shared_files import PACKAGE
 from cloth_sim_ros.sim.mesh_file import stop_reading

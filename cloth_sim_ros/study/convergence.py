@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cloth_sim_ros.ros.scene_plan import Plan  # noqa: TID251 (free of rclpy, which a test proves)
+from cloth_sim_ros.ros.parameters.plan import Plan  # noqa: TID251 (free of rclpy, which a test proves)
 from cloth_sim_ros.sim import Settings, Simulation, topology
 from cloth_sim_ros.study import norms
 from cloth_sim_ros.study.timing import frame_times

@@ -13,8 +13,8 @@ from typing import Any
 import yaml
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.ros import parameter_names as names  # noqa: TID251 (free of rclpy, which a test proves)
-from cloth_sim_ros.ros.scene_plan import Plan, make_plan, material_values  # noqa: TID251 (as above)
+from cloth_sim_ros.ros.parameters import names  # noqa: TID251 (free of rclpy, which a test proves)
+from cloth_sim_ros.ros.parameters.plan import Plan, make_plan, material_values  # noqa: TID251 (as above)
 
 PARAMETERS = "ros__parameters"
 

@@ -9,7 +9,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from shape_msgs.msg import Mesh
 from visualization_msgs.msg import Marker
 
-from cloth_sim_ros.ros import cdr
+from cloth_sim_ros.ros.outputs import cdr
 
 FRAMES = ["", "w", "world", "a_longer_frame"]  # of every alignment
 RANDOM = np.random.default_rng(1)

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from node_process import ROOT
 
 from cloth_sim_ros.demo.audience import Audience
-from cloth_sim_ros.ros.diagnostics import busy
+from cloth_sim_ros.ros.outputs.diagnostics import busy
 
 LINE = re.compile(
     r"real-time factor \d\.\d\d, \d+\.\d\d ms per frame, max strain \d+\.\d %, "

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from test_inputs import pose, wind
 from test_scene_plan import values
 
-from cloth_sim_ros.ros.frames import Frames, Refused
-from cloth_sim_ros.ros.inputs import read_pose, read_wind
+from cloth_sim_ros.ros.inputs.frames import Frames, Refused
+from cloth_sim_ros.ros.inputs.messages import read_pose, read_wind
 from cloth_sim_ros.ros.world import World
 
 RATE = 200.0  # Hz, of transforms

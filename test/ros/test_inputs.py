@@ -6,9 +6,9 @@ import math
 import pytest
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 
-from cloth_sim_ros.ros.frames import Frames, Refused
-from cloth_sim_ros.ros.inputs import Complaints, follow, read_pose, read_wind
-from cloth_sim_ros.ros.pose_track import Pose, PoseTrack
+from cloth_sim_ros.ros.inputs.frames import Frames, Refused
+from cloth_sim_ros.ros.inputs.messages import Complaints, follow, read_pose, read_wind
+from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack
 
 NAN, INF = math.nan, math.inf
 WORLD = Frames("world")

@@ -6,7 +6,7 @@ import re
 import pytest
 from rclpy.logging import get_logger
 
-from cloth_sim_ros.ros.long_waits import LongWaits
+from cloth_sim_ros.ros.time.long_waits import LongWaits
 
 
 class Watched:

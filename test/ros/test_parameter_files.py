@@ -9,7 +9,7 @@ from client import fields
 from node_process import SMALL
 from sensor_msgs.msg import PointCloud2
 
-from cloth_sim_ros.ros.params_file import is_for
+from cloth_sim_ros.ros.parameters.file import is_for
 
 
 @pytest.mark.long

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, between
+from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, between
 
 FRAME = 1 / 60
 LEVEL = (0.0, 0.0, 0.0, 1.0)

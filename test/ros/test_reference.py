@@ -6,7 +6,7 @@ import sys
 
 from node_process import ROOT
 
-from cloth_sim_ros.ros.reference import reference
+from cloth_sim_ros.ros.parameters.reference import reference
 
 
 def test_the_parameter_reference_is_up_to_date():

@@ -19,7 +19,7 @@ from rcl_interfaces.srv import (
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
 
-from cloth_sim_ros.ros import parameter_names as names
+from cloth_sim_ros.ros.parameters import names
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ import pytest
 from visualization_msgs.msg import Marker
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.ros import parameter_names as names
-from cloth_sim_ros.ros.markers import markers_of
-from cloth_sim_ros.ros.pose_track import Pose
-from cloth_sim_ros.ros.scene_plan import make_plan, material_values
+from cloth_sim_ros.ros.inputs.pose_track import Pose
+from cloth_sim_ros.ros.outputs.colliders import markers_of
+from cloth_sim_ros.ros.parameters import names
+from cloth_sim_ros.ros.parameters.plan import make_plan, material_values
 from cloth_sim_ros.sim import (
     Box,
     Capsule,

@@ -7,8 +7,8 @@ import time
 import pytest
 from test_scene_plan import values
 
-from cloth_sim_ros.ros.frame_clock import FrameClock
-from cloth_sim_ros.ros.simulation_loop import SimulationLoop
+from cloth_sim_ros.ros.time.frame_clock import FrameClock
+from cloth_sim_ros.ros.time.loop import SimulationLoop
 from cloth_sim_ros.ros.world import World
 
 

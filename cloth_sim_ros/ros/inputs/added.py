@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
-from cloth_sim_ros.ros.scene_plan import placed
+from cloth_sim_ros.ros.parameters.plan import placed
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.sim.colliders.collider import Collider
 

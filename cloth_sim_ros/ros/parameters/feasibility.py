@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import warp
 
-from cloth_sim_ros.ros.scene_plan import Plan
+from cloth_sim_ros.ros.parameters.plan import Plan
 from cloth_sim_ros.sim.access.live import compliances_of
 from cloth_sim_ros.sim.substeps.limits import check_explicit
 from cloth_sim_ros.sim.topology import build as build_topology

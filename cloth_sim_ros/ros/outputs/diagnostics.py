@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from cloth_sim_ros.ros.frame_clock import Pace
+from cloth_sim_ros.ros.time.frame_clock import Pace
 from cloth_sim_ros.ros.world import World
 
 SLOW = 0.95  # a real-time factor below this is worth a warning

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from cloth_sim_ros.ros.simulation_loop import SimulationLoop
+from cloth_sim_ros.ros.time.loop import SimulationLoop
 from cloth_sim_ros.sim.kernels.compiled import Compiler
 
 LONG = {"": math.inf, "frame": 5.0, "building": 60.0}  # [s] without the compiler, from which on there is advice

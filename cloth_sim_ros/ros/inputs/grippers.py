@@ -12,8 +12,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from cloth_sim_ros import parameters
-from cloth_sim_ros.ros.outputs import is_any_heard
-from cloth_sim_ros.ros.pose_track import Pose, PoseTrack
+from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack
+from cloth_sim_ros.ros.outputs.objects import is_any_heard
 from cloth_sim_ros.sim import Gripper, GripperDriver, Simulation
 from cloth_sim_ros.sim.clients.grippers import SIDES
 

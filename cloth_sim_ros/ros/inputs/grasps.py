@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cloth_sim_ros.ros.pose_track import PoseTrack
+from cloth_sim_ros.ros.inputs.pose_track import PoseTrack
 from cloth_sim_ros.sim import Simulation
 
 

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from cloth_sim_ros.parameters import shown
-from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Quaternion, Vector
+from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, Quaternion, Vector
 from cloth_sim_ros.sim.physics.quaternion import rotate
 
 

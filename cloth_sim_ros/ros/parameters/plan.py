@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cloth_sim_ros.ros.pose_track import Pose
+from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.sim import (
     Box,
     Capsule,

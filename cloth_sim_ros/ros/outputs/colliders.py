@@ -13,11 +13,11 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cloth_sim_ros.ros.frames import Frames, Refused
-from cloth_sim_ros.ros.inputs import read_pose
-from cloth_sim_ros.ros.outputs import LATCHED, is_any_heard
-from cloth_sim_ros.ros.pose_track import Pose
-from cloth_sim_ros.ros.scene_plan import placed
+from cloth_sim_ros.ros.inputs.frames import Frames, Refused
+from cloth_sim_ros.ros.inputs.messages import read_pose
+from cloth_sim_ros.ros.inputs.pose_track import Pose
+from cloth_sim_ros.ros.outputs.objects import LATCHED, is_any_heard
+from cloth_sim_ros.ros.parameters.plan import placed
 from cloth_sim_ros.sim import (
     Box,
     Capsule,

@@ -13,8 +13,8 @@ from std_msgs.msg import Float64
 from visualization_msgs.msg import Marker
 
 from cloth_sim_ros import parameters
-from cloth_sim_ros.ros.frames import Frames, Refused
-from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
+from cloth_sim_ros.ros.inputs.frames import Frames, Refused
+from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, Vector
 from cloth_sim_ros.sim.access.cuts import plane_of
 
 FARTHEST = parameters.row(parameters.COLLIDER, "position").high  # [m]

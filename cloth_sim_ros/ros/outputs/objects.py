@@ -17,7 +17,7 @@ from shape_msgs.msg import Mesh
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from cloth_sim_ros.ros import cdr
+from cloth_sim_ros.ros.outputs import cdr
 from cloth_sim_ros.sim import EndReadback, Readback, Rope, Simulation, Surface
 
 ENDS = ("start", "end")  # of a rope

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
 
-from cloth_sim_ros.ros.clock_follower import ClockFollower
-from cloth_sim_ros.ros.frame_clock import FrameClock
+from cloth_sim_ros.ros.time.clock_follower import ClockFollower
+from cloth_sim_ros.ros.time.frame_clock import FrameClock
 from cloth_sim_ros.ros.world import World
 
 

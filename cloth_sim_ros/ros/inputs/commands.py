@@ -11,11 +11,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64
 
-from cloth_sim_ros.ros import inputs
-from cloth_sim_ros.ros.frames import Frames, Refused
-from cloth_sim_ros.ros.grippers import ASKED, STRONGEST
-from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
-from cloth_sim_ros.ros.simulation_loop import SimulationLoop
+from cloth_sim_ros.ros.inputs import messages as inputs
+from cloth_sim_ros.ros.inputs.frames import Frames, Refused
+from cloth_sim_ros.ros.inputs.grippers import ASKED, STRONGEST
+from cloth_sim_ros.ros.parameters.bridge import ParameterBridge
+from cloth_sim_ros.ros.time.loop import SimulationLoop
 
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 

@@ -30,7 +30,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_parameters
 
 from cloth_sim_ros.parameters import shown
-from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
+from cloth_sim_ros.ros.parameters.bridge import ParameterBridge
 
 
 class ParameterServices:

@@ -19,9 +19,9 @@ from rclpy.parameter import Parameter as RosParameter
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.parameters import Parameter
-from cloth_sim_ros.ros import parameter_names as names
-from cloth_sim_ros.ros.feasibility import broken_meshes, check_solver
-from cloth_sim_ros.ros.scene_plan import make_plan, material_values
+from cloth_sim_ros.ros.parameters import names
+from cloth_sim_ros.ros.parameters.feasibility import broken_meshes, check_solver
+from cloth_sim_ros.ros.parameters.plan import make_plan, material_values
 
 _RCLPY_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.parameters import Parameter
-from cloth_sim_ros.ros import parameter_names as names
+from cloth_sim_ros.ros.parameters import names
 from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS
 
 HEAD = """# Parameters
