@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import quote
 
-import numpy as np
 from geometry_msgs.msg import Point, Quaternion, Vector3
 from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
@@ -18,25 +17,12 @@ from cloth_sim_ros.ros.inputs.messages import read_pose
 from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.ros.outputs.objects import LATCHED, is_any_heard
 from cloth_sim_ros.ros.parameters.plan import placed
-from cloth_sim_ros.sim import (
-    Box,
-    Capsule,
-    Cylinder,
-    Ellipsoid,
-    Handle,
-    Mesh,
-    Plane,
-    SignedDistance,
-    Simulation,
-    Sphere,
-)
-from cloth_sim_ros.sim.colliders.collider import Collider, Tube
+from cloth_sim_ros.sim import Box, Cylinder, Handle, Simulation, Sphere
+from cloth_sim_ros.sim.colliders.collider import Collider, Solid
 from cloth_sim_ros.sim.input.mesh_reading import LINK
 from cloth_sim_ros.sim.physics.quaternion import rotate
 
 ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
-MOST_CELLS = 40  # of a volume, along an axis, as it is drawn
-WIDE = 20.0  # [m] of a plane, as it is drawn
 _STEEL = ColorRGBA(r=0.6, g=0.62, b=0.68, a=1.0)
 _FREE, _HOLDING = ColorRGBA(r=0.2, g=0.5, b=0.9, a=0.4), ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.4)
 
@@ -66,53 +52,34 @@ def read_marker(marker: Marker, frames: Frames) -> Collider:
     )
 
 
+_KINDS = {
+    "box": Marker.CUBE,
+    "ball": Marker.SPHERE,
+    "cylinder": Marker.CYLINDER,
+    "triangles": Marker.TRIANGLE_LIST,
+    "cells": Marker.CUBE_LIST,
+}
+
+
 def markers_of(name: str, collider: Collider, pose: Pose) -> list[Marker]:
-    """What to draw of a collider at `pose`: one marker, of a capsule three."""
-    if isinstance(collider, Sphere):
-        return [_marker(name, Marker.SPHERE, pose, (2 * collider.radius,) * 3)]
-    if isinstance(collider, Box):
-        return [_marker(name, Marker.CUBE, pose, [2 * half for half in collider.half_extents])]
-    if isinstance(collider, Ellipsoid):
-        return [_marker(name, Marker.SPHERE, pose, [2 * radius for radius in collider.radii])]
-    if isinstance(collider, Cylinder):
-        return [_marker(name, Marker.CYLINDER, pose, _tube(collider))]
-    if isinstance(collider, Capsule):
-        tips = rotate(pose.orientation, [[0, 0, -collider.half_length], [0, 0, collider.half_length]])
-        balls = [Pose(tuple(p + q for p, q in zip(pose.position, tip, strict=True)), pose.orientation) for tip in tips]
-        ends = [_marker(name, Marker.SPHERE, ball, (2 * collider.radius,) * 3, 1 + k) for k, ball in enumerate(balls)]
-        return [_marker(name, Marker.CYLINDER, pose, _tube(collider)), *ends]
-    if isinstance(collider, (Mesh, SignedDistance)):
-        return [_of_points(name, collider, pose)]
-    assert isinstance(collider, Plane)
-    down = rotate(pose.orientation, [[0, 0, -0.005]])[0]
-    below = Pose(tuple(p + q for p, q in zip(pose.position, down, strict=True)), pose.orientation)
-    return [_marker(name, Marker.CUBE, below, (WIDE, WIDE, 0.01))]
+    """What to draw of a collider at `pose`: a marker for each of its solids."""
+    return [_of_solid(name, number, solid, pose) for number, solid in enumerate(collider.solids())]
 
 
-def _of_points(name: str, collider: Mesh | SignedDistance, pose: Pose) -> Marker:
-    """The file of a mesh, which viewers read themselves; or the triangles, or the cells along the surface."""
-    if collider.file and LINK not in collider.file:
-        marker = _marker(name, Marker.MESH_RESOURCE, pose, (collider.scale,) * 3)
-        marker.mesh_resource = collider.file
-        if "://" not in collider.file:
-            marker.mesh_resource = "file://" + quote(str(Path(collider.file).expanduser().absolute()))
+def _of_solid(name: str, number: int, solid: Solid, pose: Pose) -> Marker:
+    """One solid; a mesh file is named, as viewers read it themselves."""
+    middle = rotate(pose.orientation, [solid.middle])[0]
+    pose = Pose(tuple(p + q for p, q in zip(pose.position, middle, strict=True)), pose.orientation)
+    if solid.file and LINK not in solid.file:
+        marker = _marker(name, Marker.MESH_RESOURCE, pose, (solid.unit,) * 3, number)
+        marker.mesh_resource = solid.file
+        if "://" not in solid.file:
+            marker.mesh_resource = "file://" + quote(str(Path(solid.file).expanduser().absolute()))
         return marker
-    if isinstance(collider, Mesh):
-        marker = _marker(name, Marker.TRIANGLE_LIST, pose, (1.0,) * 3)
-        points = collider.points()[collider.triangles].reshape(-1, 3)
-    else:
-        step = -(-max(collider.values.shape) // MOST_CELLS)
-        inside = collider.values[::step, ::step, ::step] < 0.0
-        some = np.lib.stride_tricks.sliding_window_view(inside, (2, 2, 2)).mean(axis=(3, 4, 5))
-        spacing = step * np.array(collider.spacing)
-        points = collider.origin + spacing * (np.argwhere((some > 0.0) & (some < 1.0)) + 0.5)
-        marker = _marker(name, Marker.CUBE_LIST, pose, spacing)
-    marker.points = [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
+    marker = _marker(name, _KINDS[solid.kind], pose, solid.scale, number)
+    if solid.points is not None:
+        marker.points = [Point(x=x, y=y, z=z) for x, y, z in solid.points.tolist()]
     return marker
-
-
-def _tube(collider: Tube) -> tuple[float, float, float]:
-    return (2 * collider.radius, 2 * collider.radius, 2 * collider.half_length)
 
 
 def _marker(name: str, kind: int, pose: Pose, scale, number: int = 0, color: ColorRGBA = _STEEL) -> Marker:

@@ -12,24 +12,8 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.ros.inputs.pose_track import Pose
-from cloth_sim_ros.sim import (
-    Box,
-    Capsule,
-    Cloth,
-    Cylinder,
-    Ellipsoid,
-    Gripper,
-    Handle,
-    Mesh,
-    Plane,
-    Rope,
-    Scene,
-    Settings,
-    SignedDistance,
-    Sphere,
-    Winch,
-    Wind,
-)
+from cloth_sim_ros.sim import Cloth, Gripper, Handle, Plane, Rope, Scene, Settings, Winch, Wind
+from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.mesh_file import load_mesh
 from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS, rope_fields, sheet_fields, triangles_area
@@ -192,12 +176,14 @@ def make_collider(values: Values, name: str) -> Collider:
     own = group(values, name)
     shape, dimensions, file, scale = (own.pop(field) for field in ("shape", "dimensions", "mesh", "scale"))
     del own["follow_frame"]
-    if shape in _OF_FILES:
+    kind = SHAPES[shape]
+    if hasattr(kind, "from_file"):
         return _from_file(name, shape, file, scale=scale, **own)
-    kind, count, meaning = _SHAPES[shape]
-    if shape != "plane" and len(dimensions) != count:
+    wanted = kind.dimension_names()
+    if wanted and len(dimensions) != len(wanted):
+        meaning = f"{len(wanted)}: {', '.join(wanted)} [m]"
         raise ValueError(f"{name}.dimensions is {list(dimensions)}; a {shape} has {meaning}")
-    return kind(**own, **_DIMENSIONS[shape](dimensions))
+    return kind.from_dimensions(dimensions, **own)
 
 
 def _from_file(name: str, shape: str, file: str, **fields: Any) -> Collider:
@@ -205,7 +191,7 @@ def _from_file(name: str, shape: str, file: str, **fields: Any) -> Collider:
     if not file:
         raise ValueError(f"{name}.mesh is empty; a {shape} has a file")
     try:
-        return _OF_FILES[shape].from_file(file, **fields)
+        return SHAPES[shape].from_file(file, **fields)
     except ValueError as error:
         sentence = re.sub(r"^\w+\.from_file", f"{name}.mesh", str(error))
     raise ValueError(sentence if sentence.startswith(name) else f"{name}: {sentence}")
@@ -236,27 +222,6 @@ def make_gripper(values: Values, name: str) -> Gripper:
         if finger in taken:
             raise ValueError(f"{name} has a finger {finger}; allowed is a gripper whose fingers' names are not taken")
     return gripper
-
-
-_SHAPES = {
-    "plane": (Plane, 0, "none"),
-    "sphere": (Sphere, 1, "1: radius [m]"),
-    "capsule": (Capsule, 2, "2: height of the cylinder, radius [m]"),
-    "box": (Box, 3, "3: x y z [m]"),
-    "cylinder": (Cylinder, 2, "2: height, radius [m]"),
-    "ellipsoid": (Ellipsoid, 3, "3: diameters x y z [m]"),
-}
-
-_OF_FILES = {"mesh": Mesh, "signed_distance": SignedDistance}
-
-_DIMENSIONS = {
-    "plane": lambda d: {},
-    "sphere": lambda d: {"radius": d[0]},
-    "capsule": lambda d: {"half_length": d[0] / 2, "radius": d[1]},
-    "box": lambda d: {"half_extents": tuple(edge / 2 for edge in d)},
-    "cylinder": lambda d: {"half_length": d[0] / 2, "radius": d[1]},
-    "ellipsoid": lambda d: {"radii": tuple(edge / 2 for edge in d)},
-}
 
 
 def _made(values: Values, names: tuple[str, ...], make, problems: dict[str, str]) -> dict[str, Any]:

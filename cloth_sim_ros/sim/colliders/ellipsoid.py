@@ -1,29 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """An ellipsoid around the local origin; its size is its radii."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.colliders.collider import Collider, lengths
+from cloth_sim_ros.sim.colliders.collider import Collider, Solid, lengths
 from cloth_sim_ros.sim.physics.quaternion import Vector
-
-
-@dataclass(frozen=True)
-class Ellipsoid(Collider):
-    """An ellipsoid of `radii` (x, y, z) [m] along its local axes."""
-
-    radii: Vector = (0.2, 0.1, 0.1)
-    dimensions = (lengths("radii"),)
-
-    def reach(self) -> float:
-        """The largest radius [m]."""
-        return np.max(self.radii, axis=0)
-
-    def roundness(self) -> float:
-        """At the tips of the longest axis [m]."""
-        return np.min(self.radii, axis=0) ** 2 / np.max(self.radii, axis=0)
 
 
 @wp.func
@@ -59,3 +47,34 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
     n = wp.normalize(n)
     distance = wp.where(t < least, -1.0, 1.0) * wp.length(y - q) * scale
     return wp.vec4(n[0], n[1], n[2], distance)
+
+
+@dataclass(frozen=True)
+class Ellipsoid(Collider):
+    """An ellipsoid of `radii` (x, y, z) [m] along its local axes."""
+
+    radii: Vector = (0.2, 0.1, 0.1)
+    dimensions = (lengths("radii"),)
+    distance = signed_distance
+
+    def reach(self) -> float:
+        """The largest radius [m]."""
+        return np.max(self.radii, axis=0)
+
+    def roundness(self) -> float:
+        """At the tips of the longest axis [m]."""
+        return np.min(self.radii, axis=0) ** 2 / np.max(self.radii, axis=0)
+
+    @classmethod
+    def dimension_names(cls) -> tuple[str, ...]:
+        """The diameters."""
+        return ("x", "y", "z")
+
+    @classmethod
+    def from_dimensions(cls, numbers: Sequence[float], **fields: Any) -> Ellipsoid:
+        """Of its diameters [m]."""
+        return cls(radii=tuple(diameter / 2 for diameter in numbers), **fields)
+
+    def solids(self) -> list[Solid]:
+        """The ellipsoid."""
+        return [Solid("ball", tuple(2 * radius for radius in self.radii))]
