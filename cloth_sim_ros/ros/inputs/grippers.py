@@ -7,13 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from rclpy.node import Node
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 
 from cloth_sim_ros import parameters
 from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack
-from cloth_sim_ros.ros.outputs.objects import is_any_heard
 from cloth_sim_ros.sim import Gripper, GripperDriver, Simulation
 from cloth_sim_ros.sim.clients.grippers import SIDES
 
@@ -107,29 +103,3 @@ class Grippers:
 
 def _drive(driver: GripperDriver, what: str, value: float) -> None:
     (driver.open_to if what == "opening" else driver.press)(value)
-
-
-class GripperStates:
-    """What grippers do, on ~/grippers/<gripper>/state: opening [m], its speed [m/s] and the force [N]; sent where
-    somebody subscribes."""
-
-    def __init__(self, node: Node, names: tuple[str, ...], frame_id: str):
-        self._publishers = {
-            name: node.create_publisher(JointState, f"~/grippers/{name}/state", 1)  # reliable, the newest
-            for name in names
-        }
-        self._header = Header(frame_id=frame_id)
-
-    @property
-    def is_heard(self) -> bool:
-        """Whether somebody subscribes."""
-        return is_any_heard(self._publishers.values())
-
-    def publish(self, sim: Simulation, grippers: Grippers, stamp: tuple[int, int]) -> None:
-        """Sends the state at the end of a frame, stamped (seconds, nanoseconds)."""
-        self._header.stamp.sec, self._header.stamp.nanosec = stamp
-        for name, driver in grippers.drivers.items():
-            if self._publishers[name].get_subscription_count() > 0:
-                message = JointState(header=self._header, name=[name], position=[driver.opening])
-                message.velocity, message.effort = [driver.speed], [driver.measure(sim)]
-                self._publishers[name].publish(message)

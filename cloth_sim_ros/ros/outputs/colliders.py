@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from geometry_msgs.msg import Point, Quaternion, Vector3
@@ -15,9 +16,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 from cloth_sim_ros.ros.inputs.frames import Frames, Refused
 from cloth_sim_ros.ros.inputs.messages import read_pose
 from cloth_sim_ros.ros.inputs.pose_track import Pose
-from cloth_sim_ros.ros.outputs.objects import LATCHED, is_any_heard
+from cloth_sim_ros.ros.outputs.output import LATCHED, Output, Stamp
 from cloth_sim_ros.ros.parameters.plan import placed
-from cloth_sim_ros.sim import Box, Cylinder, Handle, Simulation, Sphere
+from cloth_sim_ros.ros.world import World
+from cloth_sim_ros.sim import Box, Cylinder, Handle, Sphere
 from cloth_sim_ros.sim.colliders.collider import Collider, Solid
 from cloth_sim_ros.sim.input.mesh_reading import LINK
 from cloth_sim_ros.sim.physics.quaternion import rotate
@@ -91,25 +93,27 @@ def _marker(name: str, kind: int, pose: Pose, scale, number: int = 0, color: Col
     return marker
 
 
-class CollidersOutput:
+class CollidersOutput(Output):
     """All colliders and handles, on ~/colliders, latched: sent when one of them moves, appears or goes."""
 
-    def __init__(self, node: Node, frame_id: str):
+    def __init__(self, node: Node, values: Mapping[str, Any]):
         self._publisher = node.create_publisher(MarkerArray, "~/colliders", LATCHED)
-        self._header = Header(frame_id=frame_id)
+        self.publishers = [self._publisher]
+        self._header = Header(frame_id=values["frame_id"])
         self._sent: tuple = ()
         self._listeners = -1
 
     @property
     def is_heard(self) -> bool:
         """Whether somebody subscribes, or did when they were sent last."""
-        return self._listeners > 0 or is_any_heard((self._publisher,))
+        return self._listeners > 0 or super().is_heard
 
-    def publish(self, sim: Simulation, poses: Mapping[str, Pose], stamp: tuple[int, int]) -> None:
-        """Sends them stamped (seconds, nanoseconds), if there is anything new and somebody subscribes, or came."""
-        listeners = self._publisher.get_subscription_count()
-        if listeners == self._listeners == 0:
+    def read(self, world: World, stamp: Stamp) -> None:
+        """Sends them, if there is anything new and somebody subscribes, or came."""
+        sim, listeners = world.sim, self._publisher.get_subscription_count()
+        if sim is None or listeners == self._listeners == 0:
             return
+        poses = world.poses()
         holds = {name: sim.held(name) > 0 for name in sim.scene.handles}
         things = {**sim.scene.colliders, **sim.scene.handles}
         now = (things, {name: poses.get(name, thing) for name, thing in things.items()}, holds)

@@ -13,6 +13,7 @@ import base64
 import dataclasses
 import json
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from cloth_sim_ros.ros.journal import VERSION
+from cloth_sim_ros.ros.outputs.output import Output, Stamp
 from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.sim.colliders.collider import Collider
 
@@ -28,20 +30,21 @@ from cloth_sim_ros.sim.colliders.collider import Collider
 JOURNAL = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class JournalOutput:
+class JournalOutput(Output):
     """Sends the journal of a world, and writes none while nobody listens."""
 
-    def __init__(self, node: Node):
+    def __init__(self, node: Node, values: Mapping[str, Any]):
         self._publisher = node.create_publisher(String, "~/journal", JOURNAL)
+        self.publishers = [self._publisher]
         self._sequence = self._listeners = 0
 
     @property
     def is_heard(self) -> bool:
         """Whether somebody subscribes, or did when something was sent last."""
-        return self._listeners > 0 or self._publisher.get_subscription_count() > 0
+        return self._listeners > 0 or super().is_heard
 
-    def publish(self, world: World, stamp: tuple[int, int]) -> None:
-        """Sends what acted before the frame that is sent with `stamp` (seconds, nanoseconds)."""
+    def read(self, world: World, stamp: Stamp) -> None:
+        """Sends what acted before the frame that is sent with `stamp`."""
         journal, before = world.journal, self._listeners
         self._listeners = self._publisher.get_subscription_count() if world.sim is not None else 0
         acts = journal.take()

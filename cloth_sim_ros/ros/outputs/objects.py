@@ -3,175 +3,58 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
-from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from cloth_sim_ros.ros.outputs import cdr
-from cloth_sim_ros.sim import EndReadback, Readback, Rope, Simulation, Surface
-
-ENDS = ("start", "end")  # of a rope
-LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+from cloth_sim_ros.ros.outputs.output import LATCHED, LATEST, Output, Stamp
+from cloth_sim_ros.ros.world import World
+from cloth_sim_ros.sim import Readback, Rope, Simulation, Surface
 
 
-def is_any_heard(publishers: Iterable[Publisher]) -> bool:
-    """Whether one of them has a subscriber."""
-    return any(publisher.get_subscription_count() > 0 for publisher in publishers)
-
-
-class Audience:
-    """Whether somebody listens to one of `outputs`, or `always`. Where nobody did, it looks again every HEARING, as
-    asking the middleware takes its time."""
-
-    HEARING = 0.1  # [s]
-
-    def __init__(self, outputs: Sequence[Any], always: bool):
-        self._outputs, self._always = outputs, always
-        self._was_there, self._looked = False, -self.HEARING
-
-    @property
-    def is_there(self) -> bool:
-        """To be asked once a frame."""
-        now = time.monotonic()
-        if self._was_there or now >= self._looked + self.HEARING:
-            self._looked = now
-            self._was_there = self._always or any(output.is_heard for output in self._outputs)
-        return self._was_there
-
-
-class RopeEnds:
-    """The wrenches of a rope on what holds its ends, in world axes, about the end; sent where somebody subscribes."""
-
-    def __init__(self, node: Node, name: str, frame_id: str):
-        self._name = name
-        self._publishers = [node.create_publisher(WrenchStamped, f"~/{name}/{end}/wrench", LATEST) for end in ENDS]
-        self._message = WrenchStamped(header=Header(frame_id=frame_id))
-        self._readback: EndReadback | None = None
-        self._wanted = False
-        self._wrenches: list[list[float]] = []
-
-    @property
-    def is_heard(self) -> bool:
-        """Whether somebody subscribes."""
-        return is_any_heard(self._publishers)
-
-    def detach(self) -> None:
-        """Sends nothing until the next attach()."""
-        self._readback = None
-
-    def attach(self, sim: Simulation) -> None:
-        """Prepares the readback for a new simulation."""
-        self._readback = EndReadback(sim, self._name)
-
-    def request(self) -> None:
-        """Starts the computing and copying if it is wanted."""
-        self._wanted = self._readback is not None and self.is_heard
-        if self._wanted:
-            self._readback.request()
-
-    def wait(self, stamp: tuple[int, int]) -> None:
-        """Waits for what was requested; it will be sent stamped (seconds, nanoseconds)."""
-        if self._wanted:
-            self._message.header.stamp.sec, self._message.header.stamp.nanosec = stamp
-            self._wrenches = self._readback.wrenches().tolist()
-
-    def publish(self) -> None:
-        """Sends it."""
-        if not self._wanted:
-            return
-        force, torque = self._message.wrench.force, self._message.wrench.torque
-        for publisher, wrench in zip(self._publishers, self._wrenches, strict=True):
-            force.x, force.y, force.z, torque.x, torque.y, torque.z = wrench
-            publisher.publish(self._message)
-
-
-class Wrenches:
-    """What colliders or handles (`kind`) feel, in world axes, about their origins; computed and sent where somebody
-    subscribes."""
-
-    def __init__(self, node: Node, kind: str, names: Sequence[str], frame_id: str):
-        self._kind = kind
-        self._publishers = {
-            name: node.create_publisher(WrenchStamped, f"~/{kind}/{name}/wrench", LATEST) for name in names
-        }
-        self._message = WrenchStamped(header=Header(frame_id=frame_id))
-        self._sim: Simulation | None = None
-
-    @property
-    def is_heard(self) -> bool:
-        """Whether somebody subscribes."""
-        return is_any_heard(self._publishers.values())
-
-    def attach(self, sim: Simulation | None) -> None:
-        """Reads from this simulation from now on."""
-        self._sim = sim
-
-    def publish(self, stamp: tuple[int, int]) -> None:
-        """Sends the last frame's wrenches, stamped (seconds, nanoseconds)."""
-        wanted = [name for name, publisher in self._publishers.items() if publisher.get_subscription_count() > 0]
-        if self._sim is None or not wanted:
-            return
-        self._message.header.stamp.sec, self._message.header.stamp.nanosec = stamp
-        force, torque = self._message.wrench.force, self._message.wrench.torque
-        if self._kind == "handles":
-            rows, names = self._sim.handle_wrenches(), self._sim.scene.handles
-        else:
-            rows, names = self._sim.wrenches(), self._sim.scene.colliders
-        wrenches = dict(zip(names, rows.tolist(), strict=False))  # spare rows lie behind
-        for name in wanted:
-            if name in wrenches:  # else it is left out of the simulation
-                force.x, force.y, force.z, torque.x, torque.y, torque.z = wrenches[name]
-                self._publishers[name].publish(self._message)
-
-
-class ObjectOutput:
+class ObjectOutput(Output):
     """The topics of one object. Nothing is computed, copied or sent that nobody subscribes to. Particles and mesh share
-    one copy; for a mesh alone it has positions and no more.
+    one copy; for a mesh alone it has positions and no more."""
 
-    Made in the executor's thread; attach(), request() and wait() belong to the thread that simulates. publish() may
-    run in another one, if it ends before the next request().
-    """
-
-    def __init__(self, node: Node, name: str, kind: str, frame_id: str):
-        self._name, self._frame_id = name, frame_id
-        self._ends = [RopeEnds(node, name, frame_id)] if kind == "rope" else []
+    def __init__(self, node: Node, values: Mapping[str, Any], name: str):
+        self._name, self._frame_id = name, values["frame_id"]
         self._particles = node.create_publisher(PointCloud2, f"~/{name}/particles", LATEST)
         self._mesh = node.create_publisher(Marker, f"~/{name}/mesh", LATEST)
         self._topology = node.create_publisher(Mesh, f"~/{name}/topology", LATCHED)
         self._cloud_wanted = self._mesh_wanted = False
         self._stamp = (0, 0)
-        self.detach()
+        self._detach()
+
+    @classmethod
+    def each(cls, node: Node, values: Mapping[str, Any]) -> Iterable[Output]:
+        """One for each object."""
+        return [cls(node, values, name) for name in values["objects"]]
 
     @property
-    def is_heard(self) -> bool:
-        """Whether somebody subscribes to what may change in every frame; of what tears that is the topology, too."""
-        changes = [self._particles, self._mesh]
-        if self._surface is not None and self._surface.tears:
-            changes.append(self._topology)
-        return is_any_heard(changes) or any(ends.is_heard for ends in self._ends)
+    def publishers(self) -> list:
+        """Those of what may change in every frame; of what tears that is the topology, too."""
+        tears = self._surface is not None and self._surface.tears
+        return [self._particles, self._mesh, *([self._topology] if tears else [])]
 
-    def detach(self) -> None:
+    def _detach(self) -> None:
         """Sends nothing until the next attach(): the object does not exist."""
         self._cloud = self._marker = self._source = self._surface = None
-        for ends in self._ends:
-            ends.detach()
 
-    def attach(self, sim: Simulation, normals: bool, velocities: bool, tensions: bool, mesh: bool) -> None:
-        """Prepares messages and readbacks for a new simulation and sends the topology. A cloth has no tensions."""
+    def attach(self, sim: Simulation | None, values: Mapping[str, Any]) -> None:
+        """Prepares messages and readbacks for another simulation and sends the topology. A cloth has no tensions."""
         name, frame = self._name, self._frame_id
+        if sim is None or name not in sim.scene.objects:
+            self._detach()
+            return
         thing, rest = sim.scene.objects[name], sim.rest_positions(name)
-        tensions = tensions and isinstance(thing, Rope)
+        normals, velocities, mesh = (values[f"publish.{what}"] for what in ("normals", "velocities", "mesh"))
+        tensions = values["publish.tensions"] and isinstance(thing, Rope)
         columns = {"normals": normals, "velocities": velocities, "tensions": tensions}
         self._readback, self._positions = Readback(sim, name, mesh=mesh, **columns), Readback(sim, name, mesh=mesh)
         self._cloud = cdr.particle_cloud(frame, len(rest), cdr.cloud_fields(normals, velocities, tensions))
@@ -179,8 +62,6 @@ class ObjectOutput:
         self._make_marker = lambda count: cdr.mesh_marker(frame, name, width, count)
         triangles = sim.triangles(name)
         self._marker = self._make_marker(len(rest) if width else 3 * len(triangles)) if mesh else None
-        for ends in self._ends:
-            ends.attach(sim)
         self._surface, self._rest = Surface(sim, name), rest
         self._send_topology(triangles)
 
@@ -188,7 +69,7 @@ class ObjectOutput:
         self._triangles = len(triangles)
         self._topology.publish(cdr.topology_mesh(triangles, self._rest))
 
-    def request(self) -> None:
+    def request(self, world: World, stamp: Stamp) -> None:
         """Starts the writing and copying of what is wanted; the device does it while other objects are asked."""
         self._cloud_wanted = self._cloud is not None and self._particles.get_subscription_count() > 0
         self._mesh_wanted = self._marker is not None and self._mesh.get_subscription_count() > 0
@@ -197,11 +78,9 @@ class ObjectOutput:
             self._source.request()
         if self._surface is not None:
             self._surface.request()
-        for ends in self._ends:
-            ends.request()
 
-    def wait(self, stamp: tuple[int, int]) -> None:
-        """Waits for what was requested; it will be sent stamped (seconds, nanoseconds)."""
+    def read(self, world: World, stamp: Stamp) -> None:
+        """Waits for what was requested; it will be sent stamped."""
         self._stamp = stamp
         if self._source is not None:
             self._source.wait()
@@ -209,8 +88,6 @@ class ObjectOutput:
             triangles = self._surface.triangles()
             if len(triangles) != self._triangles:
                 self._send_topology(triangles)
-        for ends in self._ends:
-            ends.wait(stamp)
 
     @property
     def size(self) -> int:
@@ -229,5 +106,3 @@ class ObjectOutput:
                 self._marker = self._make_marker(len(corners))
             self._marker.payload[:] = corners
             self._mesh.publish(self._marker.stamped(self._stamp))
-        for ends in self._ends:
-            ends.publish()
