@@ -339,6 +339,14 @@ HANDLE = (
     *_PLACE,
 )
 
+FORCE = (Parameter("type", "string", "", "What the force is, of those that plugins add.", fixed=True),)
+
+CONSTRAINT = (
+    Parameter("type", "string", "", "What the constraint is, of those that plugins add.", fixed=True),
+    Parameter("object", "string", "", "The object whose particles it joins."),
+    Parameter("between", "integer_array", (), "The particles that it joins, two by two.", low=0, high=1 << 31),
+)
+
 GRIPPER = (
     vector("finger_size", (0.02, 0.01, 0.04), "Edges of each finger, a box; the gripper opens along y.", "m", 1e-4, 10),
     number("max_opening", 0.08, "Widest gap between the faces of the fingers.", "m", 1e-4, 10, live=False),
@@ -376,6 +384,17 @@ NODE = (
     Parameter("colliders", "string_array", (), "Names of the colliders; each prefixes its own parameters.", fixed=True),
     Parameter("handles", "string_array", (), "Names of the handles; each prefixes its own parameters.", fixed=True),
     Parameter("grippers", "string_array", (), "Names of the grippers; each prefixes its own parameters.", fixed=True),
+    Parameter("forces", "string_array", (), "Names of the forces; each prefixes its own parameters.", fixed=True),
+    Parameter(
+        "constraints", "string_array", (), "Names of the constraints; each prefixes its own parameters.", fixed=True
+    ),
+    Parameter(
+        "plugins",
+        "string_array",
+        (),
+        "Python modules that are imported at the start and add shapes, forces, constraints and topics.",
+        fixed=True,
+    ),
     Parameter("device", "string", "auto", "Where to compute: auto, cpu, cuda:0, ..."),
     Parameter("frame_id", "string", "world", "Frame of everything sent and received.", fixed=True),
     number("rate", 60, "Frames a second, simulated and sent.", "Hz", 1, 1000, live=False),

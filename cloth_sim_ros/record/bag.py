@@ -68,8 +68,7 @@ class Bag:
         """Raises ValueError where a version with other parameters recorded them."""
         rows = names.fixed_rows()
         if all(name in parameters for name in rows):
-            kinds = {name: parameters[f"{name}.type"] for name in parameters["objects"]}
-            rows |= names.scene_rows(kinds, parameters["colliders"], parameters["handles"])
+            rows |= names.scene_rows(parameters)
         lacks = sorted(set(rows) - set(parameters))
         if lacks:
             raise ValueError(

@@ -24,7 +24,6 @@ from cloth_sim_ros.ros.inputs import messages as inputs
 from cloth_sim_ros.ros.inputs.commands import NEWEST_ONLY, Commands
 from cloth_sim_ros.ros.inputs.frames import Frames, Refused
 from cloth_sim_ros.ros.outputs.clock import ClockOutput
-from cloth_sim_ros.ros.outputs.colliders import name_of, read_marker
 from cloth_sim_ros.ros.outputs.diagnostics import DiagnosticsOutput, busy, diagnostics
 from cloth_sim_ros.ros.outputs.log import Forwarded
 from cloth_sim_ros.ros.outputs.output import Audience
@@ -125,16 +124,16 @@ class ClothSimNode(Node):
                 if marker.action == Marker.DELETEALL:
                     self._loop.submit(lambda: [world.take_away(name) for name in list(world.added.colliders)])
                 elif marker.action == Marker.DELETE:
-                    self._loop.submit(partial(world.take_away, name_of(marker)))
+                    self._loop.submit(partial(world.take_away, inputs.name_of(marker)))
                 elif marker.action == Marker.ADD:
-                    collider = read_marker(marker, self._frames)
+                    collider = inputs.read_marker(marker, self._frames)
                     if marker.lifetime.sec or marker.lifetime.nanosec:
-                        sentence = f"{name_of(marker)} has a lifetime, and stays until a marker deletes it"
+                        sentence = f"{inputs.name_of(marker)} has a lifetime, and stays until a marker deletes it"
                         self._complaints.cut("scene", sentence)
-                    self._loop.submit(partial(self._put, name_of(marker), collider))
+                    self._loop.submit(partial(self._put, inputs.name_of(marker), collider))
                 else:
                     allowed = "allowed are ADD 0, DELETE 2 and DELETEALL 3"
-                    raise Refused("action", f"{name_of(marker)} has the action {marker.action}; {allowed}")
+                    raise Refused("action", f"{inputs.name_of(marker)} has the action {marker.action}; {allowed}")
             except Refused as reason:
                 self._complaints.refuse("scene", reason)
 

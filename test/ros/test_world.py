@@ -6,7 +6,7 @@ import logging
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from test_scene_plan import COLLIDERS, values
+from scene_values import COLLIDERS, values
 
 from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.ros.outputs.diagnostics import diagnostics

@@ -15,11 +15,15 @@ from visualization_msgs.msg import Marker
 from cloth_sim_ros import parameters
 from cloth_sim_ros.ros.inputs.frames import Frames, Refused
 from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, Vector
+from cloth_sim_ros.ros.parameters.plan import placed
+from cloth_sim_ros.sim import Box, Cylinder, Sphere
 from cloth_sim_ros.sim.access.cuts import plane_of
+from cloth_sim_ros.sim.colliders.collider import Collider
 
 FARTHEST = parameters.row(parameters.COLLIDER, "position").high  # [m]
 STRONGEST_WIND = parameters.row(parameters.WIND, "velocity").high  # [m/s]
 FAR = 0.1  # [m] in one frame, which flings what is met
+ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
 UNIT_TOLERANCE = 1e-2  # how far from 1 a quaternion's norm may be: rounding and integration drift, not mistakes
 
 
@@ -36,6 +40,31 @@ def read_pose(message: PoseStamped | Marker, frames: Frames) -> Pose:
     pose = frames.pose(pose, message.header.frame_id, _stamp(message))
     _bounded(pose.position, FARTHEST, "position", "m")
     return pose
+
+
+def name_of(marker: Marker) -> str:
+    """The name under which a marker's collider is known."""
+    return f"{marker.ns}/{marker.id}"
+
+
+def read_marker(marker: Marker, frames: Frames) -> Collider:
+    """The collider that a marker describes. Raises Refused."""
+    place = placed(read_pose(marker, frames))
+    x, y, z = marker.scale.x, marker.scale.y, marker.scale.z
+    try:
+        if marker.type == Marker.CUBE:
+            return Box(half_extents=(x / 2, y / 2, z / 2), **place)
+        if marker.type == Marker.SPHERE and max(x, y, z) - min(x, y, z) <= ROUND * max(x, y, z):
+            return Sphere(radius=x / 2, **place)
+        if marker.type == Marker.CYLINDER and abs(x - y) <= ROUND * max(x, y):
+            return Cylinder(radius=x / 2, half_length=z / 2, **place)
+    except ValueError as error:
+        raise Refused("size", f"{name_of(marker)}: {error}") from None
+    raise Refused(
+        "shape",
+        f"{name_of(marker)} is of type {marker.type} and scale {x:g} {y:g} {z:g}; allowed are cubes, and spheres and "
+        "cylinders that are round",
+    )
 
 
 def read_wind(message: Vector3Stamped, frames: Frames) -> Vector:

@@ -13,45 +13,16 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cloth_sim_ros.ros.inputs.frames import Frames, Refused
-from cloth_sim_ros.ros.inputs.messages import read_pose
 from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.ros.outputs.output import LATCHED, Output, Stamp
-from cloth_sim_ros.ros.parameters.plan import placed
 from cloth_sim_ros.ros.world import World
-from cloth_sim_ros.sim import Box, Cylinder, Handle, Sphere
+from cloth_sim_ros.sim import Handle
 from cloth_sim_ros.sim.colliders.collider import Collider, Solid
 from cloth_sim_ros.sim.input.mesh_reading import LINK
 from cloth_sim_ros.sim.physics.quaternion import rotate
 
-ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
 _STEEL = ColorRGBA(r=0.6, g=0.62, b=0.68, a=1.0)
 _FREE, _HOLDING = ColorRGBA(r=0.2, g=0.5, b=0.9, a=0.4), ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.4)
-
-
-def name_of(marker: Marker) -> str:
-    """The name under which a marker's collider is known."""
-    return f"{marker.ns}/{marker.id}"
-
-
-def read_marker(marker: Marker, frames: Frames) -> Collider:
-    """The collider that a marker describes. Raises Refused."""
-    place = placed(read_pose(marker, frames))
-    x, y, z = marker.scale.x, marker.scale.y, marker.scale.z
-    try:
-        if marker.type == Marker.CUBE:
-            return Box(half_extents=(x / 2, y / 2, z / 2), **place)
-        if marker.type == Marker.SPHERE and max(x, y, z) - min(x, y, z) <= ROUND * max(x, y, z):
-            return Sphere(radius=x / 2, **place)
-        if marker.type == Marker.CYLINDER and abs(x - y) <= ROUND * max(x, y):
-            return Cylinder(radius=x / 2, half_length=z / 2, **place)
-    except ValueError as error:
-        raise Refused("size", f"{name_of(marker)}: {error}") from None
-    raise Refused(
-        "shape",
-        f"{name_of(marker)} is of type {marker.type} and scale {x:g} {y:g} {z:g}; allowed are cubes, and spheres and "
-        "cylinders that are round",
-    )
 
 
 _KINDS = {

@@ -22,6 +22,7 @@ from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.ros.parameters import names
 from cloth_sim_ros.ros.parameters.feasibility import broken_meshes, check_solver
 from cloth_sim_ros.ros.parameters.plan import make_plan, material_values
+from cloth_sim_ros.ros.parameters.plugins import load_plugins
 
 _RCLPY_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
@@ -56,18 +57,16 @@ class ParameterBridge:
 
     def _declare_all(self) -> None:
         self._declare(names.fixed_rows())
+        for sentence in load_plugins(self.values["plugins"]):
+            self._log.error(sentence)
         taken = {*names.fixed_rows(), *names.GROUPS}
-        for what in ("objects", "colliders", "handles", "grippers"):
+        for what in names.NAMED:
             good, complaints = names.usable(self.values[what], taken, what)
             self.values[what] = tuple(good)
             for sentence in complaints:
                 self._log.error(sentence)
-        types = {}
-        kind = table.row(table.OBJECT, "type")
-        for name in self.values["objects"]:
-            self._declare({f"{name}.type": kind})
-            types[name] = self.values[f"{name}.type"]
-        rows = names.scene_rows(types, *(self.values[what] for what in ("colliders", "handles", "grippers")))
+        self._declare(names.type_rows(self.values))
+        rows = names.scene_rows(self.values)
         self._declare({name: row for name, row in rows.items() if name not in self.rows})
 
     def _declare(self, rows: dict[str, Parameter]) -> None:

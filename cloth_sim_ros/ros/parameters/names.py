@@ -6,14 +6,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.parameters import Parameter
+from cloth_sim_ros.sim.colliders import SHAPES
+from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS
+from cloth_sim_ros.sim.scene.forces import FORCES
 
 GROUPS = {"solver": table.SOLVER, "wind": table.WIND, "publish": table.PUBLISH}
 LONGEST = 100  # letters of a name: the middleware bounds those of topics
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
+
+# The lists of names in parameters.NODE.
+NAMED = ("objects", "colliders", "handles", "grippers", "forces", "constraints")
 
 # Topics move colliders and handles while the node runs, so their parameters may as well.
 COLLIDER, HANDLE, GRIPPER = (
@@ -23,6 +30,11 @@ COLLIDER, HANDLE, GRIPPER = (
     )
     for rows in (table.COLLIDER, table.HANDLE, table.GRIPPER)
 )
+
+
+def collider_rows() -> tuple[Parameter, ...]:
+    """The rows under the prefix of a collider, of one of SHAPES."""
+    return tuple(replace(row, choices=tuple(SHAPES)) if row.name == "shape" else row for row in COLLIDER)
 
 
 WINCH = tuple(replace(row, name=f"winch.{row.name}") for row in (*table.WINCH, *table.WINCH_TOPIC))
@@ -46,20 +58,32 @@ def fixed_rows() -> dict[str, Parameter]:
     return rows
 
 
-def scene_rows(
-    types: Mapping[str, str], colliders: Iterable[str], handles: Iterable[str] = (), grippers: Iterable[str] = ()
-) -> dict[str, Parameter]:
-    """The parameters of the objects in `types` (name -> "cloth" or "rope"), of colliders, handles and grippers."""
-    rows: dict[str, Parameter] = {}
-    for name, kind in types.items():
-        rows.update(prefixed(name, object_rows(kind)))
-    for name in colliders:
-        rows.update(prefixed(name, COLLIDER))
-    for name in handles:
-        rows.update(prefixed(name, HANDLE))
-    for name in grippers:
-        rows.update(prefixed(name, GRIPPER))
-    return rows
+def type_rows(values: Mapping[str, Any]) -> dict[str, Parameter]:
+    """`<name>.type` of all that comes in several types, for the lists of names in `values`."""
+    groups = {"objects": table.OBJECT, "forces": table.FORCE, "constraints": table.CONSTRAINT}
+    return {f"{name}.type": rows[0] for group, rows in groups.items() for name in values.get(group, ())}
+
+
+def scene_rows(values: Mapping[str, Any]) -> dict[str, Parameter]:
+    """The parameters of all that `values` name in the lists of NAMED, with the values of `type_rows`."""
+
+    def rows_of(group: str, name: str) -> tuple[Parameter, ...]:
+        kind = values.get(f"{name}.type")
+        if group == "objects":
+            return object_rows(kind)
+        if group == "colliders":
+            return collider_rows()
+        if group == "forces":
+            return (*table.FORCE, *getattr(FORCES.get(kind), "rows", ()))
+        if group == "constraints":
+            return (*table.CONSTRAINT, *getattr(CONSTRAINTS.get(kind), "rows", ()))
+        return HANDLE if group == "handles" else GRIPPER
+
+    found: dict[str, Parameter] = {}
+    for group in NAMED:
+        for name in values.get(group, ()):
+            found |= prefixed(name, rows_of(group, name))
+    return found
 
 
 def idle(name: str, values: Mapping[str, object]) -> str:
@@ -73,7 +97,7 @@ def idle(name: str, values: Mapping[str, object]) -> str:
     }
     if field in ("dimensions", "scale") and f"{owner}.shape" in values:
         shape = values[f"{owner}.shape"]
-        if (shape in ("mesh", "signed_distance")) == (field == "dimensions"):
+        if hasattr(SHAPES.get(shape), "from_file") == (field == "dimensions"):
             return f"{name} has no effect on a {shape}"
         return ""
     if field == "scale" and not values[f"{owner}.mesh"]:

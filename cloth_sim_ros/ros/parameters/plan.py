@@ -16,6 +16,8 @@ from cloth_sim_ros.sim import Cloth, Gripper, Handle, Plane, Rope, Scene, Settin
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.mesh_file import load_mesh
+from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS, Constraint
+from cloth_sim_ros.sim.scene.forces import FORCES, Force
 from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS, rope_fields, sheet_fields, triangles_area
 
 Values = Mapping[str, Any]  # full parameter name -> checked value
@@ -36,7 +38,8 @@ class Plan:
     def without(self, names: Container[str]) -> Plan:
         """The same plan without the objects of these names."""
         objects = {name: thing for name, thing in self.scene.objects.items() if name not in names}
-        return replace(self, scene=replace(self.scene, objects=objects))
+        constraints = {name: each for name, each in self.scene.constraints.items() if each.object in objects}
+        return replace(self, scene=replace(self.scene, objects=objects, constraints=constraints))
 
     def with_poses(self, poses: Mapping[str, Pose]) -> Plan:
         """The same plan with colliders and handles at `poses`, where topics have moved them."""
@@ -60,6 +63,8 @@ def make_plan(values: Values) -> Plan:
     grippers = _made(values, values["grippers"], make_gripper, problems)
     for name, gripper in grippers.items():
         colliders |= gripper.fingers(name)
+    forces = _made(values, values["forces"], make_force, problems)
+    constraints = _made(values, values["constraints"], make_constraint, problems)
     wind = None
     if values["wind.enabled"]:
         wind = Wind(**{name: value for name, value in group(values, "wind").items() if name != "enabled"})
@@ -72,6 +77,8 @@ def make_plan(values: Values) -> Plan:
             handles=handles,
             spare_colliders=values["spare_colliders"],
             object_contact=values["object_contact"],
+            forces=forces,
+            constraints={name: each for name, each in constraints.items() if each.object in objects},
         ),
         settings=Settings(frame_dt=1.0 / values["rate"], **group(values, "solver")),
         device=values["device"],
@@ -176,7 +183,9 @@ def make_collider(values: Values, name: str) -> Collider:
     own = group(values, name)
     shape, dimensions, file, scale = (own.pop(field) for field in ("shape", "dimensions", "mesh", "scale"))
     del own["follow_frame"]
-    kind = SHAPES[shape]
+    kind = SHAPES.get(shape)
+    if kind is None:
+        raise ValueError(f"{name}.shape is {shape!r}; allowed is one of {', '.join(SHAPES)}")
     if hasattr(kind, "from_file"):
         return _from_file(name, shape, file, scale=scale, **own)
     wanted = kind.dimension_names()
@@ -222,6 +231,32 @@ def make_gripper(values: Values, name: str) -> Gripper:
         if finger in taken:
             raise ValueError(f"{name} has a finger {finger}; allowed is a gripper whose fingers' names are not taken")
     return gripper
+
+
+def make_force(values: Values, name: str) -> Force:
+    """The force called `name`. Raises ValueError with what is wrong."""
+    return _of_plugin(FORCES, values, name)
+
+
+def make_constraint(values: Values, name: str) -> Constraint:
+    """The constraint called `name`. Raises ValueError with what is wrong."""
+    if values[f"{name}.object"] not in values["objects"]:
+        allowed = ", ".join(values["objects"])
+        raise ValueError(f"{name}.object is {values[f'{name}.object']!r}; allowed is one of {allowed}")
+    return _of_plugin(CONSTRAINTS, values, name)
+
+
+def _of_plugin(known: Mapping[str, type], values: Values, name: str) -> Any:
+    """What is called `name`, of a class in one of the tables that plugins add to."""
+    own = group(values, name)
+    kind = known.get(own.pop("type"))
+    if kind is None:
+        allowed = f"one of {', '.join(known)}" if known else "none, as no plugin adds any"
+        raise ValueError(f"{name}.type is {values[f'{name}.type']!r}; allowed is {allowed}")
+    try:
+        return kind(**own)
+    except ValueError as error:
+        raise ValueError(str(error).replace(f"{kind.__name__}.", f"{name}.")) from None
 
 
 def _made(values: Values, names: tuple[str, ...], make, problems: dict[str, str]) -> dict[str, Any]:

@@ -15,8 +15,9 @@ HEAD = """# Parameters
 
 Printed from `cloth_sim_ros/parameters.py` by `make docs`; do not edit.
 
-`<cloth>`, `<rope>`, `<collider>`, `<handle>` and `<gripper>` stand for the names listed in `objects`, `colliders`,
-`handles` and `grippers`.
+`<cloth>`, `<rope>`, `<collider>`, `<handle>`, `<gripper>`, `<force>` and `<constraint>` stand for the names listed in
+`objects`, `colliders`, `handles`, `grippers`, `forces` and `constraints`. A force or constraint also has the numbers of
+its type, all live.
 **live**: takes effect at the next frame. **rebuild**: the simulation is built anew at the next frame, and every object
 goes on from where it is. **anew**: so too, but this object starts from the beginning. **start**: fixed while the node
 runs. Whole numbers and text such as `1e-6` are accepted for decimals.
@@ -39,9 +40,11 @@ def reference() -> str:
         ("What is sent", "publish.", table.PUBLISH),
         ("Objects of type cloth", "<cloth>.", names.object_rows("cloth")),
         ("Objects of type rope", "<rope>.", names.object_rows("rope")),
-        ("Colliders", "<collider>.", names.COLLIDER),
+        ("Colliders", "<collider>.", names.collider_rows()),
         ("Handles", "<handle>.", names.HANDLE),
         ("Grippers", "<gripper>.", names.GRIPPER),
+        ("Forces", "<force>.", table.FORCE),
+        ("Constraints", "<constraint>.", table.CONSTRAINT),
     ]
     return HEAD + "".join(_section(*section) for section in sections) + _materials()
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import TransformStamped
 from rclpy.time import Time
+from scene_values import values
 from scipy.spatial.transform import Rotation, Slerp
 from test_inputs import pose, wind
-from test_scene_plan import values
 
 from cloth_sim_ros.ros.inputs.frames import Frames, Refused
 from cloth_sim_ros.ros.inputs.messages import read_pose, read_wind

@@ -142,8 +142,11 @@ def test_descriptors_tell_unit_range_and_effect(shared):
     assert shared.client.describe("rope.segments").integer_range[0].from_value == 1
 
 
+NAMED = {"objects": ["cloth", "rope"], "colliders": ["ball"], "cloth.type": "cloth", "rope.type": "rope"}
+
+
 def test_ranges_are_those_of_the_reference(shared):
-    rows = {**names.fixed_rows(), **names.scene_rows({"cloth": "cloth", "rope": "rope"}, ["ball"])}
+    rows = {**names.fixed_rows(), **names.scene_rows(NAMED)}
     numbers = {name: row for name, row in rows.items() if row.kind in ("double", "integer")}
     request = DescribeParameters.Request(names=list(numbers))
     answer = shared.client.call(DescribeParameters, "/cloth_sim/describe_parameters", request)

@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scene_values import values
 from visualization_msgs.msg import Marker
 
 from cloth_sim_ros import parameters as table
@@ -27,21 +28,6 @@ from cloth_sim_ros.sim import (
 )  # fmt: skip
 from cloth_sim_ros.sim.mesh_file import load_mesh
 from cloth_sim_ros.sim.scene.materials import FABRICS
-
-TYPES = {"sheet": "cloth", "line": "rope"}
-COLLIDERS = ("ball", "rod", "crate", "ground")
-
-
-def values(**changes):
-    """The defaults of two objects and four colliders, with `changes` (dots written as two underscores)."""
-    rows = {**names.fixed_rows(), **names.scene_rows(TYPES, COLLIDERS)}
-    found = {name: row.default for name, row in rows.items()}
-    found |= {"objects": tuple(TYPES), "colliders": COLLIDERS, "line.type": "rope"}
-    shapes = {"ball": "sphere", "rod": "capsule", "crate": "box", "ground": "plane"}
-    dimensions = {"ball": (0.3,), "rod": (0.8, 0.1), "crate": (0.2, 0.4, 0.6), "ground": ()}
-    for name in COLLIDERS:
-        found |= {f"{name}.shape": shapes[name], f"{name}.dimensions": dimensions[name]}
-    return found | {name.replace("__", "."): value for name, value in changes.items()}
 
 
 @pytest.mark.long

@@ -5,7 +5,7 @@ import threading
 import time
 
 import pytest
-from test_scene_plan import values
+from scene_values import values
 
 from cloth_sim_ros.ros.time.frame_clock import FrameClock
 from cloth_sim_ros.ros.time.loop import SimulationLoop
