@@ -11,6 +11,7 @@ import numpy as np
 
 from cloth_sim_ros.study.colouring import colour
 from cloth_sim_ros.study.motion import Step
+from cloth_sim_ros.study.relaxation import Springs
 from cloth_sim_ros.study.springs import SpringSystem
 
 
@@ -19,19 +20,15 @@ def position_based(system: SpringSystem, iterations: int, stiffness: float = 1.0
 
     The spring constants are not used: what the cloth feels like depends on the iterations and on the step.
     """
-    inverse_mass = _inverse_mass(system)
+    inverse_mass, rigid = _inverse_mass(system), np.zeros(len(system.pairs))
     groups = _colours(system)
 
     def step(system: SpringSystem, x: np.ndarray, v: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-        new = _predicted(system, x, v, h)
+        start = _predicted(system, x, v, h)
+        springs = Springs(start, inverse_mass, system.pairs, system.rest_length, rigid, groups)
         for _ in range(iterations):
-            for group in groups:
-                i, j = system.pairs[group].T
-                violation, n = _violation(system, new, group)
-                share = stiffness * violation / (inverse_mass[i] + inverse_mass[j])
-                new[i] += (inverse_mass[i] * share)[:, None] * n
-                new[j] -= (inverse_mass[j] * share)[:, None] * n
-        return new, (new - x) / h
+            springs.sweep(np.zeros_like(rigid), h, stiffness)
+        return springs.x, (springs.x - x) / h
 
     return step
 

@@ -200,8 +200,6 @@ def test_the_map_is_drawn(monkeypatch, tmp_path, capsys):
     assert np.ravel(cells["forward Euler (NumPy)"]).tolist() == ["holds", *["flies apart"] * 2] * 2
     assert np.ravel(cells["Verlet"]).tolist() == ["holds", "refused", "refused"] * 2
     assert (tmp_path / "map_cpu.png").stat().st_size > 5_000 and (tmp_path / "map_cpu.svg").exists()
-    monkeypatch.setattr(sys, "argv", ["study", "report", "--folder", str(tmp_path), "--images", str(tmp_path)])
-    assert __main__.main() == 0 and "flies apart" in (tmp_path / "report.html").read_text()
 
 
 def test_the_map_is_of_those_that_know_chains(monkeypatch):
