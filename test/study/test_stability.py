@@ -15,13 +15,11 @@ from cloth_sim_ros.study.hard import judge, long_rest
 from cloth_sim_ros.study.hard.bodies import BODY, Energy, make_body
 from cloth_sim_ros.study.hard.cases import CASES
 
-SLOW = pytest.mark.xfail(strict=False, reason="one such start in ten is strained by 3 % after 2 s, 2 % are promised")
-
 # One of every case, by settings that share few kernels; the loaded starts are the most violent.
 CHOSEN = [
     ("end load", "rope", "xpbd 1", {"ratio": 1e5}),
     ("end load", "rope", "xpbd 2", {"ratio": 1e3}),
-    pytest.param("bad start", "sheet", "xpbd 1", {"start": "random"}, marks=SLOW),
+    ("bad start", "sheet", "xpbd 1", {"start": "random"}),
     *(("bad start", "sheet", "xpbd 1", {"start": start}) for start in ("stretched", "point", "mirrored")),
     ("bad start", "sheet with bending", "xpbd 1", {"start": "collapsed"}),
     ("bad start", "sheet", "verlet", {"start": "stretched"}),
@@ -64,7 +62,7 @@ def test_every_case_is_there_and_there_are_more_than_500():
     assert (
         {each.case for each in every}
         == set(CASES)
-        == {(row.values if hasattr(row, "values") else row)[0] for row in CHOSEN}
+        == {case for case, *_ in CHOSEN}
     )
     assert len(every) >= 500 and len({str(each) for each in every}) == len(every)
     assert [str(each) for each in judge.combinations(seed=3)] == [str(each) for each in every]
