@@ -7,6 +7,7 @@ import sys
 import pytest
 from client import fields
 from node_process import ROOT
+from patience import patience
 from sensor_msgs.msg import PointCloud2
 
 MISTAKES = """
@@ -101,7 +102,7 @@ def test_files_that_are_no_parameter_files(tmp_path, text, sentence):
     if text is not None:
         file.write_text(text)
     command = [sys.executable, "-m", "cloth_sim_ros.ros", "--ros-args", "--params-file", str(file)]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=patience(60), check=False)
     assert result.returncode == 1
     assert sentence in result.stderr and "Traceback" not in result.stderr
 
@@ -120,6 +121,6 @@ def test_files_that_are_no_parameter_files(tmp_path, text, sentence):
 )
 def test_what_a_program_cannot_take_is_one_sentence(program, given, sentence):
     command = [sys.executable, "-m", f"cloth_sim_ros.{program}", *given]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=patience(60), check=False)
     assert result.returncode == 1
     assert sentence in result.stderr and result.stderr.count("\n") == 1

@@ -5,6 +5,7 @@ import threading
 import time
 
 import pytest
+from patience import patience, tries
 from scene_values import values
 
 from cloth_sim_ros.ros.time.frame_clock import FrameClock
@@ -19,10 +20,7 @@ class Log:
 
 
 def wait_for(condition):
-    end = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    assert any(condition() for _ in tries(60.0, pause=0.01))
 
 
 @pytest.fixture
@@ -61,13 +59,13 @@ def test_a_device_error_is_said_and_a_rebuild_mends_it(loop, monkeypatch):
 
 
 def test_commands_run_between_frames_and_report_back(loop):
-    assert loop.submit(lambda: loop.world.sim.device).result(timeout=10.0) == "cpu"
+    assert loop.submit(lambda: loop.world.sim.device).result(timeout=patience(10.0)) == "cpu"
     with pytest.raises(ValueError):
-        loop.submit(lambda: loop.world.sim.positions("nothing")).result(timeout=10.0)
+        loop.submit(lambda: loop.world.sim.positions("nothing")).result(timeout=patience(10.0))
     loop.paused = True
-    loop.submit(lambda: None).result(timeout=10.0)
+    loop.submit(lambda: None).result(timeout=patience(10.0))
     before = loop.world.simulated
-    loop.submit(loop.step_once).result(timeout=10.0)
+    loop.submit(loop.step_once).result(timeout=patience(10.0))
     assert loop.world.simulated == pytest.approx(before + 1 / 60)
 
 
