@@ -15,7 +15,7 @@ import yaml
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.ros.parameters import names  # noqa: TID251 (free of rclpy, which a test proves)
 from cloth_sim_ros.ros.parameters.plan import Plan, make_plan, material_values  # noqa: TID251 (as above)
-from cloth_sim_ros.ros.parameters.plugins import load_plugins  # noqa: TID251 (as above)
+from cloth_sim_ros.ros.parameters.plugins import require_plugins  # noqa: TID251 (as above)
 
 PARAMETERS = "ros__parameters"
 
@@ -28,8 +28,7 @@ def read_plan(path: Path) -> Plan:
     values = {name: _value(row, name, given) for name, row in rows.items()}
     if not values["objects"]:
         raise ValueError(f"{path} describes no object; allowed is a scene with at least one")
-    for problem in load_plugins(values["plugins"]):
-        raise ValueError(f"{path}: {problem}")
+    require_plugins(values["plugins"])
     values |= {name: _value(row, name, given) for name, row in names.type_rows(values).items()}
     rows |= names.scene_rows(values)
     for name, row in rows.items():
