@@ -188,11 +188,10 @@ def make_collider(values: Values, name: str) -> Collider:
         raise ValueError(f"{name}.shape is {shape!r}; allowed is one of {', '.join(SHAPES)}")
     if hasattr(kind, "from_file"):
         return _from_file(name, shape, file, scale=scale, **own)
-    wanted = kind.dimension_names()
-    if wanted and len(dimensions) != len(wanted):
-        meaning = f"{len(wanted)}: {', '.join(wanted)} [m]"
-        raise ValueError(f"{name}.dimensions is {list(dimensions)}; a {shape} has {meaning}")
-    return kind.from_dimensions(dimensions, **own)
+    try:
+        return kind.from_dimensions(dimensions, **own)
+    except ValueError as error:
+        raise ValueError(str(error).replace(f"{kind.__name__}.", f"{name}.")) from None
 
 
 def _from_file(name: str, shape: str, file: str, **fields: Any) -> Collider:

@@ -1,11 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A box around the local origin; its size is its half extents."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -45,21 +41,12 @@ class Box(Collider):
 
     half_extents: Vector = (0.1, 0.1, 0.1)
     dimensions = (lengths("half_extents"),)
+    wholes = {"half_extents": "x y z"}
     distance = signed_distance
 
     def reach(self) -> float:
         """From the middle to a corner [m]."""
         return np.linalg.norm(self.half_extents, axis=0)
-
-    @classmethod
-    def dimension_names(cls) -> tuple[str, ...]:
-        """The edges."""
-        return ("x", "y", "z")
-
-    @classmethod
-    def from_dimensions(cls, numbers: Sequence[float], **fields: Any) -> Box:
-        """Of its edges [m]."""
-        return cls(half_extents=tuple(edge / 2 for edge in numbers), **fields)
 
     def solids(self) -> list[Solid]:
         """The box."""

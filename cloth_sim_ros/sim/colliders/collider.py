@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,7 +14,7 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.input.checks import check_fields
-from cloth_sim_ros.sim.input.numbers import fields_of, numbers_of, places
+from cloth_sim_ros.sim.input.numbers import fields_of, numbers_of
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
 
 SHALLOW = 0.05  # depth of a surface between particles, as a share of their spacing, that no facet has to prevent
@@ -59,7 +59,9 @@ class Collider:
 
     distance: Warp function (p, size) or (p, size, data) -> outward normal (x, y, z) and signed distance [m] of local
     point p. at_least: a quick lower bound (p, data) [m] of a distance that is slow to compute. convex: True if the
-    distance is convex along every line; is_convex: a function (data) that says so where it differs.
+    distance is convex along every line; is_convex: a function (data) that says so where it differs. wholes: halves
+    among `dimensions`, of which YAML has the double as in shape_msgs/SolidPrimitive, and its name there; these come
+    first.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -69,6 +71,7 @@ class Collider:
     compliance: float = 0.0
     opposite: str = ""
     dimensions: ClassVar[tuple[table.Parameter, ...]] = ()
+    wholes: ClassVar[Mapping[str, str]] = {}
     distance: ClassVar[wp.Function]
     at_least: ClassVar[wp.Function | None] = None
     convex: ClassVar[bool] = True
@@ -82,14 +85,16 @@ class Collider:
         return (*numbers_of(self, self.dimensions), 0.0, 0.0, 0.0)[:3]
 
     @classmethod
-    def dimension_names(cls) -> tuple[str, ...]:
-        """What the numbers of `from_dimensions` are, one each."""
-        return tuple(name for name, _ in places(cls.dimensions))
-
-    @classmethod
     def from_dimensions(cls, numbers: Sequence[float], **fields: Any) -> Collider:
-        """A collider of the numbers [m] that its parameter `dimensions` has."""
-        return cls(**fields_of(cls.dimensions, numbers), **fields)
+        """A collider of the numbers [m] that its parameter `dimensions` has. Raises ValueError for another count."""
+        rows = sorted(cls.dimensions, key=lambda row: row.name not in cls.wholes)
+        shares = [0.5 if row.name in cls.wholes else 1.0 for row in rows for _ in range(row.length or 1)]
+        if shares and len(numbers) != len(shares):
+            names, kind = ", ".join(cls.wholes.get(row.name, row.name) for row in rows), cls.__name__
+            meaning = f"a {kind.lower()} has {len(shares)}: {names} [m]"
+            raise ValueError(f"{kind}.dimensions is {list(numbers)}; {meaning}")
+        numbers = [share * number for share, number in zip(shares, numbers, strict=False)]
+        return cls(**fields_of(rows, numbers), **fields)
 
     def solids(self) -> list[Solid]:
         """What to draw of it; nothing unless a shape says more."""
@@ -144,16 +149,7 @@ class Tube(Collider):
     radius: float = 0.1
     half_length: float = 0.2
     dimensions = (length("radius"), length("half_length"))
-
-    @classmethod
-    def dimension_names(cls) -> tuple[str, ...]:
-        """As in shape_msgs/SolidPrimitive."""
-        return ("height of the cylinder", "radius")
-
-    @classmethod
-    def from_dimensions(cls, numbers: Sequence[float], **fields: Any) -> Tube:
-        """Of the height of the cylinder and the radius [m]."""
-        return cls(half_length=numbers[0] / 2, radius=numbers[1], **fields)
+    wholes = {"half_length": "height of the cylinder"}
 
     def solids(self) -> list[Solid]:
         """The cylinder."""

@@ -1,11 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An ellipsoid around the local origin; its size is its radii."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -55,6 +51,7 @@ class Ellipsoid(Collider):
 
     radii: Vector = (0.2, 0.1, 0.1)
     dimensions = (lengths("radii"),)
+    wholes = {"radii": "diameters x y z"}
     distance = signed_distance
 
     def reach(self) -> float:
@@ -64,16 +61,6 @@ class Ellipsoid(Collider):
     def roundness(self) -> float:
         """At the tips of the longest axis [m]."""
         return np.min(self.radii, axis=0) ** 2 / np.max(self.radii, axis=0)
-
-    @classmethod
-    def dimension_names(cls) -> tuple[str, ...]:
-        """The diameters."""
-        return ("x", "y", "z")
-
-    @classmethod
-    def from_dimensions(cls, numbers: Sequence[float], **fields: Any) -> Ellipsoid:
-        """Of its diameters [m]."""
-        return cls(radii=tuple(diameter / 2 for diameter in numbers), **fields)
 
     def solids(self) -> list[Solid]:
         """The ellipsoid."""
