@@ -11,6 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cloth_sim_ros.study.colouring import colour
+from cloth_sim_ros.study.motion import Step
+from cloth_sim_ros.study.springs import SpringSystem
+
 
 @dataclass
 class Springs:
@@ -109,3 +113,35 @@ class HangingRope:
     def stretch(self) -> float:
         """How much longer the rope is than at rest, relative to that."""
         return float(self.springs.violation().sum() / self.springs.rest.sum())
+
+
+def position_based(system: SpringSystem, iterations: int, stiffness: float = 1.0) -> Step:
+    """PBD (Mueller et al. 2007): springs are moved to rest length by the share `stiffness`, colour after colour.
+
+    The spring constants are not used: what the cloth feels like depends on the iterations and on the step.
+    """
+    inverse_mass, rigid = _inverse_masses(system), np.zeros(len(system.pairs))
+    groups = _colours(system)
+
+    def step(system: SpringSystem, x: np.ndarray, v: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+        start = x + np.where(system.fixed[:, None], 0.0, h * v + h**2 * np.asarray(system.gravity))
+        springs = Springs(start, inverse_mass, system.pairs, system.rest_length, rigid, groups)
+        for _ in range(iterations):
+            springs.sweep(np.zeros_like(rigid), h, stiffness)
+        return springs.x, (springs.x - x) / h
+
+    return step
+
+
+def _inverse_masses(system: SpringSystem) -> np.ndarray:
+    """Inverse masses (N,) [1/kg], 0 where fixed."""
+    if system.damping or system.global_damping:
+        raise ValueError("the system is damped; allowed are systems without damping, as PBD has none")
+    return np.where(system.fixed, 0.0, 1.0 / system.masses)
+
+
+def _colours(system: SpringSystem) -> list[np.ndarray]:
+    """Indices of the springs that a free particle feels, in groups that share no particle."""
+    felt = np.flatnonzero(~system.fixed[system.pairs].all(axis=1))
+    colours = colour(system.pairs[felt], len(system.masses))
+    return [felt[colours == c] for c in range(colours.max(initial=-1) + 1)]

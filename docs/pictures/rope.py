@@ -14,9 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation
-from cloth_sim_ros.study import rivals
 from cloth_sim_ros.study.implicit import implicit_step
 from cloth_sim_ros.study.motion import Step
+from cloth_sim_ros.study.relaxation import position_based
 from cloth_sim_ros.study.springs import SpringSystem
 
 FRAME_DT, FRAMES, SUBSTEPS = 1.0 / 60.0, 60, 1
@@ -64,8 +64,8 @@ def reference(make: Callable[[SpringSystem, int], Step]) -> Frames:
 
 
 METHODS: dict[str, tuple[Frames, str]] = {  # label -> (frames, colour)
-    "PBD, stiffness 1": (reference(rivals.position_based), "#e4572e"),
-    "PBD, stiffness 0.1": (reference(lambda system, n: rivals.position_based(system, n, 0.1)), "#f2b134"),
+    "PBD, stiffness 1": (reference(position_based), "#e4572e"),
+    "PBD, stiffness 0.1": (reference(lambda system, n: position_based(system, n, 0.1)), "#f2b134"),
     "XPBD": (product, "#3b8f5a"),
 }
 CONVERGED = reference(lambda system, n: implicit_step)

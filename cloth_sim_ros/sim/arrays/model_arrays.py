@@ -201,12 +201,10 @@ class ModelArrays:
             ],
             axis=1,
         )
-        order = np.argsort(plate.stencil.ravel(), kind="stable")
-        offset = self._append("curve_entries", entries[order])
-        self._append("curve_gradients", plate.gradients.ravel()[order])
-        counts = np.bincount(plate.stencil.ravel(), minlength=count)
-        self._append("curve_start", np.zeros(first - self.size["curve_start"], int) + offset)
-        self._append("curve_start", offset + np.cumsum(counts) - counts)
+        particles = plate.stencil.ravel()
+        self._append("curve_gradients", plate.gradients.ravel()[np.argsort(particles, kind="stable")])
+        self._append("curve_start", np.full(first - self.size["curve_start"], self.size["curve_entries"]))
+        self._append_around("curve_start", "curve_entries", particles, entries, count)
 
     def _add_chain(self, topology: Topology) -> int:
         """Add the segments and joints of a directly solved rope; return the offset of the segments."""
