@@ -105,7 +105,7 @@ def test_a_spring_to_a_height_swings_a_sheet_as_the_closed_form(monkeypatch, dev
         assert height == pytest.approx(exact, rel=1e-2 if settings.get("order") != 1 else 4e-2)
 
 
-@pytest.mark.parametrize("executor", ["block", "graph"])
+@pytest.mark.parametrize("executor", ["block", pytest.param("graph", marks=pytest.mark.long)])
 def test_a_tether_bounds_the_stretch_of_a_soft_sheet_in_one_world(plugin, device, executor, tmp_path):
     tether = plugin("tether").Tether("sheet", [(0, 72), (80, 8)], strain=0.02)
     soft = Cloth(resolution=(9, 9), pins="top", stretch_compliance=0.1, shear_compliance=0.1)
