@@ -53,7 +53,7 @@ def test_scenes_tell_what_features_cost(monkeypatch, capsys):
     options = ("--device", "cpu", "--scene", "fold", "--resolution", 8, "--rounds", 2, "--reference", 40)
     assert command(monkeypatch, "scenes", *options, "--settings", "defaults", "--features") == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line for line in lines if line.startswith("all springs")] and len(lines) == 2 + 3 + 2 + 17
+    assert [line for line in lines if line.startswith("all springs")] and len(lines) == 4 + 2 + 17
     assert sum(line.startswith("| fold 8 x 8 | ") for line in lines) == 2
 
 
