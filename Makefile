@@ -31,7 +31,7 @@ format: $(VENV)/ready-to-test
 	$(RUN) -m ruff format .
 
 docs: $(VENV)/ready-to-test
-	$(RUN) -m cloth_sim_ros.ros.reference > docs/reference/parameters.md
+	$(RUN) -m cloth_sim_ros.ros.parameters.reference > docs/reference/parameters.md
 	$(RUN) -m sphinx -W -n --keep-going -b html docs docs/_build
 
 dist: $(VENV)/ready-to-test

@@ -40,7 +40,8 @@ class Parameter:
     anew: bool = False
 
 
-def _double(name, default, text, unit="", low=-INFINITY, high=INFINITY, live=True):
+def number(name, default, text, unit="", low=-INFINITY, high=INFINITY, live=True):
+    """A row of one number, live unless said otherwise."""
     return Parameter(name, "double", float(default), text, unit, float(low), float(high), live)
 
 
@@ -48,7 +49,8 @@ def _integer(name, default, text, low, high, live=False, anew=False):
     return Parameter(name, "integer", default, text, "", low, high, live, anew=anew)
 
 
-def _vector(name, default, text, unit, low, high, length=3, **when):
+def vector(name, default, text, unit="", low=-INFINITY, high=INFINITY, length=3, **when):
+    """A row of `length` numbers."""
     value = tuple(map(float, default))
     return Parameter(name, "double_array", value, text, unit, low, high, length=length, **when)
 
@@ -60,20 +62,20 @@ def _choice(name, default, text, choices):
 _FAR = 1e4  # [m] from the origin, along an axis: an object counts as run away at 1e6 m
 
 _PLACE = (
-    _vector("position", (0, 0, 0), "Position of the local origin.", "m", -_FAR, _FAR, anew=True),
-    _vector(
+    vector("position", (0, 0, 0), "Position of the local origin.", "m", -_FAR, _FAR, anew=True),
+    vector(
         "orientation", (0, 0, 0, 1), "Orientation quaternion x y z w of the local axes.", "", -1, 1, length=4, anew=True
     ),
 )
 
 _SURFACE = (
-    _double("static_friction", 0.5, "Coulomb coefficient while sticking; a pair uses the geometric mean.", "", 0, 10),
-    _double("kinetic_friction", 0.4, "Coulomb coefficient while sliding; a pair uses the geometric mean.", "", 0, 10),
+    number("static_friction", 0.5, "Coulomb coefficient while sticking; a pair uses the geometric mean.", "", 0, 10),
+    number("kinetic_friction", 0.4, "Coulomb coefficient while sliding; a pair uses the geometric mean.", "", 0, 10),
 )
 
 _BODY = (
-    _double("mass", 0.2, "Total mass, pinned particles included.", "kg", 1e-9, 1e6),
-    _double("damping", 0.0, "Axial damping: time constant of every spring's dashpot, c = damping x k.", "s", 0, 1e3),
+    number("mass", 0.2, "Total mass, pinned particles included.", "kg", 1e-9, 1e6),
+    number("damping", 0.0, "Axial damping: time constant of every spring's dashpot, c = damping x k.", "s", 0, 1e3),
     Parameter("self_contact", "bool", False, "Whether its parts keep twice the thickness or radius from one another."),
 )
 
@@ -87,7 +89,7 @@ SOLVER = (
     _integer("order", 0, "Of xpbd: 1 is implicit Euler, 2 is BDF2; 0 is chosen.", 0, 2),
     _integer("substeps", 0, "Substeps a frame; 0 is chosen for each object.", 0, 10000, live=True),
     _integer("iterations", 0, "Sweeps of xpbd a substep; 0 is chosen for each object.", 0, 1000, live=True),
-    _double(
+    number(
         "error",
         1e-2,
         "Wanted error: of positions, RMS, over the RMS of how far they moved, in half a second from rest.",
@@ -95,22 +97,22 @@ SOLVER = (
         1e-6,
         1,
     ),
-    _double("budget", 0.5, "Share of real time that the substeps chosen for one object may take.", "", 1e-3, 1e4),
+    number("budget", 0.5, "Share of real time that the substeps chosen for one object may take.", "", 1e-3, 1e4),
     Parameter(
         "sleep", "bool", True, "Whether an object at rest is not computed until something around it changes.", live=True
     ),
-    _double("global_damping", 0.0, "Drag on every particle, relative to its momentum.", "1/s", 0, 1e4),
+    number("global_damping", 0.0, "Drag on every particle, relative to its momentum.", "1/s", 0, 1e4),
 )
 
-FRAME_DT = _double("frame_dt", 1 / 60, "Simulated time a frame.", "s", 1e-6, 1.0, live=False)
+FRAME_DT = number("frame_dt", 1 / 60, "Simulated time a frame.", "s", 1e-6, 1.0, live=False)
 
-SCALE = _double("scale", 1, "How many times as large as its scene says an object is; its mass stays.", "", 1e-3, 1e3)
+SCALE = number("scale", 1, "How many times as large as its scene says an object is; its mass stays.", "", 1e-3, 1e3)
 
 WIND = (
     Parameter("enabled", "bool", False, "Whether the scene has wind; without it no aerodynamics is compiled in."),
-    _vector("velocity", (0, 0, 0), "Wind velocity.", "m/s", -1000, 1000, live=True),
-    _double("air_density", 1.225, "Density of the air.", "kg/m^3", 0, 1e4),
-    _double(
+    vector("velocity", (0, 0, 0), "Wind velocity.", "m/s", -1000, 1000, live=True),
+    number("air_density", 1.225, "Density of the air.", "kg/m^3", 0, 1e4),
+    number(
         "drag_coefficient",
         1.2,
         "Drag coefficient across the flow; of a surface at incidence a times sin^3 a.",
@@ -118,7 +120,7 @@ WIND = (
         0,
         100,
     ),
-    _double(
+    number(
         "lift_coefficient",
         0.6,
         "Lift of a surface at incidence a, over sin a sin 2a; half of the drag coefficient is pressure alone.",
@@ -132,11 +134,11 @@ CLOTH = (
     Parameter(
         "resolution", "integer_array", (32, 32), "Particles along local x and y.", "", 2, 2048, length=2, anew=True
     ),
-    _vector("size", (1, 1), "Width and height.", "m", 1e-4, 1e4, length=2, anew=True),
+    vector("size", (1, 1), "Width and height.", "m", 1e-4, 1e4, length=2, anew=True),
     Parameter(
         "pins", "pins", "corners", "Fixed particles: corners (the top two), top, edges, none, or indices.", live=True
     ),
-    _double(
+    number(
         "stretch_compliance",
         1e-3,
         "Compliance in stretch along the warp: 1/spring constant of a square grid; of a mesh 1/Young's modulus.",
@@ -144,7 +146,7 @@ CLOTH = (
         0,
         1e6,
     ),
-    _double(
+    number(
         "shear_compliance",
         3e-3,
         "Compliance in shear: 1/constant of the diagonal springs of a square grid; of a mesh 1/shear modulus.",
@@ -152,7 +154,7 @@ CLOTH = (
         0,
         1e6,
     ),
-    _double(
+    number(
         "weft_compliance",
         0,
         "Compliance in stretch along the weft, of a grid along y; 0 is that of the warp.",
@@ -161,7 +163,7 @@ CLOTH = (
         1e6,
         live=False,
     ),
-    _double(
+    number(
         "poisson", 0, "Contraction of a mesh along the weft over its stretch along the warp.", "", -1, 2, live=False
     ),
     _choice(
@@ -170,7 +172,7 @@ CLOTH = (
         "none; springs: distance springs over two edges [m/N]; dihedral: angle between triangles [1/(N m)].",
         ("none", "springs", "dihedral"),
     ),
-    _double(
+    number(
         "bend_compliance",
         1.0,
         "springs: 1/spring constant [m/N]; dihedral: 1/flexural rigidity of the sheet [1/(N m)]; 0 is rigid.",
@@ -178,7 +180,7 @@ CLOTH = (
         0,
         1e12,
     ),
-    _double(
+    number(
         "weft_bend_compliance",
         0,
         "dihedral: 1/rigidity of a strip along the weft; 0 is that of the warp.",
@@ -187,7 +189,7 @@ CLOTH = (
         1e12,
         live=False,
     ),
-    _double(
+    number(
         "diagonal_bend_compliance",
         0,
         "dihedral: 1/rigidity of a strip at 45 degrees; 0 is the mean of warp and weft.",
@@ -196,8 +198,8 @@ CLOTH = (
         1e12,
         live=False,
     ),
-    _double("thickness", 0.005, "Distance from a collider at which the middle surface touches it.", "m", 0, 1.0),
-    _double(
+    number("thickness", 0.005, "Distance from a collider at which the middle surface touches it.", "m", 0, 1.0),
+    number(
         "tear_strain",
         0,
         "Strain beyond which a structural or shear spring fails for good, and the surface there; 0 is never.",
@@ -213,17 +215,17 @@ CLOTH = (
 
 ROPE = (
     _integer("segments", 32, "Straight segments from start to end.", 1, 65535, anew=True),
-    _vector("start", (0, 0, 1), "First end, in the local axes.", "m", -_FAR, _FAR, anew=True),
-    _vector("end", (1, 0, 1), "Last end, in the local axes.", "m", -_FAR, _FAR, anew=True),
-    _vector(
+    vector("start", (0, 0, 1), "First end, in the local axes.", "m", -_FAR, _FAR, anew=True),
+    vector("end", (1, 0, 1), "Last end, in the local axes.", "m", -_FAR, _FAR, anew=True),
+    vector(
         "path", (), "x y z of each corner of its way, in place of start and end.", "m", -_FAR, _FAR, length=0, anew=True
     ),
     Parameter("pins", "pins", "start", "Fixed particles: start, end, both, none, or indices.", live=True),
-    _double("radius", 0.005, "Radius of the rope.", "m", 1e-6, 10.0),
-    _double("end_mass", 0, "Mass of a load at the end, beside that of the rope.", "kg", 0, 1e6),
-    _double("stretch_compliance", 1e-4, "1/EA: strain per tension; 0 is rigid.", "1/N", 0, 1e6),
+    number("radius", 0.005, "Radius of the rope.", "m", 1e-6, 10.0),
+    number("end_mass", 0, "Mass of a load at the end, beside that of the rope.", "kg", 0, 1e6),
+    number("stretch_compliance", 1e-4, "1/EA: strain per tension; 0 is rigid.", "1/N", 0, 1e6),
     _choice("bending", "none", "none; angle: resists curvature with 1/bend_compliance = EI.", ("none", "angle")),
-    _double(
+    number(
         "bend_compliance",
         1e2,
         "1/EI: curvature per bending moment; 0 is as stiff as float32 resolves.",
@@ -245,8 +247,8 @@ TWIST = (
         "Whether a rope that bends resists twist between two clamps: ends of two particles that are pinned or held.",
         anew=True,
     ),
-    _double("twist_compliance", 1e2, "1/GJ: twist per length and torsional moment.", "1/(N m^2)", 1e-6, 1e12),
-    _double("end_turn", 0, "By how much the end is turned about its axis against the start.", "rad", -1e4, 1e4),
+    number("twist_compliance", 1e2, "1/GJ: twist per length and torsional moment.", "1/(N m^2)", 1e-6, 1e12),
+    number("end_turn", 0, "By how much the end is turned about its axis against the start.", "rad", -1e4, 1e4),
 )
 
 WINCH = (
@@ -267,15 +269,15 @@ WINCH = (
         1e4,
         anew=True,
     ),
-    _double("pay_out", 0, "Rate at which rope is paid out, below 0 hauled in, unstretched.", "m/s", -100, 100),
-    _double("max_rate", 1, "Largest rate of the winch, both ways; more than that is cut to it.", "m/s", 0, 100),
-    _double("acceleration", 1, "How fast the rate changes at most.", "m/s^2", 1e-3, 1e4),
-    _double("shortest", 0, "Hauls in no further than this, nor than half of the last segment.", "m", 0, 1e4),
-    _double("longest", 1e4, "Pays out no further than this, nor than the rope is long.", "m", 1e-6, 1e4),
+    number("pay_out", 0, "Rate at which rope is paid out, below 0 hauled in, unstretched.", "m/s", -100, 100),
+    number("max_rate", 1, "Largest rate of the winch, both ways; more than that is cut to it.", "m/s", 0, 100),
+    number("acceleration", 1, "How fast the rate changes at most.", "m/s^2", 1e-3, 1e4),
+    number("shortest", 0, "Hauls in no further than this, nor than half of the last segment.", "m", 0, 1e4),
+    number("longest", 1e4, "Pays out no further than this, nor than the rope is long.", "m", 1e-6, 1e4),
 )
 
 WINCH_TOPIC = (
-    _double(
+    number(
         "timeout",
         0.5,
         "A rate by topic holds this long in simulated time, then pay_out acts again; so does it after a reset.",
@@ -293,15 +295,10 @@ FOLLOW_FRAME = Parameter(
     live=True,
 )
 
-UNIT = _double("scale", 1, "Length of a unit in the file of a mesh or signed_distance.", "m", 1e-6, 1e6, live=False)
+UNIT = number("scale", 1, "Length of a unit in the file of a mesh or signed_distance.", "m", 1e-6, 1e6, live=False)
 
 COLLIDER = (
-    _choice(
-        "shape",
-        "sphere",
-        "Shape of the collider.",
-        ("plane", "sphere", "capsule", "box", "cylinder", "ellipsoid", "mesh", "signed_distance"),
-    ),
+    Parameter("shape", "string", "sphere", "Shape of the collider, of those in sim/colliders/ or of a plugin."),
     Parameter(
         "dimensions",
         "double_array",
@@ -319,7 +316,7 @@ COLLIDER = (
         "File of a closed surface, read by trimesh: a path, file:///PATH or package://NAME/PATH. FILE.urdf#LINK is a "
         "robot's link, as far as it collides. For signed_distance that or an .npz of values, origin and spacing.",
     ),
-    _double("compliance", 0, "Depth of a point of contact over the force there; 0 is rigid.", "m/N", 0, 1e6),
+    number("compliance", 0, "Depth of a point of contact over the force there; 0 is rigid.", "m/N", 0, 1e6),
     UNIT,
     *_SURFACE,
     *_PLACE,
@@ -337,23 +334,29 @@ HANDLE = (
         live=True,
     ),
     Parameter("object", "string", "", "The one object that it grasps; empty is any.", live=True),
-    _double("compliance", 0, "Of its hold on all that it grasps, along each axis; 0 is rigid.", "m/N", 0, 1e6),
-    _double("break_force", 0, "It lets go where it is pulled harder than this; 0 is never.", "N", 0, 1e9),
+    number("compliance", 0, "Of its hold on all that it grasps, along each axis; 0 is rigid.", "m/N", 0, 1e6),
+    number("break_force", 0, "It lets go where it is pulled harder than this; 0 is never.", "N", 0, 1e9),
     Parameter("attached", "bool", False, "Whether it holds what was within its reach when it grasped.", live=True),
     *_PLACE,
 )
 
+FORCE = (Parameter("type", "string", "", "What the force is, of those that plugins add.", fixed=True),)
+
+CONSTRAINT = (
+    Parameter("type", "string", "", "What the constraint is, of those that plugins add.", fixed=True),
+    Parameter("object", "string", "", "The object whose particles it joins."),
+    Parameter("between", "integer_array", (), "The particles that it joins, two by two.", low=0, high=1 << 31),
+)
+
 GRIPPER = (
-    _vector(
-        "finger_size", (0.02, 0.01, 0.04), "Edges of each finger, a box; the gripper opens along y.", "m", 1e-4, 10
-    ),
-    _double("max_opening", 0.08, "Widest gap between the faces of the fingers.", "m", 1e-4, 10, live=False),
-    _double(
+    vector("finger_size", (0.02, 0.01, 0.04), "Edges of each finger, a box; the gripper opens along y.", "m", 1e-4, 10),
+    number("max_opening", 0.08, "Widest gap between the faces of the fingers.", "m", 1e-4, 10, live=False),
+    number(
         "opening", 0.08, "The gap that they go to; of this and the force, the one acts that was set last.", "m", 0, 10
     ),
-    _double("force", 0, "With which each finger presses; 0: they go to the opening.", "N", 0, 1e4),
-    _double("speed", 0.1, "How fast the opening changes at most.", "m/s", 1e-4, 100),
-    _double("compliance", 0.01, "Depth of a point of contact over the force there.", "m/N", 1e-9, 1e6),
+    number("force", 0, "With which each finger presses; 0: they go to the opening.", "N", 0, 1e4),
+    number("speed", 0.1, "How fast the opening changes at most.", "m/s", 1e-4, 100),
+    number("compliance", 0.01, "Depth of a point of contact over the force there.", "m/N", 1e-9, 1e6),
     *(replace(row, default=0.8) for row in _SURFACE),
     *_PLACE,
 )
@@ -375,17 +378,28 @@ OBJECT_CONTACT = Parameter(
     "Whether objects keep the sum of their thicknesses, or radii, from one another.",
 )
 
-GRAVITY = _vector("gravity", (0, 0, -9.81), "Acceleration of gravity.", "m/s^2", -1e4, 1e4, live=True)
+GRAVITY = vector("gravity", (0, 0, -9.81), "Acceleration of gravity.", "m/s^2", -1e4, 1e4, live=True)
 
 NODE = (
     Parameter("objects", "string_array", (), "Names of the objects; each prefixes its own parameters.", fixed=True),
     Parameter("colliders", "string_array", (), "Names of the colliders; each prefixes its own parameters.", fixed=True),
     Parameter("handles", "string_array", (), "Names of the handles; each prefixes its own parameters.", fixed=True),
     Parameter("grippers", "string_array", (), "Names of the grippers; each prefixes its own parameters.", fixed=True),
+    Parameter("forces", "string_array", (), "Names of the forces; each prefixes its own parameters.", fixed=True),
+    Parameter(
+        "constraints", "string_array", (), "Names of the constraints; each prefixes its own parameters.", fixed=True
+    ),
+    Parameter(
+        "plugins",
+        "string_array",
+        (),
+        "Python modules that are imported at the start and add shapes, forces, constraints and topics.",
+        fixed=True,
+    ),
     Parameter("device", "string", "auto", "Where to compute: auto, cpu, cuda:0, ..."),
     Parameter("frame_id", "string", "world", "Frame of everything sent and received.", fixed=True),
-    _double("rate", 60, "Frames a second, simulated and sent.", "Hz", 1, 1000, live=False),
-    _double(
+    number("rate", 60, "Frames a second, simulated and sent.", "Hz", 1, 1000, live=False),
+    number(
         "pose_timeout",
         0.5,
         "A collider stays put after its last pose; a gap longer than this between two poses is crossed in one frame.",
@@ -436,7 +450,7 @@ SHEET = (
     Parameter(
         "shear", "bool", True, "Whether a grid has diagonal springs, and a mesh moduli; else its edges carry shear."
     ),
-    _vector("warp", (1, 0, 0), "Direction of the warp of a mesh, in the local axes; of a grid it is x.", "", -1, 1),
+    vector("warp", (1, 0, 0), "Direction of the warp of a mesh, in the local axes; of a grid it is x.", "", -1, 1),
 )
 
 

@@ -61,7 +61,7 @@ def listen(node: subprocess.Popen, seconds: float) -> int:
     from sensor_msgs.msg import PointCloud2
     from visualization_msgs.msg import Marker
 
-    from cloth_sim_ros.ros.cdr import STAMP_AT
+    from cloth_sim_ros.ros.outputs.cdr import STAMP_AT
 
     kinds = {"sensor_msgs/msg/PointCloud2": PointCloud2, "visualization_msgs/msg/Marker": Marker}
     arrived: dict[str, list[tuple[float, float]]] = {}

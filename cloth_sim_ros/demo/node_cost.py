@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run_alone(config: Path) -> int:
     """Steps the scene of `config` at its own pace, as a node does, and does nothing else."""
-    from cloth_sim_ros.ros.frame_clock import FrameClock
+    from cloth_sim_ros.ros.time.frame_clock import FrameClock
     from cloth_sim_ros.sim import Simulation
     from cloth_sim_ros.study.scene_file import read_plan
 

@@ -14,7 +14,7 @@ from cloth_sim_ros.identify.candidates import Candidates, bounds_of
 from cloth_sim_ros.identify.fit import MOST_STEPS, Estimate, identify
 from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.identify.report import draw, sentences
-from cloth_sim_ros.ros.scene_plan import Plan  # noqa: TID251 (free of rclpy)
+from cloth_sim_ros.ros.parameters.plan import Plan  # noqa: TID251 (free of rclpy)
 from cloth_sim_ros.status_line import show
 from cloth_sim_ros.study.scene_file import read_plan, with_values
 

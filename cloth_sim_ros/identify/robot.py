@@ -13,7 +13,7 @@ import numpy as np
 from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.identify.transforms import Track, Transforms, nanoseconds, numbers
 from cloth_sim_ros.record.topics import CLOUD, Topics
-from cloth_sim_ros.ros.scene_plan import Plan  # noqa: TID251 (free of rclpy)
+from cloth_sim_ros.ros.parameters.plan import Plan  # noqa: TID251 (free of rclpy)
 
 POSE = "geometry_msgs/msg/PoseStamped"
 _MOST_POINTS = 2000  # of a cloud: each is compared with every particle

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from cloth_sim_ros.record.topics import CLOUD, Topics
-from cloth_sim_ros.ros import parameter_names as names
 from cloth_sim_ros.ros.journal import VERSION
+from cloth_sim_ros.ros.parameters import names
 
 MAKE_ONE = "make one with cloth_sim_record or `ros2 bag record -a`"
 
@@ -68,8 +68,7 @@ class Bag:
         """Raises ValueError where a version with other parameters recorded them."""
         rows = names.fixed_rows()
         if all(name in parameters for name in rows):
-            kinds = {name: parameters[f"{name}.type"] for name in parameters["objects"]}
-            rows |= names.scene_rows(kinds, parameters["colliders"], parameters["handles"])
+            rows |= names.scene_rows(parameters)
         lacks = sorted(set(rows) - set(parameters))
         if lacks:
             raise ValueError(

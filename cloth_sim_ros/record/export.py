@@ -8,6 +8,8 @@ import importlib.util
 import sys
 from pathlib import Path
 
+from cloth_sim_ros.ros.parameters.plugins import add_plugins_option, require_plugins
+
 NEEDED = {".glb": ("rosbags", "pygltflib", "trimesh"), "": ("rosbags", "matplotlib", "trimesh", "tqdm")}
 KINDS = (".glb", ".mp4", ".gif", "")
 
@@ -18,8 +20,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("bag", type=Path, help="folder of a bag")
     parser.add_argument("out", type=Path, help="a file .glb, .mp4 or .gif; without a suffix a folder of PNGs")
     parser.add_argument("--rate", type=float, default=30.0, help="frames a second, from 1 to 1000 (default 30)")
+    add_plugins_option(parser)
     options = parser.parse_args(arguments)
     try:
+        require_plugins(options.plugins)
         frames = export(options.bag, options.out, options.rate)
     except (ValueError, OSError) as error:
         print(f"cloth_sim_export: {error}", file=sys.stderr)

@@ -14,7 +14,7 @@ from cloth_sim_ros.drawing.tube import tube_faces, tube_vertices
 from cloth_sim_ros.record.bag import Bag, Stamp
 from cloth_sim_ros.record.run import clouds_of, first_run, poses_at, seconds
 from cloth_sim_ros.record.solids import mesh_of
-from cloth_sim_ros.ros.scene_plan import make_plan
+from cloth_sim_ros.ros.parameters.plan import make_plan
 from cloth_sim_ros.sim import Plane, Rope
 from cloth_sim_ros.sim.access.saved_file import header_of
 from cloth_sim_ros.sim.topology import build

@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from cloth_sim_ros.ros.__main__ import set_up_large_messages
-from cloth_sim_ros.ros.journal_output import JOURNAL
+from cloth_sim_ros.ros.outputs.journal import JOURNAL
 from cloth_sim_ros.signals import Stop
 
 LOOK = 0.2  # [s] between looks for topics that are new

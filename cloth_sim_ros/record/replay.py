@@ -19,9 +19,10 @@ import warp
 
 from cloth_sim_ros import sim as shapes
 from cloth_sim_ros.record.bag import Bag, Stamp
-from cloth_sim_ros.ros.frames import Frames
+from cloth_sim_ros.ros.inputs.frames import Frames
+from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.ros.journal import ACTS
-from cloth_sim_ros.ros.pose_track import Pose
+from cloth_sim_ros.ros.parameters.plugins import add_plugins_option, require_plugins
 from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.sim import Readback
 
@@ -194,12 +195,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("bag", type=Path, help="folder of a bag")
     parser.add_argument("--device", default="", help="where to compute; by default as the node was told")
+    add_plugins_option(parser)
     options = parser.parse_args(arguments)
     warp.config.log_level = warp.LOG_WARNING
     if importlib.util.find_spec("rosbags") is None:
         print("cloth_sim_replay: rosbags is not installed: pip install 'cloth_sim_ros[record]'", file=sys.stderr)
         return 1
     try:
+        require_plugins(options.plugins)
         return _print(compared(Bag(options.bag), options.device))
     except ValueError as error:
         print(f"cloth_sim_replay: {error}", file=sys.stderr)

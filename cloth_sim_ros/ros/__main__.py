@@ -27,7 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     from rclpy.logging import get_logger
     from rclpy.signals import SignalHandlerOptions
 
-    from cloth_sim_ros.ros.params_file import readable_arguments
+    from cloth_sim_ros.ros.parameters.file import readable_arguments
 
     log = get_logger("cloth_sim")
     try:
@@ -87,7 +87,7 @@ def spin(stop: Stop, keys: dict[str, list[str]]) -> None:
 
 def tell_lost_parameters(node: Any, keys: dict[str, list[str]]) -> None:
     """Warns of parameter files that are for other nodes, and of an empty scene where none was given."""
-    from cloth_sim_ros.ros.params_file import is_for
+    from cloth_sim_ros.ros.parameters.file import is_for
 
     log, name = node.get_logger(), node.get_fully_qualified_name()
     for path, found in keys.items():

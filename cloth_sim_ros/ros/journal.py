@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What acted on a world, and in which order; journal_output.py sends it."""
+"""What acted on a world, and in which order; outputs/journal.py sends it."""
 
 from __future__ import annotations
 

@@ -11,34 +11,30 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from functools import partial
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock import ClockType
 from rclpy.node import Node
-from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from cloth_sim_ros.parameters import Parameter
-from cloth_sim_ros.ros import inputs
-from cloth_sim_ros.ros.clock_follower import ClockFollower
-from cloth_sim_ros.ros.commands import NEWEST_ONLY, Commands
-from cloth_sim_ros.ros.diagnostics import DiagnosticsOutput, busy, diagnostics
-from cloth_sim_ros.ros.frame_clock import Pace
-from cloth_sim_ros.ros.frames import Frames, Refused
-from cloth_sim_ros.ros.grippers import GripperStates
-from cloth_sim_ros.ros.journal_output import JournalOutput
-from cloth_sim_ros.ros.long_waits import LongWaits
-from cloth_sim_ros.ros.markers import CollidersOutput, name_of, read_marker
-from cloth_sim_ros.ros.outputs import LATEST, Audience, ObjectOutput, Wrenches
-from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
-from cloth_sim_ros.ros.parameter_services import ParameterServices, settled
-from cloth_sim_ros.ros.reported import Forwarded
-from cloth_sim_ros.ros.scene_plan import group
-from cloth_sim_ros.ros.simulation_loop import SimulationLoop
+from cloth_sim_ros.ros.inputs import messages as inputs
+from cloth_sim_ros.ros.inputs.commands import NEWEST_ONLY, Commands
+from cloth_sim_ros.ros.inputs.frames import Frames, Refused
+from cloth_sim_ros.ros.outputs.clock import ClockOutput
+from cloth_sim_ros.ros.outputs.diagnostics import DiagnosticsOutput, busy, diagnostics
+from cloth_sim_ros.ros.outputs.log import Forwarded
+from cloth_sim_ros.ros.outputs.output import Audience
+from cloth_sim_ros.ros.outputs.table import OUTPUTS
+from cloth_sim_ros.ros.parameters.bridge import ParameterBridge
+from cloth_sim_ros.ros.parameters.services import ParameterServices, settled
 from cloth_sim_ros.ros.state_services import StateServices
+from cloth_sim_ros.ros.time.clock_follower import ClockFollower
+from cloth_sim_ros.ros.time.frame_clock import Pace
+from cloth_sim_ros.ros.time.long_waits import LongWaits
+from cloth_sim_ros.ros.time.loop import SimulationLoop
 from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.shared_files import PACKAGE
 from cloth_sim_ros.sim.mesh_file import stop_reading
@@ -62,18 +58,12 @@ class ClothSimNode(Node):
         self._bridge = ParameterBridge(self, self._parameter_changed)
         self._parameter_services = ParameterServices(self, self._bridge)
         values = self._bridge.values
-        self._frame_id = values["frame_id"]
-        self._frames = Frames(self._frame_id, self)
+        self._frames = Frames(values["frame_id"], self)
         self._complaints = inputs.Complaints(log.warning)
-        self._outputs = {
-            name: ObjectOutput(self, name, values[f"{name}.type"], self._frame_id) for name in values["objects"]
-        }
+        self._outputs = [output for kind in OUTPUTS for output in kind.each(self, values)]
+        self._audience = Audience(self._outputs)
+        self._makes_time = any(isinstance(output, ClockOutput) for output in self._outputs)
         self._diagnostics = DiagnosticsOutput(self)
-        self._clock_out = None
-        if values["publish_clock"] and self.get_parameter("use_sim_time").value:
-            log.error("publish_clock is true with use_sim_time; a node cannot follow its own clock, and sends none")
-        elif values["publish_clock"]:
-            self._clock_out = self.create_publisher(Clock, "/clock", LATEST)
         self._sender = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sending")
         self._sending: Future | None = None
         world = World(values, log, self._frames)
@@ -91,11 +81,6 @@ class ClothSimNode(Node):
             self.create_service(SetBool, f"~/handles/{name}/attach", attach, callback_group=waiting)
         if values["spare_colliders"]:
             self.create_subscription(MarkerArray, "~/scene", self._on_scene, 10)
-        self._collider_output, self._journal = CollidersOutput(self, self._frame_id), JournalOutput(self)
-        self._wrenches = [Wrenches(self, kind, values[kind], self._frame_id) for kind in ("colliders", "handles")]
-        self._gripper_states = GripperStates(self, values["grippers"], self._frame_id)
-        sent = (*self._outputs.values(), *self._wrenches, self._collider_output, self._gripper_states, self._journal)
-        self._audience = Audience(sent, always=self._clock_out is not None)
         world.grasps.told = self._tell_attached
         Commands(self, self._loop, self._bridge, self._frames, self._complaints)
         self.create_service(Trigger, "~/reset", self._on_reset, callback_group=waiting)
@@ -139,16 +124,16 @@ class ClothSimNode(Node):
                 if marker.action == Marker.DELETEALL:
                     self._loop.submit(lambda: [world.take_away(name) for name in list(world.added.colliders)])
                 elif marker.action == Marker.DELETE:
-                    self._loop.submit(partial(world.take_away, name_of(marker)))
+                    self._loop.submit(partial(world.take_away, inputs.name_of(marker)))
                 elif marker.action == Marker.ADD:
-                    collider = read_marker(marker, self._frames)
+                    collider = inputs.read_marker(marker, self._frames)
                     if marker.lifetime.sec or marker.lifetime.nanosec:
-                        sentence = f"{name_of(marker)} has a lifetime, and stays until a marker deletes it"
+                        sentence = f"{inputs.name_of(marker)} has a lifetime, and stays until a marker deletes it"
                         self._complaints.cut("scene", sentence)
-                    self._loop.submit(partial(self._put, name_of(marker), collider))
+                    self._loop.submit(partial(self._put, inputs.name_of(marker), collider))
                 else:
                     allowed = "allowed are ADD 0, DELETE 2 and DELETEALL 3"
-                    raise Refused("action", f"{name_of(marker)} has the action {marker.action}; {allowed}")
+                    raise Refused("action", f"{inputs.name_of(marker)} has the action {marker.action}; {allowed}")
             except Refused as reason:
                 self._complaints.refuse("scene", reason)
 
@@ -214,14 +199,8 @@ class ClothSimNode(Node):
 
     def _attach(self, world: World) -> None:
         self._end_sending()
-        for wrenches in self._wrenches:
-            wrenches.attach(world.sim)
-        publish = group(self._bridge.values, "publish")
-        for name, output in self._outputs.items():
-            if world.sim is not None and name in world.sim.scene.objects:
-                output.attach(world.sim, **publish)
-            else:
-                output.detach()
+        for output in self._outputs:
+            output.attach(world.sim, self._bridge.values)
 
     def _send(self, world: World) -> float:
         if not self._audience.is_there:
@@ -229,23 +208,15 @@ class ClothSimNode(Node):
             world.finish()
             return time.monotonic() - begin
         self._end_sending()
-        for output in self._outputs.values():
-            output.request()
         stamp = divmod(self._now(world), 1_000_000_000)
-        if self._clock_out is not None:
-            self._clock_out.publish(Clock(clock=Time(sec=stamp[0], nanosec=stamp[1])))
+        for output in self._outputs:
+            output.request(world, stamp)
         begin = time.monotonic()
-        for output in self._outputs.values():
-            output.wait(stamp)
-        for wrenches in self._wrenches:
-            wrenches.publish(stamp)
-        if world.sim is not None:
-            self._collider_output.publish(world.sim, world.poses(), stamp)
-            self._gripper_states.publish(world.sim, world.grippers, stamp)
-        self._journal.publish(world, stamp)
+        for output in self._outputs:
+            output.read(world, stamp)
         world.finish()  # here, as the other thread may hold the interpreter from now on
         waited = time.monotonic() - begin
-        if sum(output.size for output in self._outputs.values()) < WORTH_ANOTHER_THREAD:
+        if sum(output.size for output in self._outputs) < WORTH_ANOTHER_THREAD:
             self._publish()
         else:
             self._sending = self._sender.submit(self._publish)
@@ -258,7 +229,7 @@ class ClothSimNode(Node):
             sending.result()
 
     def _publish(self) -> None:
-        for output in self._outputs.values():
+        for output in self._outputs:
             output.publish()
 
     def _tell(self, world: World, pace: Pace) -> None:
@@ -271,6 +242,6 @@ class ClothSimNode(Node):
     def _now(self, world: World) -> int:
         """Nanoseconds for stamps: simulated ones where this node is the source of time, which never run backwards, and
         those at the end of the frame where it follows one."""
-        if self._clock_out is not None:
+        if self._makes_time:
             return round(1e9 * world.simulated)
         return self._follower.time if self._follower.active else self.get_clock().now().nanoseconds

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.ros.grippers import ASKED
-from cloth_sim_ros.ros.pose_track import Vector
+from cloth_sim_ros.ros.inputs.grippers import ASKED
+from cloth_sim_ros.ros.inputs.pose_track import Vector
 from cloth_sim_ros.sim import Simulation
 
 Rates = dict[str, tuple[float, float]]  # as Winches has them

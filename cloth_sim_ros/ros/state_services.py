@@ -14,8 +14,8 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from cloth_sim_ros.ros.parameter_bridge import ParameterBridge
-from cloth_sim_ros.ros.simulation_loop import SimulationLoop
+from cloth_sim_ros.ros.parameters.bridge import ParameterBridge
+from cloth_sim_ros.ros.time.loop import SimulationLoop
 
 
 class StateServices:

@@ -9,19 +9,19 @@ from typing import Any
 
 import warp
 
-from cloth_sim_ros.ros import parameter_names as names
-from cloth_sim_ros.ros.added import Added
-from cloth_sim_ros.ros.compiling import Compiling
-from cloth_sim_ros.ros.feasibility import broken_meshes, check_solver
-from cloth_sim_ros.ros.frames import Followers, Frames
-from cloth_sim_ros.ros.grasps import Grasps
-from cloth_sim_ros.ros.grippers import Grippers, finger_names
+from cloth_sim_ros.ros.inputs.added import Added
+from cloth_sim_ros.ros.inputs.frames import Followers, Frames
+from cloth_sim_ros.ros.inputs.grasps import Grasps
+from cloth_sim_ros.ros.inputs.grippers import Grippers, finger_names
+from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, Vector
+from cloth_sim_ros.ros.inputs.winches import Winches
 from cloth_sim_ros.ros.journal import Journal
-from cloth_sim_ros.ros.pose_track import Pose, PoseTrack, Vector
-from cloth_sim_ros.ros.reported import Reported
-from cloth_sim_ros.ros.scene_plan import make_plan
+from cloth_sim_ros.ros.outputs.log import Reported
+from cloth_sim_ros.ros.parameters import names
+from cloth_sim_ros.ros.parameters.feasibility import broken_meshes, check_solver
+from cloth_sim_ros.ros.parameters.plan import make_plan
 from cloth_sim_ros.ros.state_notes import live_values, notes_of, read_notes
-from cloth_sim_ros.ros.winches import Winches
+from cloth_sim_ros.ros.time.compiling import Compiling
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.substeps.limits import Unstable

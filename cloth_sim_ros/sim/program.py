@@ -34,6 +34,7 @@ from cloth_sim_ros.sim.features.collider_contact.particle import make_contact, m
 from cloth_sim_ros.sim.features.collider_contact.pinch_hold import make_feel_pinched, make_hold_pinched
 from cloth_sim_ros.sim.features.collider_contact.surface import make_carry_presses, make_press, make_yield
 from cloth_sim_ros.sim.features.collider_contact.sweep import sweep_collider
+from cloth_sim_ros.sim.features.constraints.solve import make_stages
 from cloth_sim_ros.sim.features.fault_recovery import find_fault, make_count, make_settle
 from cloth_sim_ros.sim.features.grasp.hold import feel, hold
 from cloth_sim_ros.sim.features.motion import make_finish, make_predict
@@ -100,6 +101,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1) -> Program:
         program.solved += [Stage("start", make_start(features)), Stage("chain", make_solve(features, threads))]
     if features.lines:
         program.solved.append(_make_lines(features, on_cpu))
+    if features.constraints:
+        program.solved += make_stages(features)
     if features.shapes:
         _keep_out(program, features, None if features.coupled else finish)
     if features.coupled or not features.shapes:
@@ -159,7 +162,7 @@ def make_begin(features: Features):
             ctx.frame.substeps = substeps_of(ctx.state.control, arrays.limits[b], b)
         ctx.frame.dt = ctx.frame.length / float(ctx.frame.substeps)
         ctx.colliders = arrays.colliders
-        ctx.forces = arrays.forces
+        ctx.numbers = arrays.numbers
         if wp.static(features.handles):
             ctx.handles = arrays.handles
             ctx.handle_counts = arrays.handle_counts

@@ -234,6 +234,7 @@ class Simulation:
             self._bodies.frame.upload()
         self._bodies.colliders.upload()
         self._bodies.handles.upload()
+        self._bodies.numbers.upload()
         for batch in self._bodies.batches:
             batch.upload()
 

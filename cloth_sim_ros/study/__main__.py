@@ -8,22 +8,15 @@ import sys
 
 import warp as wp
 
-from cloth_sim_ros.study import elongation, error, report, scenes, speed, stability, throws, touching, tune
+from cloth_sim_ros.study import error, scenes, stability, tune
 from cloth_sim_ros.study.fabric import command as fabric
-from cloth_sim_ros.study.pictures import command as pictures
 
 COMMANDS = {
-    "speed": (speed, "what a frame of a hung cloth costs, and what features and peers cost"),
     "scenes": (scenes, "what a frame of real scenes costs by the defaults and by set numbers, and its error"),
     "error": (error, "error against time for a case over orders, substeps and iterations"),
-    "elongation": (elongation, "how much too long a hung sheet gets by XPBD, over substeps and iterations"),
-    "fabric": (fabric, "drape, stretch and bending of fabrics by the tests of a laboratory, beside published values"),
-    "touching": (touching, "what it costs to keep a sheet apart from itself, and what comes through"),
-    "throws": (throws, "things thrown at sheets, drawn at random: what passes, and how deep the rest gets"),
     "tune": (tune, "the cheapest settings of a scene file that keep a wanted error"),
     "stability": (stability, "every hard case by every method: what stays finite, bounded, and comes back"),
-    "report": (report, "one HTML page with every figure and table that the other commands have written"),
-    "pictures": (pictures, "the pictures of the documentation, drawn from what the product computes"),
+    "fabric": (fabric, "drape, stretch and bending of fabrics by the tests of a laboratory, beside published values"),
 }
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cloth_sim_ros.ros.scene_plan import Plan  # noqa: TID251 (free of rclpy, which a test proves)
+from cloth_sim_ros.ros.parameters.plan import Plan  # noqa: TID251 (free of rclpy, which a test proves)
 from cloth_sim_ros.sim import Settings, Simulation, topology
 from cloth_sim_ros.study import norms
 from cloth_sim_ros.study.timing import frame_times
@@ -91,7 +91,7 @@ def _change(runs: list[np.ndarray], count: int) -> float:
 def frames_of(trial: Trial, settings: Settings, count: int, beside: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Positions (count + 1, N, 3) [m] of all objects and milliseconds of every frame; `beside` starts 1e-6 m away."""
     sim = Simulation(trial.plan.scene, settings, device=trial.plan.device)
-    frame_times(sim, 2)  # compiles
+    sim.step(2)  # compiles
     sim.reset()
     if beside:
         _perturb(sim, trial.plan)

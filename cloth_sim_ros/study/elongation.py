@@ -16,31 +16,24 @@ from cloth_sim_ros.study.peers import PEERS
 
 _REST = {"global_damping": 2.0}  # [1/s] by which it comes to rest
 _APART = 1e3  # as many times as in equilibrium: then it has flown apart
+_RESOLUTIONS, _CONSTANT, _SECONDS = (16, 32, 64), 1000.0, 5.0  # particles a side, [N/m], until it is at rest
 _FINE = {"substeps": 80, "iterations": 4, "order": 1}  # from where the minimum of the energy is looked for
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
-    parser.add_argument("--resolution", type=int, nargs="+", default=[16, 32, 64], help="particles a side")
-    parser.add_argument("--substeps", type=int, nargs="+", default=[20])
-    parser.add_argument("--iterations", type=int, nargs="+", default=[1, 4])
-    parser.add_argument("--constant", type=float, default=1000.0, help="of structural springs [N/m]")
-    parser.add_argument("--seconds", type=float, default=5.0, help="until it is at rest")
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--peers", action="store_true", help="also Newton and pyPBD, if installed")
-
-
 def run(arguments: argparse.Namespace) -> int:
-    """Print a row a resolution; returns the exit status."""
-    pairs = [(s, i) for s in arguments.substeps for i in arguments.iterations]
+    """Print a row a resolution, by the arguments of `error`; returns the exit status."""
+    pairs = [(s, i) for s in arguments.substeps for i in arguments.iterations if s * i <= arguments.sweeps]
     print(f"{'mean strain over that of the equilibrium':<16}" + "".join(f"{f'{s} x {i}':>10}" for s, i in pairs))
-    for resolution in arguments.resolution:
-        scene = Scene({BODY: hung_sheet(resolution, arguments.constant)})
-        exact = equilibrium(*_at_rest(scene, _FINE, arguments))
+    constant, seconds = arguments.constant or _CONSTANT, arguments.seconds or _SECONDS
+    for resolution in [arguments.resolution] if arguments.resolution else _RESOLUTIONS:
+        scene = Scene({BODY: hung_sheet(resolution, constant)})
+        exact = equilibrium(*_at_rest(scene, _FINE, seconds, arguments.device))
         wanted = mean_strain(exact[0], exact[1])
         found = []
         for substeps, iterations in pairs:
-            sim, x = _at_rest(scene, {"substeps": substeps, "iterations": iterations, "order": 1}, arguments)
+            sim, x = _at_rest(
+                scene, {"substeps": substeps, "iterations": iterations, "order": 1}, seconds, arguments.device
+            )
             found.append(mean_strain(sim, x) / wanted - 1.0)
         _print_row(f"{resolution} x {resolution}", found)
         for peer in PEERS if arguments.peers else ():
@@ -48,8 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
             if problem:
                 print(problem, file=sys.stderr)
                 continue
-            case = Case("hung", "hung by two corners", hung_sheet, round(60 * arguments.seconds), 1e-3, 32, 1e3)
-            runs = [Run(case, resolution, arguments.constant, arguments.device, *pair) for pair in pairs]
+            case = Case("hung", "hung by two corners", hung_sheet, round(60 * seconds), 1e-3, 32, 1e3)
+            runs = [Run(case, resolution, constant, arguments.device, *pair) for pair in pairs]
             strains = [_lasting_strain(exact[0], peer.simulate(run)[0]) for run in runs]
             _print_row(f"{resolution} x {resolution}, {peer.label}", [strain / wanted - 1.0 for strain in strains])
     return 0
@@ -76,9 +69,9 @@ def hung_sheet(resolution: int, constant: float) -> Cloth:
     )
 
 
-def _at_rest(scene: Scene, settings: dict, arguments: argparse.Namespace) -> tuple[Simulation, np.ndarray]:
-    sim = Simulation(scene, Settings(method="xpbd", **settings, **_REST), device=arguments.device)
-    sim.step(round(60 * arguments.seconds))
+def _at_rest(scene: Scene, settings: dict, seconds: float, device: str) -> tuple[Simulation, np.ndarray]:
+    sim = Simulation(scene, Settings(method="xpbd", **settings, **_REST), device=device)
+    sim.step(round(60 * seconds))
     return sim, sim.positions(BODY).astype(np.float64)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.status_line import show
-from cloth_sim_ros.study import norms
+from cloth_sim_ros.study import elongation, norms
 from cloth_sim_ros.study.case import Case
 from cloth_sim_ros.study.cases import CASES
 from cloth_sim_ros.study.contenders import CONTENDERS, Contender, Run
@@ -38,7 +38,7 @@ CLOSE = 2.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command line of `python -m cloth_sim_ros.study error`."""
-    parser.add_argument("--case", choices=[*CASES, "all"], default="clamped_sheet")
+    parser.add_argument("--case", choices=[*CASES, "all", "elongation"], default="clamped_sheet")
     parser.add_argument("--resolution", type=int, help="particles along a side, segments of a chain")
     parser.add_argument("--constant", type=float, help="spring constant [N/m]")
     parser.add_argument("--seconds", type=float, help="how long to compare [s]; else as long as the case")
@@ -54,6 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, print the tables, write JSON and figures."""
+    if arguments.case == "elongation":
+        return elongation.run(arguments)
     arguments.output.mkdir(parents=True, exist_ok=True)
     arguments.contenders = (*CONTENDERS, *(peers_on(arguments.device, arguments.worlds) if arguments.peers else ()))
     for case in CASES.values() if arguments.case == "all" else [CASES[arguments.case]]:

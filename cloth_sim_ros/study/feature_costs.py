@@ -10,6 +10,7 @@ import numpy as np
 from cloth_sim_ros.sim import Box, Capsule, Cloth, Plane, Scene, Settings, Simulation, Sphere, Wind
 from cloth_sim_ros.study.timing import frame_time, quartiles
 
+_FRAMES = 30  # in a turn
 # Where a collider is: out of reach, or in the middle of the cloth.
 AWAY, AMID = (0.0, 5.0, 0.0), (0.0, 0.05, 0.0)
 _SHAPES = {
@@ -44,14 +45,27 @@ def variants(cloth: Cloth) -> dict[str, tuple[Scene, dict, str]]:
     return found
 
 
-def measure(cloth: Cloth, device: str, substeps: int, rounds: int, frames: int) -> list[dict]:
+def hanging_cloth(resolution: int, constant: float = 1e3) -> Cloth:
+    """A cloth of 1 m with all springs: stretch, shear and bending, hung by two corners."""
+    return Cloth(
+        resolution=(resolution, resolution),
+        orientation=(np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)),
+        pins=(resolution * (resolution - 1), resolution * resolution - 1),
+        stretch_compliance=1.0 / constant,
+        shear_compliance=3.0 / constant,
+        bending="springs",
+        bend_compliance=10.0 / constant,
+    )
+
+
+def measure(resolution: int, device: str, rounds: int) -> list[dict]:
     """A row a variant: quartiles of ms a frame, and of the difference to what it is held against, in turns.
 
     All run one launch a frame, so that differences are those of the feature alone. The plain cloth is there twice: its
     own difference is the noise.
     """
-    chosen = variants(cloth)
-    plain = {"method": "xpbd", "order": 1, "substeps": substeps, "iterations": 1}
+    chosen = variants(hanging_cloth(resolution))
+    plain = {"method": "xpbd", "order": 1, "substeps": 20, "iterations": 1}
     sims = {"": None}
     for name, (scene, settings, _) in chosen.items():
         sims[name] = Simulation(scene, Settings(**{**plain, **settings}), device=device)
@@ -64,7 +78,7 @@ def measure(cloth: Cloth, device: str, substeps: int, rounds: int, frames: int) 
     for _ in range(rounds):
         for name, sim in sims.items():
             sim.reset()
-            times[name].append(frame_time(sim, frames))
+            times[name].append(frame_time(sim, _FRAMES))
     rows = []
     for name, (_, _, base) in chosen.items():
         mine, without = np.array(times[name]), np.array(times["" if base == name else base])

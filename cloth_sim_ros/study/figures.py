@@ -65,29 +65,6 @@ def draw_error(
     figure.savefig(path.with_suffix(".svg"))
 
 
-def draw_speed(rows: list[dict], peers: list[dict], title: str, path: Path) -> None:
-    """Milliseconds a frame against particles, a line for the product and each peer, from lower to upper quartile."""
-    figure = Figure(figsize=(8, 5), layout="constrained")
-    axes = figure.subplots()
-    lines: dict[str, list[tuple[int, dict]]] = {}
-    for row in rows:
-        lines.setdefault("ours", []).append((row["resolution"] ** 2, row["ms"]))
-    for row in peers:
-        lines.setdefault(row["peer"], []).append((row["resolution"] ** 2, row))
-    for k, (label, points) in enumerate(lines.items()):
-        style = {"color": f"C{k % 10}", "marker": MARKERS[k % len(MARKERS)], "ms": 5, "lw": 1.2, "label": label}
-        count = [particles for particles, _ in points]
-        axes.plot(count, [times["median"] for _, times in points], ls="-" if label == "ours" else "--", **style)
-        low, high = ([times[edge] for _, times in points] for edge in ("low", "high"))
-        axes.fill_between(count, low, high, color=style["color"], alpha=0.15)
-    axes.set(xscale="log", yscale="log", xlabel="particles", ylabel="ms per 1/60 s frame")
-    axes.set_title(title, fontsize=10)
-    axes.grid(True, which="both", alpha=0.2)
-    axes.legend(fontsize=8, frameon=False)
-    save_png(figure, path.with_suffix(".png"))
-    figure.savefig(path.with_suffix(".svg"))
-
-
 def save_png(figure: Figure, path: Path) -> None:
     """`figure` as a PNG of 256 colours, a third of the size that matplotlib writes."""
     buffer = io.BytesIO()

@@ -182,39 +182,6 @@ def record(step: Callable, positions: Callable, start: np.ndarray, frames: int, 
     return np.array(found), np.array(times)
 
 
-_FLEX = """
-<mujoco>
-  <option timestep="{dt}"/>
-  <size memory="400M"/>
-  <worldbody>
-    <flexcomp name="cloth" type="grid" count="{n} {n} 1" spacing="{spacing} {spacing} 1" mass="0.2" dim="2"
-              radius="0.001" pos="0 0 1">
-      <edge equality="true"/>
-      <contact selfcollide="none"/>
-      <pin id="0 {corner}"/>
-    </flexcomp>
-  </worldbody>
-</mujoco>
-"""
-
-
-def flex_times(resolution: int, frames: int, steps: int = 4) -> np.ndarray:
-    """Milliseconds (frames,) of 1/60 s of MuJoCo's flex, at its usual step of about 4 ms, on one CPU core. It is a
-    sheet of 1 m whose edges are equality constraints, hung by two corners."""
-    import mujoco
-
-    text = _FLEX.format(dt=FRAME_DT / steps, n=resolution, spacing=1.0 / (resolution - 1), corner=resolution - 1)
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-
-    def frame() -> None:
-        for _ in range(steps):
-            mujoco.mj_step(model, data)
-
-    frame()
-    return record(frame, lambda: data.flexvert_xpos, data.flexvert_xpos, frames, wp.get_device("cpu"))[1]
-
-
 PEERS = (
     Peer("Newton XPBD", "newton", newton("xpbd"), on_gpu=True),
     Peer("Newton VBD", "newton", newton("vbd"), on_gpu=True),

@@ -13,8 +13,9 @@ from typing import Any
 import yaml
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.ros import parameter_names as names  # noqa: TID251 (free of rclpy, which a test proves)
-from cloth_sim_ros.ros.scene_plan import Plan, make_plan, material_values  # noqa: TID251 (as above)
+from cloth_sim_ros.ros.parameters import names  # noqa: TID251 (free of rclpy, which a test proves)
+from cloth_sim_ros.ros.parameters.plan import Plan, make_plan, material_values  # noqa: TID251 (as above)
+from cloth_sim_ros.ros.parameters.plugins import require_plugins  # noqa: TID251 (as above)
 
 PARAMETERS = "ros__parameters"
 
@@ -27,8 +28,9 @@ def read_plan(path: Path) -> Plan:
     values = {name: _value(row, name, given) for name, row in rows.items()}
     if not values["objects"]:
         raise ValueError(f"{path} describes no object; allowed is a scene with at least one")
-    kinds = {name: _value(table.OBJECT[0], f"{name}.type", given) for name in values["objects"]}
-    rows |= names.scene_rows(kinds, values["colliders"], values["handles"], values["grippers"])
+    require_plugins(values["plugins"])
+    values |= {name: _value(row, name, given) for name, row in names.type_rows(values).items()}
+    rows |= names.scene_rows(values)
     for name, row in rows.items():
         values[name] = _value(row, name, given)
     unknown = sorted(set(given) - set(rows))

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from cloth_sim_ros.status_line import show
-from cloth_sim_ros.study import pass_map
+from cloth_sim_ros.study import pass_map, throws
 from cloth_sim_ros.study.hard import long_rest
 from cloth_sim_ros.study.hard.cases import CASES
 from cloth_sim_ros.study.hard.judge import METHODS, Combination, Verdict, combinations
@@ -35,6 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--map", action="store_true", help="the map over stiffness and mass ratio in place of the cases"
     )
     parser.add_argument("--peers", action="store_true", help="in the map also Newton and pyPBD, if installed")
+    parser.add_argument("--throws", type=int, metavar="N", help="N things thrown at sheets in place of the cases")
+    parser.add_argument("--first", type=int, default=0, help="number of the first throw, to repeat one of a seed")
     parser.add_argument("--long", action="store_true", help="ten minutes of rest in place of the cases")
     parser.add_argument("--output", type=Path, default=Path("study"), help="folder of what is written")
 
@@ -46,6 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.map:
         return pass_map.run(arguments.device, arguments.peers, arguments.output, arguments.jobs)
     seed = arguments.seed if arguments.seed is not None else int(np.random.SeedSequence().entropy % 2**31)
+    if arguments.throws:
+        return throws.run(arguments.throws, arguments.first, seed, arguments.device)
     part, parts = map(int, arguments.part.split("/"))
     every = list(combinations(seed, arguments.case, arguments.method))[part - 1 :: parts]
     start = time.perf_counter()

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`throws`: things thrown at sheets, drawn at random: what passes, and how deep the rest gets."""
+"""Things thrown at sheets, drawn at random: what passes, and how deep the rest gets."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -133,25 +132,16 @@ def is_above(sim: Simulation, name: str, point: tuple[float, ...]) -> bool:
     return bool(((areas[around] * corners[around, :, 2]).sum(1) / areas[around].sum(1) > 0.0).sum() % 2)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
-    parser.add_argument("--count", type=int, default=100, help="how many are thrown")
-    parser.add_argument("--first", type=int, default=0, help="number of the first, so that one can be thrown again")
-    parser.add_argument("--seed", type=int, help="of all that is drawn; another one every time if not given")
-    parser.add_argument("--device", default="cpu")
-
-
-def run(arguments: argparse.Namespace) -> int:
+def run(count: int, first: int, seed: int, device: str) -> int:
     """Throw, and print what went wrong; the exit status is 1 if anything did."""
-    seed = arguments.seed if arguments.seed is not None else int(np.random.SeedSequence().entropy % 2**31)
     passed, deep = 0, 0
-    for number in range(arguments.first, arguments.first + arguments.count):
+    for number in range(first, first + count):
         random = np.random.default_rng((seed, number))
         each = drawn(random)
-        found = throw(each, random, arguments.device)
+        found = throw(each, random, device)
         passed, deep = passed + found.passed, deep + (not found.passed and found.depth > each.thickness)
         if found.passed or found.depth > each.thickness:
             what = "passes" if found.passed else f"gets {1e3 * found.depth:.1f} mm deep"
             print(f"{number}: {what}: {each}", flush=True)
-    print(f"seed {seed}: of {arguments.count} throws {passed} pass, {deep} get deeper than the thickness")
+    print(f"seed {seed}: of {count} throws {passed} pass, {deep} get deeper than the thickness")
     return 1 if passed or deep else 0

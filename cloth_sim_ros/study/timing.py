@@ -13,28 +13,28 @@ import warp as wp
 from cloth_sim_ros.sim import Simulation
 
 
-def frame_times(sim: Simulation, frames: int, after: Callable[[], None] | None = None) -> np.ndarray:
+def frame_times(sim: Simulation, frames: int, after: Callable[[], None]) -> np.ndarray:
     """Milliseconds (frames,) that each of `frames` frames took; `after` is called after each, untimed.
 
-    On a GPU by CUDA events on its stream, on the CPU by the wall clock. Without `after` the frames follow one another
-    as fast as the device takes them, and each counts from the end of the one before it (see `frame_time` for their
-    mean). With it each starts on an idle device, so that the way from the host counts.
+    On a GPU by CUDA events on its stream, on the CPU by the wall clock. Each starts on an idle device, so that the way
+    from the host counts. `frame_time` has frames that follow one another.
     """
     device = wp.get_device(sim.device)
-    if not device.is_cuda:
-        return np.array([_wall_ms(sim, after) for _ in range(frames)])
-    stream = wp.get_stream(device)
-    starts, ends = [stream.record_event(wp.Event(device, enable_timing=True))], []
+    found = []
     for _ in range(frames):
-        sim.step()
-        ends.append(stream.record_event(wp.Event(device, enable_timing=True)))
-        if after is None:
-            starts.append(ends[-1])
+        if device.is_cuda:
+            start, end = (wp.Event(device, enable_timing=True) for _ in range(2))
+            stream = wp.get_stream(device)
+            stream.record_event(start)
+            sim.step()
+            stream.record_event(end)
+            found.append(wp.get_event_elapsed_time(start, end))  # waits for the device
         else:
-            after()
-            starts.append(stream.record_event(wp.Event(device, enable_timing=True)))
-    wp.synchronize_device(device)
-    return np.array([wp.get_event_elapsed_time(start, end) for start, end in zip(starts, ends, strict=False)])
+            begin = time.perf_counter()
+            sim.step()
+            found.append(1e3 * (time.perf_counter() - begin))
+        after()
+    return np.array(found)
 
 
 def frame_time(sim: Simulation, frames: int) -> float:
@@ -42,7 +42,7 @@ def frame_time(sim: Simulation, frames: int) -> float:
     events, as one after each of them would add 2 us of its own. On the CPU it is the median."""
     device = wp.get_device(sim.device)
     if not device.is_cuda:
-        return float(np.median(frame_times(sim, frames)))
+        return float(np.median(frame_times(sim, frames, lambda: None)))
     stream = wp.get_stream(device)
     start, end = (wp.Event(device, enable_timing=True) for _ in range(2))
     stream.record_event(start)
@@ -55,15 +55,6 @@ def frame_time(sim: Simulation, frames: int) -> float:
 def quartiles(numbers: np.ndarray) -> dict[str, float]:
     """low, median and high: the quartiles of `numbers`."""
     return dict(zip(("low", "median", "high"), np.percentile(numbers, (25, 50, 75)), strict=True))
-
-
-def _wall_ms(sim: Simulation, after: Callable[[], None] | None) -> float:
-    start = time.perf_counter()
-    sim.step()
-    elapsed = time.perf_counter() - start
-    if after is not None:
-        after()
-    return 1e3 * elapsed
 
 
 def machine(device: str) -> dict[str, str]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from patience import patience, tries
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -43,12 +44,13 @@ class Client:
         return messages
 
     def until(self, condition: Callable[[], bool], timeout: float = 60.0, meanwhile: Callable = lambda: None) -> None:
-        """Spins until `condition` holds, calling `meanwhile` between callbacks; fails after `timeout` [s]."""
-        end = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < end, "waited in vain"
+        """Spins until `condition` holds, calling `meanwhile` between callbacks; fails after `patience(timeout)`."""
+        for _ in tries(timeout):
+            if condition():
+                return
             meanwhile()
             self._executor.spin_once(timeout_sec=0.02)
+        assert condition(), "waited in vain"
 
     def spin(self, seconds: float, meanwhile: Callable = lambda: None) -> None:
         """Spins for `seconds`."""
@@ -77,7 +79,7 @@ class Client:
         """The client of a service, once the service is there."""
         if name not in self._services:
             self._services[name] = self.node.create_client(kind, name)
-            assert self._services[name].wait_for_service(30.0), f"no service {name}"
+            assert self._services[name].wait_for_service(patience(30.0)), f"no service {name}"
         return self._services[name]
 
     def set(self, name: str, value: Any) -> Any:

@@ -12,4 +12,4 @@ os.environ["PYTHONUNBUFFERED"] = "1"
 
 
 if importlib.util.find_spec("rclpy") is None:
-    collect_ignore_glob = ["test_*.py"]
+    collect_ignore_glob = ["test_*.py", "*/test_*.py"]

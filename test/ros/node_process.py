@@ -6,8 +6,9 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
+
+from patience import patience, tries
 
 ROOT = Path(__file__).parents[2]
 
@@ -49,12 +50,11 @@ class NodeProcess:
 
     def wait_for(self, text: str, timeout: float = 90.0) -> NodeProcess:
         """Waits until it has printed `text`; a first compilation takes a while."""
-        end = time.monotonic() + timeout
-        while text not in self.log:
+        for _ in tries(timeout, pause=0.02):
+            if text in self.log:
+                return self
             assert self.process.poll() is None, f"the node ended with {self.process.returncode}:\n{self.log}"
-            assert time.monotonic() < end, f"the node never said {text!r}:\n{self.log}"
-            time.sleep(0.02)
-        return self
+        raise AssertionError(f"the node never said {text!r}:\n{self.log}")
 
     def ready(self) -> NodeProcess:
         """Waits until it simulates."""
@@ -69,7 +69,7 @@ class NodeProcess:
         if self.alive():
             self.process.send_signal(number)
         try:
-            return self.process.wait(timeout)
+            return self.process.wait(patience(timeout))
         except subprocess.TimeoutExpired:
             self.process.kill()
             raise

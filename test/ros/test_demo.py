@@ -11,9 +11,10 @@ import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from node_process import ROOT
+from patience import patience
 
 from cloth_sim_ros.demo.audience import Audience
-from cloth_sim_ros.ros.diagnostics import busy
+from cloth_sim_ros.ros.outputs.diagnostics import busy
 
 LINE = re.compile(
     r"real-time factor \d\.\d\d, \d+\.\d\d ms per frame, max strain \d+\.\d %, "
@@ -24,7 +25,7 @@ LINE = re.compile(
 @pytest.mark.parametrize("scene", ["towel"])  # test_scenes.py has all of them
 def test_demo_runs_and_ends_by_itself(scene):
     command = [sys.executable, "-m", "cloth_sim_ros.demo", scene, "--seconds", "4"]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=patience(120), check=False)
     assert result.returncode == 0, result.stderr
     lines = LINE.findall(result.stdout)
     assert len(lines) >= 3, result.stdout
@@ -38,7 +39,7 @@ def test_demo_tells_that_it_compiles_and_runs_then(tmp_path):
     command = [sys.executable, "-m", "cloth_sim_ros.demo", "winch", "--headless", "--seconds", "2"]
     nothing_compiled = {**os.environ, "WARP_CACHE_PATH": str(tmp_path)}
     result = subprocess.run(
-        command, cwd=ROOT, env=nothing_compiled, capture_output=True, text=True, timeout=300, check=False
+        command, cwd=ROOT, env=nothing_compiled, capture_output=True, text=True, timeout=patience(300), check=False
     )
     assert result.returncode == 0 and "Traceback" not in result.stderr, result.stdout + result.stderr
     told = re.findall(r"^compiling kernels, which later starts find ready: (\d+) modules? done", result.stdout, re.M)
@@ -77,5 +78,5 @@ def test_the_view_of_a_scene_names_its_topics_and_no_others(scene):
 
 def test_an_unknown_scene_is_told_what_there_is():
     command = [sys.executable, "-m", "cloth_sim_ros.demo", "sock"]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=patience(60), check=False)
     assert result.returncode == 2 and "invalid choice: 'sock'" in result.stderr and "towel" in result.stderr

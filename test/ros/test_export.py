@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 from node_process import ROOT
+from patience import patience
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -72,7 +73,7 @@ def bag(tmp_path_factory, ros):
         end = time.monotonic() + 1.5
         client.until(lambda: height[0] > 0.75 and time.monotonic() > end, timeout=60.0, meanwhile=rise)
         recorder.send_signal(signal.SIGINT)
-        recorder.communicate(timeout=60.0)
+        recorder.communicate(timeout=patience(60.0))
     finally:
         client.destroy()
         assert node.end() == 0

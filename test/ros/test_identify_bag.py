@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from node_process import ROOT
+from patience import patience
 from recorder_process import Recording
 from std_srvs.srv import Trigger
 
@@ -49,7 +50,7 @@ def bag(start, client, tmp_path):
 def identified(bag, scene, *arguments):
     command = [sys.executable, "-m", "cloth_sim_ros.identify", str(bag), "--scene", str(scene), "--worlds", "8"]
     command += ["--fit", "cloth.stretch_compliance", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=patience(300), check=False)
 
 
 @pytest.mark.long

@@ -6,12 +6,12 @@ import logging
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from test_scene_plan import COLLIDERS, values
+from scene_values import COLLIDERS, values
 
-from cloth_sim_ros.ros import parameter_names as names
-from cloth_sim_ros.ros.diagnostics import diagnostics
-from cloth_sim_ros.ros.frame_clock import Pace
-from cloth_sim_ros.ros.pose_track import Pose
+from cloth_sim_ros.ros.inputs.pose_track import Pose
+from cloth_sim_ros.ros.outputs.diagnostics import diagnostics
+from cloth_sim_ros.ros.parameters import names
+from cloth_sim_ros.ros.time.frame_clock import Pace
 from cloth_sim_ros.ros.world import World
 
 

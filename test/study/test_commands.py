@@ -19,21 +19,6 @@ def command(monkeypatch, *arguments):
 
 
 @pytest.mark.long
-def test_speed_measures_frames_and_features(monkeypatch, tmp_path, capsys):
-    file = tmp_path / "speed.json"
-    options = ("--device", "cpu", "--resolution", 8, "--rounds", 2, "--seconds", 0.01, "--json", file)
-    options += ("--features", "--figure", tmp_path / "speed.png")
-    assert command(monkeypatch, "speed", *options) == 0
-    stored = json.loads(file.read_text())
-    row, features = stored["rows"][0], stored["features"]
-    assert row["resolution"] == 8 and 0.0 < row["ms"]["low"] <= row["ms"]["median"] <= row["ms"]["high"]
-    assert features[0]["feature"] == features[0]["against"] == "all springs" and len(features) == 16
-    assert (tmp_path / "speed.png").stat().st_size > 5_000
-    printed = capsys.readouterr().out
-    assert "8 x 8" in printed and "box, touching" in printed
-
-
-@pytest.mark.long
 def test_error_writes_table_and_figures(monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     options = ("--device", "cpu", "--resolution", 8, "--substeps", 20, 40, 80, "--iterations", 2, "--output", tmp_path)
@@ -51,15 +36,6 @@ def test_error_writes_table_and_figures(monkeypatch, tmp_path, capsys):
     for suffix in (".png", ".svg"):
         assert (tmp_path / (stem + suffix)).stat().st_size > 10_000
     assert "second order" in capsys.readouterr().out
-    check_report(monkeypatch, tmp_path)
-
-
-def check_report(monkeypatch, folder):
-    """The page holds what is in the folder, and nothing that is loaded from elsewhere."""
-    assert command(monkeypatch, "report", "--folder", folder, "--images", folder / "none") == 0
-    html = (folder / "report.html").read_text()
-    assert html.count("data:image/png;base64,") == 1 and "http" not in html
-    assert "sheet of 1 m" in html and "leapfrog Verlet (NumPy)" in html and "blew up" in html
 
 
 def test_scenes_has_a_row_a_setting_and_its_error(monkeypatch, capsys):
@@ -70,6 +46,19 @@ def test_scenes_has_a_row_a_setting_and_its_error(monkeypatch, capsys):
     assert {*scenes.SETTINGS, "reference"} <= rows.keys() and rows["verlet"][0].startswith("verlet, ")
     errors = [float(rows[f"xpbd {substeps} x 1"][2]) for substeps in (10, 20)]
     assert errors[0] > 1.5 * errors[1] > 0.0
+
+
+@pytest.mark.long
+def test_scenes_tell_what_features_cost(monkeypatch, capsys):
+    options = ("--device", "cpu", "--scene", "fold", "--resolution", 8, "--rounds", 2, "--reference", 40)
+    assert command(monkeypatch, "scenes", *options, "--settings", "defaults", "--features") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if line.startswith("all springs")] and len(lines) == 4 + 2 + 17
+    assert sum(line.startswith("| fold 8 x 8 | ") for line in lines) == 2
+
+
+def test_there_are_five_commands():
+    assert len(__main__.COMMANDS) == 5
 
 
 def test_error_of_a_rope_for_as_long_as_asked(monkeypatch, tmp_path, capsys):
@@ -86,29 +75,14 @@ def test_error_of_a_rope_for_as_long_as_asked(monkeypatch, tmp_path, capsys):
 
 
 @pytest.mark.long
-def test_touching_has_a_row_a_scene(monkeypatch, capsys):
-    options = ("--resolution", 8, "--substeps", 20, "--seconds", 0.3, "--device", "cpu")
-    assert command(monkeypatch, "touching", *options) == 0
-    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("8 x 8")]
-    assert [row[3] for row in rows] == ["falls", "hangs"]
-    for row in rows:
-        substeps, median, most, without, crossings = (float(row[k]) for k in (-7, -6, -4, -2, -1))
-        assert substeps == 20 and 0.0 < median <= most and without > 0.0 and crossings == 0
-
-
-@pytest.mark.long
 def test_elongation_has_a_row_a_sheet_and_a_peer(monkeypatch, capsys):
     pytest.importorskip("pypbd")
-    assert command(monkeypatch, "elongation", "--resolution", 16, "--peers") == 0
+    options = ("--resolution", 16, "--substeps", 20, "--iterations", 1, 4, "--device", "cpu", "--peers")
+    assert command(monkeypatch, "error", "--case", "elongation", *options) == 0
     rows = {line[:40].strip(): line[40:].split() for line in capsys.readouterr().out.splitlines()}
     ours, theirs = ([float(share.strip("%")) for share in rows[name]] for name in ("16 x 16", "16 x 16, pyPBD XPBD"))
     assert 1.0 < ours[0] < 5.0 and abs(ours[1]) < 1.0
     assert theirs[0] > ours[0] and theirs[0] > theirs[1]
-
-
-def test_report_of_nothing_says_what_to_run(monkeypatch, tmp_path, capsys):
-    assert command(monkeypatch, "report", "--folder", tmp_path, "--images", tmp_path) == 2
-    assert "run the commands error" in capsys.readouterr().err
 
 
 def test_front_is_what_nothing_beats():
@@ -167,7 +141,7 @@ def test_unstable_runs_are_lost_not_fatal():
 
 
 def test_bad_arguments_give_one_sentence(monkeypatch, capsys):
-    assert command(monkeypatch, "speed", "--device", "cuda:99", "--resolution", 8) == 2
+    assert command(monkeypatch, "error", "--device", "cuda:99", "--resolution", 8) == 2
     assert "cuda:99" in capsys.readouterr().err
 
 

@@ -15,13 +15,11 @@ from cloth_sim_ros.study.hard import judge, long_rest
 from cloth_sim_ros.study.hard.bodies import BODY, Energy, make_body
 from cloth_sim_ros.study.hard.cases import CASES
 
-SLOW = pytest.mark.xfail(strict=False, reason="one such start in ten is strained by 3 % after 2 s, 2 % are promised")
-
 # One of every case, by settings that share few kernels; the loaded starts are the most violent.
 CHOSEN = [
     ("end load", "rope", "xpbd 1", {"ratio": 1e5}),
     ("end load", "rope", "xpbd 2", {"ratio": 1e3}),
-    pytest.param("bad start", "sheet", "xpbd 1", {"start": "random"}, marks=SLOW),
+    ("bad start", "sheet", "xpbd 1", {"start": "random"}),
     *(("bad start", "sheet", "xpbd 1", {"start": start}) for start in ("stretched", "point", "mirrored")),
     ("bad start", "sheet with bending", "xpbd 1", {"start": "collapsed"}),
     ("bad start", "sheet", "verlet", {"start": "stretched"}),
@@ -61,11 +59,7 @@ def test_a_hard_case_keeps_its_promise(case, kind, method, options):
 
 def test_every_case_is_there_and_there_are_more_than_500():
     every = list(judge.combinations(seed=3))
-    assert (
-        {each.case for each in every}
-        == set(CASES)
-        == {(row.values if hasattr(row, "values") else row)[0] for row in CHOSEN}
-    )
+    assert {each.case for each in every} == set(CASES) == {case for case, *_ in CHOSEN}
     assert len(every) >= 500 and len({str(each) for each in every}) == len(every)
     assert [str(each) for each in judge.combinations(seed=3)] == [str(each) for each in every]
     assert [str(each) for each in judge.combinations(seed=4)] != [str(each) for each in every]
@@ -200,8 +194,6 @@ def test_the_map_is_drawn(monkeypatch, tmp_path, capsys):
     assert np.ravel(cells["forward Euler (NumPy)"]).tolist() == ["holds", *["flies apart"] * 2] * 2
     assert np.ravel(cells["Verlet"]).tolist() == ["holds", "refused", "refused"] * 2
     assert (tmp_path / "map_cpu.png").stat().st_size > 5_000 and (tmp_path / "map_cpu.svg").exists()
-    monkeypatch.setattr(sys, "argv", ["study", "report", "--folder", str(tmp_path), "--images", str(tmp_path)])
-    assert __main__.main() == 0 and "flies apart" in (tmp_path / "report.html").read_text()
 
 
 def test_the_map_is_of_those_that_know_chains(monkeypatch):

@@ -44,7 +44,7 @@ def test_a_finger_starts_below_the_sheet():
 
 @pytest.mark.long
 def test_the_command_throws_and_finds_nothing_passed(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["study", "throws", "--count", "6", "--seed", "1"])
+    monkeypatch.setattr(sys, "argv", ["study", "stability", "--throws", "6", "--seed", "1", "--device", "cpu"])
     assert __main__.main() == 0
     assert capsys.readouterr().out == "seed 1: of 6 throws 0 pass, 0 get deeper than the thickness\n"
 
@@ -52,7 +52,7 @@ def test_the_command_throws_and_finds_nothing_passed(monkeypatch, capsys):
 def test_what_passes_is_told(monkeypatch, capsys):
     """What has passed does not count as deep too."""
     monkeypatch.setattr(throws, "throw", lambda each, random, device: throws.Outcome(each.speed > 5.0, 0.004))
-    monkeypatch.setattr(sys, "argv", ["study", "throws", "--count", "40", "--seed", "3"])
+    monkeypatch.setattr(sys, "argv", ["study", "stability", "--throws", "40", "--seed", "3", "--device", "cpu"])
     drawn = [throws.drawn(np.random.default_rng((3, number))) for number in range(40)]
     passed = sum(each.speed > 5.0 for each in drawn)
     deep = sum(each.speed <= 5.0 and each.thickness < 0.004 for each in drawn)

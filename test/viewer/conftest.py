@@ -6,7 +6,6 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +16,7 @@ sys.path.append(str(Path(__file__).parents[1] / "ros"))  # the client and the no
 
 import pytest
 import viser
+from patience import tries
 
 if importlib.util.find_spec("rclpy") is None:
     collect_ignore_glob = ["test_live*.py"]
@@ -71,11 +71,12 @@ class Viewer:
         return self.window.page
 
     def until(self, condition: Callable[[], bool], timeout: float = 90.0) -> None:
-        """Spins until `condition` holds; fails after `timeout` [s]."""
-        end = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < end, f"waited in vain; the page says: {self.page and self.page.status}"
+        """Spins until `condition` holds; fails after `patience(timeout)`."""
+        for _ in tries(timeout):
+            if condition():
+                return
             self.spin_once()
+        assert condition(), f"waited in vain; the page says: {self.page and self.page.status}"
 
     def spin_once(self) -> None:
         """One callback, or none within 20 ms."""

@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 import urllib.error
 import urllib.request
 
@@ -15,6 +14,7 @@ import viser
 from client import NEWEST_ONLY
 from geometry_msgs.msg import Vector3Stamped
 from node_process import ROOT, SMALL
+from patience import tries
 from websockets.sync.client import connect
 
 ADDRESS = re.compile(r"The page is at http://localhost:(\d+)")
@@ -31,11 +31,11 @@ class Command:
 
     def wait_for(self, pattern: re.Pattern, timeout: float = 60.0) -> re.Match:
         """The first match in what it has printed."""
-        end = time.monotonic() + timeout
-        while not (found := pattern.search(self.log.read_text())):
-            assert self.process.poll() is None and time.monotonic() < end, self.log.read_text()
-            time.sleep(0.05)
-        return found
+        for _ in tries(timeout, pause=0.05):
+            if found := pattern.search(self.log.read_text()):
+                return found
+            assert self.process.poll() is None, self.log.read_text()
+        raise AssertionError(f"it never said {pattern.pattern}:\n{self.log.read_text()}")
 
     def end(self) -> int:
         """Its exit status after SIGTERM, which it hands on to what it has started."""

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.study.closed_forms import oscillator
+from cloth_sim_ros.study.relaxation import HangingRope
 from cloth_sim_ros.viewer.drawing import Click, Drag
 from cloth_sim_ros.viewer.pages import colouring, integrators, iterations, spring_network, whole_cloth
-from cloth_sim_ros.viewer.pages.relaxation import HangingRope
 
 G = 9.81  # [m/s^2]
 

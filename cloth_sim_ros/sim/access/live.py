@@ -19,6 +19,7 @@ from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.engine.sizes import write_size
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, names_of
+from cloth_sim_ros.sim.input.numbers import place_of
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 from cloth_sim_ros.sim.substeps.choose import distinct
 from cloth_sim_ros.sim.substeps.limits import check_explicit
@@ -121,9 +122,11 @@ class Live:
             self._set_material(owner, field, name, value, world)
         elif owner in self._bodies.scene.colliders:
             self._set_collider(owner, field, name, value, world)
+        elif owner in self._bodies.scene.numbered:
+            self._set_number(owner, field, name, value, world)
         else:
             scene = self._bodies.scene
-            known = [*scene.objects, *scene.colliders, *scene.handles, "solver", "wind"]
+            known = [*scene.objects, *scene.colliders, *scene.handles, *scene.numbered, "solver", "wind"]
             raise ValueError(f"there is no parameter {name!r}; allowed are 'gravity' and those of {names_of(known)}")
 
     def _checked(self, row: table.Parameter, value: Any, name: str, world: WorldSelection) -> Any:
@@ -143,6 +146,14 @@ class Live:
         write_size(rows, number, collider, field, value, world)
         self._bodies.find_sharpest([owner])
         self._bodies.choose_again()
+
+    def _set_number(self, owner: str, field: str, name: str, value: Any, world: WorldSelection) -> None:
+        """Set a number of a force or constraint."""
+        rows, live, number = self._bodies.scene.numbered[owner].rows, self._bodies.numbers, self._bodies.numbers_row
+        value = self._checked(_live(rows, field, name), value, name, world)
+        numbers = live.read(number[owner], world)["values"]
+        numbers[:, place_of(rows, field)] = value
+        live.write(number[owner], world, values=numbers)
 
     def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:
         value = table.check(row, value, name)

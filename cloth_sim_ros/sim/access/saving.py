@@ -33,7 +33,7 @@ from cloth_sim_ros.sim.arrays.masses import Masses
 from cloth_sim_ros.sim.colliders import SHAPES, shape_of
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import check_worlds
-from cloth_sim_ros.sim.scene.forces import name_of
+from cloth_sim_ros.sim.scene.scene import kind_of
 from cloth_sim_ros.sim.substeps.choose import Choice
 
 _LIVE_OF_OBJECTS = {row.name for row in (*table.CLOTH, *table.ROPE, *table.TWIST, *table.WINCH) if row.live}
@@ -141,7 +141,7 @@ class Saving:
         for name, (row, shape, fields) in header["added"].items():
             if row not in spare or row in rows.values():
                 raise ValueError(f"its collider {name} has row {row!r}")
-            rows[name], colliders[name] = row, SHAPES[shape][0](**fields)
+            rows[name], colliders[name] = row, SHAPES[shape](**fields)
         return bodies.derived(
             {name: _choice(header["choices"][name]) for name in objects},
             scene=dataclasses.replace(bodies.scene, objects=objects, colliders=colliders),
@@ -228,7 +228,9 @@ def structure_of(bodies: Bodies) -> dict[str, str]:
     for name, collider in list(scene.colliders.items())[: bodies.fixed]:
         found[f"collider {name}"] = f"a {type(collider).__name__} ({_digest(collider, _LIVE_OF_COLLIDERS)})"
     found |= {f"handle {name}": "there" for name in scene.handles}
-    found |= {f"force {name}": f"{name_of(force)} {force.numbers()}" for name, force in scene.forces.items()}
+    found |= {f"force {name}": kind_of(force) for name, force in scene.forces.items()}
+    for name, each in scene.constraints.items():
+        found[f"constraint {name}"] = f"{kind_of(each)} of {each.object}, {each.between}"
     return found
 
 
@@ -267,7 +269,7 @@ def _on_host(arrays: dict[str, wp.array | np.ndarray]) -> dict[str, np.ndarray]:
 
 def _live_arrays(bodies: Bodies) -> dict[str, LiveArray | Masses]:
     """Name -> live numbers, shared ones and those of each batch."""
-    found = {"frame": bodies.frame, "colliders": bodies.colliders, "handles": bodies.handles}
+    found = {"frame": bodies.frame, "colliders": bodies.colliders, "handles": bodies.handles, "numbers": bodies.numbers}
     for k, batch in enumerate(bodies.batches):
         each = {"materials": batch.materials, "drives": batch.drives, "ends": batch.ends}
         found |= {f"batch{k}/{name}": rows for name, rows in each.items()}

@@ -6,6 +6,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.arrays.state import ColliderMotion, Frame, HandleMotion, Material, State
 from cloth_sim_ros.sim.features.winch.arrays import Drive
+from cloth_sim_ros.sim.input.numbers import NumbersRow
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup
 from cloth_sim_ros.sim.physics.integrate import Step
 
@@ -31,7 +32,7 @@ class Context:
     colliders: wp.array(dtype=ColliderMotion)
     handles: wp.array(dtype=HandleMotion)
     handle_counts: wp.array(dtype=int)
-    forces: wp.array(dtype=wp.vec4)  # numbers of the scene's own forces
+    numbers: wp.array(dtype=NumbersRow)  # of the scene's own forces, then of its constraints
     drive: Drive  # of a winch
     turn: float  # of the end of a rope [rad]
     substep: int

@@ -42,7 +42,8 @@ class Features:
     coupled: bool = False  # self or object contact
     tears: bool = False  # springs can fail
     membrane: bool = False  # the elongations of springs change the rest lengths of others
-    forces: tuple[str, ...] = ()  # names in forces.FORCES, in the order of Arrays.forces
+    forces: tuple[str, ...] = ()  # names in forces.FORCES, in the order of Arrays.numbers
+    constraints: tuple[str, ...] = ()  # names in constraints.CONSTRAINTS, of a body that has any
     line_slots: int = 1  # particles of a line that a thread of a warp holds
 
     def key(self) -> str:
@@ -135,6 +136,8 @@ class Body:
     segments_end: int
     panels: int
     panels_end: int
+    constraints: int
+    constraints_end: int
     incident_springs: int
     incident_width: int
     plate: int
@@ -201,6 +204,11 @@ class Model:
     curve_start: wp.array(dtype=int)  # (N + 1,) offsets into curve_entries
     curve_entries: wp.array(dtype=wp.vec2i)  # triangle of the batch, and the particle's corner in it, 3 for none
     curve_gradients: wp.array(dtype=float)  # gradient of the particle in that triangle [1/m]
+    constraint_ends: wp.array(dtype=wp.vec2i)  # (E,) particles of the body
+    constraint_of: wp.array(dtype=wp.vec2i)  # (E,) row of Arrays.numbers, and index in Features.constraints
+    constraint_rests: wp.array(dtype=float)  # (E,) distance at rest [m]
+    constraint_start: wp.array(dtype=int)  # (N + 1,) offsets into constraint_entries
+    constraint_entries: wp.array(dtype=int)  # (2 E,) 1 + the constraint, negative for its second particle
     panels: wp.array(dtype=wp.vec3i)  # (P, 3) particles, -1 for none
     panel_parts: wp.array(
         dtype=wp.vec2i

@@ -66,6 +66,7 @@ class ModelArrays:
         )
         curves = self.size["curve_corners"]
         plate, plate_width = self._add_plate(topology, first)
+        constraints = self._add_constraints(topology)
         if topology.tear_strain > 0.0:
             self._add_seams(topology, panels)
         body = {
@@ -83,6 +84,8 @@ class ModelArrays:
             "segments_end": self.size["segment_length"],
             "panels": panels,
             "panels_end": self.size["panels"],
+            "constraints": constraints,
+            "constraints_end": self.size["constraint_ends"],
             "incident_springs": incident_springs,
             "incident_width": incident_width,
             "plate": plate,
@@ -198,12 +201,10 @@ class ModelArrays:
             ],
             axis=1,
         )
-        order = np.argsort(plate.stencil.ravel(), kind="stable")
-        offset = self._append("curve_entries", entries[order])
-        self._append("curve_gradients", plate.gradients.ravel()[order])
-        counts = np.bincount(plate.stencil.ravel(), minlength=count)
-        self._append("curve_start", np.zeros(first - self.size["curve_start"], int) + offset)
-        self._append("curve_start", offset + np.cumsum(counts) - counts)
+        particles = plate.stencil.ravel()
+        self._append("curve_gradients", plate.gradients.ravel()[np.argsort(particles, kind="stable")])
+        self._append("curve_start", np.full(first - self.size["curve_start"], self.size["curve_entries"]))
+        self._append_around("curve_start", "curve_entries", particles, entries, count)
 
     def _add_chain(self, topology: Topology) -> int:
         """Add the segments and joints of a directly solved rope; return the offset of the segments."""
@@ -221,13 +222,29 @@ class ModelArrays:
         parts = np.full((len(topology.panels), 2), len(self.bodies))
         parts[:, 1] = _own_parts(topology.panels)
         self._append("panel_parts", parts)
-        corner = topology.panels.ravel()
         panel = np.repeat(np.arange(len(topology.panels)), 3) + start
-        order = np.argsort(corner, kind="stable")
-        order = order[corner[order] >= 0]
-        counts = np.bincount(corner[order], minlength=len(topology.masses))
-        offset = self._append("particle_panels", panel[order])
-        self._append("panel_start", offset + np.concatenate([[0], np.cumsum(counts)[:-1]]))
+        self._append_around("panel_start", "particle_panels", topology.panels.ravel(), panel, len(topology.masses))
+        return start
+
+    def _append_around(self, starts: str, entries: str, particles: np.ndarray, values: np.ndarray, count: int) -> None:
+        """Append the `values` around each of `count` particles; particle -1 is none."""
+        order = np.argsort(particles, kind="stable")
+        order = order[particles[order] >= 0]
+        counts = np.bincount(particles[order], minlength=count)
+        offset = self._append(entries, values[order])
+        self._append(starts, offset + np.cumsum(counts) - counts)
+
+    def _add_constraints(self, topology: Topology) -> int:
+        """Add the constraints between two particles of a body; return their offset."""
+        start, given = self.size["constraint_ends"], topology.constraints
+        if given is not None:
+            self._append("constraint_ends", given.particles)
+            self._append("constraint_of", given.of)
+            ends = topology.layout[given.particles]
+            self._append("constraint_rests", np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1))
+            signed = np.outer(1 + start + np.arange(len(ends)), (1, -1)).ravel()
+            around = given.particles.ravel()
+            self._append_around("constraint_start", "constraint_entries", around, signed, len(topology.masses))
         return start
 
     def _add_incident_springs(self, topology: Topology) -> tuple[int, int]:
@@ -261,6 +278,8 @@ class ModelArrays:
         """Upload the arrays to `device`. An absent kind is an empty array."""
         model = Model()
         self._append("panel_start", np.array([self.size["particle_panels"]]))
+        if self.size["constraint_ends"]:
+            self._append("constraint_start", np.array([self.size["constraint_entries"]]))
         if self.curve_width:
             self._append("curve_start", np.array([self.size["curve_entries"]]))
         for name in self._rows:

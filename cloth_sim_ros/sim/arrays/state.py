@@ -13,12 +13,14 @@ from cloth_sim_ros.sim.arrays.model import Features, Model
 from cloth_sim_ros.sim.executors.arrays import TrialState
 from cloth_sim_ros.sim.features.air.arrays import AirState
 from cloth_sim_ros.sim.features.collider_contact.arrays import ContactState
+from cloth_sim_ros.sim.features.constraints.arrays import ConstraintState
 from cloth_sim_ros.sim.features.grasp.arrays import GraspState
 from cloth_sim_ros.sim.features.plate.arrays import PlateState
 from cloth_sim_ros.sim.features.self_contact.arrays import SelfContactState
 from cloth_sim_ros.sim.features.tearing.arrays import TearingState
 from cloth_sim_ros.sim.features.twist.arrays import EndTurn, TwistState
 from cloth_sim_ros.sim.features.winch.arrays import Drive, WinchArrays
+from cloth_sim_ros.sim.input.numbers import NumbersRow
 from cloth_sim_ros.sim.lines.arrays import LineState
 from cloth_sim_ros.sim.ropes.arrays import RopeState
 from cloth_sim_ros.sim.substeps.arrays import ControlState, StepLimits
@@ -160,6 +162,7 @@ class State:
     air: AirState
     contact: ContactState
     self_contact: SelfContactState
+    constraints: ConstraintState
     grasp: GraspState
     tearing: TearingState
     winch: WinchArrays
@@ -183,7 +186,7 @@ class Arrays:
     handles: wp.array(dtype=HandleMotion)  # (H,)
     handle_counts: wp.array(dtype=int)  # (H,) particles that each holds
     drives: wp.array(dtype=Drive)  # (B,) of ropes that a winch feeds
-    forces: wp.array(dtype=wp.vec4)  # (F,) numbers of the scene's own forces
+    numbers: wp.array(dtype=NumbersRow)  # (F + C,) of the scene's own forces, then of its constraints
     ends: wp.array(dtype=EndTurn)  # (B,) of ropes that resist twist
 
 

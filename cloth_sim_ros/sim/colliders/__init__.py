@@ -1,40 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """Collider shapes.
 
-A new shape needs a file with its scene class and its `signed_distance`, and a line in SHAPES. Other packages may add
-shapes too (docs/how-to/extending.md).
+A new shape is a file with its class, and a line in SHAPES. Other packages may add shapes (docs/how-to/extending.md).
 """
 
 from collections.abc import Iterable
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import box, capsule, cylinder, ellipsoid, mesh, mesh_distance, plane, sphere, volume
+from cloth_sim_ros.sim.colliders.box import Box
+from cloth_sim_ros.sim.colliders.capsule import Capsule
 from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.colliders.cylinder import Cylinder
+from cloth_sim_ros.sim.colliders.ellipsoid import Ellipsoid
+from cloth_sim_ros.sim.colliders.mesh import Mesh
+from cloth_sim_ros.sim.colliders.plane import Plane
+from cloth_sim_ros.sim.colliders.sphere import Sphere
+from cloth_sim_ros.sim.colliders.volume import SignedDistance
 
-SHAPES = {
-    "plane": (plane.Plane, plane.signed_distance),
-    "sphere": (sphere.Sphere, sphere.signed_distance),
-    "capsule": (capsule.Capsule, capsule.signed_distance),
-    "box": (box.Box, box.signed_distance),
-    "cylinder": (cylinder.Cylinder, cylinder.signed_distance),
-    "ellipsoid": (ellipsoid.Ellipsoid, ellipsoid.signed_distance),
-    "mesh": (mesh.Mesh, mesh_distance.signed_distance),
-    "signed_distance": (volume.SignedDistance, volume.signed_distance),
+SHAPES: dict[str, type[Collider]] = {
+    "plane": Plane,
+    "sphere": Sphere,
+    "capsule": Capsule,
+    "box": Box,
+    "cylinder": Cylinder,
+    "ellipsoid": Ellipsoid,
+    "mesh": Mesh,
+    "signed_distance": SignedDistance,
 }
-
-# Shapes whose distance is slow to compute -> a function (p, data) that gives a quick lower bound [m].
-BOUNDS = {"mesh": mesh_distance.at_least}
-
-# Shapes that may be convex or not -> a function (data) that returns True if convex.
-CONVEX = {"mesh": mesh_distance.is_convex}
 
 SPARE_SHAPES = ("box", "cylinder", "sphere")  # shapes of colliders that can be added while a simulation runs
 
 
 def shape_of(collider: Collider) -> str:
     """The name in SHAPES of a collider of the scene."""
-    return next(name for name, (kind, _) in SHAPES.items() if type(collider) is kind)
+    return next(name for name, kind in SHAPES.items() if type(collider) is kind)
 
 
 def number_of(name: str) -> int:
@@ -69,13 +69,14 @@ def make_is_beyond(present: tuple[str, ...]):
     Returns None if no shape in `present` is slow to compute.
     """
     chosen = None
-    for name in filter(BOUNDS.get, present):
-        chosen = _or_beyond(chosen, name)
+    for name in present:
+        if SHAPES[name].at_least is not None:
+            chosen = _or_beyond(chosen, name)
     return chosen
 
 
 def _or_beyond(others, name: str):
-    index, of_shape = number_of(name), BOUNDS[name]
+    index, of_shape = number_of(name), SHAPES[name].at_least
 
     def is_beyond(shape: int, p: wp.vec3, distance: float, data: wp.uint64) -> bool:
         if shape == wp.static(index):
@@ -92,13 +93,13 @@ def make_is_hollow(present: tuple[str, ...]):
     """Make a Warp function (shape, data): True if a collider is not convex. None if all shapes present are convex."""
     chosen = None
     for name in present:
-        if not SHAPES[name][0].convex:
+        if not SHAPES[name].convex:
             chosen = _or_hollow(chosen, name)
     return chosen
 
 
 def _or_hollow(others, name: str):
-    index, is_convex = number_of(name), CONVEX.get(name)
+    index, is_convex = number_of(name), SHAPES[name].is_convex
 
     def is_hollow(shape: int, data: wp.uint64) -> bool:
         if shape == wp.static(index):
@@ -115,7 +116,7 @@ def _or_hollow(others, name: str):
 
 
 def _or(others, name: str):
-    index, of_shape = number_of(name), SHAPES[name][1]
+    index, of_shape = number_of(name), SHAPES[name].distance
     has_data = len(of_shape.input_types) == 3
 
     def signed_distance(shape: int, p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:

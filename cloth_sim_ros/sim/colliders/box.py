@@ -6,20 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.colliders.collider import Collider, lengths
+from cloth_sim_ros.sim.colliders.collider import Collider, Solid, lengths
 from cloth_sim_ros.sim.physics.quaternion import Vector
-
-
-@dataclass(frozen=True)
-class Box(Collider):
-    """A box of `half_extents` (x, y, z) [m] along its local axes."""
-
-    half_extents: Vector = (0.1, 0.1, 0.1)
-    dimensions = (lengths("half_extents"),)
-
-    def reach(self) -> float:
-        """From the middle to a corner [m]."""
-        return np.linalg.norm(self.half_extents, axis=0)
 
 
 @wp.func
@@ -45,3 +33,21 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
         n = wp.vec3(side[0], 0.0, 0.0)
         distance = q[0]
     return wp.vec4(n[0], n[1], n[2], distance)
+
+
+@dataclass(frozen=True)
+class Box(Collider):
+    """A box of `half_extents` (x, y, z) [m] along its local axes."""
+
+    half_extents: Vector = (0.1, 0.1, 0.1)
+    dimensions = (lengths("half_extents"),)
+    wholes = {"half_extents": "x y z"}
+    distance = signed_distance
+
+    def reach(self) -> float:
+        """From the middle to a corner [m]."""
+        return np.linalg.norm(self.half_extents, axis=0)
+
+    def solids(self) -> list[Solid]:
+        """The box."""
+        return [Solid("box", tuple(2 * half for half in self.half_extents))]

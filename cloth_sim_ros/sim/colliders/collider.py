@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -13,11 +14,34 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.input.checks import check_fields
+from cloth_sim_ros.sim.input.numbers import fields_of, numbers_of
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
 
 SHALLOW = 0.05  # depth of a surface between particles, as a share of their spacing, that no facet has to prevent
 FASTEST = 20.0  # speed [m/s] up to which no collider may pass between particles that it touches
 _DIMENSIONS = table.row(table.COLLIDER, "dimensions")
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A part of what to draw of a collider, in its local axes.
+
+    kind: "box", "ball" or "cylinder" along z, of edges or diameters `scale` [m] about `middle` [m]; "triangles" of
+    `points` (3 T, 3) [m], three corners each; or "cells", boxes of edges `scale` about `points`. file: a mesh file that
+    viewers may read instead, of which a unit is `unit` [m].
+    """
+
+    kind: str
+    scale: Vector = (1.0, 1.0, 1.0)
+    middle: Vector = (0.0, 0.0, 0.0)
+    points: np.ndarray | None = None
+    file: str = ""
+    unit: float = 1.0
+
+    @classmethod
+    def triangles(cls, points: Any, corners: Any, file: str = "", unit: float = 1.0) -> Solid:
+        """Triangles `corners` (T, 3) over points (N, 3) [m]."""
+        return cls("triangles", points=np.asarray(points)[np.asarray(corners)].reshape(-1, 3), file=file, unit=unit)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,10 +52,16 @@ class Collider:
     defined force only if they are not rigid. opposite: name of the collider with which it pinches what is between them,
     as the other finger of a gripper does; see Simulation.squeeze.
 
-    A shape adds its lengths as fields, their rows in `dimensions`, and `reach()`, the distance from its origin to its
-    farthest point [m]. `reach()` and `roundness()` use the fields as numbers, or as arrays (k,) for k sizes. A shape
-    that needs more than three numbers also provides `data` and its own `size()`; its rows are not live then. `convex`:
-    True if its signed distance is convex along every line. Raises ValueError for a value that is not allowed.
+    A shape adds its lengths as fields, their rows in `dimensions`, its Warp function `distance`, what to draw in
+    `solids()`, and `reach()`, the distance from its origin to its farthest point [m]. `reach()` and `roundness()` use
+    the fields as numbers, or as arrays (k,) for k sizes. A shape that needs more than three numbers also provides
+    `data` and its own `size()`; its rows are not live then. Raises ValueError for a value that is not allowed.
+
+    distance: Warp function (p, size) or (p, size, data) -> outward normal (x, y, z) and signed distance [m] of local
+    point p. at_least: a quick lower bound (p, data) [m] of a distance that is slow to compute. convex: True if the
+    distance is convex along every line; is_convex: a function (data) that says so where it differs. wholes: halves
+    among `dimensions`, of which YAML has the double as in shape_msgs/SolidPrimitive, and its name there; these come
+    first.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -41,33 +71,40 @@ class Collider:
     compliance: float = 0.0
     opposite: str = ""
     dimensions: ClassVar[tuple[table.Parameter, ...]] = ()
+    wholes: ClassVar[Mapping[str, str]] = {}
+    distance: ClassVar[wp.Function]
+    at_least: ClassVar[wp.Function | None] = None
     convex: ClassVar[bool] = True
+    is_convex: ClassVar[wp.Function | None] = None
 
     def __post_init__(self) -> None:
         check_fields(self, (*table.COLLIDER, *self.dimensions))
 
     def size(self) -> tuple[float, ...]:
         """The size (3,) [m] for its `signed_distance`: its dimensions one after another, then 0."""
-        values = [getattr(self, row.name) for row in self.dimensions]
-        numbers = [number for value in values for number in (value if isinstance(value, tuple) else (value,))]
-        return (*numbers, 0.0, 0.0, 0.0)[:3]
+        return (*numbers_of(self, self.dimensions), 0.0, 0.0, 0.0)[:3]
 
-    def place_in_size(self, name: str) -> int | slice:
-        """Index or slice of the dimension called `name` in `size()`."""
-        first = 0
-        for row in self.dimensions:
-            if row.name == name:
-                return slice(first, first + row.length) if row.length else first
-            first += row.length or 1
-        raise KeyError(name)
+    @classmethod
+    def from_dimensions(cls, numbers: Sequence[float], **fields: Any) -> Collider:
+        """A collider of the numbers [m] that its parameter `dimensions` has. Raises ValueError for another count."""
+        rows = sorted(cls.dimensions, key=lambda row: row.name not in cls.wholes)
+        shares = [0.5 if row.name in cls.wholes else 1.0 for row in rows for _ in range(row.length or 1)]
+        if shares and len(numbers) != len(shares):
+            names, kind = ", ".join(cls.wholes.get(row.name, row.name) for row in rows), cls.__name__
+            meaning = f"a {kind.lower()} has {len(shares)}: {names} [m]"
+            raise ValueError(f"{kind}.dimensions is {list(numbers)}; {meaning}")
+        numbers = [share * number for share, number in zip(shares, numbers, strict=False)]
+        return cls(**fields_of(rows, numbers), **fields)
+
+    def solids(self) -> list[Solid]:
+        """What to draw of it; nothing unless a shape says more."""
+        return []
 
     def resized(self, size: np.ndarray) -> Collider:
         """Copy with a checked size (3,) [m], or with arrays as fields for many sizes (k, 3)."""
         other = copy.copy(self)
-        for row in self.dimensions:
-            place = self.place_in_size(row.name)
-            value = tuple(size.T[place]) if isinstance(place, slice) else size.T[place]
-            object.__setattr__(other, row.name, value)
+        for name, value in fields_of(self.dimensions, size.T).items():
+            object.__setattr__(other, name, value)
         return other
 
     def roundness(self) -> float:
@@ -112,6 +149,11 @@ class Tube(Collider):
     radius: float = 0.1
     half_length: float = 0.2
     dimensions = (length("radius"), length("half_length"))
+    wholes = {"half_length": "height of the cylinder"}
+
+    def solids(self) -> list[Solid]:
+        """The cylinder."""
+        return [Solid("cylinder", (2 * self.radius, 2 * self.radius, 2 * self.half_length))]
 
 
 def lengths(name: str) -> table.Parameter:

@@ -9,15 +9,6 @@ import warp as wp
 from cloth_sim_ros.sim.colliders.collider import Tube
 
 
-@dataclass(frozen=True)
-class Cylinder(Tube):
-    """All points within `radius` [m] of local z, up to `half_length` [m] both ways."""
-
-    def reach(self) -> float:
-        """From the middle to a rim [m]."""
-        return np.hypot(self.radius, self.half_length)
-
-
 @wp.func
 def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
     """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m]; along x on the axis."""
@@ -38,3 +29,14 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
     else:
         distance = beside
     return wp.vec4(n[0], n[1], n[2], distance)
+
+
+@dataclass(frozen=True)
+class Cylinder(Tube):
+    """All points within `radius` [m] of local z, up to `half_length` [m] both ways."""
+
+    distance = signed_distance
+
+    def reach(self) -> float:
+        """From the middle to a rim [m]."""
+        return np.hypot(self.radius, self.half_length)

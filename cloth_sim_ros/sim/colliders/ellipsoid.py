@@ -6,24 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.colliders.collider import Collider, lengths
+from cloth_sim_ros.sim.colliders.collider import Collider, Solid, lengths
 from cloth_sim_ros.sim.physics.quaternion import Vector
-
-
-@dataclass(frozen=True)
-class Ellipsoid(Collider):
-    """An ellipsoid of `radii` (x, y, z) [m] along its local axes."""
-
-    radii: Vector = (0.2, 0.1, 0.1)
-    dimensions = (lengths("radii"),)
-
-    def reach(self) -> float:
-        """The largest radius [m]."""
-        return np.max(self.radii, axis=0)
-
-    def roundness(self) -> float:
-        """At the tips of the longest axis [m]."""
-        return np.min(self.radii, axis=0) ** 2 / np.max(self.radii, axis=0)
 
 
 @wp.func
@@ -59,3 +43,25 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
     n = wp.normalize(n)
     distance = wp.where(t < least, -1.0, 1.0) * wp.length(y - q) * scale
     return wp.vec4(n[0], n[1], n[2], distance)
+
+
+@dataclass(frozen=True)
+class Ellipsoid(Collider):
+    """An ellipsoid of `radii` (x, y, z) [m] along its local axes."""
+
+    radii: Vector = (0.2, 0.1, 0.1)
+    dimensions = (lengths("radii"),)
+    wholes = {"radii": "diameters x y z"}
+    distance = signed_distance
+
+    def reach(self) -> float:
+        """The largest radius [m]."""
+        return np.max(self.radii, axis=0)
+
+    def roundness(self) -> float:
+        """At the tips of the longest axis [m]."""
+        return np.min(self.radii, axis=0) ** 2 / np.max(self.radii, axis=0)
+
+    def solids(self) -> list[Solid]:
+        """The ellipsoid."""
+        return [Solid("ball", tuple(2 * radius for radius in self.radii))]

@@ -11,7 +11,8 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.colliders import mesh_distance
+from cloth_sim_ros.sim.colliders.collider import Collider, Solid
 from cloth_sim_ros.sim.colliders.mesh_distance import WORDS
 from cloth_sim_ros.sim.colliders.mesh_grid import Grid, grid_of
 from cloth_sim_ros.sim.colliders.mesh_round import is_round
@@ -44,7 +45,10 @@ class Mesh(Collider):
     scale: float = 1.0
     file: str = ""
     content: str = field(init=False, default="", repr=False)
+    distance = mesh_distance.signed_distance
+    at_least = mesh_distance.at_least
     convex: ClassVar[bool] = False
+    is_convex = mesh_distance.is_convex
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -76,6 +80,10 @@ class Mesh(Collider):
     def points(self) -> np.ndarray:
         """Vertices (N, 3) [m] in local axes."""
         return self.vertices * self.scale
+
+    def solids(self) -> list[Solid]:
+        """Its triangles."""
+        return [Solid.triangles(self.points(), self.triangles, self.file, self.scale)]
 
     def size(self) -> tuple[float, float, float]:
         """(reach, 0, 0) [m]."""

@@ -44,23 +44,31 @@ class Grid:
     names: np.ndarray
 
 
+@wp.struct
+class _Cells:
+    """Where cells lie: origin and spacing [m], and how many there are along each axis."""
+
+    origin: wp.vec3
+    spacing: float
+    shape: wp.vec3i
+
+
 @wp.func
-def _middle(cell: int, origin: wp.vec3, spacing: float, shape: wp.vec3i) -> wp.vec3:
+def _middle(cell: int, cells: _Cells) -> wp.vec3:
     """The middle of a cell [m]."""
+    shape = cells.shape
     i, j, k = cell / (shape[1] * shape[2]), cell / shape[2] % shape[1], cell % shape[2]
-    return origin + spacing * wp.vec3(float(i) + 0.5, float(j) + 0.5, float(k) + 0.5)
+    return cells.origin + cells.spacing * wp.vec3(float(i) + 0.5, float(j) + 0.5, float(k) + 0.5)
 
 
 @compiled
-def _mark(
-    data: wp.uint64, origin: wp.vec3, spacing: float, shape: wp.vec3i, width: float, marks: wp.array3d(dtype=wp.uint8)
-):
+def _mark(data: wp.uint64, cells: _Cells, width: float, marks: wp.array3d(dtype=wp.uint8)):
     """Mark all cells whose middle is within a width of a triangle, and some more."""
-    triangles, f = load_address(data + TRIANGLES), ROWS * wp.tid()
+    triangles, f, shape = load_address(data + TRIANGLES), ROWS * wp.tid(), cells.shape
     a = xyz(load4(triangles, f))
     b, c = a + xyz(load4(triangles, f + 1)), a + xyz(load4(triangles, f + 2))
-    low = (wp.min(wp.min(a, b), c) - origin - wp.vec3(width)) / spacing - wp.vec3(0.5)
-    high = (wp.max(wp.max(a, b), c) - origin + wp.vec3(width)) / spacing - wp.vec3(0.5)
+    low = (wp.min(wp.min(a, b), c) - cells.origin - wp.vec3(width)) / cells.spacing - wp.vec3(0.5)
+    high = (wp.max(wp.max(a, b), c) - cells.origin + wp.vec3(width)) / cells.spacing - wp.vec3(0.5)
     for i in range(wp.max(int(wp.floor(low[0])), 0), wp.min(int(wp.ceil(high[0])) + 1, shape[0])):
         for j in range(wp.max(int(wp.floor(low[1])), 0), wp.min(int(wp.ceil(high[1])) + 1, shape[1])):
             for k in range(wp.max(int(wp.floor(low[2])), 0), wp.min(int(wp.ceil(high[2])) + 1, shape[2])):
@@ -69,16 +77,10 @@ def _mark(
 
 @compiled
 def _measure(
-    data: wp.uint64,
-    size: wp.vec3,
-    origin: wp.vec3,
-    spacing: float,
-    shape: wp.vec3i,
-    marked: wp.array(dtype=int),
-    found: wp.array(dtype=wp.vec4),
+    data: wp.uint64, size: wp.vec3, cells: _Cells, marked: wp.array(dtype=int), found: wp.array(dtype=wp.vec4)
 ):
     """The normals and signed distances of the middles of marked cells [m]."""
-    found[wp.tid()] = by_tree(_middle(marked[wp.tid()], origin, spacing, shape), size, data)
+    found[wp.tid()] = by_tree(_middle(marked[wp.tid()], cells), size, data)
 
 
 @wp.func
@@ -134,21 +136,19 @@ def _move(start: int, end: int, planes: wp.array(dtype=float), names: wp.array(d
 def _list(
     data: wp.uint64,
     slack: float,
-    origin: wp.vec3,
-    spacing: float,
-    shape: wp.vec3i,
+    cells: _Cells,
     marked: wp.array(dtype=int),
     nearest: wp.array(dtype=wp.vec4),
-    fills: bool,
     first: wp.array(dtype=int),
     planes: wp.array(dtype=float),
     names: wp.array(dtype=int),
 ):
-    """Count the triangles that may be the nearest of a point of a cell, or list them from `first` on.
+    """Count the triangles that may be the nearest of a point of a cell; if there is room for names, list them from
+    `first` on.
 
     That of the middle comes first: few others are then nearer."""
     triangles = load_address(data + TRIANGLES)
-    middle, near = _middle(marked[wp.tid()], origin, spacing, shape), nearest[wp.tid()]
+    middle, near, spacing = _middle(marked[wp.tid()], cells), nearest[wp.tid()], cells.spacing
     foot = middle - near[3] * xyz(near)
     within = wp.abs(near[3]) + 1.7321 * spacing + slack
     best = float(1.0e30)
@@ -160,7 +160,7 @@ def _list(
         plane = _plane(f, middle, slack, triangles)
         distance = wp.dot(xyz(plane), middle) - plane[3]
         if not _is_flat(f, triangles) and distance <= within and _may_be_nearest(plane, foot, middle, spacing, slack):
-            if fills:
+            if names.shape[0] > 0:
                 plane[3] += slack
                 place = at + count
                 if distance < best:
@@ -169,7 +169,7 @@ def _list(
                     place = at
                 _put(plane, f, place, planes, names)
             count += 1
-    if not fills:
+    if names.shape[0] == 0:
         first[wp.tid()] = count
 
 
@@ -196,21 +196,22 @@ def grid_of(data: int, points: np.ndarray, faces: np.ndarray, reach: float) -> G
     width, slack = _OUTSIDE * spacing, _ROUNDING * reach
     shape = tuple(int(n) for n in np.ceil((high - low + 2 * width) / spacing))
     origin = low - width
-    place = [wp.vec3(*origin), spacing, wp.vec3i(*shape)]
+    cells = _Cells()
+    cells.origin, cells.spacing, cells.shape = wp.vec3(*origin), spacing, wp.vec3i(*shape)
     marks = wp.zeros(shape, dtype=wp.uint8, device=device)
-    wp.launch(_mark, dim=len(faces), inputs=[data, *place, width, marks], device=device)
+    wp.launch(_mark, dim=len(faces), inputs=[data, cells, width, marks], device=device)
     marked = np.flatnonzero(marks.numpy()).astype(np.int32)
     of_marked = wp.empty(len(marked), dtype=wp.vec4, device=device)
-    inputs = [data, wp.vec3(reach, 0.0, 0.0), *place, wp.array(marked, dtype=int, device=device), of_marked]
+    inputs = [data, wp.vec3(reach, 0.0, 0.0), cells, wp.array(marked, dtype=int, device=device), of_marked]
     wp.launch(_measure, dim=len(marked), inputs=inputs, device=device)
     found = of_marked.numpy()
     bounds = _bounds(shape, marked, found[:, 3], spacing, width)
     some = (found[:, 3] >= -_INSIDE * spacing) & (found[:, 3] <= width)
     listed, nearest = wp.array(marked[some], device=device), wp.array(found[some], dtype=wp.vec4, device=device)
     first = wp.zeros(len(listed), dtype=int, device=device)
-    none, nobody = wp.empty(1, dtype=float, device=device), wp.empty(1, dtype=int, device=device)
-    inputs = [data, slack, *place, listed, nearest]
-    wp.launch(_list, dim=len(listed), inputs=[*inputs, False, first, none, nobody], device=device)
+    none, nobody = wp.empty(0, dtype=float, device=device), wp.empty(0, dtype=int, device=device)
+    inputs = [data, slack, cells, listed, nearest]
+    wp.launch(_list, dim=len(listed), inputs=[*inputs, first, none, nobody], device=device)
     counts = np.zeros(len(bounds) + 1, np.int32)
     counts[1 + marked[some]] = -(-first.numpy() // LANES) * LANES
     begins = np.cumsum(counts, dtype=np.int32)
@@ -219,9 +220,9 @@ def grid_of(data: int, points: np.ndarray, faces: np.ndarray, reach: float) -> G
     empty[:, 3] = -1e30  # what fills up eight is far from all points
     planes = wp.array(empty.ravel(), dtype=float, device=device)
     names = wp.zeros(int(begins[-1]), dtype=int, device=device)
-    wp.launch(_list, dim=len(listed), inputs=[*inputs, True, first, planes, names], device=device)
-    cells = np.stack([np.append(bounds, 0.0).astype(np.float32), begins.view(np.float32)], axis=1)
-    return Grid(origin, spacing, shape, cells, planes.numpy(), names.numpy())
+    wp.launch(_list, dim=len(listed), inputs=[*inputs, first, planes, names], device=device)
+    rows = np.stack([np.append(bounds, 0.0).astype(np.float32), begins.view(np.float32)], axis=1)
+    return Grid(origin, spacing, shape, rows, planes.numpy(), names.numpy())
 
 
 def _bounds(

@@ -7,8 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.colliders.collider import Collider, Solid
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector, rotate, turn_to
+
+WIDE = 20.0  # [m] as it is drawn
+
+
+@wp.func
+def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
+    """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m]."""
+    return wp.vec4(0.0, 0.0, 1.0, p[2])
 
 
 @dataclass(frozen=True)
@@ -20,6 +28,7 @@ class Plane(Collider):
 
     point: Vector | None = None
     normal: Vector | None = None
+    distance = signed_distance
 
     def __post_init__(self) -> None:
         point, turned = self.point, None if self.normal is None else turn_to(self.normal, "Plane.normal")
@@ -48,13 +57,11 @@ class Plane(Collider):
         """A plane is flat, so the deepest point of every triangle is a particle."""
         return math.inf
 
+    def solids(self) -> list[Solid]:
+        """A wide plate below it."""
+        return [Solid("box", (WIDE, WIDE, 0.01), (0.0, 0.0, -0.005))]
+
 
 def _up(orientation: Quaternion) -> np.ndarray:
     """The normal of a plane with this orientation."""
     return rotate(np.asarray(orientation, dtype=np.float64), np.array([[0.0, 0.0, 1.0]]))[0]
-
-
-@wp.func
-def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
-    """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m]."""
-    return wp.vec4(0.0, 0.0, 1.0, p[2])

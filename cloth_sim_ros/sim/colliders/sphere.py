@@ -5,23 +5,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders.collider import Collider, length
-
-
-@dataclass(frozen=True)
-class Sphere(Collider):
-    """A ball of `radius` [m]."""
-
-    radius: float = 0.2
-    dimensions = (length("radius"),)
-
-    def reach(self) -> float:
-        """The radius [m]."""
-        return self.radius
-
-    def roundness(self) -> float:
-        """Its radius [m]."""
-        return self.radius
+from cloth_sim_ros.sim.colliders.collider import Collider, Solid, length
 
 
 @wp.func
@@ -31,3 +15,24 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
     length = wp.length(p)
     n = wp.where(length > 1.0e-9, p / wp.max(length, 1.0e-9), wp.vec3(0.0, 0.0, 1.0))
     return wp.vec4(n[0], n[1], n[2], length - size[0])
+
+
+@dataclass(frozen=True)
+class Sphere(Collider):
+    """A ball of `radius` [m]."""
+
+    radius: float = 0.2
+    dimensions = (length("radius"),)
+    distance = signed_distance
+
+    def reach(self) -> float:
+        """The radius [m]."""
+        return self.radius
+
+    def roundness(self) -> float:
+        """Its radius [m]."""
+        return self.radius
+
+    def solids(self) -> list[Solid]:
+        """The ball."""
+        return [Solid("ball", (2 * self.radius,) * 3)]

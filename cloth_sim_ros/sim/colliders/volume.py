@@ -13,7 +13,7 @@ from numpy.lib.npyio import NpzFile
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.colliders.baking import CELLS, bake
-from cloth_sim_ros.sim.colliders.collider import Collider, lengths
+from cloth_sim_ros.sim.colliders.collider import Collider, Solid, lengths
 from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.colliders.on_device import OnDevice, content_of, shared
 from cloth_sim_ros.sim.input.regular_file import open_regular
@@ -25,7 +25,50 @@ _HEAD = 6  # numbers before the values: the number of values along each axis, an
 _MOST = 1 << 24  # largest number of values
 _MOST_BYTES = 8 * _MOST + (1 << 16)  # largest size of an array in a file [bytes]
 _STEEPER = 1.05  # largest slope of the values; a distance has at most 1, but files may be rounded
+_MOST_CELLS = 40  # along an axis, as it is drawn
 _IN_FILE = ("values", "origin", "spacing")
+
+
+@wp.func
+def signed_distance(p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
+    """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m].
+
+    Beyond the bounds, at b from their nearest point q, it is sqrt(b^2 + d(q)^2): the surface lies within the bounds,
+    and these are convex, so that it is nowhere nearer.
+    """
+    at = wp.vec3(0.0)
+    part = wp.vec3(0.0)
+    beyond = wp.vec3(0.0)
+    for k in range(3):
+        last = load_number(data, k) - 1.0
+        cells = (p[k] - load_number(data, 3 + k)) / size[k]
+        inside = wp.clamp(cells, 0.0, last)
+        at[k] = wp.min(wp.floor(inside), last - 1.0)
+        part[k] = inside - at[k]
+        beyond[k] = (cells - inside) * size[k]
+    wide, high = int(load_number(data, 2)), int(load_number(data, 1))
+    first = wp.static(_HEAD) + (int(at[0]) * high + int(at[1])) * wide + int(at[2])
+    value = float(0.0)
+    slope = wp.vec3(0.0)
+    for corner in range(8):
+        i, j, k = corner / 4, corner / 2 % 2, corner % 2
+        v = load_number(data, first + (i * high + j) * wide + k)
+        x = wp.where(i == 1, part[0], 1.0 - part[0])
+        y = wp.where(j == 1, part[1], 1.0 - part[1])
+        z = wp.where(k == 1, part[2], 1.0 - part[2])
+        value += x * y * z * v
+        slope += v * wp.vec3(float(2 * i - 1) * y * z, float(2 * j - 1) * x * z, float(2 * k - 1) * x * y)
+    n = wp.cw_div(slope, size)
+    steep = wp.length(n)
+    n = wp.where(steep > 1.0e-6, n / wp.max(steep, 1.0e-6), wp.vec3(0.0, 0.0, 1.0))
+    distance = value
+    square = wp.length_sq(beyond)
+    if square > 0.0:
+        distance = wp.max(value, 0.0)
+        n = beyond + distance * n
+        distance = wp.sqrt(square + distance * distance)
+        n = wp.normalize(n)
+    return wp.vec4(n[0], n[1], n[2], distance)
 
 
 @dataclass(frozen=True)
@@ -47,6 +90,7 @@ class SignedDistance(Collider):
         replace(table.row(table.COLLIDER, "position"), name="origin"),
         replace(lengths("spacing"), live=False),
     )
+    distance = signed_distance
     convex: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -100,6 +144,15 @@ class SignedDistance(Collider):
         kept = {"file": mesh.file, "scale": mesh.scale, **fields}
         return cls(values=values, origin=origin, spacing=spacing, **kept)
 
+    def solids(self) -> list[Solid]:
+        """The cells along the surface, at most _MOST_CELLS along an axis."""
+        step = -(-max(self.values.shape) // _MOST_CELLS)
+        inside = self.values[::step, ::step, ::step] < 0.0
+        share = np.lib.stride_tricks.sliding_window_view(inside, (2, 2, 2)).mean(axis=(3, 4, 5))
+        spacing = step * np.array(self.spacing)
+        cells = self.origin + spacing * (np.argwhere((share > 0.0) & (share < 1.0)) + 0.5)
+        return [Solid("cells", tuple(spacing.tolist()), points=cells, file=self.file, unit=self.scale)]
+
     def size(self) -> tuple[float, float, float]:
         """spacing [m]."""
         return self.spacing
@@ -140,45 +193,3 @@ def _checked(values: Any, spacing: np.ndarray) -> np.ndarray:
                 "distances"
             )
     return values
-
-
-@wp.func
-def signed_distance(p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
-    """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m].
-
-    Beyond the bounds, at b from their nearest point q, it is sqrt(b^2 + d(q)^2): the surface lies within the bounds,
-    and these are convex, so that it is nowhere nearer.
-    """
-    at = wp.vec3(0.0)
-    part = wp.vec3(0.0)
-    beyond = wp.vec3(0.0)
-    for k in range(3):
-        last = load_number(data, k) - 1.0
-        cells = (p[k] - load_number(data, 3 + k)) / size[k]
-        inside = wp.clamp(cells, 0.0, last)
-        at[k] = wp.min(wp.floor(inside), last - 1.0)
-        part[k] = inside - at[k]
-        beyond[k] = (cells - inside) * size[k]
-    wide, high = int(load_number(data, 2)), int(load_number(data, 1))
-    first = wp.static(_HEAD) + (int(at[0]) * high + int(at[1])) * wide + int(at[2])
-    value = float(0.0)
-    slope = wp.vec3(0.0)
-    for corner in range(8):
-        i, j, k = corner / 4, corner / 2 % 2, corner % 2
-        v = load_number(data, first + (i * high + j) * wide + k)
-        x = wp.where(i == 1, part[0], 1.0 - part[0])
-        y = wp.where(j == 1, part[1], 1.0 - part[1])
-        z = wp.where(k == 1, part[2], 1.0 - part[2])
-        value += x * y * z * v
-        slope += v * wp.vec3(float(2 * i - 1) * y * z, float(2 * j - 1) * x * z, float(2 * k - 1) * x * y)
-    n = wp.cw_div(slope, size)
-    steep = wp.length(n)
-    n = wp.where(steep > 1.0e-6, n / wp.max(steep, 1.0e-6), wp.vec3(0.0, 0.0, 1.0))
-    distance = value
-    square = wp.length_sq(beyond)
-    if square > 0.0:
-        distance = wp.max(value, 0.0)
-        n = beyond + distance * n
-        distance = wp.sqrt(square + distance * distance)
-        n = wp.normalize(n)
-    return wp.vec4(n[0], n[1], n[2], distance)

@@ -34,13 +34,13 @@ from cloth_sim_ros.sim.topology import Topology
 class Shared:
     """Arrays that all bodies of a simulation share: colliders and handles, with other arrays beside.
 
-    handle_counts: particles that each handle holds (worlds, H). forces: numbers of the scene's own forces (F,).
+    handle_counts: particles that each handle holds (worlds, H). numbers: of the scene's own forces and constraints.
     """
 
     colliders: LiveArray
     handles: LiveArray
     handle_counts: wp.array
-    forces: wp.array
+    numbers: LiveArray
 
 
 class Batch:
@@ -119,7 +119,7 @@ class Batch:
         arrays.limits = self.frame.limits.array[w]
         arrays.colliders, arrays.drives = row_of(shared.colliders.array, w), row_of(self.drives.array, w)
         arrays.handles, arrays.handle_counts = row_of(shared.handles.array, w), row_of(shared.handle_counts, w)
-        arrays.forces = shared.forces
+        arrays.numbers = row_of(shared.numbers.array, w)
         arrays.ends = row_of(self.ends.array, w)
         return arrays
 

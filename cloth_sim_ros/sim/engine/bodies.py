@@ -31,17 +31,18 @@ from cloth_sim_ros.sim.executors.choose import EXECUTORS
 from cloth_sim_ros.sim.executors.graph import Graph
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import FEW
 from cloth_sim_ros.sim.input.checks import WorldSelection, names_of, on_host, worlds_of
+from cloth_sim_ros.sim.input.numbers import NumbersRow
 from cloth_sim_ros.sim.kernels.device import find_device
 from cloth_sim_ros.sim.physics.quaternion import Motion, moved
-from cloth_sim_ros.sim.scene.forces import name_of
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
-from cloth_sim_ros.sim.scene.scene import Scene
+from cloth_sim_ros.sim.scene.scene import Scene, kind_of
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps import choose as choosing
 from cloth_sim_ros.sim.substeps.choose import Choice, distinct
 from cloth_sim_ros.sim.substeps.prices import Surroundings
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.topology import build as build_topology
+from cloth_sim_ros.sim.topology.elements import Constraints
 from cloth_sim_ros.sim.topology.line_layout import CROWDED
 
 _LOG = logging.getLogger(__name__)
@@ -76,6 +77,10 @@ class Bodies:
         self._data = [collider.data(self.warp_device) for collider in scene.colliders.values()]  # kept alive
         self.fixed = len(scene.colliders)  # rows of the scene's own colliders, before the added ones
         self.collider_row = {name: row for row, name in enumerate(scene.colliders)}
+        self.numbers = LiveArray(NumbersRow, len(scene.numbered), worlds, self.warp_device)
+        self.numbers_row = {name: row for row, name in enumerate(scene.numbered)}
+        for name, thing in scene.numbered.items():
+            self.numbers.write(self.numbers_row[name], None, values=thing.numbers())
         self.moves: dict[str, Motion] = {}
         self.scales: dict[str, np.ndarray] = {}
         self.elastic = {name: self._topology(name, thing, False) for name, thing in scene.objects.items()}
@@ -222,7 +227,7 @@ class Bodies:
     def advance(self) -> None:
         """Begin a frame: move colliders and handles to their wanted poses, and mark worlds in which any moves."""
         still = self.colliders.are_still and self.handles.are_still
-        live = [self.frame, self.colliders, self.handles]
+        live = [self.frame, self.colliders, self.handles, self.numbers]
         live += [rows for batch in self.batches for rows in batch.all_live()]
         changed = self._disturbed or any(rows.is_changed for rows in live)
         self._disturbed = False
@@ -279,8 +284,27 @@ class Bodies:
 
     def _topology(self, name: str, thing: Cloth | Rope, direct_ropes: bool) -> Topology:
         found = build_topology(thing, name, direct_ropes).at(self.scales.get(name))
+        found = replace(found, constraints=self._constraints(name, len(found.masses)))
         places = ("rest", "origin") if name in self.moves else ()
         return replace(found, **{place: moved(getattr(found, place), self.moves[name]) for place in places})
+
+    @property
+    def _laws(self) -> tuple[str, ...]:
+        """The names in CONSTRAINTS of the scene's constraints."""
+        return tuple(sorted({kind_of(each) for each in self.scene.constraints.values()}))
+
+    def _constraints(self, name: str, count: int) -> Constraints | None:
+        """The constraints of an object of `count` particles. Raises ValueError if it has not that many."""
+        particles, of = [], []
+        for each, constraint in self.scene.constraints.items():
+            if constraint.object == name:
+                most = max(map(max, constraint.between))
+                if most >= count:
+                    raise ValueError(f"{each} joins particle {most}; allowed is 0 to {count - 1}, those of {name}")
+                particles += constraint.between
+                row = (self.numbers_row[each], self._laws.index(kind_of(constraint)))
+                of += [row] * len(constraint.between)
+        return Constraints(np.array(particles), np.array(of)) if particles else None
 
     def _build_around(self, choices: dict[str, Choice]) -> None:
         """Rebuild all device arrays and keep the state."""
@@ -314,9 +338,7 @@ class Bodies:
     def _make_batches(self) -> list[Batch]:
         """Make a batch for each group of objects with equal features."""
         wind = self.scene.wind is not None
-        numbers = np.array([force.numbers() for force in self.scene.forces.values()]).reshape(-1, 4)
-        forces = wp.array(numbers, dtype=wp.vec4, device=self.warp_device)
-        shared = Shared(self.colliders, self.handles, self.handle_counts, forces)
+        shared = Shared(self.colliders, self.handles, self.handle_counts, self.numbers)
         crowded = self.warp_device.is_cuda and self.worlds * len(self.topologies) > self.warp_device.sm_count
         alike: dict[tuple[Features, str], dict[str, Topology]] = {}
         for name, topo in self.topologies.items():
@@ -324,7 +346,8 @@ class Bodies:
             features = Features.of(topo, wind, self.shapes, choice.order, choice.method, self.worlds > 1)
             features = replace(
                 features,
-                forces=tuple(map(name_of, self.scene.forces.values())),
+                forces=tuple(map(kind_of, self.scene.forces.values())),
+                constraints=self._laws if topo.constraints is not None else (),
                 handles=bool(self.scene.handles),
                 pinches=any(collider.opposite for collider in self.scene.colliders.values()),
                 surface=choice.surface,

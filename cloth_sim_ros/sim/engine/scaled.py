@@ -19,7 +19,7 @@ LOST = wp.constant(9)
 # Name in Model -> power of a length in each column. A rope segment's compliance grows with its length. A sheet spring's
 # compliance depends only on the shape around it.
 _POWERS = {
-    "rest": (1, 1, 1), "line_rests": (1,), "line_scales": (0,), "line_bases": (1, 0),
+    "rest": (1, 1, 1), "constraint_rests": (1,), "line_rests": (1,), "line_scales": (0,), "line_bases": (1, 0),
     "segment_length": (1,), "joints": (0, 1, -1, -1),
     "spring_types": (1, 0, 0, LOST), "plate_weights": (-2,), "curve_stencil_gradients": (-1,), "curve_gradients": (-1,),
 }  # fmt: skip

@@ -10,12 +10,13 @@ import numpy as np
 from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.input.checks import WorldSelection
+from cloth_sim_ros.sim.input.numbers import place_of
 
 
 def write_size(rows: LiveArray, row: int, collider: Collider, field: str, value: Any, world: WorldSelection) -> None:
     """Set a dimension of a collider to a checked value [m], or one per world, and update its reach."""
     sizes = rows.read(row, world)["size"].astype(np.float64)
-    sizes[:, collider.place_in_size(field)] = value
+    sizes[:, place_of(collider.dimensions, field)] = value
     resized = collider.resized(sizes)
     rows.write(row, world, size=sizes, reach=resized.reach())
 

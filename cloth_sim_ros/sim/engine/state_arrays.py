@@ -18,6 +18,7 @@ from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.executors import arrays as trial
 from cloth_sim_ros.sim.features.air import arrays as air
 from cloth_sim_ros.sim.features.collider_contact import arrays as contact
+from cloth_sim_ros.sim.features.constraints import arrays as constraints
 from cloth_sim_ros.sim.features.grasp import arrays as grasp
 from cloth_sim_ros.sim.features.plate import arrays as plate
 from cloth_sim_ros.sim.features.self_contact import arrays as self_contact
@@ -33,8 +34,8 @@ _ALIGNED = 256  # bytes to whose multiple every array is aligned, as allocations
 # Field of State -> the module that owns its arrays.
 OWNERS = {
     "lines": lines, "plate": plate, "rope": rope, "twist": twist, "air": air, "contact": contact,
-    "self_contact": self_contact, "grasp": grasp, "tearing": tearing, "winch": winch, "trial": trial,
-    "control": control,
+    "self_contact": self_contact, "constraints": constraints, "grasp": grasp, "tearing": tearing, "winch": winch,
+    "trial": trial, "control": control,
 }  # fmt: skip
 
 

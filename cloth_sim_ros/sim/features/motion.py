@@ -174,7 +174,7 @@ def make_predict(features: Features):
             a += w * (xyz(pushed) + pushed[3] * (ahead - v))
             eased = eased_by(ctx.frame.global_damping + w * pushed[3], ctx.step.effective)
         if wp.static(pull is not None):
-            pulled = pull(xyz(load4(ctx.x, i)), ahead, 1.0 / wp.max(w, 1.0e-30), ctx.forces)
+            pulled = pull(xyz(load4(ctx.x, i)), ahead, 1.0 / wp.max(w, 1.0e-30), ctx.numbers)
             a += w * (xyz(pulled) + pulled[3] * (ahead - v))
             eased = eased / (1.0 + eased * ctx.step.effective * w * pulled[3])
         if wp.static(elastic_force is not None):

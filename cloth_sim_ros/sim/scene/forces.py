@@ -1,36 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Additional forces of a scene on particles, as functions of position and velocity.
 
-A force is a frozen class with `numbers()`, and a Warp function of a particle. `FORCES` connects them; other packages
-may add to it (docs/how-to/extending.md).
+A force is a class of named numbers with a Warp function of a particle. Other packages add theirs to `FORCES`
+(docs/how-to/extending.md).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol
+from typing import ClassVar
 
 import warp as wp
 
-
-class Force(Protocol):
-    """Description of a force in a scene."""
-
-    def numbers(self) -> tuple[float, float, float, float]:
-        """The numbers that its Warp function gets."""
+from cloth_sim_ros.sim.input.numbers import Described, NumbersRow
 
 
-# name -> (class, Warp function). The function takes position (vec3) [m], velocity (vec3) [m/s], mass [kg] and the
-# numbers (vec4). It returns the force [N] and its drag rate [N s/m], by which it falls with the velocity, or 0.
-FORCES: dict[str, tuple[type, wp.Function]] = {}
+class Force(Described):
+    """A force on every particle.
+
+    function: takes position (vec3) [m], velocity (vec3) [m/s], mass [kg] and its Numbers. It returns the force [N] and
+    its drag rate [N s/m] (vec4), by which the force falls with the velocity, or 0.
+    """
+
+    function: ClassVar[wp.Function]
 
 
-def name_of(force: Force) -> str:
-    """The name in FORCES of a force of the scene. Raises ValueError if its class is not registered."""
-    for name, (kind, _) in FORCES.items():
-        if type(force) is kind:
-            return name
-    raise ValueError(f"Scene.forces has {force!r}; allowed are {', '.join(FORCES) or 'none'}, see forces.FORCES")
+FORCES: dict[str, type[Force]] = {}
 
 
 def make_pull(names: Iterable[str]):
@@ -42,14 +37,14 @@ def make_pull(names: Iterable[str]):
 
 
 @wp.func
-def _nothing(x: wp.vec3, v: wp.vec3, mass: float, numbers: wp.array(dtype=wp.vec4)) -> wp.vec4:
+def _nothing(x: wp.vec3, v: wp.vec3, mass: float, numbers: wp.array(dtype=NumbersRow)) -> wp.vec4:
     return wp.vec4(0.0)
 
 
 def _and(others, place: int, name: str):
-    force = FORCES[name][1]
+    force = FORCES[name].function
 
-    def pull(x: wp.vec3, v: wp.vec3, mass: float, numbers: wp.array(dtype=wp.vec4)) -> wp.vec4:
-        return others(x, v, mass, numbers) + force(x, v, mass, numbers[wp.static(place)])
+    def pull(x: wp.vec3, v: wp.vec3, mass: float, numbers: wp.array(dtype=NumbersRow)) -> wp.vec4:
+        return others(x, v, mass, numbers) + force(x, v, mass, numbers[wp.static(place)].values)
 
     return wp.func(pull, name=f"pull_{place}_{name}")

@@ -17,8 +17,10 @@ from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.input.checks import check_fields
+from cloth_sim_ros.sim.input.numbers import Described
 from cloth_sim_ros.sim.physics.quaternion import Vector
-from cloth_sim_ros.sim.scene.forces import Force, name_of
+from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS, Constraint
+from cloth_sim_ros.sim.scene.forces import FORCES, Force
 from cloth_sim_ros.sim.scene.handles import Handle
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 
@@ -44,11 +46,11 @@ class Wind:
 
 @dataclass(frozen=True)
 class Scene:
-    """Named objects, colliders and handles, wind (None: no air), forces by any name and gravity [m/s^2].
+    """Named objects, colliders, handles, forces and constraints, wind (None: no air) and gravity [m/s^2].
 
     spare_colliders: number of colliders of SPARE_SHAPES that may be added while a simulation runs. object_contact: True
-    if objects keep the sum of their thicknesses from one another. Topics and parameters use the names of objects,
-    colliders and handles. Raises ValueError for a value that is not allowed.
+    if objects keep the sum of their thicknesses from one another. Topics and parameters use all these names. Raises
+    ValueError for a value that is not allowed.
     """
 
     objects: Mapping[str, Cloth | Rope] = field(default_factory=dict)
@@ -59,16 +61,20 @@ class Scene:
     handles: Mapping[str, Handle] = field(default_factory=dict)
     spare_colliders: int = 0
     object_contact: bool = False
+    constraints: Mapping[str, Constraint] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check_names(self.objects, (Cloth, Rope), "objects")
-        _check_names(self.colliders, tuple(kind for kind, _ in SHAPES.values()), "colliders")
+        _check_names(self.colliders, tuple(SHAPES.values()), "colliders")
         _check_names(self.handles, (Handle,), "handles")
-        names = [*self.objects, *self.colliders, *self.handles]
+        _check_names(self.forces, (Force,), "forces")
+        _check_names(self.constraints, (Constraint,), "constraints")
+        names = [*self.objects, *self.colliders, *self.handles, *self.forces, *self.constraints]
         twice = {name for name in names if names.count(name) > 1}
         if twice:
             raise ValueError(
-                f"the name {min(twice)!r} is given to two of objects, colliders and handles; allowed is one of them"
+                f"the name {min(twice)!r} is given to two of objects, colliders, handles, forces and constraints; "
+                "allowed is one of them"
             )
         for name, handle in self.handles.items():
             if handle.object not in ("", *self.objects):
@@ -77,9 +83,28 @@ class Scene:
                 )
         if self.wind is not None and not isinstance(self.wind, Wind):
             raise ValueError(f"Scene.wind is {self.wind!r}; allowed is a Wind or None")
-        for force in self.forces.values():
-            name_of(force)
+        for name, thing in self.numbered.items():
+            kind_of(thing)
+            if isinstance(thing, Constraint) and thing.object not in self.objects:
+                allowed = ", ".join(self.objects) or "none, the scene is empty"
+                raise ValueError(f"Constraint {name!r} is of {thing.object!r}; allowed is {allowed}")
         check_fields(self, (table.GRAVITY, table.SPARE_COLLIDERS, table.OBJECT_CONTACT))
+
+    @property
+    def numbered(self) -> dict[str, Described]:
+        """Forces, then constraints, in the order of Arrays.numbers."""
+        return {**self.forces, **self.constraints}
+
+
+def kind_of(thing: Described) -> str:
+    """The name in FORCES or CONSTRAINTS of a force or constraint. Raises ValueError if its class is not there."""
+    known = FORCES if isinstance(thing, Force) else CONSTRAINTS
+    for name, kind in known.items():
+        if type(thing) is kind:
+            return name
+    where = "forces" if known is FORCES else "constraints"
+    allowed = ", ".join(known) or "none"
+    raise ValueError(f"Scene.{where} has {thing!r}; allowed are {allowed}, see scene/{where}.py")
 
 
 def large_meshes(scene: Scene) -> Iterator[str]:

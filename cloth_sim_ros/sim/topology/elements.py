@@ -61,6 +61,14 @@ class Plate:
 
 
 @dataclass(frozen=True)
+class Constraints:
+    """Pairs of particles (E, 2), and of (E, 2) the row of the live numbers and the index of the law."""
+
+    particles: np.ndarray
+    of: np.ndarray
+
+
+@dataclass(frozen=True)
 class Topology:
     """One object: rest positions (N, 3) [m] in the world, masses (N,) [kg], pinned (N,), elements, triangles, segments.
 
@@ -93,6 +101,7 @@ class Topology:
     grid: tuple[int, int] | None = None
     tear_strain: float = 0.0
     load: float = 0.0
+    constraints: Constraints | None = None
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
     world_scales: np.ndarray | None = None
 

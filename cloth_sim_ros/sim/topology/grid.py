@@ -35,7 +35,7 @@ def of_grid(cloth: Cloth, name: str) -> Topology:
             np.stack([index[:-1, :-1], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 3),
         ]
     ).astype(np.int32)
-    return of_sheet(cloth, name, local, masses, named, triangles, _grid_springs(cloth, index, local), (nx, ny))
+    return of_sheet(cloth, local, masses, named, triangles, _grid_springs(cloth, index, local), (nx, ny))
 
 
 def _grid_springs(cloth: Cloth, index: np.ndarray, local: np.ndarray) -> dict[str, Elements]:

@@ -38,12 +38,11 @@ def of_mesh(cloth: Cloth, name: str) -> Topology:
         pairs = opposite[inner]
         rest = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1)
         springs["bending"] = Elements(pairs, rest, np.ones(len(pairs)))
-    return of_sheet(cloth, name, points, masses, {}, triangles, springs, coupling=coupling)
+    return of_sheet(cloth, points, masses, {}, triangles, springs, coupling=coupling)
 
 
 def of_sheet(
     cloth: Cloth,
-    name: str,
     local: np.ndarray,
     masses: np.ndarray,
     named: dict[str, np.ndarray],

@@ -9,9 +9,9 @@ from scipy.spatial import Delaunay
 from cloth_sim_ros.sim import Cloth
 from cloth_sim_ros.sim.topology import build
 from cloth_sim_ros.study.colouring import colour
+from cloth_sim_ros.study.relaxation import Springs, lost_writes
 from cloth_sim_ros.viewer.curves import Curves
 from cloth_sim_ros.viewer.drawing import Colour
-from cloth_sim_ros.viewer.pages.relaxation import Springs, lost_writes
 from cloth_sim_ros.viewer.window import Page
 
 PALETTE: tuple[Colour, ...] = (

@@ -9,9 +9,9 @@ import numpy as np
 
 from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation
 from cloth_sim_ros.study.closed_forms.ropes import hanging_extensions
+from cloth_sim_ros.study.relaxation import HangingRope
 from cloth_sim_ros.viewer.curves import Curves, make_chart
 from cloth_sim_ros.viewer.drawing import COLOURS, STEEL, Drag
-from cloth_sim_ros.viewer.pages.relaxation import HangingRope
 from cloth_sim_ros.viewer.scale import PowerSlider, powers
 from cloth_sim_ros.viewer.window import Page
 

@@ -23,6 +23,7 @@ from cloth_sim_ros.sim import (
 from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.engine.sizes import sharpest, write_size
+from cloth_sim_ros.sim.input.numbers import place_of
 
 WORLDS = 3
 SIZES = {  # of which float32 has every digit
@@ -100,7 +101,7 @@ def test_reach_and_roundness_of_many_sizes_are_those_of_each():
         roundness = [one.roundness() for one in each]
         assert np.array_equal(np.broadcast_to(many.roundness(), 40), roundness)
         rows, name = LiveArray(ColliderMotion, 1, 40, wp.get_device("cpu")), shape.dimensions[0].name
-        write_size(rows, 0, shape, name, sizes[:, shape.place_in_size(name)], None)
+        write_size(rows, 0, shape, name, sizes[:, place_of(shape.dimensions, name)], None)
         assert sharpest(rows, 0, shape).roundness() == pytest.approx(min(roundness), rel=1e-6)
     assert Box(half_extents=(0.2, 0.3, 0.6)).reach() == pytest.approx(0.7)
     assert Ellipsoid((0.1, 0.4, 0.2)).roundness() == pytest.approx(0.025)

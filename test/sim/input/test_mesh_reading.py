@@ -11,6 +11,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from patience import patience
 
 from cloth_sim_ros.sim import SignedDistance
 from cloth_sim_ros.sim.mesh_file import load_mesh
@@ -56,7 +57,7 @@ def printed(code, file):
         "import sys; from cloth_sim_ros.sim import SignedDistance\nfrom cloth_sim_ros.sim.mesh_file import load_mesh\n"
     )
     command = [sys.executable, "-c", head + code, str(file)]
-    return subprocess.run(command, timeout=120, capture_output=True, text=True).stdout
+    return subprocess.run(command, timeout=patience(120), capture_output=True, text=True).stdout
 
 
 def test_no_fifo_holds_a_reader_up(tmp_path):

@@ -61,8 +61,8 @@ def weigh(i: int, mass: float, x: wp.uint64):
         store4(x, i, wp.vec4(p[0], p[1], p[2], 1.0 / mass))
 
 
-def make_turn(order: int):
-    """Return a Warp function in which one thread turns a body's drum at the start of a substep of length h [s]."""
+def _make_swallow(order: int):
+    """Return a Warp function that takes the first segment that is out onto the drum."""
 
     @wp.func
     def swallow(winch: WinchState, ctx: Context) -> WinchState:
@@ -90,6 +90,12 @@ def make_turn(order: int):
             ctx.state.last_velocities[g + 1] = wp.vec3(0.0)
             ctx.state.last_displacements[g + 1] = wp.vec3(0.0)
         return winch
+
+    return swallow
+
+
+def _make_bear(order: int):
+    """Return a Warp function that lets another segment begin between the drum and the first one that is out."""
 
     @wp.func
     def bear(winch: WinchState, h: float, ctx: Context) -> WinchState:
@@ -119,6 +125,13 @@ def make_turn(order: int):
         winch.behind += own
         winch.index = k - 1
         return winch
+
+    return bear
+
+
+def make_turn(order: int):
+    """Return a Warp function in which one thread turns a body's drum at the start of a substep of length h [s]."""
+    swallow, bear = _make_swallow(order), _make_bear(order)
 
     @wp.func
     def turn(ctx: Context, drive: Drive, h: float):

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The grippers of the simulation that runs: fingers that go where openings and forces, by topic or parameter, ask."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros import parameters
+from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack
+from cloth_sim_ros.sim import Gripper, GripperDriver, Simulation
+from cloth_sim_ros.sim.clients.grippers import SIDES
+
+STRONGEST = parameters.row(parameters.GRIPPER, "force").high  # [N]
+ASKED = ("opening", "force")  # topics, and live parameters
+
+
+def finger_names(names: tuple[str, ...]) -> list[str]:
+    """The names of the colliders of these grippers."""
+    return [f"{name}_{side}" for name in names for side in SIDES]
+
+
+class Grippers:
+    """Owned by the thread that simulates. It moves the fingers by their tracks, as topics move colliders.
+
+    drivers: by name, of the grippers that are there. asked: gripper -> what a topic asked for last and how much of it,
+    until a parameter does.
+    """
+
+    def __init__(self) -> None:
+        self.drivers: dict[str, GripperDriver] = {}
+        self.asked: dict[str, tuple[str, float]] = {}
+        self.is_driven = True  # else the fingers' tracks are moved from elsewhere, as by a recording
+
+    def prepare(self, grippers: Mapping[str, Gripper], tracks: Mapping[str, PoseTrack]) -> dict[str, GripperDriver]:
+        """The drivers for another simulation, which go on from where they are; the fingers of others are put there."""
+        drivers = {}
+        for name, gripper in grippers.items():
+            driver = drivers[name] = GripperDriver(name, gripper)
+            driver.move(tracks[name].pose.position, tracks[name].pose.orientation)
+            if name in self.drivers:
+                driver.opening = min(self.drivers[name].opening, gripper.max_opening)
+            else:
+                for finger, place in driver.places().items():
+                    tracks[finger].rest(Pose(*place))
+        return drivers
+
+    def build(self, drivers: dict[str, GripperDriver]) -> None:
+        """Another simulation has these, and does what topics asked for."""
+        self.drivers = drivers
+        for name, (what, value) in self.asked.items():
+            if name in drivers:
+                _drive(
+                    drivers[name], what, min(value, drivers[name].gripper.max_opening) if what == "opening" else value
+                )
+
+    def look(self, sim: Simulation, asked: Mapping[str, tuple[str, float]]) -> None:
+        """Goes on from where the fingers are in a state that was loaded, in which topics had asked for this."""
+        self.asked = dict(asked)
+        for name, driver in self.drivers.items():
+            left, right = (np.array(sim.get(f"{finger}.position")) for finger in finger_names((name,)))
+            driver.opening = float(np.linalg.norm(left - right)) - driver.gripper.finger_size[1]
+        self.build(self.drivers)
+
+    def command(self, name: str, what: str, value: float) -> None:
+        """Sets an opening [m] or a force [N] by a message."""
+        self.asked[name] = what, value
+        if name in self.drivers:
+            _drive(self.drivers[name], what, value)
+
+    def set_parameter(self, sim: Simulation | None, name: str, field: str, value: Any) -> None:
+        """Sets a live parameter of a gripper; its pose is a track's."""
+        driver = self.drivers.get(name)
+        if driver is None:
+            return
+        if field in ASKED:
+            self.asked.pop(name, None)
+            _drive(driver, field, value)
+        elif field == "speed":
+            driver.set_speed(value)
+        elif sim is not None:  # what its fingers are made of
+            for finger in finger_names((name,)):
+                sim.set(f"{finger}.{field}", value)
+
+    def advance(self, sim: Simulation, tracks: Mapping[str, PoseTrack]) -> None:
+        """Has the tracks of the fingers go where they are to be at the end of the coming frame."""
+        if not self.is_driven:
+            return
+        frame_dt = sim.settings.frame_dt
+        for name, driver in self.drivers.items():
+            pose = tracks[name].advance(frame_dt) or tracks[name].pose
+            driver.move(pose.position, pose.orientation)
+            if driver.gripper.force > 0.0:
+                driver.measure(sim)
+            places = driver.poses(frame_dt)
+            driver.squeeze(sim)
+            for finger, place in places.items():
+                if tracks[finger].pose != Pose(*place):
+                    tracks[finger].place(Pose(*place))
+
+
+def _drive(driver: GripperDriver, what: str, value: float) -> None:
+    (driver.open_to if what == "opening" else driver.press)(value)

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages -> plain commands: is it finite, in our frame, of a sensible size? Otherwise one sentence says why not."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+from geometry_msgs.msg import PolygonStamped, PoseStamped, Vector3Stamped
+from rclpy.time import Time
+from std_msgs.msg import Float64
+from visualization_msgs.msg import Marker
+
+from cloth_sim_ros import parameters
+from cloth_sim_ros.ros.inputs.frames import Frames, Refused
+from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, Vector
+from cloth_sim_ros.ros.parameters.plan import placed
+from cloth_sim_ros.sim import Box, Cylinder, Sphere
+from cloth_sim_ros.sim.access.cuts import plane_of
+from cloth_sim_ros.sim.colliders.collider import Collider
+
+FARTHEST = parameters.row(parameters.COLLIDER, "position").high  # [m]
+STRONGEST_WIND = parameters.row(parameters.WIND, "velocity").high  # [m/s]
+FAR = 0.1  # [m] in one frame, which flings what is met
+ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
+UNIT_TOLERANCE = 1e-2  # how far from 1 a quaternion's norm may be: rounding and integration drift, not mistakes
+
+
+def read_pose(message: PoseStamped | Marker, frames: Frames) -> Pose:
+    """The message's pose in our frame. Raises Refused."""
+    p, q = message.pose.position, message.pose.orientation
+    position = _bounded((p.x, p.y, p.z), FARTHEST, "position", "m")
+    orientation = (q.x, q.y, q.z, q.w)
+    norm = math.sqrt(sum(c * c for c in orientation)) if all(map(math.isfinite, orientation)) else math.nan
+    if not abs(norm - 1.0) <= UNIT_TOLERANCE:
+        shown = _shown(orientation)
+        raise Refused("orientation", f"its orientation {shown} has norm {norm:.4g}, but must be of unit norm")
+    pose = Pose(position, tuple(c / norm for c in orientation))
+    pose = frames.pose(pose, message.header.frame_id, _stamp(message))
+    _bounded(pose.position, FARTHEST, "position", "m")
+    return pose
+
+
+def name_of(marker: Marker) -> str:
+    """The name under which a marker's collider is known."""
+    return f"{marker.ns}/{marker.id}"
+
+
+def read_marker(marker: Marker, frames: Frames) -> Collider:
+    """The collider that a marker describes. Raises Refused."""
+    place = placed(read_pose(marker, frames))
+    x, y, z = marker.scale.x, marker.scale.y, marker.scale.z
+    try:
+        if marker.type == Marker.CUBE:
+            return Box(half_extents=(x / 2, y / 2, z / 2), **place)
+        if marker.type == Marker.SPHERE and max(x, y, z) - min(x, y, z) <= ROUND * max(x, y, z):
+            return Sphere(radius=x / 2, **place)
+        if marker.type == Marker.CYLINDER and abs(x - y) <= ROUND * max(x, y):
+            return Cylinder(radius=x / 2, half_length=z / 2, **place)
+    except ValueError as error:
+        raise Refused("size", f"{name_of(marker)}: {error}") from None
+    raise Refused(
+        "shape",
+        f"{name_of(marker)} is of type {marker.type} and scale {x:g} {y:g} {z:g}; allowed are cubes, and spheres and "
+        "cylinders that are round",
+    )
+
+
+def read_wind(message: Vector3Stamped, frames: Frames) -> Vector:
+    """The message's wind velocity [m/s] in our frame. Raises Refused."""
+    v = message.vector
+    velocity = _bounded((v.x, v.y, v.z), STRONGEST_WIND, "velocity", "m/s")
+    return frames.vector(velocity, message.header.frame_id, _stamp(message))
+
+
+def read_number(message: Float64, what: str) -> float:
+    """The message's number, which is called `what`. Raises Refused."""
+    if not math.isfinite(message.data):
+        raise Refused("finite", f"its {what} {message.data:g} is not finite")
+    return message.data
+
+
+def read_polygon(message: PolygonStamped, frames: Frames) -> list[Vector]:
+    """The corners of the message's polygon [m] in our frame. Raises Refused."""
+    stamp, frame, corners = _stamp(message), message.header.frame_id, []
+    for p in message.polygon.points:
+        corner = Pose(_bounded((p.x, p.y, p.z), FARTHEST, "corner", "m"), (0.0, 0.0, 0.0, 1.0))
+        corners.append(_bounded(frames.pose(corner, frame, stamp).position, FARTHEST, "corner", "m"))
+    try:
+        plane_of(corners)
+    except ValueError as error:
+        raise Refused("polygon", str(error)) from None
+    return corners
+
+
+def follow(track: PoseTrack, message: PoseStamped, frames: Frames) -> float:
+    """Adds the message's pose to `track`; returns how far [m] it jumps, see PoseTrack.push. Raises Refused.
+
+    A stamp of zero, as hand-typed messages have, means now.
+    """
+    pose, arrival = read_pose(message, frames), time.monotonic()
+    stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    try:
+        return track.push(stamp or None, pose, arrival)
+    except ValueError as error:
+        raise Refused("stamp", str(error)) from None
+
+
+def _stamp(message: PoseStamped | Marker | Vector3Stamped | PolygonStamped) -> Time:
+    """When the message was sent. Raises Refused."""
+    if message.header.stamp.sec < 0:
+        raise Refused("stamp", f"its stamp is {message.header.stamp.sec} s; allowed are stamps from 0 on")
+    return Time.from_msg(message.header.stamp)
+
+
+def _bounded(vector: Vector, limit: float, what: str, unit: str) -> Vector:
+    if not all(map(math.isfinite, vector)):
+        raise Refused("finite", f"its {what} {_shown(vector)} is not finite")
+    if max(map(abs, vector)) > limit:
+        raise Refused("size", f"its {what} {_shown(vector)} is beyond {limit:g} {unit}")
+    return vector
+
+
+def _shown(values: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
+
+
+class Complaints:
+    """Warns at most once in `period` [s] for each topic and kind of trouble, and counts what was refused."""
+
+    def __init__(self, warn: Callable[[str], None], period: float = 5.0):
+        self.refused = 0
+        self._warn = warn
+        self._period = period
+        self._last: dict[tuple[str, str], float] = {}
+
+    def refuse(self, topic: str, reason: Refused) -> None:
+        """Counts one message refused on `topic` and says why."""
+        self.refused += 1
+        self._say(topic, reason.kind, f"a message on {topic} is refused: {reason}")
+
+    def cut(self, topic: str, sentence: str) -> None:
+        """Says what of a message on `topic` is cut to a limit."""
+        self._say(topic, "cut", f"a message on {topic} is cut: {sentence}")
+
+    def jump(self, topic: str, way: float) -> None:
+        """Says that what a message on `topic` moves goes a `way` [m] in one frame, where that is far."""
+        if way > FAR:
+            why = "its pose is the first, or came after a gap of more than pose_timeout"
+            self._say(topic, "jump", f"{topic} goes {way:.3g} m in one frame: {why}")
+
+    def _say(self, topic: str, kind: str, sentence: str) -> None:
+        now = time.monotonic()
+        if now - self._last.get((topic, kind), -math.inf) >= self._period:
+            self._last[topic, kind] = now
+            self._warn(sentence)

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The topic ~/journal: in which frame each input acted, so that a recording leads to the same bits again.
+
+A message is a JSON object with `sequence`, counted from 0, `stamp`, that of the clouds sent with it, and one of
+- `start`: the parameters in effect, where colliders and handles are, and the whole state as ~/save writes it;
+- `acts`: what acted since the message before, in order, each a list of a name of ACTS and its arguments;
+- `end`: nothing is written until the next start, as nobody listened.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+from cloth_sim_ros.ros.journal import VERSION
+from cloth_sim_ros.ros.outputs.output import Output, Stamp
+from cloth_sim_ros.ros.world import World
+from cloth_sim_ros.sim.colliders.collider import Collider
+
+# Late listeners get what was sent before they came, as far as it goes back: discovery takes longer than a frame.
+JOURNAL = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class JournalOutput(Output):
+    """Sends the journal of a world, and writes none while nobody listens."""
+
+    def __init__(self, node: Node, values: Mapping[str, Any]):
+        self._publisher = node.create_publisher(String, "~/journal", JOURNAL)
+        self.publishers = [self._publisher]
+        self._sequence = self._listeners = 0
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether somebody subscribes, or did when something was sent last."""
+        return self._listeners > 0 or super().is_heard
+
+    def read(self, world: World, stamp: Stamp) -> None:
+        """Sends what acted before the frame that is sent with `stamp`."""
+        journal, before = world.journal, self._listeners
+        self._listeners = self._publisher.get_subscription_count() if world.sim is not None else 0
+        acts = journal.take()
+        if not self._listeners:
+            if journal.runs:
+                self._send(stamp, end=True)
+            journal.runs = False
+        elif self._listeners > before or journal.is_cut:
+            journal.runs, journal.is_cut = True, False
+            self._send(stamp, start=start_of(world))
+        elif acts:
+            self._send(stamp, acts=acts)
+
+    def _send(self, stamp: tuple[int, int], **content: Any) -> None:
+        message = {"version": VERSION, "sequence": self._sequence, "stamp": stamp, **content}
+        self._sequence += 1
+        self._publisher.publish(String(data=json.dumps(message, default=_plain)))
+
+
+def start_of(world: World) -> dict[str, Any]:
+    """What a recording of `world` starts with, so that another one goes on from there to the same bits."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "state.npz"
+        world.sim.save(file, world.notes())
+        state = base64.b64encode(file.read_bytes()).decode()
+    poses = {name: [track.pose.position, track.pose.orientation] for name, track in world.tracks.items()}
+    return {"parameters": dict(world.in_effect), "poses": poses, "state": state}
+
+
+def _plain(thing: Any) -> Any:
+    """What JSON does not know: a collider, which came on ~/scene, or numbers of NumPy."""
+    if isinstance(thing, Collider):
+        return {"shape": type(thing).__name__, **dataclasses.asdict(thing)}
+    return thing.tolist()

@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameter table as ROS parameters: declared, coerced, checked, and handed on when they change.
+
+All rows are declared with dynamic typing, so that this bridge and not the middleware decides what a value may be. The
+bridge knows the row and can say in one sentence what is allowed. A value keeps the type of its row all the same.
+"""
+
+from __future__ import annotations
+
+import array
+import difflib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import yaml
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.parameters import Parameter
+from cloth_sim_ros.ros.parameters import names
+from cloth_sim_ros.ros.parameters.feasibility import broken_meshes, check_solver
+from cloth_sim_ros.ros.parameters.plan import make_plan, material_values
+from cloth_sim_ros.ros.parameters.plugins import load_plugins
+
+_RCLPY_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
+
+Change = Callable[[str, Parameter, Any], None]  # full name, its row, the checked value
+
+
+class ParameterBridge:
+    """Declares every parameter of the scene that the start-up values describe; `values` holds the checked ones.
+
+    `values` is replaced, never written to, so another thread may keep the one it read.
+    """
+
+    def __init__(self, node: Node, on_change: Change):
+        self._node = node
+        self._on_change = on_change
+        self._log = node.get_logger()
+        # rclpy offers the values from YAML files and the command line only by declaring each of them. It fails at the
+        # first of a wrong type or an empty list. Its own store of them is the only way to look before declaring. Later
+        # also holds what clients have set: a material leaves all that alone.
+        self._given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
+        self.rows: dict[str, Parameter] = {}
+        self.values: dict[str, Any] = {}
+        self._restoring = False
+        self._followed: set[str] = set()  # what the last change brings with it by a material
+        self._declare_all()
+        self._warn_unknown()
+        node.add_pre_set_parameters_callback(self._coerce)
+        node.add_on_set_parameters_callback(self._refuse_or_accept)
+        node.add_post_set_parameters_callback(self._hand_on)
+
+    # -- start-up ------------------------------------------------------------------------------------------------
+
+    def _declare_all(self) -> None:
+        self._declare(names.fixed_rows())
+        for sentence in load_plugins(self.values["plugins"]):
+            self._log.error(sentence)
+        taken = {*names.fixed_rows(), *names.GROUPS}
+        for what in names.NAMED:
+            good, complaints = names.usable(self.values[what], taken, what)
+            self.values[what] = tuple(good)
+            for sentence in complaints:
+                self._log.error(sentence)
+        self._declare(names.type_rows(self.values))
+        rows = names.scene_rows(self.values)
+        self._declare({name: row for name, row in rows.items() if name not in self.rows})
+
+    def _declare(self, rows: dict[str, Parameter]) -> None:
+        for name, row in rows.items():
+            self.rows[name] = row
+            self.values[name] = self._start_value(name, row)
+        if any(row.name == "material" for row in rows.values()):
+            self.values |= material_values(self.values, self._given)
+        for name, row in rows.items():
+            value = ros_value(row, self.values[name])
+            self._node.declare_parameter(name, value, descriptor(row, name), ignore_override=True)
+
+    def _start_value(self, name: str, row: Parameter) -> Any:
+        """The value given for `name`, or the default: where none is given, or after a complaint where it is wrong."""
+        default = row.default
+        if row.name == "pins" and self.values.get(name.replace(".pins", ".mesh")):
+            default = "none"  # a mesh has no corners
+        if name not in self._given:
+            return default
+        given = self._given[name]
+        if given is None and (row.kind.endswith("_array") or row.kind == "pins"):
+            given = ()  # how the middleware passes on an empty list
+        try:
+            return coerced(row, given, name)
+        except ValueError as error:
+            self._log.error(f"{error}; using the default {ros_value(row, default)!r}")
+            del self._given[name]
+            return default
+
+    def _warn_unknown(self) -> None:
+        for name in self._given:
+            if name not in self.rows and not name.startswith(_RCLPY_OWN):
+                self._log.warning(f"{self._unknown(name)} Its value is ignored.")
+
+    def _unknown(self, name: str) -> str:
+        close = difflib.get_close_matches(name, self.rows, n=1)
+        plain = name if name.isprintable() and len(name) <= 80 else table.shown(name)
+        return f"there is no parameter {plain}" + (f"; did you mean {close[0]}?" if close else ".")
+
+    # -- changes -------------------------------------------------------------------------------------------------
+    # An exception in one of these callbacks would end the node's spinning and leave the client without an answer.
+
+    def decide(self, parameters: list[RosParameter]) -> None:
+        """Raises ValueError, in one sentence, where `parameters` cannot be set. May take seconds, in any thread."""
+        if any(parameter.name in self.rows and self.rows[parameter.name].fixed for parameter in parameters):
+            return  # the middleware refuses them
+        if any(each.name == "use_sim_time" and each.value is True for each in parameters):
+            if self.values["publish_clock"]:
+                raise ValueError("use_sim_time is True with publish_clock; a node cannot follow its own clock")
+        every = self._coerced(parameters)
+        every += self._following(every)
+        plan = make_plan(self._proposed(every))
+        owners = {parameter.name.partition(".")[0] for parameter in every}
+        for sentence in broken_meshes(plan, owners).values():
+            raise ValueError(sentence)
+        if owners & {"solver", "device", "rate", "wind", *self.values["objects"]}:
+            check_solver(plan)
+
+    def remark(self, parameters: list[RosParameter]) -> str:
+        """Which of `parameters`, now set, have no effect, in words; "" where all have."""
+        return "; ".join(filter(None, (names.idle(parameter.name, self.values) for parameter in parameters)))
+
+    def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
+        result = self._coerced(parameters)
+        following = [] if self._restoring else self._following(result)
+        self._followed = {parameter.name for parameter in following}
+        return result + following
+
+    def _coerced(self, parameters: list[RosParameter]) -> list[RosParameter]:
+        result = []
+        for parameter in parameters:
+            row = self.rows.get(parameter.name)
+            try:
+                if row is not None and parameter.value is not None:
+                    value = ros_value(row, coerced(row, parameter.value, parameter.name))
+                    parameter = RosParameter(parameter.name, value=value)
+            except (ValueError, TypeError):
+                pass  # refused with the reason in the next callback
+            result.append(parameter)
+        return result
+
+    def _following(self, parameters: list[RosParameter]) -> list[RosParameter]:
+        """What else changes with `parameters`: values by a material, where nobody has set any."""
+        asked = {parameter.name: parameter.value for parameter in parameters if parameter.name in self.rows}
+        given = {**self._given, **asked}
+        try:
+            before = material_values(self.values, self._given)
+            after = material_values({**self.values, **asked}, given)
+        except (TypeError, KeyError):  # refused with the reason in the next callback
+            return []
+        changed = {name: after.get(name, self.rows[name].default) for name in {**before, **after} if name not in given}
+        return [
+            RosParameter(name, value=ros_value(self.rows[name], value))
+            for name, value in changed.items()
+            if value != self.values[name]
+        ]
+
+    def _refuse_or_accept(self, parameters: list[RosParameter]) -> SetParametersResult:
+        try:
+            self._proposed(parameters)
+        except Exception as error:
+            for parameter in parameters:
+                if parameter.name in self.rows:  # rclpy has already noted the refused value's type as the parameter's
+                    held = self._node.get_parameter(parameter.name)
+                    self._node.describe_parameter(parameter.name).type = held.type_.value
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _proposed(self, parameters: list[RosParameter]) -> dict[str, Any]:
+        """The values with `parameters` in place. Raises ValueError if they cannot be."""
+        changed = {}
+        for parameter in parameters:
+            if parameter.name in self.rows:
+                if parameter.type_ == RosParameter.Type.NOT_SET:
+                    raise ValueError(f"{parameter.name} cannot be deleted")
+                changed[parameter.name] = coerced(self.rows[parameter.name], parameter.value, parameter.name)
+            elif not parameter.name.startswith(_RCLPY_OWN):
+                raise ValueError(self._unknown(parameter.name))
+        values = {**self.values, **changed}
+        problems = make_plan(values).problems
+        for owner in {name.partition(".")[0] for name in changed} & set(problems):
+            raise ValueError(problems[owner])
+        return values
+
+    def _hand_on(self, parameters: list[RosParameter]) -> None:
+        try:
+            before, self.values = self.values, self._proposed(parameters)
+            if self._restoring:
+                return
+            asked = {parameter.name: parameter.value for parameter in parameters if parameter.name in self.rows}
+            self._given |= {name: value for name, value in asked.items() if name not in self._followed}
+            # A live value acts even where it is the one before: a topic may have set another since.
+            acting = [name for name in asked if self.rows[name].live or self.values[name] != before[name]]
+            rebuilds = any(not self.rows[name].live for name in acting)
+            for name in acting:
+                if not (rebuilds and name in self._followed):  # the new simulation takes those as it is built
+                    self._on_change(name, self.rows[name], self.values[name])
+        except Exception as error:
+            self._log.error(f"a parameter change was accepted but not applied: {error}")
+
+    def restore(self, built: Mapping[str, Any]) -> None:
+        """Puts the parameters that rebuild back to the values `built` that the simulation still runs on."""
+        stale = [name for name, row in self.rows.items() if not row.live and self.values[name] != built[name]]
+        self._hold({name: built[name] for name in stale})
+
+    def put_back(self, name: str, refused: Any, held: Any) -> None:
+        """Puts a live parameter back to the value `held` in effect, unless it was set again since it was refused."""
+        if self.values[name] == refused:
+            self._hold({name: held})
+
+    def follow(self, values: Mapping[str, Any]) -> None:
+        """Takes over values that the simulation has taken from elsewhere, such as a service."""
+        self._hold({name: value for name, value in values.items() if self.values[name] != value})
+
+    def _hold(self, values: Mapping[str, Any]) -> None:
+        """Sets parameters without telling the simulation, which has these values already."""
+        if not values:
+            return
+        self._restoring = True
+        try:
+            result = self._node.set_parameters_atomically(  # as some hold only together
+                [RosParameter(name, value=ros_value(self.rows[name], value)) for name, value in values.items()]
+            )
+        finally:
+            self._restoring = False
+        if not result.successful:
+            self._log.error(f"parameters cannot follow the simulation: {result.reason}")
+
+
+def coerced(row: Parameter, value: Any, name: str) -> Any:
+    """`value` as the type of `row`: text such as 1e-6 and whole numbers count as doubles, text in brackets as a list.
+
+    Raises ValueError in one sentence.
+    """
+    if row.kind.endswith("_array") and isinstance(value, str) and value.lstrip().startswith("["):
+        try:  # ros2 param set sends a list of mixed numbers as text
+            value = yaml.safe_load(value)
+        except yaml.YAMLError:
+            pass  # check() says what is allowed
+    if isinstance(value, (list, tuple, array.array)):
+        value = tuple(_number(item) if row.kind in ("double_array", "integer_array") else item for item in value)
+    elif row.kind in ("double", "integer"):
+        value = _number(value)
+    return table.check(row, value, name)
+
+
+def _number(value: Any) -> Any:
+    """Text such as 1e-6, which YAML takes for text, as a number; anything else as it is."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value  # check() says what is allowed
+
+
+def ros_value(row: Parameter, value: Any) -> Any:
+    """A checked value as ROS holds it: arrays are lists, no pins are "none"."""
+    if row.kind == "pins" and not value:
+        return "none"
+    return list(value) if isinstance(value, tuple) else value
+
+
+def descriptor(row: Parameter, name: str) -> ParameterDescriptor:
+    """Description, range and constraints of `row` for tools that list parameters."""
+    effect = "fixed at start" if row.fixed else "live" if row.live else "rebuilds the simulation"
+    unit = f" [{row.unit}]" if row.unit else ""
+    result = ParameterDescriptor(
+        name=name,
+        description=f"{row.text}{unit} ({effect})",
+        additional_constraints=table.allowed(row),
+        read_only=row.fixed,
+        dynamic_typing=True,
+    )
+    if row.kind == "double" and row.low > -table.INFINITY and row.high < table.INFINITY:
+        result.floating_point_range = [FloatingPointRange(from_value=row.low, to_value=row.high)]
+    elif row.kind == "integer":
+        result.integer_range = [IntegerRange(from_value=int(row.low), to_value=int(row.high), step=1)]
+    return result

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a plan can be computed, found out by NumPy on the host: nothing here touches a device or takes its time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import warp
+
+from cloth_sim_ros.ros.parameters.plan import Plan
+from cloth_sim_ros.sim.access.live import compliances_of
+from cloth_sim_ros.sim.substeps.limits import check_explicit
+from cloth_sim_ros.sim.topology import build as build_topology
+
+MOST_SWEEPS = 100_000  # a frame: beyond it a frame of a small cloth takes seconds
+
+
+def broken_meshes(plan: Plan, names: Iterable[str]) -> dict[str, str]:
+    """Name -> why the mesh of a cloth among `names` is no surface, in one sentence."""
+    broken = {}
+    for name in names:
+        if getattr(plan.scene.objects.get(name), "vertices", None) is not None:
+            try:
+                build_topology(plan.scene.objects[name], name, False)
+            except ValueError as error:
+                broken[name] = str(error)
+    return broken
+
+
+def check_solver(plan: Plan) -> None:
+    """Raises ValueError, in one sentence, for a device that is not there, for explicit steps that cannot hold an
+    object, and for more sweeps than anybody would wait for."""
+    try:
+        warp.get_device(None if plan.device == "auto" else plan.device)
+    except Exception:
+        known = ", ".join(device.alias for device in warp.get_devices())
+        raise ValueError(f"device is {plan.device!r}; allowed is auto or one of {known}") from None
+    settings = plan.settings
+    sweeps = max(1, settings.substeps) * max(1, settings.iterations)
+    if sweeps > MOST_SWEEPS:
+        numbers = f"solver.substeps {settings.substeps} times solver.iterations {settings.iterations}"
+        raise ValueError(f"{numbers} are {sweeps} sweeps a frame; allowed are at most {MOST_SWEEPS}")
+    if settings.method == "verlet":
+        for name, thing in plan.scene.objects.items():
+            material = (compliances_of(thing), thing.damping)
+            check_explicit(plan.scene, settings, name, build_topology(thing, name, False), [material])

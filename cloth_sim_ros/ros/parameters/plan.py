@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter values -> the Scene, Settings and device of a Simulation. Plain Python: no rclpy, nothing on a device."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cloth_sim_ros.ros.inputs.pose_track import Pose
+from cloth_sim_ros.sim import Cloth, Gripper, Handle, Plane, Rope, Scene, Settings, Winch, Wind
+from cloth_sim_ros.sim.colliders import SHAPES
+from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.mesh_file import load_mesh
+from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS, Constraint
+from cloth_sim_ros.sim.scene.forces import FORCES, Force
+from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS, rope_fields, sheet_fields, triangles_area
+
+Values = Mapping[str, Any]  # full parameter name -> checked value
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to build, and `problems`: name of an object, collider, handle or group -> why it is left out, in one
+    sentence. grippers: whose fingers are among the colliders. frame_id: the frame of the scene."""
+
+    scene: Scene
+    settings: Settings
+    device: str
+    problems: dict[str, str] = field(default_factory=dict)
+    grippers: dict[str, Gripper] = field(default_factory=dict)
+    frame_id: str = "world"
+
+    def without(self, names: Container[str]) -> Plan:
+        """The same plan without the objects of these names."""
+        objects = {name: thing for name, thing in self.scene.objects.items() if name not in names}
+        constraints = {name: each for name, each in self.scene.constraints.items() if each.object in objects}
+        return replace(self, scene=replace(self.scene, objects=objects, constraints=constraints))
+
+    def with_poses(self, poses: Mapping[str, Pose]) -> Plan:
+        """The same plan with colliders and handles at `poses`, where topics have moved them."""
+        colliders = {
+            name: replace(collider, **_placed(collider, poses[name])) if name in poses else collider
+            for name, collider in self.scene.colliders.items()
+        }
+        handles = {
+            name: replace(handle, **vars(poses[name])) if name in poses else handle
+            for name, handle in self.scene.handles.items()
+        }
+        return replace(self, scene=replace(self.scene, colliders=colliders, handles=handles))
+
+
+def make_plan(values: Values) -> Plan:
+    """The plan for `values`; what cannot be is left out and said in `problems`."""
+    problems: dict[str, str] = {}
+    objects = _made(values, values["objects"], make_object, problems)
+    colliders = _made(values, values["colliders"], make_collider, problems)
+    handles = _made(values, values["handles"], make_handle, problems)
+    grippers = _made(values, values["grippers"], make_gripper, problems)
+    for name, gripper in grippers.items():
+        colliders |= gripper.fingers(name)
+    forces = _made(values, values["forces"], make_force, problems)
+    constraints = _made(values, values["constraints"], make_constraint, problems)
+    wind = None
+    if values["wind.enabled"]:
+        wind = Wind(**{name: value for name, value in group(values, "wind").items() if name != "enabled"})
+    return Plan(
+        scene=Scene(
+            objects,
+            colliders,
+            wind,
+            gravity=values["gravity"],
+            handles=handles,
+            spare_colliders=values["spare_colliders"],
+            object_contact=values["object_contact"],
+            forces=forces,
+            constraints={name: each for name, each in constraints.items() if each.object in objects},
+        ),
+        settings=Settings(frame_dt=1.0 / values["rate"], **group(values, "solver")),
+        device=values["device"],
+        problems=problems,
+        grippers=grippers,
+        frame_id=values["frame_id"],
+    )
+
+
+def group(values: Values, prefix: str) -> dict[str, Any]:
+    """The values under `prefix`, by their names without it."""
+    start = prefix + "."
+    return {name[len(start) :]: value for name, value in values.items() if name.startswith(start)}
+
+
+def material_values(values: Values, given: Container[str]) -> dict[str, Any]:
+    """Full name -> value of what the materials of objects set, but for the names in `given`, which somebody has set.
+
+    What cannot be made of a material sets nothing; make_object says why.
+    """
+    found = {}
+    for name in values["objects"]:
+        try:
+            fields = _of_material(values, name, given) if values[f"{name}.material"] else {}
+        except ValueError:
+            continue
+        found |= {f"{name}.{field}": value for field, value in fields.items() if value is not None}
+    return {name: value for name, value in found.items() if name not in given}
+
+
+def _of_material(values: Values, name: str, given: Container[str]) -> dict[str, Any]:
+    """Field -> value of what the material of an object sets. Raises ValueError."""
+    own = group(values, name)
+    if own["type"] == "rope":
+        radius = own["radius"] if f"{name}.radius" in given else None
+        length = math.dist(own["start"], own["end"])
+        if own["path"]:
+            points = along_path(own["path"], own["segments"], f"{name}.path")
+            length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        fields = rope_fields(own["material"], length, radius)
+        return {**fields, "bending": "angle"}
+    path, scale = own["mesh"], own["scale"]
+    area = math.prod(own["size"])
+    if path:
+        area = scale**2 * triangles_area(*load_mesh(path, f"{name}.mesh", scale))
+    own_fields = {field: value for field, value in own.items() if f"{name}.{field}" in given}
+    return sheet_fields(own["material"], area, own_fields, bool(path))
+
+
+def make_object(values: Values, name: str) -> Cloth | Rope:
+    """The cloth or rope called `name`. Raises ValueError with what is wrong."""
+    own = group(values, name)
+    material, known = own.pop("material"), CORDS if own["type"] == "rope" else FABRICS
+    if material and material not in known:
+        raise ValueError(f"{name}.material is {material!r}; allowed is one of {', '.join(known)}")
+    if own["bending"] == "none":
+        own["bend_compliance"] = None
+    if own.pop("type") == "rope":
+        del own["bending"]
+        if not own.pop("twist"):
+            del own["twist_compliance"]
+        winch = group(own, "winch")
+        del winch["timeout"]
+        own = {field: value for field, value in own.items() if not field.startswith("winch.")}
+        path = own.pop("path")
+        if path:
+            del own["start"], own["end"]
+            own["points"] = along_path(path, own.pop("segments"), f"{name}.path")
+        return Rope(**own, winch=Winch(**winch) if winch.pop("enabled") else None)
+    path, shear, scale = own.pop("mesh"), own.pop("shear"), own.pop("scale")
+    if not shear:
+        own["shear_compliance"] = None
+    for like_warp in ("weft_compliance", "weft_bend_compliance", "diagonal_bend_compliance"):
+        own[like_warp] = own[like_warp] or None
+    if not path:
+        del own["warp"]
+        return Cloth(**own)
+    for absent in ("resolution", "size"):
+        del own[absent]
+    return Cloth.from_mesh(*load_mesh(path, f"{name}.mesh", scale), scale=scale, **own)
+
+
+def along_path(path: Sequence[float], segments: int, name: str) -> np.ndarray:
+    """Points (segments + 1, 3) [m] at equal distances along straight lines between corners, x y z of each in `path`.
+
+    Raises ValueError where there are fewer than two corners, or one has not three numbers or repeats the one before.
+    """
+    if len(path) % 3 or len(path) < 6:
+        raise ValueError(f"{name} has {len(path)} numbers; allowed are x y z of two corners or more")
+    corners = np.reshape(path, (-1, 3))
+    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    if not lengths.all():
+        at = np.flatnonzero(lengths == 0.0)[0]
+        raise ValueError(f"{name} has the corner {corners[at].tolist()} twice in a row; allowed are corners apart")
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    wanted = np.linspace(0.0, along[-1], segments + 1)
+    return np.stack([np.interp(wanted, along, axis) for axis in corners.T], axis=1)
+
+
+def make_collider(values: Values, name: str) -> Collider:
+    """The collider called `name`. Raises ValueError with what is wrong."""
+    own = group(values, name)
+    shape, dimensions, file, scale = (own.pop(field) for field in ("shape", "dimensions", "mesh", "scale"))
+    del own["follow_frame"]
+    kind = SHAPES.get(shape)
+    if kind is None:
+        raise ValueError(f"{name}.shape is {shape!r}; allowed is one of {', '.join(SHAPES)}")
+    if hasattr(kind, "from_file"):
+        return _from_file(name, shape, file, scale=scale, **own)
+    try:
+        return kind.from_dimensions(dimensions, **own)
+    except ValueError as error:
+        raise ValueError(str(error).replace(f"{kind.__name__}.", f"{name}.")) from None
+
+
+def _from_file(name: str, shape: str, file: str, **fields: Any) -> Collider:
+    """The collider called `name` in a file. Raises ValueError."""
+    if not file:
+        raise ValueError(f"{name}.mesh is empty; a {shape} has a file")
+    try:
+        return SHAPES[shape].from_file(file, **fields)
+    except ValueError as error:
+        sentence = re.sub(r"^\w+\.from_file", f"{name}.mesh", str(error))
+    raise ValueError(sentence if sentence.startswith(name) else f"{name}: {sentence}")
+
+
+def make_handle(values: Values, name: str) -> Handle:
+    """The handle called `name`. Raises ValueError with what is wrong."""
+    own = group(values, name)
+    if own["object"] not in ("", *values["objects"]):
+        allowed = ", ".join(values["objects"])
+        raise ValueError(f"{name}.object is {own['object']!r}; allowed is '' for any object or one of {allowed}")
+    if len(own["reach"]) not in (1, 3):
+        raise ValueError(f"{name}.reach is {list(own['reach'])}; allowed is 1: radius [m], or 3: x y z [m]")
+    del own["follow_frame"]
+    return Handle(**own)
+
+
+def make_gripper(values: Values, name: str) -> Gripper:
+    """The gripper called `name`. Raises ValueError with what is wrong."""
+    own = group(values, name)
+    del own["follow_frame"]
+    try:
+        gripper = Gripper(**own)
+    except ValueError as error:
+        raise ValueError(str(error).replace("Gripper.", f"{name}.")) from None
+    taken = [*values["objects"], *values["colliders"], *values["handles"], *values["grippers"]]
+    for finger in gripper.fingers(name):
+        if finger in taken:
+            raise ValueError(f"{name} has a finger {finger}; allowed is a gripper whose fingers' names are not taken")
+    return gripper
+
+
+def make_force(values: Values, name: str) -> Force:
+    """The force called `name`. Raises ValueError with what is wrong."""
+    return _of_plugin(FORCES, values, name)
+
+
+def make_constraint(values: Values, name: str) -> Constraint:
+    """The constraint called `name`. Raises ValueError with what is wrong."""
+    if values[f"{name}.object"] not in values["objects"]:
+        allowed = ", ".join(values["objects"])
+        raise ValueError(f"{name}.object is {values[f'{name}.object']!r}; allowed is one of {allowed}")
+    return _of_plugin(CONSTRAINTS, values, name)
+
+
+def _of_plugin(known: Mapping[str, type], values: Values, name: str) -> Any:
+    """What is called `name`, of a class in one of the tables that plugins add to."""
+    own = group(values, name)
+    kind = known.get(own.pop("type"))
+    if kind is None:
+        allowed = f"one of {', '.join(known)}" if known else "none, as no plugin adds any"
+        raise ValueError(f"{name}.type is {values[f'{name}.type']!r}; allowed is {allowed}")
+    try:
+        return kind(**own)
+    except ValueError as error:
+        raise ValueError(str(error).replace(f"{kind.__name__}.", f"{name}.")) from None
+
+
+def _made(values: Values, names: tuple[str, ...], make, problems: dict[str, str]) -> dict[str, Any]:
+    things = {}
+    for name in names:
+        try:
+            things[name] = make(values, name)
+        except ValueError as error:
+            sentence = re.sub(r"^(Rope|Cloth)(?=[. ])", name, str(error))
+            problems[name] = sentence if name in sentence else f"{name}: {sentence}"
+    return things
+
+
+def placed(pose: Any) -> dict[str, Any]:
+    """The position and orientation of whatever has them, as fields."""
+    return {"position": pose.position, "orientation": pose.orientation}
+
+
+def _placed(collider: Any, pose: Pose) -> dict[str, Any]:
+    place = placed(pose)
+    if isinstance(collider, Plane):  # a plane's point and normal repeat its pose, and would win over it
+        place |= {"point": None, "normal": None}
+    return place

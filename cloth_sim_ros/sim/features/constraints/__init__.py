@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Constraints between any two particles of a body."""

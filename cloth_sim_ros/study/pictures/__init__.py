@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""Pictures that teach the method, drawn from what the product itself computes."""

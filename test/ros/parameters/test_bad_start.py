@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong in a parameter file is said in one sentence each, and the node lives."""
+
+import subprocess
+import sys
+
+import pytest
+from client import fields
+from node_process import ROOT
+from patience import patience
+from sensor_msgs.msg import PointCloud2
+
+MISTAKES = """
+cloth_sim:
+  ros__parameters:
+    objects: [cloth, torn, "two words", cloth, LONG, "new\\nline"]
+    colliders: [ball, cloth]
+    rate: 60                              # a whole number for a decimal
+    gravity: [0, 0, -9.81]                # both in one list
+    wind: {enabled: "windy"}
+    cloth:
+      resolution: [1, 1]
+      size: [1, 1]
+      mass: heavy
+      stretch_compliance: -1
+      pins: [0, 5]
+      colour: red
+      masss: 1.0
+      bending:
+    torn: {mesh: /nowhere/shirt.obj}
+    ball: {shape: cube, dimensions: [[1, 2], [3, 4]], position: [0, 0, five]}
+    solver: {substeps: 20.0, iterations: many}
+"""
+
+MISTAKES = MISTAKES.replace("LONG", 300 * "n")
+
+SENTENCES = [
+    f"objects holds '{36 * 'n'}...{39 * 'n'}', left out: a name has at most 100 letters",
+    "objects holds 'new\\nline', left out",
+    "objects holds 'two words', left out",
+    "objects holds 'cloth', left out: the name is already taken",
+    "colliders holds 'cloth', left out: the name is already taken",
+    "wind.enabled is 'windy'; allowed is true or false; using the default False",
+    "cloth.resolution is (1, 1); allowed is 2 whole numbers from 2 to 2048; using the default [32, 32]",
+    "cloth.mass is 'heavy'; allowed is a finite number from 1e-09 to 1e+06 [kg]; using the default 0.2",
+    "cloth.stretch_compliance is -1; allowed is a finite number from 0",
+    "there is no parameter cloth.colour",
+    "there is no parameter cloth.masss; did you mean cloth.mass?",
+    "cloth.bending has no value and is ignored",
+    "torn.mesh is '/nowhere/shirt.obj'; no such file is there; it is left out until a parameter change mends it",
+    "ball.shape is 'cube'; allowed is one of plane, sphere, capsule, box",
+    "ball.dimensions is no list of one type and is ignored",
+    "ball.position is no list of one type and is ignored",
+    "solver.iterations is 'many'; allowed is a whole number from 0 to 1000; using the default 0",
+]
+
+
+def test_every_mistake_is_said_and_the_rest_works(start, client):
+    node = start(MISTAKES, "-p", "publish.velocities:=1").ready()
+    for sentence in [*SENTENCES, "publish.velocities is 1; allowed is true or false"]:
+        matching = [line for line in node.log.splitlines() if sentence in line]
+        assert len(matching) == 1, f"{sentence}\n{node.log}"
+    assert "Traceback" not in node.log
+    assert client.get("rate") == 60.0
+    assert list(client.get("cloth.pins")) == [0, 5]
+    assert list(client.get("gravity")) == [0.0, 0.0, -9.81]
+    clouds = client.listen(PointCloud2, "/cloth_sim/cloth/particles", 1)
+    client.until(lambda: clouds)
+    assert len(fields(clouds[0])) == 32 * 32
+
+
+def test_a_mesh_can_be_mended_while_the_node_runs(start, client, tmp_path):
+    pytest.importorskip("trimesh")
+    node = start("cloth_sim:\n  ros__parameters:\n    objects: [shirt]\n    shirt: {mesh: /nowhere/shirt.obj}\n")
+    node.wait_for("shirt.mesh is '/nowhere/shirt.obj'")
+    file = tmp_path / "shirt.obj"
+    file.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")
+    assert client.set("shirt.mesh", str(file)).successful
+    clouds = client.listen(PointCloud2, "/cloth_sim/shirt/particles", 1)
+    client.until(lambda: clouds)
+    assert len(fields(clouds[0])) == 4
+
+
+def test_a_device_that_is_not_there(start, client):
+    node = start("cloth_sim:\n  ros__parameters:\n    objects: [cloth]\n    device: cuda:77\n")
+    node.wait_for("cannot build the simulation: device is 'cuda:77'; allowed is auto or one of")
+    assert client.set("device", "auto").successful
+    node.ready()
+
+
+def test_an_empty_scene_waits(start, client):
+    node = start("cloth_sim:\n  ros__parameters:\n    objects: []\n").ready()
+    assert client.get("rate") == 60.0 and node.alive()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [(None, "cannot be read"), ("a: [1,\n", "is not valid YAML"), ("just words", "holds no parameters")],
+)
+def test_files_that_are_no_parameter_files(tmp_path, text, sentence):
+    file = tmp_path / "parameters.yaml"
+    if text is not None:
+        file.write_text(text)
+    command = [sys.executable, "-m", "cloth_sim_ros.ros", "--ros-args", "--params-file", str(file)]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=patience(60), check=False)
+    assert result.returncode == 1
+    assert sentence in result.stderr and "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("program", "given", "sentence"),
+    [
+        (
+            "ros",
+            ["--params-file", "a.yaml"],
+            "--params-file a.yaml are not known; allowed is --ros-args and what",
+        ),
+        ("demo.driver", ["../config/curtain"], "../config/curtain has no driver; allowed is one of curtain, flag, "),
+        ("demo.driver", ["driver"], "driver has no driver; allowed is one of"),
+    ],
+)
+def test_what_a_program_cannot_take_is_one_sentence(program, given, sentence):
+    command = [sys.executable, "-m", f"cloth_sim_ros.{program}", *given]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=patience(60), check=False)
+    assert result.returncode == 1
+    assert sentence in result.stderr and result.stderr.count("\n") == 1
