@@ -78,6 +78,7 @@ def test_scenes_that_move_have_drivers_and_the_others_none():
         "sheet_over_ball",
         "tablecloth",
         "towel",
+        "winch",
     }
     assert {scene for scene in SCENES if driver.has_driver(scene)} == moved
 
