@@ -6,6 +6,7 @@ import pytest
 import rclpy
 from geometry_msgs.msg import PoseStamped
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
@@ -25,7 +26,9 @@ CURTAIN = """
 
 def test_a_driver_stands_while_the_simulation_does_and_goes_on_where_it_was(start, client):
     start(CURTAIN).ready()
-    sent, clocks = client.listen(PoseStamped, "/cloth_sim/colliders/ball/pose"), client.listen(Clock, "/clock")
+    all_of_them = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+    sent = client.listen(PoseStamped, "/cloth_sim/colliders/ball/pose", all_of_them)
+    clocks = client.listen(Clock, "/clock")
     driver = Driver()
     driver.set_parameters([Parameter("use_sim_time", value=True)])
     turn = lambda: rclpy.spin_once(driver, timeout_sec=0.002)  # noqa: E731
