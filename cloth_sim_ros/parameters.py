@@ -406,6 +406,19 @@ NODE = (
     GRAVITY,
 )
 
+VIEW = (
+    _vector(
+        "position",
+        (0, 0, 0),
+        "Where the page's camera begins; at look_at: where all is seen.",
+        "m",
+        -_FAR,
+        _FAR,
+        fixed=True,
+    ),
+    _vector("look_at", (0, 0, 0), "What it looks at.", "m", -_FAR, _FAR, fixed=True),
+)
+
 PUBLISH = (
     Parameter("normals", "bool", False, "Whether particles carry normal_x normal_y normal_z.", live=True),
     Parameter("velocities", "bool", False, "Whether particles carry vx vy vz [m/s].", live=True),

@@ -10,7 +10,7 @@ from dataclasses import replace
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.parameters import Parameter
 
-GROUPS = {"solver": table.SOLVER, "wind": table.WIND, "publish": table.PUBLISH}
+GROUPS = {"solver": table.SOLVER, "wind": table.WIND, "publish": table.PUBLISH, "view": table.VIEW}
 LONGEST = 100  # letters of a name: the middleware bounds those of topics
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 

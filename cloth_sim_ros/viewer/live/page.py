@@ -181,7 +181,11 @@ class LivePage(Page):
             self._look_at_all()
 
     def _look_at_all(self) -> None:
-        """Puts the camera where all objects are in view, where they began, and colliders and handles."""
+        """Puts the camera where the scene says, or where all objects are in view, and colliders and handles."""
+        position, at = (tuple(self.known.values.get(f"view.{what}", ())) for what in ("position", "look_at"))
+        if position != at:
+            look_from(self.server, position, at)
+            return
         places = np.array(list(self.scene.places.values())).reshape(-1, 3)
         points = np.concatenate([*self.scene.positions.values(), *self.scene.starts.values(), places])
         middle, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), np.linalg.norm(np.ptp(points, axis=0))

@@ -63,7 +63,8 @@ class Stage:
     def _draw_cloth(self, name: str) -> None:
         triangles = self.sim.triangles(name)
         self._triangles[name] = len(triangles)
-        self._drawing.cloth(name, self.sim.positions(name), triangles, self._colours[name])
+        rest, half = self.sim.rest_positions(name), max(self.sim.scene.objects[name].thickness, 1e-3)
+        self._drawing.cloth(name, self.sim.positions(name), triangles, self._colours[name], half, rest)
 
     def drag(self, drag: Drag) -> None:
         """The hand grasps the particle that the mouse is at, brings it to where the mouse goes, and lets go."""
