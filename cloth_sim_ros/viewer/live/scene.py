@@ -27,14 +27,14 @@ WIDE = 10.0  # [m] from which a box stands for a plane, which is drawn in place 
 class LiveScene:
     """What is drawn of the scene `known`.
 
-    positions: by object its newest particles (N, 3) [m], starts where they began, by its topology, and stamps the time
+    triangles: by object (T, 3). positions: its newest particles (N, 3) [m], starts where they began, by its topology, and stamps the time
     of each [ns]. places: by collider and handle its position (3,) [m]. bodies: what is drawn of each marker, by
     namespace/id.
     """
 
     def __init__(self, server: viser.ViserServer, drawing: Drawing, known: Known):
         self._server, self._drawing, self._known = server, drawing, known
-        self._triangles: dict[str, np.ndarray] = {}
+        self.triangles: dict[str, np.ndarray] = {}
         self._shapes: dict[str, tuple] = {}  # of each marker: what cannot be moved
         self._corners: dict[str, np.ndarray] = {}  # of a body at the origin (N, 3) [m]
         self._labels: dict[str, Any] = {}
@@ -47,7 +47,7 @@ class LiveScene:
 
     def topology(self, name: str, mesh: Mesh) -> None:
         """An object has other particles or triangles from now on; its next cloud is drawn with them."""
-        self._triangles[name] = np.array([each.vertex_indices for each in mesh.triangles], np.uint32).reshape(-1, 3)
+        self.triangles[name] = np.array([each.vertex_indices for each in mesh.triangles], np.uint32).reshape(-1, 3)
         self.starts[name] = np.array([(each.x, each.y, each.z) for each in mesh.vertices]).reshape(-1, 3)
         for drawn in {name, _held(name)} & set(self._drawing.handles):
             self._drawing.remove(drawn)
@@ -65,9 +65,9 @@ class LiveScene:
             return
         values = self._known.values
         colour = COLOURS[self._known.names("objects").index(name) % len(COLOURS)]
-        if len(self._triangles[name]):
+        if len(self.triangles[name]):
             half = SHOWN * values[f"{name}.thickness"]
-            self._drawing.cloth(name, positions, self._triangles[name], colour, half, self.starts[name])
+            self._drawing.cloth(name, positions, self.triangles[name], colour, half, self.starts[name])
         else:
             self._drawing.rope(name, positions, values[f"{name}.radius"], colour)
         fittings = Fittings(values, name, len(positions))
