@@ -159,7 +159,7 @@ def test_twenty_drags_pull_by_a_spring_with_the_largest_force_and_let_go(shown, 
     for k in range(20):
         most = (0.5, 2.0)[k % 2]
         page._pull.slide(most)
-        shown.until(lambda: page._pull.value == pytest.approx(most, rel=0.1))
+        shown.until(lambda most=most: page._pull.value == pytest.approx(most, rel=0.1))
         corner = page.scene.positions["cloth"][CORNER].astype(float)
         pointer = corner + (0.0, 1.0 * (-1) ** k, 0.0)  # far beyond what the spring reaches
         page.dragged(Drag("cloth", "start", corner, corner))

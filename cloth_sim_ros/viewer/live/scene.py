@@ -27,9 +27,9 @@ WIDE = 10.0  # [m] from which a box stands for a plane, which is drawn in place 
 class LiveScene:
     """What is drawn of the scene `known`.
 
-    triangles: by object (T, 3). positions: its newest particles (N, 3) [m], starts where they began, by its topology, and stamps the time
-    of each [ns]. places: by collider and handle its position (3,) [m]. bodies: what is drawn of each marker, by
-    namespace/id.
+    By object: its triangles (T, 3), the positions of its newest particles (N, 3) [m], starts where they began, and
+    stamps the time of each [ns]. places: by collider and handle its position (3,) [m]. bodies: what is drawn of each
+    marker, by namespace/id.
     """
 
     def __init__(self, server: viser.ViserServer, drawing: Drawing, known: Known):
