@@ -33,6 +33,7 @@ def pytest_sessionstart(session):
                 told = done
                 reporter.write_line(f"\ncompiling: {done} kernel modules so far, which later runs find ready")
 
+    wp.config.quiet = True
     wp.init()
     ended = threading.Event()
     session.config.add_cleanup(ended.set)
