@@ -64,9 +64,8 @@ def test_a_printed_command_exists_with_its_options(command):
         options -= {word for word in words[words.index("--ros-args") :]}
     if not options and program != "python":
         return
-    told = (
-        help_of(sys.executable, "-m", module) if program == "python" else help_of(Path(sys.executable).parent / program)
-    )
+    ours = (sys.executable, "-m", module) if program == "python" else (Path(sys.executable).parent / program,)
+    told = help_of(*ours)
     commands = [word for word in words[:1] if re.search(rf"[{{,]{re.escape(word)}[,}}]", told)]
     if commands:
         told += help_of(*ours, *commands)

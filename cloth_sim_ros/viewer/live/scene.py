@@ -20,7 +20,7 @@ from cloth_sim_ros.viewer.live.remote import Known, positions_of
 from cloth_sim_ros.viewer.look import LINES
 
 SHOWN = 0.7  # of a cloth's thickness: layers that touch stay apart in the picture
-HAND = 0.03  # [m] size of a hand, or a handle's reach where that is smaller
+HAND = 0.03  # [m] size of a hand
 WIDE = 10.0  # [m] from which a box stands for a plane, which is drawn in place of our ground
 
 
@@ -131,7 +131,7 @@ class LiveScene:
             return
         handle = marker.ns in self._known.names("handles")
         if handle and marker.type == Marker.SPHERE:  # whose colour says whether it holds
-            self._corners[name], faces = hand(min(HAND, 0.5 * s.x))
+            self._corners[name], faces = hand(HAND)
             c.a = 1.0
         else:
             shapes = {Marker.CUBE: box, Marker.SPHERE: partial(icosphere, 4, 0.5)}
