@@ -8,7 +8,7 @@ import math
 from cloth_sim_ros.demo.driver import SceneDriver, Vector
 
 PEG, START, ASIDE = (0.0, 0.0, 0.75), (0.0, 0.0, 0.73), 0.25  # [m]
-FIRM, WEAK, OPEN = 1.0, 0.1, 0.06  # [N] each finger has to press with 0.31 to hold 50 g; [m]
+FIRM, WEAK, OPEN = 1.0, 0.1, 0.06  # [N] each finger has to press with 0.25 to hold 40 g; [m]
 CLOSE, CARRY, HOLD, DROP = 1.5, 2.0, 1.0, 2.0  # [s]
 END = CLOSE + CARRY + HOLD + DROP
 
