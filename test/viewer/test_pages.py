@@ -62,7 +62,8 @@ def test_a_sheet_without_shear_springs_shears(springs):
 
 def test_springs_are_drawn_between_their_particles_and_hidden_when_off(springs):
     positions = springs.stage.sim.positions("sheet")
-    assert np.array_equal(springs.drawing.handles["sheet"].vertices, positions)
+    sides = springs.drawing.handles["sheet"].vertices.reshape(2, -1, 3)
+    assert np.allclose(sides.mean(axis=0), positions, atol=1e-6) and np.abs(sides - positions).max() < 1e-3
     assert np.array_equal(springs.drawing.handles["shear"].vertices[: len(positions)], positions)
     springs.switches["shear"].value = False
     springs.advance()
@@ -270,4 +271,6 @@ def test_two_clicks_cut_the_whole_cloth_between_them(open_page):
     assert (rows[:, 0] + 1 == rows[:, 1]).all() and (np.abs(rows - 16) <= 1).all(), "they lie across the cut"
     assert columns.min() >= 4 and columns.max() <= 27 and 22 <= len(failed) <= 24
     page.advance()
-    assert len(page.drawing.handles["cloth"].faces) == len(sim.triangles("cloth")) < whole
+    faces = page.drawing.handles["cloth"].faces
+    front = (faces < len(sim.positions("cloth"))).all(axis=1).sum()
+    assert front == len(sim.triangles("cloth")) and len(faces) < whole
