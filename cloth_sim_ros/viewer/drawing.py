@@ -224,6 +224,16 @@ class Parts:
             found[used] = mesh.vertices
         return found
 
+    @property
+    def visible(self) -> bool:
+        """Whether they are seen."""
+        return all(mesh.visible for _, mesh in self.meshes)
+
+    @visible.setter
+    def visible(self, on: bool) -> None:
+        for _, mesh in self.meshes:
+            mesh.visible = on
+
     def remove(self) -> None:
         """Takes all of them away."""
         for _, mesh in self.meshes:
