@@ -233,7 +233,7 @@ ROPE = (
         0,
         1e12,
     ),
-    double("bend_damping", 0.0, "Time constant of the dashpot beside the stiffness in bending.", "s", 0, 1e3),
+    number("bend_damping", 0.0, "Time constant of the dashpot beside the stiffness in bending.", "s", 0, 1e3),
     *_BODY,
     *_SURFACE,
     *_PLACE,
@@ -419,6 +419,19 @@ NODE = (
     SPARE_COLLIDERS,
     OBJECT_CONTACT,
     GRAVITY,
+)
+
+VIEW = (
+    _vector(
+        "position",
+        (0, 0, 0),
+        "Where the page's camera begins; at look_at: where all is seen.",
+        "m",
+        -_FAR,
+        _FAR,
+        fixed=True,
+    ),
+    _vector("look_at", (0, 0, 0), "What it looks at.", "m", -_FAR, _FAR, fixed=True),
 )
 
 PUBLISH = (

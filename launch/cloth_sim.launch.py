@@ -49,7 +49,9 @@ def start(context: LaunchContext) -> list:
         evaluate_condition_expression(context, [LaunchConfiguration(name)])
         for name in ("use_sim_time", "viewer", "driver", "rviz")
     )
-    set_here = {"use_sim_time": use_sim_time}
+    driven = driver and not given["params_file"] and has_driver(given["scene"])
+    # Drivers go by the simulation's time, which the node sends where nobody else sends one.
+    set_here = {"use_sim_time": use_sim_time, **({"publish_clock": True} if driven and not use_sim_time else {})}
     if given["device"]:
         set_here["device"] = given["device"]
     node = Node(
@@ -61,8 +63,8 @@ def start(context: LaunchContext) -> list:
         output="screen",
     )
     actions = [node]
-    if driver and not given["params_file"] and has_driver(given["scene"]):
-        actions.append(_beside("cloth_sim_driver", given, use_sim_time, given["scene"]))
+    if driven:
+        actions.append(_beside("cloth_sim_driver", given, True, given["scene"]))
     if viewer:
         actions.append(_beside("cloth_sim_viewer", given, use_sim_time))
     if rviz:

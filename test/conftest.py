@@ -2,6 +2,7 @@
 """What tests of several folders share."""
 
 import os
+import threading
 import time
 from pathlib import Path
 
@@ -14,6 +15,29 @@ def pytest_generate_tests(metafunc):
     if "device" in metafunc.fixturenames:
         wp.init()
         metafunc.parametrize("device", ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])], scope="session")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionstart(session):
+    """Tells every half minute how many kernel modules were compiled since, as no test ends meanwhile."""
+    reporter, begin = session.config.pluginmanager.get_plugin("terminalreporter"), time.time()
+    if reporter is None or hasattr(session.config, "workerinput"):
+        return
+
+    def tell() -> None:
+        told = 0
+        while not ended.wait(30.0):
+            cache = Path(wp.config.kernel_cache_dir or "")
+            done = sum(each.stat().st_mtime > begin for each in cache.iterdir()) if cache.is_dir() else 0
+            if done > told:
+                told = done
+                reporter.write_line(f"\ncompiling: {done} kernel modules so far, which later runs find ready")
+
+    wp.config.quiet = True
+    wp.init()
+    ended = threading.Event()
+    session.config.add_cleanup(ended.set)
+    threading.Thread(target=tell, daemon=True).start()
 
 
 def pytest_collection_modifyitems(items):

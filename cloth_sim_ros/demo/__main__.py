@@ -10,6 +10,7 @@ import argparse
 import importlib.util
 import math
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -20,13 +21,13 @@ import yaml
 from cloth_sim_ros.shared_files import shared
 from cloth_sim_ros.signals import Stop
 
-LOOK_CLOSER = """
+RUNS = "\nCtrl-C ends it. Another scene: make demo SCENE={other}, or the list at the top of the page.\n"
+WITH_ROS = """
 The driver speaks by topic and service, particles and meshes come back as standard messages. To look closer:
-  rviz2 -d config/{scene}.rviz                                      (with an installed ROS 2 Jazzy)
+  rviz2 -d {view}
   ros2 topic hz /cloth_sim/{object}/particles
-  ros2 param set /cloth_sim {object}.stretch_compliance 0.01        (softer, at once)
+  ros2 param set /cloth_sim solver.error 0.001        (finer, at once)
   ros2 service call /cloth_sim/reset std_srvs/srv/Trigger
-Ctrl-C ends it.
 """
 
 
@@ -38,16 +39,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=math.inf, help="how long to run once messages arrive")
     options = parser.parse_args(arguments)
     stop = Stop()
-    config = shared(f"config/{options.scene}.yaml")
-    print(f"Starting the node on {config} ...", flush=True)
-    node = start_node(config)
     viewer = None if options.headless else start_viewer()
+    scene, status = options.scene, 0
     try:
-        watch(stop, node, options.scene, options.seconds)
+        while scene:
+            config = shared(f"config/{scene}.yaml")
+            print(f"Starting the node on {config} ...", flush=True)
+            node = start_node(config, "-p", "publish_clock:=true")  # by which the driver goes
+            try:
+                scene = watch(stop, node, scene, options.seconds)
+            finally:
+                status = end(node)
     finally:
         if viewer is not None:
             end(viewer)
-        status = end(node)
     return status
 
 
@@ -59,7 +64,7 @@ def start_node(config: Path, *arguments: str) -> subprocess.Popen:
 def start_viewer() -> subprocess.Popen | None:
     """The viewer, which prints its address, in a process of its own; None and a sentence where it is not installed."""
     if importlib.util.find_spec("viser") is None:
-        print("Nothing is shown in a browser, as viser is not installed: pip install viser", flush=True)
+        print("Nothing is shown in a browser, as viser is not installed: make extras", flush=True)
         return None
     return start("cloth_sim_ros.viewer")
 
@@ -91,10 +96,14 @@ def objects_of(config: Path) -> list[str]:
     return parameters["ros__parameters"]["objects"]
 
 
-def watch(stop: Stop, node: subprocess.Popen, scene: str, seconds: float) -> None:
-    """Drives and watches the node until `stop`, the node's own end, or `seconds` after the first message."""
+def watch(stop: Stop, node: subprocess.Popen, scene: str, seconds: float) -> str:
+    """Drives and watches the node until `stop`, the node's own end, or `seconds` after the first message.
+
+    Returns the scene that somebody has chosen meanwhile, "" where nobody has.
+    """
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
+    from rclpy.parameter import Parameter
     from rclpy.signals import SignalHandlerOptions
 
     from cloth_sim_ros.demo.audience import Audience
@@ -102,21 +111,32 @@ def watch(stop: Stop, node: subprocess.Popen, scene: str, seconds: float) -> Non
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     objects = objects_of(shared(f"config/{scene}.yaml"))
-    audience = Audience(objects)
-    ours = [audience, driver_of(scene)] if has_driver(scene) else [audience]
+    audience = Audience(objects, scene, scenes())
+    ours = [audience]
+    if has_driver(scene):
+        ours.append(driver_of(scene))
+        ours[1].set_parameters([Parameter("use_sim_time", value=True)])
     executor = SingleThreadedExecutor()
     for each in ours:
         executor.add_node(each)
     end, greeted = math.inf, False
-    while not stop.is_set() and node.poll() is None and time.monotonic() < end:
+    while not stop.is_set() and node.poll() is None and time.monotonic() < end and audience.scene == scene:
         executor.spin_once(timeout_sec=0.1)
         if audience.seen and not greeted:
-            print(LOOK_CLOSER.format(scene=scene, object=objects[0]), flush=True)
+            tell_more(scene, objects[0])
             end, greeted = time.monotonic() + seconds, True
     executor.shutdown()
     for each in ours:
         each.destroy_node()
     rclpy.try_shutdown()
+    return audience.scene if audience.scene != scene else ""
+
+
+def tell_more(scene: str, thing: str) -> None:
+    """Prints what can be done next; commands of ROS where there are any."""
+    if shutil.which("ros2"):
+        print(WITH_ROS.format(view=shared(f"config/{scene}.rviz"), object=thing), end="")
+    print(RUNS.format(other="towel" if scene != "towel" else "flag"), flush=True)
 
 
 if __name__ == "__main__":

@@ -7,18 +7,26 @@ import time
 from collections.abc import Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
 
 class Audience(Node):
-    """Counts the messages of `objects` and prints a line for each message on /diagnostics."""
+    """Counts the messages of `objects` and prints a line for each message on /diagnostics.
 
-    def __init__(self, objects: Sequence[str]):
+    Its parameter `scene` is one of `scenes`, to be set by who wants to see another one.
+    """
+
+    def __init__(self, objects: Sequence[str], scene: str = "", scenes: Sequence[str] = ()):
         super().__init__("cloth_demo")
-        self.seen = False
+        self.seen, self.scene = False, scene
+        described = ParameterDescriptor(description="The scene.", additional_constraints=" ".join(scenes))
+        self.declare_parameter("scene", scene, described)
+        self.add_on_set_parameters_callback(lambda parameters: self._choose(parameters, scenes))
         self._counts = {"particles": 0, "mesh": 0}
         self._last = time.monotonic()
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -27,6 +35,15 @@ class Audience(Node):
             for name in objects:
                 self.create_subscription(kind, f"/cloth_sim/{name}/{topic}", callback, newest, raw=True)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._print_status, 10)
+
+    def _choose(self, parameters: Sequence[Parameter], scenes: Sequence[str]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name == "scene" and parameter.value not in scenes:
+                allowed = f"allowed is one of {', '.join(scenes)}"
+                return SetParametersResult(successful=False, reason=f"scene is {parameter.value!r}; {allowed}")
+            if parameter.name == "scene":
+                self.scene = parameter.value
+        return SetParametersResult(successful=True)
 
     def _counter(self, topic: str):
         def count(_):

@@ -19,6 +19,7 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import SetParameters
 from rclpy.client import Client
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -40,8 +41,9 @@ Quaternion = tuple[float, float, float, float]
 class SceneDriver(Node):
     """Drives the node that the parameter `node` names, from the moment on that it is there.
 
-    moves: what gets poses, such as "colliders/ball" or "handles/left". numbers: what of grippers gets numbers, such as
-    "hand/force". A driver of a scene implements `drive`.
+    With `use_sim_time` it goes by /clock: where the node sends that, motions are the same on a slow machine.
+    moves: what gets poses, such as "colliders/ball" or "handles/left". numbers: what gets numbers, such as
+    "grippers/hand/force" or "cable/winch". A driver of a scene implements `drive`.
     """
 
     def __init__(self, scene: str, moves: Sequence[str] = (), numbers: Sequence[str] = ()):
@@ -50,9 +52,7 @@ class SceneDriver(Node):
         self._poses = {
             thing: self.create_publisher(PoseStamped, f"{self._node}/{thing}/pose", NEWEST_ONLY) for thing in moves
         }
-        self._numbers = {
-            what: self.create_publisher(Float64, f"{self._node}/grippers/{what}", NEWEST_ONLY) for what in numbers
-        }
+        self._numbers = {what: self.create_publisher(Float64, f"{self._node}/{what}", NEWEST_ONLY) for what in numbers}
         self._wind = self.create_publisher(Vector3Stamped, f"{self._node}/wind", NEWEST_ONLY)
         self._attach = {
             hand: self.create_client(SetBool, f"{self._node}/{hand}/attach")
@@ -68,6 +68,8 @@ class SceneDriver(Node):
         self._set_by_others: set[str] = set()
         self._begin: float | None = None  # when the node was there
         self.create_timer(1.0 / RATE, self._step)
+        # By the wall, as /clock stands while the node is paused.
+        self.create_timer(1.0, self._ask_again, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def drive(self, t: float) -> None:
         """Says what is to happen at `t` [s] since the beginning; called RATE times a second."""
@@ -83,7 +85,7 @@ class SceneDriver(Node):
         self._poses[thing].publish(message)
 
     def tell(self, what: str, number: float) -> None:
-        """Sends a gripper an opening [m] or a force [N]."""
+        """Sends a gripper an opening [m] or a force [N], or a winch its rate [m/s]."""
         self._numbers[what].publish(Float64(data=number))
 
     def hold(self, hand: str, on: bool) -> None:
@@ -124,13 +126,15 @@ class SceneDriver(Node):
         (service, request), *others = calls
         service.call_async(request).add_done_callback(lambda _: self._call_in_turn(others))
 
+    def _ask_again(self) -> None:
+        if self._asked is not None and time.monotonic() - self._asked > PATIENCE:
+            self.begin_again()
+
     def _step(self) -> None:
         listened = all(each.get_subscription_count() for each in (self._wind, *self._poses.values()))
         if not listened or not self._reset.service_is_ready():
             return
         if self._asked is not None:
-            if time.monotonic() - self._asked > PATIENCE:
-                self.begin_again()
             return
         now = 1e-9 * self.get_clock().now().nanoseconds  # of /clock, with use_sim_time
         if self._begin is None or now < self._begin:

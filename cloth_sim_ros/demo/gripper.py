@@ -8,7 +8,7 @@ import math
 from cloth_sim_ros.demo.driver import SceneDriver, Vector
 
 PEG, START, ASIDE = (0.0, 0.0, 0.75), (0.0, 0.0, 0.73), 0.25  # [m]
-FIRM, WEAK, OPEN = 1.0, 0.1, 0.06  # [N] each finger has to press with 0.31 to hold 50 g; [m]
+FIRM, WEAK, OPEN = 1.0, 0.1, 0.06  # [N] each finger has to press with 0.25 to hold 40 g; [m]
 CLOSE, CARRY, HOLD, DROP = 1.5, 2.0, 1.0, 2.0  # [s]
 END = CLOSE + CARRY + HOLD + DROP
 
@@ -28,7 +28,8 @@ class Driver(SceneDriver):
     """Moves the gripper, sets its force, has the peg let go, and begins again with open fingers."""
 
     def __init__(self):
-        super().__init__("gripper", moves=["grippers/hand", "handles/peg"], numbers=["hand/force", "hand/opening"])
+        numbers = [f"grippers/hand/{what}" for what in ("force", "opening")]
+        super().__init__("gripper", moves=["grippers/hand", "handles/peg"], numbers=numbers)
 
     def drive(self, t: float) -> None:
         """Pose and force of this moment."""
@@ -36,9 +37,9 @@ class Driver(SceneDriver):
         self.hold("handles/peg", t < CLOSE - 0.2)
         if t < END:
             self.move("grippers/hand", place(t))
-            self.tell("hand/force", force(t))
+            self.tell("grippers/hand/force", force(t))
         else:
             self.move("grippers/hand", START)
-            self.tell("hand/opening", OPEN)
+            self.tell("grippers/hand/opening", OPEN)
             if t > END + 1.0:
                 self.begin_again()

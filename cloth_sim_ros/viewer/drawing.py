@@ -11,6 +11,7 @@ import numpy as np
 import viser
 from trimesh.creation import icosphere
 
+from cloth_sim_ros.drawing.sheet import Shell, checks, strands
 from cloth_sim_ros.drawing.tube import tube_faces, tube_vertices
 
 Colour = tuple[int, int, int]
@@ -55,15 +56,44 @@ class Drawing:
         self.handles: dict[str, Any] = {}
         server.scene.add_frame(root, show_axes=False)
 
-    def cloth(self, name: str, vertices: np.ndarray, triangles: np.ndarray, colour: Colour) -> None:
-        """A sheet of `vertices` (N, 3) [m] and `triangles` (T, 3), smooth, seen from both sides."""
-        self._vertices[name] = np.asarray
-        self._mesh(name, vertices, triangles, colour)
+    def cloth(
+        self,
+        name: str,
+        vertices: np.ndarray,
+        triangles: np.ndarray,
+        colour: Colour,
+        half: float = 2e-3,
+        rest: np.ndarray | None = None,
+    ) -> None:
+        """A sheet of `vertices` (N, 3) [m] and `triangles` (T, 3), checked in front and plain behind.
+
+        half: how far each side is from the middle [m], so that layers do not fight. rest: (N, 3) [m], by which it is
+        checked; the vertices where there is none.
+        """
+        vertices, triangles = np.asarray(vertices), np.asarray(triangles)
+        shell = Shell(len(vertices), triangles, half)
+        dark = checks(vertices if rest is None else rest, triangles)
+        tones = [
+            (shell.front[~dark], colour),
+            (shell.front[dark], _mixed(colour, 0.45, (255, 255, 255))),
+            (np.concatenate([shell.back, shell.hem]), _mixed(colour, 0.35, (40, 30, 50))),
+        ]
+        self._toned(name, shell.vertices, vertices, tones)
 
     def rope(self, name: str, points: np.ndarray, radius: float, colour: Colour) -> None:
-        """A tube of `radius` [m] around `points` (N, 3) [m]."""
-        self._vertices[name] = lambda positions: tube_vertices(positions, radius)
-        self._mesh(name, tube_vertices(np.asarray(points), radius), tube_faces(len(points)), colour)
+        """A tube of `radius` [m] around `points` (N, 3) [m], of two strands."""
+        faces = tube_faces(len(points))
+        dark = strands(faces, len(points))
+        tones = [(faces[~dark], colour), (faces[dark], _mixed(colour, 0.6, (255, 255, 255)))]
+        self._toned(name, lambda positions: tube_vertices(positions, radius), np.asarray(points), tones)
+
+    def body(self, name: str, shape: Callable, positions: np.ndarray, faces: np.ndarray, colour: Colour) -> None:
+        """A body of `faces` (F, 3) whose vertices are shape(positions); nobody drags it."""
+        self._vertices[name] = shape
+        path = self._path(name)
+        self.handles[name] = self._server.scene.add_mesh_simple(
+            path, shape(positions), faces, color=colour, flat_shading=False
+        )
 
     def net(self, name: str, vertices: np.ndarray, pairs: np.ndarray, colour: Colour) -> None:
         """Thin lines between `pairs` (E, 2) of `vertices` (N, 3) [m], which `move` moves as cheaply as a cloth's."""
@@ -85,7 +115,13 @@ class Drawing:
 
         A browser draws all that is moved so at the same time, which does not hold for other things, such as labels.
         """
-        self.handles[name].vertices = self._vertices[name](positions)
+        vertices, handle = self._vertices[name](positions), self.handles[name]
+        if not isinstance(handle, Parts):
+            handle.vertices = vertices
+            return
+        with self._server.atomic():
+            for used, mesh in handle.meshes:
+                mesh.vertices = vertices[used]
 
     def ball(self, name: str, radius: float, position: np.ndarray, colour: Colour) -> None:
         """A ball [m]; `move` moves it to another position (3,)."""
@@ -144,12 +180,20 @@ class Drawing:
     def _path(self, name: str) -> str:
         return f"{self._root}/{name}"
 
-    def _mesh(self, name: str, vertices: np.ndarray, faces: np.ndarray, colour: Colour) -> None:
-        mesh = self._server.scene.add_mesh_simple(
-            self._path(name), np.asarray(vertices), np.asarray(faces), color=colour, side="double"
-        )
-        self.handles[name] = mesh
+    def _toned(self, name: str, shape: Callable[[np.ndarray], np.ndarray], positions: np.ndarray, tones: list) -> None:
+        """A body of several colours: viser has one for each mesh. tones: faces and colour of each."""
+        self._vertices[name], vertices = shape, shape(positions)
+        parts = Parts()
+        for k, (faces, colour) in enumerate(each for each in tones if len(each[0])):
+            used, own = np.unique(faces, return_inverse=True)
+            mesh = self._server.scene.add_mesh_simple(
+                f"{self._path(name)}/{k}", vertices[used], own.reshape(-1, 3), color=colour, side="double"
+            )
+            parts.meshes.append((used, mesh))
+            self._listen(name, mesh)
+        self.handles[name] = parts
 
+    def _listen(self, name: str, mesh: Any) -> None:
         async def on_drag(event: Any) -> None:  # a coroutine, as those run in the order of the events
             start, end = np.array(event.start_position), np.array(event.end_position)
             self._used(Drag(name, event.phase, start, end))
@@ -159,6 +203,45 @@ class Drawing:
 
         mesh.on_drag(on_drag)
         mesh.on_click(on_click)
+
+
+class Parts:
+    """Meshes that are one thing: `meshes` has which of its vertices each has, and the mesh."""
+
+    def __init__(self) -> None:
+        self.meshes: list[tuple[np.ndarray, Any]] = []
+
+    @property
+    def faces(self) -> np.ndarray:
+        """All faces (F, 3), as numbers of the thing's vertices."""
+        return np.concatenate([used[mesh.faces] for used, mesh in self.meshes])
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """All vertices (V, 3) [m]."""
+        found = np.zeros((1 + max(used[-1] for used, _ in self.meshes), 3), np.float32)
+        for used, mesh in self.meshes:
+            found[used] = mesh.vertices
+        return found
+
+    @property
+    def visible(self) -> bool:
+        """Whether they are seen."""
+        return all(mesh.visible for _, mesh in self.meshes)
+
+    @visible.setter
+    def visible(self, on: bool) -> None:
+        for _, mesh in self.meshes:
+            mesh.visible = on
+
+    def remove(self) -> None:
+        """Takes all of them away."""
+        for _, mesh in self.meshes:
+            mesh.remove()
+
+
+def _mixed(colour: Colour, share: float, other: Colour) -> Colour:
+    return tuple(round((1.0 - share) * a + share * b) for a, b in zip(colour, other, strict=True))
 
 
 def _slivers(positions: np.ndarray, pairs: np.ndarray) -> np.ndarray:

@@ -57,6 +57,22 @@ def test_one_alone_is_an_environment_that_steps_as_the_first_of_many(device, nam
         assert told["distance"] == infos["distance"][0] and told["success"] is False
 
 
+@pytest.mark.parametrize("name", TASKS)
+def test_rewards_are_bounded_and_random_policies_end(device, name):
+    """What moves at random is never further from its aim than hands, object and floor let it be, and 1 is the most."""
+    env = gymnasium.make_vec(f"cloth_sim_ros/{name}-v0", num_envs=2, device=device)
+    env.action_space.seed(2)
+    env.reset(seed=2)
+    horizon, ended, least = env.unwrapped.setup.horizon, np.zeros(2, bool), 0.0
+    for _ in range(horizon):
+        _, rewards, terminated, truncated, _ = env.step(env.action_space.sample())
+        ended |= terminated | truncated
+        least = min(least, rewards.min())
+        assert rewards.max() <= 1.0
+    assert ended.all() and least > -6.0
+    env.close()
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", TASKS)
 def test_pictures_show_each_world_and_the_hands(device, name):

@@ -30,7 +30,7 @@ def test_demo_runs_and_ends_by_itself(scene):
     lines = LINE.findall(result.stdout)
     assert len(lines) >= 3, result.stdout
     assert all(int(rate) > 0 for rate in lines[-1])
-    assert "To look closer" in result.stdout
+    assert "Ctrl-C ends it. Another scene: make demo SCENE=flag" in result.stdout
     assert "Traceback" not in result.stderr and "[WARN]" not in result.stdout + result.stderr
 
 

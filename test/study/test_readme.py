@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.study.scene_file import read_plan
@@ -47,6 +48,24 @@ def test_the_example_of_the_winch_is_its_file(simulations):
     file = read_plan(ROOT / "config" / "winch.yaml").scene.objects["cable"]
     assert simulations["cable"].scene.objects["cable"].winch == file.winch
     assert simulations["cable"].scene.objects["cable"].end_mass == file.end_mass
+
+
+def test_the_cheat_sheet_is_a_scene_that_runs(tmp_path):
+    page = (ROOT / "docs/reference/yaml.md").read_text()
+    (text,) = re.findall(r"```yaml\n(.*?)```", page, flags=re.DOTALL)
+    lines = dict(re.findall(r"^\| ([^|]+) \| `([^`]+: .*?)`", page, flags=re.MULTILINE))
+    file = tmp_path / "example.yaml"
+    file.write_text(text)
+    plan = read_plan(file)
+    assert not plan.problems and set(plan.scene.objects) == {"sheet", "skirt", "cable"}
+    assert plan.scene.objects["cable"].winch.length == 0.4 and plan.grippers["gripper"].force == 2.0
+    for line in lines.values():
+        ((name, value),) = yaml.safe_load(line).items()
+        parameters = yaml.safe_load(text)["/**"]["ros__parameters"]
+        parameters[name] = {**parameters.get(name, {}), **value} if isinstance(value, dict) else value
+        file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
+        assert not read_plan(file).problems, line
+    assert len(lines) == 8
 
 
 def test_the_first_scene_has_a_hand_that_keeps_a_corner(simulations):

@@ -3,7 +3,9 @@
 
 import numpy as np
 import pytest
+import trimesh
 
+from cloth_sim_ros.drawing.sheet import Shell, checks, strands
 from cloth_sim_ros.drawing.tube import SIDES, tube_faces, tube_vertices
 from cloth_sim_ros.viewer.curves import Curves
 from cloth_sim_ros.viewer.window import Page, Window
@@ -89,3 +91,25 @@ def test_a_page_that_is_chosen_replaces_the_one_before():
     with pytest.warns(match="already removed"):
         ball.remove()
     window.close()
+
+
+def test_a_shell_has_two_sides_and_a_hem_around_them():
+    """A square of 3 x 3 particles: 8 triangles on each side, and 8 edges around it."""
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, 3), np.linspace(0, 1, 3)))
+    points, index = np.stack([x, y, 0 * x], axis=1), np.arange(9).reshape(3, 3)
+    lower = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1).reshape(-1, 3)
+    upper = np.stack([index[:-1, :-1], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 3)
+    triangles = np.concatenate([lower, upper])
+    shell = Shell(9, triangles, 0.01)
+    body = trimesh.Trimesh(shell.vertices(points), np.concatenate([shell.front, shell.back, shell.hem]))
+    assert body.is_watertight and body.volume == pytest.approx(1.0 * 0.02, rel=1e-6)
+    assert len(shell.hem) == 2 * 8
+    dark = checks(points, triangles)
+    cells = dark[:4].reshape(2, 2)
+    assert np.array_equal(dark[:4], dark[4:]), "both halves of a cell have a tone"
+    assert cells[0, 0] == cells[1, 1] != cells[0, 1] == cells[1, 0]
+
+
+def test_a_rope_has_two_strands_of_equal_size():
+    faces = tube_faces(11)
+    assert strands(faces, 11).mean() == pytest.approx(0.5, abs=0.02)

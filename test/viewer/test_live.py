@@ -3,12 +3,18 @@
 
 import numpy as np
 import pytest
+import rclpy
 from client import fields
+from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import PointCloud2
 
+from cloth_sim_ros.demo.audience import Audience
 from cloth_sim_ros.drawing.tube import SIDES
 from cloth_sim_ros.viewer.drawing import Click, Drag
-from cloth_sim_ros.viewer.live.grasp import NONE_FREE
+from cloth_sim_ros.viewer.live.grasp import LONGEST, NONE_FREE
+from cloth_sim_ros.viewer.live.page import KEYS
+from cloth_sim_ros.viewer.live.remote import NEWEST_ONLY
+from cloth_sim_ros.viewer.live.scene import SHOWN
 
 SCENE = """
 /**:
@@ -59,8 +65,12 @@ def test_objects_are_where_their_particles_are(shown, client):
     stamps = dict(shown.page.scene.stamps)
     shown.until(lambda: all(shown.page.scene.stamps[name] > stamps[name] for name in stamps))
     cloth, rope = shown.page.drawing.handles["cloth"], shown.page.drawing.handles["rope"]
-    assert cloth.vertices.shape == (30, 3) and cloth.faces.shape == (2 * 5 * 4, 3)
-    assert np.array_equal(cloth.vertices, particles(client, "cloth"))
+    # Both sides, and the hem around them; the particles lie between.
+    assert cloth.vertices.shape == (60, 3) and cloth.faces.shape == (2 * 2 * 5 * 4 + 2 * 2 * (5 + 4), 3)
+    sides = cloth.vertices.reshape(2, 30, 3)
+    assert np.allclose(sides.mean(axis=0), particles(client, "cloth"), atol=1e-6)
+    thickness = client.get("cloth.thickness")
+    assert np.allclose(np.linalg.norm(sides[0] - sides[1], axis=1), 2.0 * SHOWN * thickness, rtol=1e-3)
     assert rope.vertices.shape == (8 * SIDES + 2, 3)
     rings = rope.vertices[:-2].reshape(8, SIDES, 3)
     points = particles(client, "rope")
@@ -72,8 +82,9 @@ def test_objects_are_where_their_particles_are(shown, client):
 def test_colliders_and_handles_are_where_they_are_and_as_large(shown):
     bodies = shown.page.scene.bodies
     assert set(bodies) == {"floor/0", "ball/0", "box/0", "bar/0", "bar/1", "bar/2", "hand/0"}
-    for name, position, radius in (("ball/0", (0, 1, 0.5), 0.1), ("hand/0", (0.4, 0, 1), 0.03)):
-        assert np.allclose(np.linalg.norm(bodies[name].vertices - position, axis=1), radius, atol=1e-6)
+    assert np.allclose(np.linalg.norm(bodies["ball/0"].vertices - (0, 1, 0.5), axis=1), 0.1, atol=1e-6)
+    hand = bodies["hand/0"].vertices - (0.4, 0, 1)  # whose fingers are where it grasps
+    assert np.linalg.norm(hand, axis=1).min() < 0.03 and hand[:, 2].min() > -0.01
     corners = np.array([(x, y, z) for x in (-0.05, 0.05) for y in (-0.1, 0.1) for z in (-0.15, 0.15)])
     c, s = 0.8**2 - 0.6**2, 2 * 0.8 * 0.6  # of twice the half angle
     expected = corners @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + (1, 1, 0.2)
@@ -92,7 +103,7 @@ def test_a_slider_sets_its_parameter(shown, client):
     sliders = shown.page.panel.sliders
     for name, value in {
         "cloth.stretch_compliance": 1e-2, "rope.bend_compliance": None, "rope.winch.pay_out": None,
-        "ball.static_friction": 2.5, "solver.error": 1e-2, "solver.budget": 1.0, "solver.iterations": 3,
+        "ball.static_friction": 2.5, "solver.error": 3e-3, "solver.budget": 1.0, "solver.iterations": 3,
         "cloth.damping": 0.0,
     }.items():  # fmt: skip
         if value is None:
@@ -143,24 +154,27 @@ def test_a_slider_follows_what_others_set(shown, client):
 
 
 @pytest.mark.long
-def test_what_is_dragged_comes_along_and_is_let_go(shown, client):
-    page = shown.page
-    for k in range(4):
+def test_twenty_drags_pull_by_a_spring_with_the_largest_force_and_let_go(shown, client):
+    page, felt = shown.page, client.listen(WrenchStamped, "/cloth_sim/handles/hand/wrench", NEWEST_ONLY)
+    for k in range(20):
+        most = (0.5, 2.0)[k % 2]
+        page._pull.slide(most)
+        shown.until(lambda most=most: page._pull.value == pytest.approx(most, rel=0.1))
         corner = page.scene.positions["cloth"][CORNER].astype(float)
-        pointer = np.array([-0.3 + 0.02 * k, 0.25 * (-1) ** k, 1.85])
+        pointer = corner + (0.0, 1.0 * (-1) ** k, 0.0)  # far beyond what the spring reaches
         page.dragged(Drag("cloth", "start", corner, corner))
         shown.until(lambda: page.grasp.state == "holding")
         page.dragged(Drag("cloth", "update", corner, pointer))
-        shown.until(lambda p=pointer: np.linalg.norm(page.grasp.vertex - p) < 1e-5)
-        assert np.linalg.norm(particles(client, "cloth")[CORNER] - pointer) < 1e-4
-        assert client.get("hand.attached") is True
-        offset = page.grasp._offset
-        page.grasp._offset = offset + 0.02  # as measured on a frame of before the grasp
-        shown.until(lambda o=offset: np.linalg.norm(page.grasp._offset - o) < 1e-3)
-        shown.until(lambda p=pointer: np.linalg.norm(page.grasp.vertex - p) < 1e-5)
+        shown.until(lambda c=corner, s=(-1) ** k: s * (page.grasp.vertex - c)[1] > 0.01)
+        felt.clear()
+        for _ in range(60):
+            shown.spin_once(), client.spin(0.005)
+        forces = [np.linalg.norm((each.wrench.force.x, each.wrench.force.y, each.wrench.force.z)) for each in felt]
+        assert forces and 0.0 < max(forces) < 1.5 * most, "the vertex moves on between two messages"
         page.dragged(Drag("cloth", "end", corner, pointer))
         shown.until(lambda: page.grasp.state == "idle")
         assert client.get("hand.attached") is False
+        assert client.get("hand.compliance") == pytest.approx(LONGEST / page._pull.value, rel=1e-6)
 
 
 def test_two_clicks_cut_what_tears_between_them(shown):
@@ -177,7 +191,9 @@ def test_two_clicks_cut_what_tears_between_them(shown):
     click("cloth", 11)
     assert page.status == "A cut goes through cloth."
     drawn = lambda: page.drawing.handles.get("cloth")  # noqa: E731, it is drawn anew
-    shown.until(lambda: drawn() and len(drawn().faces) <= 2 * 5 * 4 - 2 * 3)
+    shown.until(lambda: drawn() and len(page.scene.triangles["cloth"]) <= 2 * 5 * 4 - 2 * 3)
+    in_front = (drawn().faces < len(page.scene.positions["cloth"])).all(axis=1).sum()
+    assert in_front == len(page.scene.triangles["cloth"])
 
 
 @pytest.mark.long
@@ -186,12 +202,12 @@ def test_an_object_that_becomes_another_one_is_drawn_anew(shown, client):
     corner = page.scene.positions["cloth"][29].astype(float)
     page.dragged(Drag("cloth", "start", corner, corner))
     assert client.set("cloth.resolution", [4, 3]).successful and client.set("rope.segments", 3).successful
-    shown.until(lambda: page.drawing.handles.get("cloth") and len(page.drawing.handles["cloth"].vertices) == 12)
+    shown.until(lambda: page.drawing.handles.get("cloth") and len(page.drawing.handles["cloth"].vertices) == 24)
     shown.until(
         lambda: page.drawing.handles.get("rope") and len(page.drawing.handles["rope"].vertices) == 4 * SIDES + 2
     )
     shown.until(lambda: page.grasp.state == "idle")
-    assert len(page.drawing.handles["cloth"].faces) == 2 * 3 * 2
+    assert len(page.scene.triangles["cloth"]) == 2 * 3 * 2
 
 
 def test_buttons_call_the_services(shown, client, tmp_path):
@@ -204,6 +220,27 @@ def test_buttons_call_the_services(shown, client, tmp_path):
         page.press(label)
         shown.until(lambda answer=answer: answer in page.status)
     assert (tmp_path / "state.npz").exists()
+
+
+def test_keys_pause_step_and_reset(shown):
+    page, pressed = shown.page, dict(zip(KEYS, shown.page._commands, strict=True))
+    assert {command.hotkey for command in pressed.values()} == {"space", "N", "R"}
+    for key, answer in (("space", "paused"), ("N", "one frame done"), ("space", "running"), ("R", "at the start")):
+        for trigger in pressed[key]._impl.trigger_cb:
+            trigger(None)
+        shown.until(lambda answer=answer: answer in page.status)
+
+
+def test_a_scene_is_chosen_where_a_demonstration_runs(shown):
+    demo = Audience(["cloth"], "towel", ["flag", "towel"])
+    choice, spin = shown.page._scene, lambda: rclpy.spin_once(demo, timeout_sec=0.005)
+    try:
+        shown.until(lambda: spin() or choice._choice.visible)
+        assert choice._choice.options == ("flag", "towel") and choice._choice.value == "towel"
+        choice.choose("flag")
+        shown.until(lambda: spin() or demo.scene == "flag")
+    finally:
+        demo.destroy_node()
 
 
 def test_curves_hold_what_the_node_reports(shown):
@@ -254,7 +291,7 @@ def test_a_node_in_a_namespace_is_found_by_its_name(start, viewer_of):
     start(BARE, "-r", "__ns:=/robot").ready()
     viewer = viewer_of("/robot/cloth_sim")
     viewer.shows("cloth")
-    assert len(viewer.page.drawing.handles["cloth"].vertices) == 30
+    assert len(viewer.page.scene.positions["cloth"]) == 30
     viewer.page.panel.sliders["cloth.static_friction"][0].slide(1.5)
     viewer.until(lambda: not settled(viewer, "cloth.static_friction"))
     viewer.until(lambda: settled(viewer, "cloth.static_friction"))

@@ -62,7 +62,8 @@ def test_a_sheet_without_shear_springs_shears(springs):
 
 def test_springs_are_drawn_between_their_particles_and_hidden_when_off(springs):
     positions = springs.stage.sim.positions("sheet")
-    assert np.array_equal(springs.drawing.handles["sheet"].vertices, positions)
+    sides = springs.drawing.handles["sheet"].vertices.reshape(2, -1, 3)
+    assert np.allclose(sides.mean(axis=0), positions, atol=1e-6) and np.abs(sides - positions).max() < 1e-3
     assert np.array_equal(springs.drawing.handles["shear"].vertices[: len(positions)], positions)
     springs.switches["shear"].value = False
     springs.advance()
@@ -260,7 +261,7 @@ def test_two_clicks_cut_the_whole_cloth_between_them(open_page):
     sim, n, eye = page.stage.sim, whole_cloth.SIDE, np.array([0.0, 0.0, 3.0])
     page.advance()
     whole = len(page.drawing.handles["cloth"].faces)
-    assert whole == 2 * (n - 1) ** 2
+    assert whole == 2 * 2 * (n - 1) ** 2 + 2 * 4 * (n - 1), "both sides and the hem"
     ends = [16 * n + 4, 16 * n + 27]
     for vertex in (ends[0], ends[0], ends[1]):
         way = sim.positions("cloth")[vertex] - eye
@@ -270,4 +271,6 @@ def test_two_clicks_cut_the_whole_cloth_between_them(open_page):
     assert (rows[:, 0] + 1 == rows[:, 1]).all() and (np.abs(rows - 16) <= 1).all(), "they lie across the cut"
     assert columns.min() >= 4 and columns.max() <= 27 and 22 <= len(failed) <= 24
     page.advance()
-    assert len(page.drawing.handles["cloth"].faces) == len(sim.triangles("cloth")) < whole
+    faces = page.drawing.handles["cloth"].faces
+    front = (faces < len(sim.positions("cloth"))).all(axis=1).sum()
+    assert front == len(sim.triangles("cloth")) < 2 * (n - 1) ** 2

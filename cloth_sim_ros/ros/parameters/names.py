@@ -14,7 +14,7 @@ from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS
 from cloth_sim_ros.sim.scene.forces import FORCES
 
-GROUPS = {"solver": table.SOLVER, "wind": table.WIND, "publish": table.PUBLISH}
+GROUPS = {"solver": table.SOLVER, "wind": table.WIND, "publish": table.PUBLISH, "view": table.VIEW}
 LONGEST = 100  # letters of a name: the middleware bounds those of topics
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 

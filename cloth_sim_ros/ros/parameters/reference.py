@@ -38,6 +38,7 @@ def reference() -> str:
         ("Solver", "solver.", table.SOLVER),
         ("Wind", "wind.", table.WIND),
         ("What is sent", "publish.", table.PUBLISH),
+        ("The page's camera", "view.", table.VIEW),
         ("Objects of type cloth", "<cloth>.", names.object_rows("cloth")),
         ("Objects of type rope", "<rope>.", names.object_rows("rope")),
         ("Colliders", "<collider>.", names.collider_rows()),

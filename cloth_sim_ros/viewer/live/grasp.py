@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A vertex that is dragged in the browser is grasped by a free handle of the scene, by topic and service."""
+"""A vertex that is dragged in the browser is pulled by a free handle of the scene: a spring, by topic and service."""
 
 from __future__ import annotations
 
@@ -18,17 +18,27 @@ LONG = 600  # frames without an answer after which a drag is given up
 PATIENCE = 120  # frames in which the handle should have come there
 SHARE = 0.35  # of the way to the mouse that the handle goes in a frame: the mouse comes 20 times a second
 _STILL = 1e-6  # [m] as near as it need come
+LONGEST = 0.1  # [m] that the spring between hand and vertex gets long: there it pulls with the largest force
 NONE_FREE = "No handle is free to drag with. Add one to the scene, as `handles: [hand]`, that nobody else moves."
 
 
 class Grasp:
     """One drag at a time: a free handle goes to the vertex, grasps, follows the mouse, and lets go.
 
-    `state` is idle, choosing, reaching, asking, holding or leaving.
+    Its hold is a spring by the parameter compliance. force() is the largest one [N], with which it pulls where the
+    mouse is LONGEST or more away. `state` is idle, choosing, softening, reaching, asking, holding or leaving.
     """
 
-    def __init__(self, remote: Remote, known: Known, scene: LiveScene, told: Callable[[str], None]):
+    def __init__(
+        self,
+        remote: Remote,
+        known: Known,
+        scene: LiveScene,
+        told: Callable[[str], None],
+        force: Callable[[], float] = lambda: 5.0,
+    ):
         self._remote, self._known, self._scene, self._told = remote, known, scene, told
+        self._force = force
         self.state = "idle"
         self.handle = ""
         self._object = ""
@@ -87,7 +97,12 @@ class Grasp:
             self._told(NONE_FREE)
             self.state = "idle"
             return
-        self.handle, self.state = free[0], "reaching"
+        self.handle, self.state = free[0], "softening"
+        self._answer = self._remote.set(f"{self.handle}.compliance", LONGEST / self._force())
+
+    def _softening(self) -> None:
+        if self._answer.done():
+            self.state = "reaching"
 
     def _reaching(self) -> None:
         self._waited += 1
@@ -105,8 +120,6 @@ class Grasp:
             return
         answer = self._answer.result()
         if answer.success:
-            self._stamp = self._scene.stamps[self._object]
-            self._offset: np.ndarray | None = None
             self.state = "holding"
         elif self._waited < PATIENCE and not self._ended:
             self.state = "reaching"
@@ -116,18 +129,15 @@ class Grasp:
 
     def _holding(self) -> None:
         arrived = np.linalg.norm(self._place() - self._sent) < _STILL
-        stamp = self._scene.stamps[self._object]
-        if arrived and stamp > self._stamp:  # each time that the hand rests: what came first may be of before the grasp
-            self._stamp, self._offset = stamp, self.vertex - self._sent
-        if self._offset is None:
-            self._send(self._sent)
-            return
-        way = self._pointer - self._offset - self._sent
-        if np.linalg.norm(way) > _STILL:
-            self._send(self._sent + (SHARE * way if np.linalg.norm(way) > 100 * _STILL else way))
-        elif self._ended:
+        vertex = self.vertex.astype(np.float64)
+        pull = self._pointer - vertex
+        goal = vertex + pull * min(1.0, LONGEST / max(np.linalg.norm(pull), _STILL))
+        way = goal - self._sent
+        if self._ended:
             self._answer = self._remote.call(f"handles/{self.handle}/attach", False)
             self.state = "leaving"
+        elif np.linalg.norm(way) > _STILL:
+            self._send(self._sent + (SHARE * way if np.linalg.norm(way) > 100 * _STILL else way))
         elif not arrived:  # a pose may be lost on its way
             self._send(self._sent)
 

@@ -20,12 +20,16 @@ from cloth_sim_ros.viewer.live.grasp import Grasp
 from cloth_sim_ros.viewer.live.panel import Panel
 from cloth_sim_ros.viewer.live.remote import ENDS, Known, Remote, Seen
 from cloth_sim_ros.viewer.live.scene import LiveScene
+from cloth_sim_ros.viewer.live.scene_choice import SceneChoice
 from cloth_sim_ros.viewer.look import look_from
+from cloth_sim_ros.viewer.scale import PowerSlider, powers
 from cloth_sim_ros.viewer.scissors import Scissors
 from cloth_sim_ros.viewer.window import Page
 
 ANSWER_IN = 5.0  # [s] after which the node is asked again, as an answer may be lost while it starts
 RUN, STATE = ("pause", "go on", "step", "reset"), ("save", "load")
+KEYS = {"space": "pause or go on", "N": "step", "R": "reset"}
+PULL = powers(0.1, 100.0)  # [N] largest force of a drag
 
 
 class LivePage(Page):
@@ -44,7 +48,12 @@ class LivePage(Page):
         super().__init__(server)
 
     def build(self) -> None:
+        self._paused = False
+        self._scene = SceneChoice(self.gui, self._remote.node, self.tell)
         self._status = self.gui.add_markdown("")
+        self._commands = [self.gui.add_command(label, hotkey=key) for key, label in KEYS.items()]
+        for command, label in zip(self._commands, KEYS.values(), strict=True):
+            command.on_trigger(lambda event, label=label: self._pressed.append(lambda: self.press(label)))
         self.tell(f"Waiting for {self._remote.target} ...")
 
     @property
@@ -57,6 +66,7 @@ class LivePage(Page):
         self._status.content = sentence
 
     def frame(self) -> None:
+        self._scene.advance()
         if self.known is None:
             self._look()
         elif not self._remote.there:
@@ -98,7 +108,7 @@ class LivePage(Page):
             self._contents.pop().remove()  # now and not as they went, see Page.remove
         self.known = known
         self.scene = LiveScene(self.server, self.drawing, known)
-        self.grasp = Grasp(self._remote, known, self.scene, self.tell)
+        self.grasp = Grasp(self._remote, known, self.scene, self.tell, lambda: self._pull.value)
         cut = partial(self._remote.cut, frame_id=known.values["frame_id"])
         self._scissors = Scissors(cut, self.tell)
         self._content = self.gui.add_folder(None, visible=False)  # until there is something that it acts on
@@ -106,6 +116,10 @@ class LivePage(Page):
             self._verdict = self.gui.add_markdown("")
             self.buttons(RUN, self.press)
             self.buttons(STATE, self.press)
+            if known.names("handles"):
+                hint = "With which a drag pulls at most: the hand is tied to the cloth by a spring."
+                self._pull = PowerSlider(self.gui, "drag with at most", PULL, 5.0, " N", hint)
+            self.gui.add_markdown(self._hints(known))
             tabs = self.gui.add_tab_group()
             with tabs.add_tab("Parameters"):
                 self.panel = Panel(self.gui, self._remote, known, self.tell)
@@ -118,6 +132,13 @@ class LivePage(Page):
         self._remote.listen(known, seen)
         self._framed = False
         self.tell(f"{self._remote.target} is there and builds its scene ...")
+
+    def _hints(self, known: Known) -> str:
+        """What keys and mouse do here."""
+        keys = "Keys: space pauses, N steps, R resets."
+        drag = " Drag cloths and ropes with the mouse." if known.names("handles") else ""
+        tears = [name for name in known.names("objects") if known.values.get(f"{name}.tear_strain")]
+        return keys + drag + (f" Two clicks cut {' or '.join(tears)} between them." if tears else "")
 
     def _make_curves(self, known: Known) -> None:
         objects = known.names("objects")
@@ -149,14 +170,21 @@ class LivePage(Page):
     def close(self) -> None:
         if self.known is not None:
             self._lose("")
+        for command in self._commands:
+            command.remove()
         super().close()
 
     # -- buttons -------------------------------------------------------------------------------------------------
 
     def press(self, label: str) -> None:
         """Does what a button of this label does."""
-        if label in ("pause", "go on"):
-            self._call("pause", label == "pause")
+        if label == KEYS["space"]:
+            label = "go on" if self._paused else "pause"
+        if self.known is None:
+            self.tell(f"{self._remote.target} is not there yet.")
+        elif label in ("pause", "go on"):
+            self._paused = label == "pause"
+            self._call("pause", self._paused)
         else:
             self._call(label)
 
@@ -181,7 +209,11 @@ class LivePage(Page):
             self._look_at_all()
 
     def _look_at_all(self) -> None:
-        """Puts the camera where all objects are in view, where they began, and colliders and handles."""
+        """Puts the camera where the scene says, or where all objects are in view, and colliders and handles."""
+        position, at = (tuple(self.known.values.get(f"view.{what}", ())) for what in ("position", "look_at"))
+        if position != at:
+            look_from(self.server, position, at)
+            return
         places = np.array(list(self.scene.places.values())).reshape(-1, 3)
         points = np.concatenate([*self.scene.positions.values(), *self.scene.starts.values(), places])
         middle, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), np.linalg.norm(np.ptp(points, axis=0))
@@ -204,6 +236,7 @@ class LivePage(Page):
 
     def _report(self, message: str, values: dict[str, str]) -> None:
         now, objects = time.monotonic() - self._begin, self.known.names("objects")
+        self._paused = values.get("paused", str(self._paused)) == "True"
         self._verdict.content = f"*{message}*"
         if not values:  # nothing is simulated at this time
             if not self._content.visible:

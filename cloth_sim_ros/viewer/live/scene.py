@@ -14,24 +14,27 @@ from shape_msgs.msg import Mesh
 from trimesh.creation import box, cylinder, icosphere
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cloth_sim_ros.viewer.drawing import COLOURS, Drawing
+from cloth_sim_ros.viewer.drawing import COLOURS, STEEL, Drawing
+from cloth_sim_ros.viewer.live.fittings import Fittings, hand
 from cloth_sim_ros.viewer.live.remote import Known, positions_of
 from cloth_sim_ros.viewer.look import LINES
 
+SHOWN = 0.7  # of a cloth's thickness: layers that touch stay apart in the picture
+HAND = 0.03  # [m] size of a hand
 WIDE = 10.0  # [m] from which a box stands for a plane, which is drawn in place of our ground
 
 
 class LiveScene:
     """What is drawn of the scene `known`.
 
-    positions: by object its newest particles (N, 3) [m], starts where they began, by its topology, and stamps the time
-    of each [ns]. places: by collider and handle its position (3,) [m]. bodies: what is drawn of each marker, by
-    namespace/id.
+    By object: its triangles (T, 3), the positions of its newest particles (N, 3) [m], starts where they began, and
+    stamps the time of each [ns]. places: by collider and handle its position (3,) [m]. bodies: what is drawn of each
+    marker, by namespace/id.
     """
 
     def __init__(self, server: viser.ViserServer, drawing: Drawing, known: Known):
         self._server, self._drawing, self._known = server, drawing, known
-        self._triangles: dict[str, np.ndarray] = {}
+        self.triangles: dict[str, np.ndarray] = {}
         self._shapes: dict[str, tuple] = {}  # of each marker: what cannot be moved
         self._corners: dict[str, np.ndarray] = {}  # of a body at the origin (N, 3) [m]
         self._labels: dict[str, Any] = {}
@@ -44,10 +47,10 @@ class LiveScene:
 
     def topology(self, name: str, mesh: Mesh) -> None:
         """An object has other particles or triangles from now on; its next cloud is drawn with them."""
-        self._triangles[name] = np.array([each.vertex_indices for each in mesh.triangles], np.uint32).reshape(-1, 3)
+        self.triangles[name] = np.array([each.vertex_indices for each in mesh.triangles], np.uint32).reshape(-1, 3)
         self.starts[name] = np.array([(each.x, each.y, each.z) for each in mesh.vertices]).reshape(-1, 3)
-        if name in self._drawing.handles:
-            self._drawing.remove(name)
+        for drawn in {name, _held(name)} & set(self._drawing.handles):
+            self._drawing.remove(drawn)
 
     def cloud(self, name: str, cloud: PointCloud2) -> None:
         """An object's particles are there now. A cloud that the topology is not of is late or early, and left out."""
@@ -57,13 +60,19 @@ class LiveScene:
         self.positions[name] = positions
         self.stamps[name] = cloud.header.stamp.sec * 1_000_000_000 + cloud.header.stamp.nanosec
         if name in self._drawing.handles:
-            self._drawing.move(name, positions)
+            for drawn in {name, _held(name)} & set(self._drawing.handles):
+                self._drawing.move(drawn, positions)
             return
+        values = self._known.values
         colour = COLOURS[self._known.names("objects").index(name) % len(COLOURS)]
-        if len(self._triangles[name]):
-            self._drawing.cloth(name, positions, self._triangles[name], colour)
+        if len(self.triangles[name]):
+            half = SHOWN * values[f"{name}.thickness"]
+            self._drawing.cloth(name, positions, self.triangles[name], colour, half, self.starts[name])
         else:
-            self._drawing.rope(name, positions, self._known.values[f"{name}.radius"], colour)
+            self._drawing.rope(name, positions, values[f"{name}.radius"], colour)
+        fittings = Fittings(values, name, len(positions))
+        if len(fittings.faces):
+            self._drawing.body(_held(name), fittings.vertices, positions, fittings.faces, STEEL)
 
     def markers(self, array: MarkerArray) -> None:
         """All colliders and handles are these."""
@@ -100,7 +109,7 @@ class LiveScene:
         else:
             self.bodies[name].position, self.bodies[name].wxyz = place, (q.w, q.x, q.y, q.z)
         if name in self._labels:
-            self._labels[name].position = place + (0.0, 0.0, 0.6 * s.z)
+            self._labels[name].position = place + (0.0, 0.0, np.ptp(self._corners[name][:, 2]) + 0.01)
 
     def _remove(self, name: str) -> None:
         for things in (self.bodies, self._labels):
@@ -120,17 +129,27 @@ class LiveScene:
             surface = {"position": (0.0, 0.0, 0.5 * s.z), "plane_color": (240, 242, 245), "plane_opacity": 1.0}
             scene.add_grid(f"{path}/surface", width=s.x, height=s.y, **surface, **LINES)
             return
-        shapes = {Marker.CUBE: box, Marker.SPHERE: partial(icosphere, 4, 0.5)}
-        unit = shapes.get(marker.type, partial(cylinder, 0.5, 1.0, sections=64))()
-        self._corners[name] = unit.vertices * (s.x, s.y, s.z)
+        handle = marker.ns in self._known.names("handles")
+        if handle and marker.type == Marker.SPHERE:  # whose colour says whether it holds
+            self._corners[name], faces = hand(HAND)
+            c.a = 1.0
+        else:
+            shapes = {Marker.CUBE: box, Marker.SPHERE: partial(icosphere, 4, 0.5)}
+            unit = shapes.get(marker.type, partial(cylinder, 0.5, 1.0, sections=64))()
+            self._corners[name], faces = unit.vertices * (s.x, s.y, s.z), unit.faces
         self.bodies[name] = scene.add_mesh_simple(
             path,
             self._corners[name],
-            unit.faces,
+            faces,
             color=tuple(round(255 * share) for share in (c.r, c.g, c.b)),
             opacity=c.a if c.a < 1.0 else None,
             cast_shadow=c.a >= 1.0,
             flat_shading=marker.type != Marker.SPHERE,
         )
-        if marker.ns in self._known.names("handles"):
+        if handle:
             self._labels[name] = scene.add_label(f"/page/labels/{name}", marker.ns, anchor="bottom-center")
+
+
+def _held(name: str) -> str:
+    """Under which name the fittings of an object are drawn."""
+    return f"{name} fittings"

@@ -14,6 +14,8 @@ from cloth_sim_ros.viewer.drawing import COLOURS, STEEL, Colour, Drag, Drawing
 HAND = "hand"
 REACH = 0.02  # [m] of the hand that drags
 
+THIN = 3e-4  # [m] half of what a cloth is thick, so that lines on it are seen
+
 
 class Stage:
     """Simulates `scene` with one handle, the hand, and draws its objects and balls; `sim` is the simulation."""
@@ -63,7 +65,8 @@ class Stage:
     def _draw_cloth(self, name: str) -> None:
         triangles = self.sim.triangles(name)
         self._triangles[name] = len(triangles)
-        self._drawing.cloth(name, self.sim.positions(name), triangles, self._colours[name])
+        rest = self.sim.rest_positions(name)
+        self._drawing.cloth(name, self.sim.positions(name), triangles, self._colours[name], THIN, rest)
 
     def drag(self, drag: Drag) -> None:
         """The hand grasps the particle that the mouse is at, brings it to where the mouse goes, and lets go."""
