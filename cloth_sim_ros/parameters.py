@@ -422,7 +422,7 @@ NODE = (
 )
 
 VIEW = (
-    _vector(
+    vector(
         "position",
         (0, 0, 0),
         "Where the page's camera begins; at look_at: where all is seen.",
@@ -431,7 +431,7 @@ VIEW = (
         _FAR,
         fixed=True,
     ),
-    _vector("look_at", (0, 0, 0), "What it looks at.", "m", -_FAR, _FAR, fixed=True),
+    vector("look_at", (0, 0, 0), "What it looks at.", "m", -_FAR, _FAR, fixed=True),
 )
 
 PUBLISH = (
