@@ -228,7 +228,7 @@ ROPE = (
     number(
         "bend_compliance",
         1e2,
-        "1/EI: curvature per bending moment; 0 is as stiff as float32 resolves.",
+        "1/EI: curvature per bending moment; 0 is rigid, as far as float64 resolves.",
         "1/(N m^2)",
         0,
         1e12,

@@ -60,7 +60,7 @@ def _materials() -> str:
     """The presets of sheets and of ropes."""
     sheets = ["material", "mass [kg/m^2]", "E warp [N/m]", "E weft [N/m]", "shear [N/m]", "Poisson"]
     sheets += ["B warp [N m]", "B weft [N m]", "B diagonal [N m]", "damping [s]", "thick [m]"]
-    ropes = ["material", "radius [m]", "mass [kg/m]", "EA [N]", "EI [N m^2]", "damping [s]"]
+    ropes = ["material", "radius [m]", "mass [kg/m]", "EA [N]", "EI [N m^2]", "damping [s]", "in bending [s]"]
     lines = ["\n## Materials\n", MATERIALS]
     for head, presets in ((sheets, FABRICS), (ropes, CORDS)):
         head = [*head, "friction", "source"]

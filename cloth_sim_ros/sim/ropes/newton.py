@@ -61,6 +61,7 @@ def prepare(
     carries: bool,
     least: float,
     shortest: float,
+    stiffest: float,
     fed_segment: int,
     fed_length: float,
     fed: float,
@@ -68,7 +69,8 @@ def prepare(
     """Fill the segments and joints of a rope of `count` particles, from particle `first` on.
 
     compliance: 1/EA [1/N]. bend_compliance: 1/EI. gamma, bend_gamma: times of the dashpots over h_e. carries: True if
-    order 2 carries a part of the last displacement on. least: smallest compliance of a segment in the matrix [1/kg].
+    order 2 carries a part of the last displacement on. least: smallest compliance of a segment in the matrix [1/kg];
+    stiffest: largest ratio of a joint's stiffness to its lightest mass there.
     fed_segment: the one that a winch feeds, or -1; fed_length: its rest length, of which `fed` is new [m].
     """
     ...

@@ -82,15 +82,19 @@ for (int j = first + t; bends && j < count - 2; j += threads) {
         turn.carried[c] = behind * two.carried[c] - before * one.carried[c];
     }
     const double size = length_of(turn.now), inverse = size > 1.0e-9 ? 1.0 / size : 0.0;
-    const double stiff = square / ((double)bend_compliance * span), rest = joint[0] * inverse;
+    double lightest = 0.0;
+    for (int i = j; i < j + 3; ++i) lightest = lightest > moves[i].v[3] ? lightest : moves[i].v[3];
+    const double steepest = before > behind ? before : behind, yields = (double)bend_compliance * span / square;
+    const double least_yields = lightest * steepest * steepest / (double)stiffest;
+    const double softer = yields > least_yields ? yields : least_yields;
+    const double stiff = softer > 0.0 ? 1.0 / softer : 0.0, rest = joint[0] * inverse;
     const double growth = bend_gamma > 0.0f ? bend_gamma * growth_of(turn, size) : 0.0;
     to[BEFORE] = before;
     to[BEHIND] = behind;
     to[STIFF] = stiff * (1.0 + bend_gamma);
-    double lightest = 0.0, held = 0.0;
-    for (int i = j; i < j + 3; ++i) lightest = lightest > moves[i].v[3] ? lightest : moves[i].v[3];
+    double held = 0.0;
     for (int c = 0; c < 3; ++c) held += square * moments.data[segments + j][c] * turn.now[c] * inverse;
-    const double steepest = before > behind ? before : behind, room = 64.0 * lightest * steepest * steepest * stiff;
+    const double room = 64.0 * lightest * steepest * steepest * stiff;
     double across = joint[0] > 0.0f ? held * inverse / stiff : 1.0;
     if (across < (room > 0.0 ? -1.0 / room : 0.0)) across = room > 0.0 ? -1.0 / room : 0.0;
     if (across > 1.0) across = 1.0;

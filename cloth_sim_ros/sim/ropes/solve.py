@@ -41,6 +41,9 @@ NEWTON_STEPS = wp.constant(8)
 # Smallest compliance of a rigid segment along it, in the matrix, as a fraction of that of a rope's whole mass.
 STIFFEST = wp.constant(1.0e-4)
 
+# Largest ratio of a joint's stiffness to its lightest mass: float64 keeps five digits of the masses beside it.
+STIFFEST_JOINT = wp.constant(1.0e10)
+
 # Largest change of a segment's length in a substep, as a fraction of its length. Beyond it, or after several attempts,
 # a rope counts as overstretched.
 MOST_STRETCHED = wp.constant(0.02)
@@ -124,6 +127,7 @@ def _make_ready(features: Features, threads: int):
             wp.static(second) and ctx.step.second,
             STIFFEST * (ctx.material.largest_inverse_mass * ctx.body.yielding),
             SHORTEST,
+            STIFFEST_JOINT,
             fed_segment,
             length,
             fed,

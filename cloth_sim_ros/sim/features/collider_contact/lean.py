@@ -47,7 +47,7 @@ def hold_of(n: wp.vec3, softness: float, state: float, p: wp.vec3) -> wp.mat33:
     """
     along, rub = wp.outer(n, n), p - wp.dot(p, n) * n
     across, rubbed = wp.identity(n=3, dtype=float) - along, state - 1.0
-    if state > SLIDES:
+    if state >= SLIDES:
         rubbed = state - SLIDES
         across -= wp.outer(rub, rub) / wp.max(wp.length_sq(rub), 1.0e-30)
     return ratio_along(softness) * along + (RATIO * rubbed) * across
@@ -107,7 +107,7 @@ def augmented(
 ) -> wp.vec4:
     """Return the correction [m] of a point by a collider, and the state of the contact; 0 if they are apart.
 
-    The state is 2 where it sticks, and less where it slides; above SLIDES it slides freely.
+    The state is 2 where it sticks, and less where it slides; from SLIDES on it slides freely.
 
     before: correction so far [m]; met: normal and gap [m]; slip: of the point on the collider [m]; size: distance from
     the collider's origin [m]. All are in the collider's axes. half_turn: of the rope there [rad].
@@ -121,7 +121,9 @@ def augmented(
         return wp.vec4(0.0)
     rub, cone = (before - wp.dot(before, n) * n) - RATIO * (slip - wp.dot(slip, n) * n), wp.max(pressed, 0.0)
     friction = friction_of(collider, half_turn, ctx)
-    most = wp.where(wp.length_sq(before) > 0.0, friction[0] * cone, slack)
+    most = friction[0] * cone
+    if wp.length_sq(before) == 0.0 and pressed <= slack and friction[0] > 0.0:
+        most = slack
     if wp.length(rub) <= most:
         return pack(pressed * n + rub, 2.0)
     rubbed = friction[1] * cone / wp.length(rub)
@@ -144,7 +146,7 @@ def settled(before: wp.vec3, n: wp.vec3, gap: float, slip: wp.vec3, softness: fl
     rub, moved = (before - wp.dot(before, n) * n) - slip, out * n - slip
     size = wp.length(rub)
     if size > friction[0] * pressed:
-        rub *= wp.min(1.0, friction[1] * pressed / wp.max(size, 1.0e-20))
+        rub *= friction[1] * pressed / size
         moved = out * n
     return pressed * n + rub, moved
 

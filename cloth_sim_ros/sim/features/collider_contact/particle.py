@@ -135,7 +135,7 @@ def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
     normal = push.way / wp.max(pressed, 1.0e-20)
     motion = push.motion / wp.max(push.pressed, 1.0e-20)
     if wp.dot(moved - past, normal) > NOISE:
-        hit = -wp.dot(past - motion, normal) > 0.5 * pressed
+        hit = not met.carries and -wp.dot(past - motion, normal) > 0.5 * pressed
         v = xyz(load_row(met.velocities, met.slot))
         kept = forgotten(past, moved, normal, hit)
         kept_speed = forgotten(v, moved / length_of(step), normal, hit)
@@ -304,7 +304,8 @@ def make_touch(features: Features):
                     if stray:
                         note(c, met.near)
                     stray = stray or strays(met.near, position + displacement, displacement)
-                    if wp.static(features.order == 2):
+                    # What a rope leans on within its solve does not break its past off.
+                    if wp.static(features.order == 2) and not (wp.static(leans) and acted and met.carries):
                         push = with_push(push, wp.transpose(sweep.to_local) * n, pressed, sweep.motion, entry)
             if wp.static(leans):
                 store_row(met.contacts, entry, pack(step.inverse_square * after, touch))

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ropes that lean, are bent or pulled: no energy from nowhere, Coulomb's angles, the capstan, EI in full."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from cloth_sim_ros.sim import Capsule, Handle, Plane, Rope, Scene, Settings, Simulation
+
+G = 9.81
+ACROSS = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))  # turns local z to y
+
+
+def leaning(angle, friction, rigidity=5.0, segments=20, length=1.0, device="cpu", **settings):
+    """A rod that leans at `angle` [rad] from a smooth wall x = 0, with its foot on a rough floor z = 0."""
+    radius, mu = 0.003, {"static_friction": friction, "kinetic_friction": friction}
+    s = np.linspace(0.0, length, segments + 1)[:, None]
+    top, foot = (
+        np.array([-radius, 0, radius + length * np.cos(angle)]),
+        np.array([-radius - length * np.sin(angle), 0, radius]),
+    )
+    rod = Rope(
+        points=top + s / length * (foot - top),
+        pins=None,
+        mass=0.14,
+        radius=radius,
+        stretch_compliance=1e-6,
+        bend_compliance=1 / rigidity,
+        **mu,
+    )
+    walls = {
+        "floor": Plane(normal=(0, 0, 1), **mu),
+        "wall": Plane(normal=(-1, 0, 0), static_friction=0.0, kinetic_friction=0.0),
+    }
+    return Simulation(Scene({"rod": rod}, walls), Settings(**settings), device=device)
+
+
+@pytest.mark.parametrize("rigidity", [1.0, 1e3])
+@pytest.mark.parametrize(("segments", "substeps"), [(10, 0), (40, 0), (20, 20)])
+def test_a_rod_that_leans_stays_where_it_is(device, rigidity, segments, substeps):
+    """It rose by 0.3 m in a second, as friction moved its foot behind the solve of its stiff axis."""
+    sim = leaning(np.radians(12), 0.5, rigidity, segments, device=device, substeps=substeps)
+    start, most = sim.positions("rod").astype(float), 0.0
+    for _ in range(60):
+        sim.step()
+        most = max(most, (sim.positions("rod")[:, 2] - start[:, 2]).mean())
+    assert most < 1e-3
+    assert np.abs(sim.positions("rod")[-1] - start[-1]).max() < 5e-3
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.4])
+def test_a_ladder_slips_at_coulombs_angle(device, friction):
+    """On a floor of friction mu, from a smooth wall: tan a = 2 mu."""
+    angle = np.arctan(2.0 * friction)
+    for share, slips in ((0.95, False), (1.05, True)):
+        sim = leaning(share * angle, friction, rigidity=100.0, device=device, substeps=20)
+        start = sim.positions("rod")[-1].astype(float)
+        sim.step(90)
+        assert (np.linalg.norm(sim.positions("rod")[-1] - start) > 0.04) == slips, share
+
+
+def arc(length, chord, segments):
+    """Points of a bow of `length` [m] that hangs between two ends `chord` [m] apart."""
+    s = np.linspace(0.0, chord, 4000)
+
+    def bow(depth):
+        z = -depth * np.sin(np.pi * s / chord) ** 2
+        return z, np.r_[0.0, np.cumsum(np.hypot(np.diff(s), np.diff(z)))]
+
+    z, along = bow(brentq(lambda depth: bow(depth)[1][-1] - length, 1e-3, length))
+    at = np.linspace(0.0, length, segments + 1)
+    return np.column_stack([np.interp(at, along, s), 0 * at, np.interp(at, along, z)])
+
+
+@pytest.mark.parametrize("name", ["steel cable", "nylon rope"])
+def test_a_bent_cable_comes_to_rest_and_pulls_with_its_weight(device, name):
+    points = arc(1.0, 0.76, 40)
+    cable = Rope.of(name, start=(0, 0, 0), end=(0, 0, -1), segments=40, pins=(0, 1, 39, 40))
+    sim = Simulation(Scene({"cable": cable}), Settings(sleep=False), device=device)
+    sim.set_positions("cable", points)
+    sim.step(300)
+    assert np.abs(sim.velocities("cable")).max() < 1e-3
+    held = sim.end_wrenches("cable")[:, :3].astype(float)
+    assert held.sum(axis=0) == pytest.approx([0.0, 0.0, -G * sim.masses("cable").sum()], abs=5e-3)
+
+
+def test_a_bent_cable_without_dampers_gains_no_energy(device):
+    """Order 2 at 20 substeps; it gained up to half a joule in 20 s while stretch and bending were solved in turn."""
+    segments, stiff, elastic = 40, 0.05, 1.4e6
+    cable = Rope.of(
+        "steel cable",
+        start=(0, 0, 0),
+        end=(0, 0, -1),
+        segments=segments,
+        pins=(0, 1, 39, 40),
+        damping=0.0,
+        bend_damping=0.0,
+    )
+    sim = Simulation(Scene({"cable": cable}), Settings(order=2, substeps=20), device=device)
+    sim.set_positions("cable", arc(1.0, 0.76, segments))
+    masses, spacing = sim.masses("cable").astype(float), 1.0 / segments
+
+    def energy():
+        x, v = sim.positions("cable").astype(float), sim.velocities("cable").astype(float)
+        e = np.diff(x, axis=0)
+        stretch = 0.5 * elastic / spacing * ((np.linalg.norm(e, axis=1) - spacing) ** 2)[1:-1].sum()
+        bend = 0.5 * stiff / spacing * (np.diff(e / spacing, axis=0) ** 2).sum()
+        return 0.5 * (masses[:, None] * v * v).sum() + stretch + bend + G * (masses * x[:, 2]).sum()
+
+    start = energy()
+    for _ in range(30):
+        sim.step(20)
+        assert energy() < start + 0.005 * abs(start)
+
+
+@pytest.mark.parametrize("segments", [20, 400])
+def test_all_of_ei_acts_in_a_fine_steel_rod(device, segments):
+    """A rod of 6 mm and 1 m sags by q l^4 / 8 EI from a clamp of two particles (Euler and Bernoulli)."""
+    rigidity, elastic, mass = 200e9 * np.pi * 0.006**4 / 64, 200e9 * np.pi * 0.003**2, 7850 * np.pi * 0.003**2
+    rod = Rope(
+        start=(0, 0, 1), end=(1, 0, 1), segments=segments, mass=mass, pins=(0, 1), radius=0.003,
+        bend_compliance=1 / rigidity, stretch_compliance=1 / elastic,
+    )  # fmt: skip
+    sim = Simulation(Scene({"rod": rod}), Settings(global_damping=4.0), device=device)
+    sim.step(240)
+    free = 1.0 - 1.0 / segments
+    assert 1.0 - sim.positions("rod")[-1, 2] == pytest.approx(mass * G * free**4 / 8 / rigidity, rel=0.02)
+
+
+def hung_over(radius, length, segments, thickness):
+    """Points of a rope that hangs over a pole along y at the origin, equally long on both sides."""
+    reach = radius + thickness
+    side = 0.5 * (length - np.pi * reach)
+    s = np.linspace(0.0, length, segments + 1)
+    turn = np.clip((s - side) / reach, 0.0, np.pi)
+    below = np.where(s < side, s - side, np.where(s > length - side, (length - side) - s, 0.0))
+    return np.column_stack([-reach * np.cos(turn), 0 * s, reach * np.sin(turn) + below])
+
+
+@pytest.mark.parametrize(("radius", "segments", "stretch"), [(0.017, 40, 0.03), (0.05, 40, 0.02), (0.03, 30, 0.06)])
+def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(device, radius, segments, stretch):
+    """T2 / T1 = exp(mu pi) (Euler and Eytelwein). One segment was strained by half of its length."""
+    mu, length = 0.4, 0.5
+    rubs = {"static_friction": mu, "kinetic_friction": mu}
+    rope = Rope.of("cotton rope", start=(0, 0, 0), end=(0, 0, -length), segments=segments, pins=[0], **rubs)
+    points = hung_over(radius, length, segments, rope.radius)
+    peg = Capsule(radius=radius, half_length=0.2, orientation=ACROSS, **rubs)
+    hand = Handle(position=tuple(points[-1]), reach=0.006)
+    sim = Simulation(Scene({"rope": rope}, {"peg": peg}, handles={"hand": hand}), Settings(), device=device)
+    sim.set_positions("rope", points)
+    sim.attach("hand")
+    for frame in range(90):
+        down = stretch * length * min(1.0, (frame + 1) / 60)
+        sim.set_handle_pose("hand", (points[-1, 0], 0, points[-1, 2] - down), (0, 0, 0, 1))
+        sim.step()
+    pull, x = sim.tensions("rope").astype(float), sim.positions("rope").astype(float)
+    assert pull[-2] / pull[0] == pytest.approx(np.exp(mu * np.pi), rel=0.04)
+    assert np.hypot(x[:, 0], x[:, 2]).min() > radius + 0.99 * rope.radius
+    strain = np.linalg.norm(np.diff(x, axis=0), axis=1) / (length / segments) - 1.0
+    assert strain.max() < 1.1 * pull[-2] / 1.5e4
