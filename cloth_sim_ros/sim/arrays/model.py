@@ -31,7 +31,6 @@ class Features:
     beam: bool = False  # a chain that resists bending
     winch: bool = False  # a chain that a winch feeds
     twist: bool = False  # a beam that resists twist between two clamps
-    bent: bool = False  # a beam that is bent at rest
     plate: bool = False  # a sheet that resists bending by its curvature
     curved: bool = False  # a plate that is curved at rest
     surface: bool = False  # colliders can reach between particles (see colliders/collider.py)
@@ -88,7 +87,6 @@ class Features:
             beam=beam,
             winch=topology.winch is not None,
             twist=beam and topology.twists,
-            bent=beam and bool(topology.bends.rest.any()),
             plate=topology.plate is not None,
             curved=topology.plate is not None and topology.plate.stencil is not None,
             line_slots=slots_a_thread(topology.families),

@@ -59,15 +59,6 @@ _STORE = """
 """
 # On a GPU the reciprocals come from the special function unit, refined once to about one unit in the last place. That
 # is a third of the instructions of IEEE division and square root. Those would fill half of the projection of a spring.
-_QUICK_INVERSE_ROOT = """
-#if defined(__CUDA_ARCH__)
-float y;
-asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(value));
-return y;
-#else
-return 1.0f / sqrtf(value);
-#endif
-"""
 _INVERSE_ROOT = """
 #if defined(__CUDA_ARCH__)
 float y;
@@ -75,25 +66,6 @@ asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(value));  // rsqrtf would fir
 return fmaf(0.5f * y, fmaf(-value * y, y, 1.0f), y);
 #else
 return 1.0f / sqrtf(value);
-#endif
-"""
-_ROOT = """
-#if defined(__CUDA_ARCH__)
-float y = rsqrtf(value);
-float root = value * y;
-return fmaf(fmaf(-root, root, value), 0.5f * y, root);  // correctly rounded (Markstein 1990)
-#else
-return sqrtf(value);
-#endif
-"""
-# Without what __fdividef does for the smallest and the largest numbers, a third of its latency.
-_QUICK_QUOTIENT = """
-#if defined(__CUDA_ARCH__)
-float y;
-asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(b));
-return a * y;
-#else
-return a / b;
 #endif
 """
 _QUOTIENT = """
@@ -128,14 +100,6 @@ _SYNC = """
 #if defined(__CUDA_ARCH__)
 __syncthreads();
 #endif
-"""
-_SUM_OF_WARP = """
-#if defined(__CUDA_ARCH__)
-for (int way = 16; way > 0; way /= 2) {
-    for (int k = 0; k < 4; ++k) v[k] += __shfl_xor_sync(0xffffffffu, v[k], way);
-}
-#endif
-return v;
 """
 _SUM_OF_FOUR = """
 #if defined(__CUDA_ARCH__)
@@ -253,24 +217,8 @@ def load_pair(values: wp.array(dtype=wp.vec2i), i: int) -> wp.vec2i: ...
 def inverse_root(value: float) -> float: ...
 
 
-@wp.func_native(_QUICK_INVERSE_ROOT)
-def quick_inverse_root(value: float) -> float:
-    """To two units in the last place, of a normal number, for scalings that need not be exact."""
-    ...
-
-
-@wp.func_native(_ROOT)
-def root(value: float) -> float: ...
-
-
 @wp.func_native(_QUOTIENT)
 def quotient(a: float, b: float) -> float: ...
-
-
-@wp.func_native(_QUICK_QUOTIENT)
-def quick_quotient(a: float, b: float) -> float:
-    """To two units in the last place, for |b| from 1.2e-38 to 8e37."""
-    ...
 
 
 @wp.func_native(_DIVIDE)
@@ -312,12 +260,6 @@ def sync(): ...
 @wp.func_native(_SYNC_WARP)
 def sync_warp():
     """A barrier of the 32 threads of a warp, which see afterwards what any of them has stored before."""
-    ...
-
-
-@wp.func_native(_SUM_OF_WARP)
-def sum_of_warp(v: wp.vec4) -> wp.vec4:
-    """The sum over the 32 threads of a warp, the same in each; on a CPU v."""
     ...
 
 

@@ -143,13 +143,12 @@ FUNCTIONS = {
     "springs": "spring_force force_of_spring",
     "plate": "plate_sum",
     "curved": "curve_triangle rest_curvature",
-    "beam": "stiffness_at",
-    "bent": "rest_turn rotation_of",
-    "chain": "series_admittance",
+    "chain": "prepare assemble eliminate judge",
+    "leans": "augmented settled",
     "surface": "search press give_way",
     "many colliders": "measure_extent list_colliders",
     "meeting": "keep_apart",  # in no stage: it has launches of its own
-    "winch": "next_rate rest_of first_out",
+    "winch": "next_rate effective_materials",
     "handles": "hold feel way_of",
     "twist": "carried_across half_binormal push_by_couples",
 }
@@ -173,11 +172,10 @@ HOSE = Features(False, True, "", (), 2, "xpbd", beam=True, twist=True)
          {"lines", "colliders", "plane"}),
         (Features(True, False, "", ("sphere",), 2, "xpbd", listed=True),
          {"lines", "colliders", "sphere", "many colliders"}),
-        (HOSE, {"chain", "beam", "twist"}),
-        (Features(False, True, "", (), 2, "xpbd", beam=True, bent=True), {"chain", "beam", "bent"}),
+        (HOSE, {"chain", "twist"}),
         (SHEET_AND_BALL, {"lines", "plate", "curved", "wind on cloth", "colliders", "sphere", "surface"}),
-        (Features(False, True, "", ("box",), 2, "xpbd", handles=True), {"chain", "colliders", "box", "handles"}),
-        (ROPE_AND_ROOM, {"chain", "wind on ropes", "colliders", "plane", "box", "surface"}),
+        (Features(False, True, "", ("box",), 2, "xpbd", handles=True), {"chain", "leans", "colliders", "box", "handles"}),
+        (ROPE_AND_ROOM, {"chain", "leans", "wind on ropes", "colliders", "plane", "box", "surface"}),
     ],
 )  # fmt: skip
 @pytest.mark.long

@@ -40,7 +40,7 @@ def ratio_along(softness: float) -> float:
 
 
 @wp.func
-def hold_of(n: wp.vec3, softness: float, state: float, p: wp.vec3) -> wp.mat33:
+def slope_of(n: wp.vec3, softness: float, state: float, p: wp.vec3) -> wp.mat33:
     """Return by how much a correction p [m] falls while the solve moves its point by a metre in each direction.
 
     state: of the contact, see `augmented`.
@@ -183,7 +183,7 @@ def make_lean(features: Features):
                     back = wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push += back * xyz(found)
-                    hold += hold_of(n, softness, found[3], back * xyz(found))
+                    hold += slope_of(n, softness, found[3], back * xyz(found))
                     corrected = pack(ctx.step.inverse_square * xyz(found), stored[3])
                     store_row(ctx.state.contact.contacts, entry, corrected)
                     ctx.state.contact.leans[entry] = pack(n, found[3])
@@ -234,7 +234,7 @@ def make_lean_between(features: Features):
                     most, back = pressed, wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push = (1.0 / w) * (back * xyz(found))
-                    hold = (1.0 / w) * hold_of(n, softness, found[3], push)
+                    hold = (1.0 / w) * slope_of(n, softness, found[3], push)
                     point = wp.vec2(press.weights[0], press.weights[1] + press.weights[2])
                     if kept >= 0:
                         ctx.state.contact.presses[kept].lean = wp.vec4(0.0)
