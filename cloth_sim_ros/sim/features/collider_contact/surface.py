@@ -325,7 +325,7 @@ def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
 
 
 @wp.func
-def feel_leans(i: int, met: Met, ctx: Context):
+def add_leans(i: int, met: Met, ctx: Context):
     """Add to the forces of colliders what they did to the segments around particle i of a rope within its solve."""
     for place in range(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1]):
         q = ctx.model.particle_panels[place]
@@ -350,7 +350,7 @@ def make_yield(features: Features):
             return
         if wp.static(leans):
             if ctx.last:
-                feel_leans(i, met, ctx)
+                add_leans(i, met, ctx)
         marks = ctx.state.contact.pressed[met.slot]
         if marks & PRESSED == 0:
             return
