@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, half_turn_of, slope_of, settled
+from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, half_turn_of, settled, slope_of
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
     is_between,
