@@ -174,7 +174,8 @@ HOSE = Features(False, True, "", (), 2, "xpbd", beam=True, twist=True)
          {"lines", "colliders", "sphere", "many colliders"}),
         (HOSE, {"chain", "twist"}),
         (SHEET_AND_BALL, {"lines", "plate", "curved", "wind on cloth", "colliders", "sphere", "surface"}),
-        (Features(False, True, "", ("box",), 2, "xpbd", handles=True), {"chain", "leans", "colliders", "box", "handles"}),
+        (Features(False, True, "", ("box",), 2, "xpbd", handles=True),
+         {"chain", "leans", "colliders", "box", "handles"}),
         (ROPE_AND_ROOM, {"chain", "leans", "wind on ropes", "colliders", "plane", "box", "surface"}),
     ],
 )  # fmt: skip
