@@ -20,7 +20,10 @@ class RopeState:
     falls: wp.array(dtype=wp.vec3)  # (N,) the part of a prediction that is not due to velocity [m]
     targets: wp.array(dtype=wp.vec3)  # (N,) displacements that particles would have without the rope [m]
     solved: wp.array(dtype=wp.vec3)  # (N,) displacements after the last solve and contact [m]
-    starts: wp.array(dtype=wp.vec3)  # (N,) displacements before the solve [m], if there are colliders, as the next two
+    starts: wp.array(
+        dtype=wp.vec3
+    )  # (N,) displacements before the solve [m], if there are colliders, as the next three
+    half_turns: wp.array(dtype=float)  # (N,) half the angle by which the rope turns at a particle there [rad]
     pushes: wp.array(dtype=wp.vec3)  # (N,) correction by colliders at the start of the solve [m]
     holds: wp.array(dtype=wp.mat33)  # (N,) how much of a move from there colliders take back
     segment_pushes: wp.array(dtype=wp.vec3)  # (C,) the same of a point of a segment [kg m], if facets are tested
@@ -42,6 +45,7 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
         "targets": particles,
         "solved": particles,
         "starts": touched,
+        "half_turns": touched,
         "pushes": touched,
         "holds": touched,
         "segment_pushes": between,

@@ -75,6 +75,7 @@ def make_start(features: Features):
         for i in range(t, ctx.body.count, width):
             place(i, ctx)
         if wp.static(lean is not None):
+            sync()
             met = met_in(ctx)
             for i in range(t, ctx.body.count, width):
                 lean(i, met.near, ctx)

@@ -161,6 +161,7 @@ def make_lean(features: Features):
         displacement, w, turn = xyz(packed), packed[3], half_turn_of(i, ctx)
         push, hold = wp.vec3(0.0), wp.mat33(0.0)
         ctx.state.rope.starts[g] = displacement
+        ctx.state.rope.half_turns[g] = turn
         stray = strays(near, position + displacement, displacement)
         c = next_of(-1, near, stray)
         while c < ctx.colliders.shape[0]:

@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, half_turn_of, settled, slope_of
+from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, settled, slope_of
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
     is_between,
@@ -213,9 +213,19 @@ def _make_correct(features: Features):
     return correct
 
 
-@wp.func
-def _no_turn(i: int, ctx: Context) -> float:
-    return 0.0
+def _make_turn_at(features: Features):
+    """Return a Warp function: half the turn of a rope at particle i [rad], as its solve began; 0 for a sheet.
+
+    Its neighbours move while contact of the particle is found.
+    """
+
+    @wp.func
+    def turn_at(i: int, ctx: Context) -> float:
+        if wp.static(features.leans):
+            return ctx.state.rope.half_turns[ctx.body.particles + i]
+        return 0.0
+
+    return turn_at
 
 
 def _make_leave(features: Features):
@@ -243,7 +253,7 @@ def make_touch(features: Features):
     """
     meet, leave = make_ccd(features.shapes), _make_leave(features)
     before_of, correct, leans = _make_before(features), _make_correct(features), features.leans
-    turn_at = half_turn_of if leans else _no_turn
+    turn_at = _make_turn_at(features)
     least, is_squeezed = least_mass(features), make_is_squeezed(features)
 
     @wp.func
