@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from pathlib import Path
 
 import warp as wp
 
 from cloth_sim_ros.identify.candidates import Candidates, bounds_of
-from cloth_sim_ros.identify.fit import MOST_STEPS, Estimate, identify
+from cloth_sim_ros.identify.fit import Estimate, identify
+from cloth_sim_ros.identify.progress import Progress
 from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.identify.report import draw, sentences
 from cloth_sim_ros.ros.parameters.plan import Plan  # noqa: TID251 (free of rclpy)
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> Estimate:
     device = arguments.device or plan.device
     given = (plan.scene, plan.settings, recording, arguments.fit, arguments.worlds, device)
     candidates = _spread(arguments.ray, given) if arguments.ray else Candidates(*given)
-    candidates.told = _Progress(candidates)
+    candidates.told = Progress(candidates)
     start, found = identify(candidates, arguments.seed)
     candidates.told = lambda frames: None
     show("")
@@ -114,21 +114,6 @@ def _spread(address: str, given: tuple) -> Candidates:
     except ImportError:
         raise ValueError("--ray needs the package ray; allowed is pip install 'cloth_sim_ros[cluster]'") from None
     return Spread(address, *given)
-
-
-class _Progress:
-    """Says on a terminal how far it is and how long it takes at most, from the frames that are done."""
-
-    def __init__(self, candidates: Candidates) -> None:
-        self._began, self._told = time.monotonic(), 0.0
-        self._most = candidates.frames + MOST_STEPS * candidates.length
-
-    def __call__(self, frames: int) -> None:
-        now = time.monotonic()
-        if now - self._told > 0.5:
-            self._told = now
-            left = (now - self._began) * max(self._most / frames - 1.0, 0.0)
-            show(f"{frames} frames, at most {left:.0f} s left")
 
 
 if __name__ == "__main__":

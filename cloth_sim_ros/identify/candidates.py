@@ -78,6 +78,12 @@ def _allows(sim: Simulation, name: str, value: float) -> bool:
     return True
 
 
+def values_of(sought: Sequence[Sought], units: np.ndarray) -> np.ndarray:
+    """Values (K, P) of what is sought, from places (K, P) between its bounds in 0 to 1, on a logarithmic scale."""
+    low, high = (np.log([getattr(each, end) for each in sought]) for end in ("low", "high"))
+    return np.exp(low + np.asarray(units) * (high - low))
+
+
 class Candidates:
     """A scene in `worlds` worlds, each with values of its own for what is `sought`: live numbers and at last, where a
     recording may be late, its delay. live: those without it.
@@ -120,6 +126,21 @@ class Candidates:
         self.sim = Simulation(self._scene, settings, self._device, worlds=worlds)
         self._observers = [Observer(self.sim, *each) for each in self._seen]
 
+    @property
+    def worlds(self) -> int:
+        """Number of candidates that move side by side."""
+        return self.sim.worlds
+
+    @property
+    def times(self) -> np.ndarray:
+        """(F,) of the recording [s]."""
+        return self.recording.times
+
+    @property
+    def has_points(self) -> bool:
+        """True if points were seen in no order."""
+        return bool(self.recording.points)
+
     def narrow(self, worlds: int) -> None:
         """Go on with at most so many worlds: a batch takes the time of all, however few its candidates are."""
         if worlds < self.sim.worlds:
@@ -129,8 +150,7 @@ class Candidates:
 
     def values(self, units: np.ndarray) -> np.ndarray:
         """Values of what is sought, from places (K, P) between its bounds in 0 to 1, on a logarithmic scale."""
-        low, high = (np.log([getattr(each, end) for each in self.sought]) for end in ("low", "high"))
-        return np.exp(low + np.asarray(units) * (high - low))
+        return values_of(self.sought, units)
 
     def squares(self, units: np.ndarray) -> np.ndarray:
         """(K, until) sums of squares [m^2] of candidates (K, P) up to each time; infinite where a world was put

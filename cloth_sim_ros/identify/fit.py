@@ -42,7 +42,7 @@ def identify(candidates: Candidates, seed: int = 0) -> tuple[np.ndarray, Estimat
     """The first good place (P,) between bounds, and the estimate. Raises ValueError where no candidate can be seen
     through."""
     count = len(candidates.sought)
-    places = evenly(count, max(candidates.sim.worlds, 16 * count), seed)
+    places = evenly(count, max(candidates.worlds, 16 * count), seed)
     squares = candidates.squares(places)
     if not np.isfinite(squares[:, -1]).any():
         raise ValueError("every candidate ran away; allowed are ranges in which the scene can be simulated")
@@ -50,7 +50,7 @@ def identify(candidates: Candidates, seed: int = 0) -> tuple[np.ndarray, Estimat
     candidates.narrow(1 + 2 * count)  # of which `slopes` asks at a time
     candidates.settle(start)
     units = by_least_squares(candidates, by_beginnings(candidates, places, squares))
-    if candidates.recording.points:  # edges have led near, and mislead where points are sparse or noisy
+    if candidates.has_points:  # edges have led near, and mislead where points are sparse or noisy
         candidates.settle(units, _ASIDE)
         units = by_least_squares(candidates, units)
     return start, estimate(candidates, units)
@@ -67,7 +67,7 @@ def by_beginnings(candidates: Candidates, places: np.ndarray, squares: np.ndarra
     A sheet that buckles in another way leaves a misfit with many minima. Its beginning has one, so that is followed
     first, and then ever more of the recording. What the whole of it likes better wins.
     """
-    frames = len(candidates.recording.times)
+    frames = len(candidates.times)
     found = places[np.argmin(squares[:, -1])]
     for share in _BEGINNINGS:
         candidates.until = max(1, round(share * frames))
@@ -131,7 +131,7 @@ def estimate(candidates: Candidates, units: np.ndarray) -> Estimate:
     noise2 = (left**2).sum() / max(candidates.count - len(units), 1)
     information = jacobian.T @ jacobian
     inverse = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
-    pulls = (jacobian * left[:, None]).reshape(len(candidates.recording.times), -1, len(units)).sum(axis=1)
+    pulls = (jacobian * left[:, None]).reshape(len(candidates.times), -1, len(units)).sum(axis=1)
     by_frames = inverse @ (pulls.T @ pulls) @ inverse
     covariance = np.maximum(noise2 * np.diag(inverse), np.diag(by_frames))
     deviation = np.where(np.diag(information) > 0.0, np.sqrt(covariance), np.inf)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A cable in the motion that markers on it recorded: candidates for its stiffness and damping, in all runs at once."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cloth_sim_ros.identify.candidates import Sought, values_of
+from cloth_sim_ros.identify.markers import Markers
+from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation, Wind
+
+NAME = "cable"
+_LONGEST = 1.0e-3  # length of a substep [s]
+_PULL = 1.0e4  # stiffness EA [N]: cables hardly stretch in such motions
+_AXIAL = 2.0e-3  # damping of stretch [s]
+_REACH = 1.0e-3  # of the handle at a held marker [m]
+_ROBUST = 5.0e-3  # distance beyond which the cable is wrong, and not the camera [m]
+# Bounds of what is found. Rigidity over mass per length [m^4/s^2]; time of bending's dashpots [s]; drag coefficient.
+_RIGIDITY, _DAMPING, _DRAG = (1e-4, 1.0), (1e-3, 1.0), (0.05, 50.0)
+
+
+@dataclass(frozen=True)
+class Cable:
+    """What is known of a cable before its recording is fitted.
+
+    lengths: (M - 1,) [m] between its markers. held: markers at each end that follow the recording. between: segments
+    between two markers that are not both held. density [kg/m], radius [m]. Only the ratio of rigidity and density is
+    found from motion, and only that of drag and density.
+    """
+
+    lengths: np.ndarray
+    held: int = 2
+    between: int = 3
+    density: float = 0.1
+    radius: float = 0.004
+
+    @property
+    def markers(self) -> np.ndarray:
+        """(M,) particles at the markers."""
+        count, ends = len(self.lengths), self.held - 1
+        segments = [1 if k < ends or k >= count - ends else self.between for k in range(count)]
+        return np.concatenate([[0], np.cumsum(segments)])
+
+    @property
+    def places(self) -> np.ndarray:
+        """(N,) distances of particles along the cable from its first marker [m]."""
+        marks = np.concatenate([[0.0], np.cumsum(self.lengths)])
+        return np.interp(np.arange(self.markers[-1] + 1), self.markers, marks)
+
+    @property
+    def held_markers(self) -> list[int]:
+        """Markers that follow the recording."""
+        count = len(self.lengths) + 1
+        return [*range(self.held), *range(count - self.held, count)]
+
+    def rope(self, bend_compliance: float, bend_damping: float) -> Rope:
+        """The cable, straight at rest."""
+        points = np.zeros((len(self.places), 3))
+        points[:, 0] = self.places
+        return Rope(
+            points=points,
+            mass=self.density * self.places[-1],
+            radius=self.radius,
+            pins=None,
+            stretch_compliance=1.0 / _PULL,
+            damping=_AXIAL,
+            bend_compliance=bend_compliance,
+            bend_damping=bend_damping,
+        )
+
+
+class CableCandidates:
+    """Candidates for the bending and drag of a cable, for fit.py. A world has one candidate in one run.
+
+    together: candidates that move side by side. start: frames by which each run starts, see Markers.start. Those from
+    `first` on are compared. sought: numbers that are found. times (F,): of the frames that are compared [s].
+    until: how many of them are looked at. count: of numbers that are compared. Raises ValueError for bad runs.
+    """
+
+    has_points = False
+
+    def __init__(self, cable: Cable, markers: Markers, together: int, start: int, device: str) -> None:
+        if not 2 <= start < min(map(len, markers.runs)):
+            raise ValueError(f"--start is {start}; allowed are 2 frames up to those of the shortest run")
+        if not 1 <= cable.held or 2 * cable.held >= markers.count:
+            raise ValueError(
+                f"--held is {cable.held} of {markers.count} markers; allowed is 1, or more that leave some"
+            )
+        self.cable, self.first, self._markers, self._device = cable, start, markers, device
+        frames = min(map(len, markers.runs))
+        self._seen = np.stack([run[:frames] for run in markers.runs])  # (R, F, M, 3)
+        if not np.isfinite(self._seen[:, :, cable.held_markers]).all():
+            raise ValueError("a held marker is not seen in a frame; allowed are recordings in which these always are")
+        self.times = np.arange(1, frames - start + 1) / markers.rate
+        self.until, self.frames, self.told = len(self.times), 0, lambda frames: None
+        self.length = frames - start
+        self.count = int(np.isfinite(self._seen[:, start:]).sum())
+        self.sought = [
+            Sought(f"{NAME}.bend_compliance", *(1.0 / (cable.density * each) for each in reversed(_RIGIDITY))),
+            Sought(f"{NAME}.bend_damping", *_DAMPING),
+            Sought("wind.drag_coefficient", *_DRAG),
+        ]
+        self._make(together)
+
+    def _make(self, together: int) -> None:
+        middle = [math.sqrt(each.low * each.high) for each in self.sought]
+        rope, runs = self.cable.rope(*middle[:2]), len(self._seen)
+        handles = {
+            f"hand_{m}": Handle(position=tuple(rope.points[self.cable.markers[m]]), reach=_REACH, attached=True)
+            for m in self.cable.held_markers
+        }
+        scene = Scene({NAME: rope}, handles=handles, wind=Wind(velocity=(0.0, 0.0, 0.0)))
+        dt = 1.0 / self._markers.rate
+        settings = Settings(frame_dt=dt, order=2, substeps=math.ceil(dt / _LONGEST), iterations=1)
+        self.worlds = together
+        self.sim = Simulation(scene, settings, self._device, worlds=runs * together)
+        begin = [self._markers.start(run, self.first) for run in range(runs)]
+        marks = self.cable.places[self.cable.markers]
+        self._begin = np.array([[CubicSpline(marks, each)(self.cable.places) for each in both] for both in begin])
+
+    def narrow(self, together: int) -> None:
+        """Go on with at most so many candidates side by side."""
+        if together < self.worlds:
+            self._make(together)
+
+    def settle(self, units: np.ndarray, aside: float = 1.0) -> None:
+        """Do nothing: markers are known by number, so that nothing is to be judged."""
+
+    def values(self, units: np.ndarray) -> np.ndarray:
+        """Values of what is sought, from places (K, P) between its bounds."""
+        return values_of(self.sought, units)
+
+    def off(self, units: np.ndarray) -> np.ndarray:
+        """(K, until, R, M, 3) by how much markers are off the recording [m], 0 where one was not seen."""
+        parts = [units[k : k + self.worlds] for k in range(0, len(units), self.worlds)]
+        return np.concatenate([self._run(part) for part in parts])
+
+    def residuals(self, units: np.ndarray) -> np.ndarray:
+        """(K, n) of `off`, frame after frame, whose squares grow like distances beyond _ROBUST (Huber 1964)."""
+        off = self.off(units).reshape(len(units), -1)
+        return np.sign(off) * _ROBUST * np.sqrt(2.0 * (np.sqrt(1.0 + (off / _ROBUST) ** 2) - 1.0))
+
+    def squares(self, units: np.ndarray) -> np.ndarray:
+        """(K, until) sums of squares of residuals [m^2] up to each frame."""
+        return (self.residuals(units).reshape(len(units), self.until, -1) ** 2).sum(axis=2).cumsum(axis=1)
+
+    def error(self, units: np.ndarray) -> np.ndarray:
+        """(1, n) by how much residuals of one candidate (P,) change towards ever more substeps, by Richardson."""
+        coarse, substeps = self.residuals(units[None])[0], self.sim.settings.substeps
+        self.sim.set("solver.substeps", 2 * substeps)
+        fine = self.residuals(units[None])[0]
+        self.sim.set("solver.substeps", substeps)
+        return ((fine - coarse) / 0.75)[None]
+
+    def _run(self, units: np.ndarray) -> np.ndarray:
+        """As `off`, of at most `worlds` candidates; those that are fewer are filled up by the last."""
+        runs, sim = len(self._seen), self.sim
+        values = self.values(units)[np.minimum(np.arange(self.worlds), len(units) - 1)]
+        sim.reset()
+        for each, column in zip(self.sought, values.T, strict=True):
+            sim.set(each.name, np.repeat(column, runs))
+        self._hold(self.first - 1, sweep=False)
+        for part, what in enumerate(("positions", "velocities")):
+            sim.write(NAME, what, np.tile(self._begin[:, part], (self.worlds, 1, 1)).astype(np.float32))
+        found = np.empty((self.worlds, self.until, runs, self._markers.count, 3))
+        for frame in range(self.until):
+            self._hold(self.first + frame, sweep=True)
+            sim.step()
+            places = sim.positions(NAME, None).reshape(self.worlds, runs, -1, 3)[:, :, self.cable.markers]
+            found[:, frame] = places - self._seen[:, self.first + frame]
+            self.frames += 1
+            self.told(self.frames)
+        found = np.where(np.isfinite(found), found, 0.0)
+        return found[: len(units)]
+
+    def _hold(self, frame: int, sweep: bool) -> None:
+        """Hands are at the held markers at the end of the next frame, or at once."""
+        for m in self.cable.held_markers:
+            places = np.tile(self._seen[:, frame, m], (self.worlds, 1))
+            self.sim.set_handle_pose(f"hand_{m}", places, sweep=sweep)
+
+
+def mean_error(off: np.ndarray) -> float:
+    """Mean of |x - x_ref| [m] over frames, runs, markers (held ones too) and coordinates."""
+    return float(np.abs(off).mean())
+
+
+def guesses(markers: Markers, start: int) -> dict[str, np.ndarray]:
+    """Motions without a model, as `CableCandidates.off` (F, R, M, 3).
+
+    "hold" keeps the shape of the start. "blend" moves each marker with both ends, by its share of the way between them.
+    """
+    frames = min(map(len, markers.runs))
+    seen = np.stack([run[:frames] for run in markers.runs], axis=1)  # (F, R, M, 3)
+    first, later = seen[start - 1], seen[start:]
+    share = np.linspace(0.0, 1.0, markers.count)[:, None]
+    moved = (later - first)[:, :, :1] * (1.0 - share) + (later - first)[:, :, -1:] * share
+    return {"hold": first - later, "blend": first + moved - later}

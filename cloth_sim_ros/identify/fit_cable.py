@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m cloth_sim_ros.identify.fit_cable RECORDING... [--judge RECORDING...]`: a cable from markers on it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+import yaml
+from matplotlib.figure import Figure
+
+from cloth_sim_ros.identify.cable import NAME, Cable, CableCandidates, guesses, mean_error
+from cloth_sim_ros.identify.fit import Estimate, identify
+from cloth_sim_ros.identify.markers import Markers
+from cloth_sim_ros.identify.progress import Progress
+from cloth_sim_ros.status_line import show
+
+_PARTS = 4  # of time, of which the table has a column each
+_SHOWN = 4  # moments in the picture
+_HELD_OUT = 5  # one run in so many is judged and not fitted, where no others are given
+
+
+def main() -> int:
+    """Parse the command line, fit, judge and write; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m cloth_sim_ros.identify.fit_cable", description=__doc__)
+    paths = {"type": Path, "nargs": "+", "metavar": "RECORDING"}
+    parser.add_argument("recordings", help=".npz or .csv files of markers, see docs/how-to/cables.md", **paths)
+    parser.add_argument("--judge", help="recordings to judge by; else one run in five is held out", **paths)
+    parser.add_argument("--held", type=int, default=2, help="markers at each end that follow the recording (2)")
+    parser.add_argument("--start", type=int, default=2, help="frames that give positions and velocities at first (2)")
+    parser.add_argument("--density", type=float, default=0.1, help="mass of the cable over its length [kg/m] (0.1)")
+    parser.add_argument("--radius", type=float, default=0.004, help="of the cable [m] (0.004)")
+    parser.add_argument("--between", type=int, default=3, help="segments between two markers (3)")
+    parser.add_argument("--worlds", type=int, default=16, help="candidates at a time (16)")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda:0 (cpu)")
+    parser.add_argument("--output", type=Path, default=Path("cable.yaml"), help="YAML of the cable; .png beside")
+    arguments = parser.parse_args()
+    wp.config.log_level = wp.LOG_WARNING
+    try:
+        run(arguments)
+    except ValueError as problem:
+        print(f"error: {problem}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def run(arguments: argparse.Namespace) -> Estimate:
+    """Fit a cable to recordings, judge it by others, tell, draw and write. Raises ValueError in one sentence."""
+    fitted = Markers.read(arguments.recordings)
+    judged = Markers.read(arguments.judge) if arguments.judge else None
+    if judged is None:
+        fitted, judged = fitted.split(_HELD_OUT)
+    if judged.count != fitted.count:
+        raise ValueError(f"--judge has {judged.count} markers and the others {fitted.count}; allowed are as many")
+    cable = Cable(fitted.lengths(), arguments.held, arguments.between, arguments.density, arguments.radius)
+    candidates = CableCandidates(cable, fitted, arguments.worlds, arguments.start, arguments.device)
+    candidates.told = Progress(candidates)
+    _, found = identify(candidates)
+    show("")
+    judge = CableCandidates(cable, judged, 1, arguments.start, arguments.device)
+    off = {"fitted": judge.off(found.units[None])[0], **guesses(judged, arguments.start)}
+    print(*sentences(cable, candidates, found), sep="\n")
+    print(*table(off, len(fitted.runs), len(judged.runs)), sep="\n")
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    arguments.output.write_text(yaml_of(cable, found))
+    picture = arguments.output.with_suffix(".png")
+    draw(judged, judge, off, picture)
+    print(f"written: {arguments.output} and {picture}")
+    return found
+
+
+def sentences(cable: Cable, candidates: CableCandidates, found: Estimate) -> list[str]:
+    """What was found, one line for each number."""
+    compliance, damping, drag = found.values
+    rigidity = 1.0 / compliance
+    low, high = 1.0 / found.high[0], 1.0 / found.low[0]
+    said = [
+        f"rigidity EI {rigidity:.4g} N m^2, with 95 % from {low:.4g} to {high:.4g}, for {cable.density:g} kg/m; only "
+        f"their ratio {rigidity / cable.density:.4g} m^4/s^2 is found",
+        f"damping of bending {damping:.3g} s, with 95 % from {found.low[1]:.3g} to {found.high[1]:.3g}",
+        f"drag coefficient {drag:.3g}, with 95 % from {found.low[2]:.3g} to {found.high[2]:.3g}, for this density and "
+        f"a radius of {1e3 * cable.radius:g} mm",
+    ]
+    for each, unit in zip(candidates.sought, found.units, strict=True):
+        if not 1e-3 < unit < 1.0 - 1e-3:
+            said.append(f"{each.name} lies at the end of where it is looked for, {each.low:.3g} to {each.high:.3g}")
+    return said
+
+
+def table(off: dict[str, np.ndarray], fitted: int, judged: int) -> list[str]:
+    """Rows of mean errors [mm]: in all, in each part of time, and of the worst marker."""
+    rows = [
+        f"Mean error |x - x_ref| [mm] in {judged} runs that were not fitted ({fitted} were):",
+        f"{'':8}{'all':>8}" + "".join(f"{f'{k + 1}/{_PARTS}':>8}" for k in range(_PARTS)) + f"{'worst marker':>14}",
+    ]
+    for name, each in off.items():
+        parts = [mean_error(part) for part in np.array_split(each, _PARTS)]
+        worst = max(mean_error(each[:, :, m]) for m in range(each.shape[2]))
+        numbers = [mean_error(each), *parts]
+        rows.append(f"{name:8}" + "".join(f"{1e3 * number:8.2f}" for number in numbers) + f"{1e3 * worst:14.2f}")
+    return rows
+
+
+def yaml_of(cable: Cable, found: Estimate) -> str:
+    """A scene of the node with the cable, straight between two points."""
+    compliance, damping, drag = (float(f"{value:.4g}") for value in found.values)
+    length = float(cable.places[-1])
+    rope = cable.rope(compliance, damping)
+    parameters = {
+        "objects": [NAME],
+        NAME: {
+            "type": "rope",
+            "start": [0.0, 0.0, 1.0],
+            "end": [round(length, 4), 0.0, 1.0],
+            "segments": int(cable.markers[-1]),
+            "mass": round(cable.density * length, 5),
+            "radius": cable.radius,
+            "stretch_compliance": rope.stretch_compliance,
+            "damping": rope.damping,
+            "bend_compliance": compliance,
+            "bend_damping": damping,
+        },
+        "wind": {"enabled": True, "drag_coefficient": drag},
+    }
+    return yaml.safe_dump({"/**": {"ros__parameters": parameters}}, sort_keys=False)
+
+
+def draw(markers: Markers, judge: CableCandidates, off: dict[str, np.ndarray], path: Path) -> None:
+    """A PNG: errors over time, errors by marker, and the first run at some moments, recorded and computed."""
+    figure = Figure(figsize=(15.0, 4.5), layout="constrained")
+    over_time, by_marker, places = figure.subplots(1, 3)
+    for name, each in off.items():
+        over_time.plot(judge.times, 1e3 * np.abs(each).mean(axis=(1, 2, 3)), label=name)
+        by_marker.plot(1e3 * np.abs(each).mean(axis=(0, 1, 3)), ".-", label=name)
+    over_time.set(xlabel="time [s]", ylabel="mean error [mm]")
+    by_marker.set(xlabel="marker", ylabel="mean error [mm]")
+    over_time.legend()
+    later = markers.runs[0][judge.first :]
+    flat = np.nan_to_num(later[..., :2] - np.nanmean(later[..., :2], axis=(0, 1))).reshape(-1, 2)
+    axis = np.linalg.svd(flat, full_matrices=False)[2][0]
+    for k, frame in enumerate(np.linspace(0, len(judge.times) - 1, _SHOWN).astype(int)):
+        computed = later[frame] + off["fitted"][frame, 0]
+        places.plot(later[frame][:, :2] @ axis, later[frame][:, 2], "o", color=f"C{k}", mfc="none")
+        places.plot(computed[:, :2] @ axis, computed[:, 2], "-", color=f"C{k}", label=f"{judge.times[frame]:.2f} s")
+    places.set(xlabel="along the motion [m]", ylabel="z [m]", aspect="equal", title="recorded: circles")
+    places.legend()
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

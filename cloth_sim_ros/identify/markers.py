@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings of markers along a cable whose ends are moved, as motion capture writes them."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+_UNEVEN = 0.01  # largest share by which the time between two frames may differ from the mean
+_EVERY = 25  # frames from one to the next in which lengths between markers are measured
+_POINTS = 9  # points along a spline between two markers, by which its length is measured
+
+
+@dataclass(frozen=True)
+class Markers:
+    """Runs with the same cable: (F, M, 3) positions [m] of M markers from its start to its end, `rate` frames a second.
+
+    A marker that was not seen is not a number.
+    """
+
+    runs: list[np.ndarray]
+    rate: float
+
+    @staticmethod
+    def read(paths: Sequence[Path]) -> Markers:
+        """Read files of runs. Raises ValueError in one sentence for what cannot be read, or does not belong together.
+
+        An .npz file has one array (F, M, 3), or (R, F, M, 3) of several runs, in metres or in multiples of `unit` [m].
+        Beside it is `rate` or `rate_hz` [1/s], or `times` (F,) [s]. A .csv file has rows of time [s], then x y z [m] of
+        each marker, and at most one line of names above them.
+        """
+        found = [(path, _read_npz(path) if path.suffix == ".npz" else _read_csv(path)) for path in paths]
+        if not found:
+            raise ValueError("no recording is given; allowed are .npz and .csv files of markers")
+        first, (runs, rate) = found[0]
+        for path, (others, its_rate) in found[1:]:
+            if abs(its_rate / rate - 1.0) > _UNEVEN or others[0].shape[1] != runs[0].shape[1]:
+                raise ValueError(
+                    f"{path} has {others[0].shape[1]} markers at {its_rate:.4g} Hz, and {first} has "
+                    f"{runs[0].shape[1]} at {rate:.4g} Hz; allowed are runs that agree"
+                )
+            runs = runs + others
+        return Markers(runs, rate)
+
+    def split(self, share: int) -> tuple[Markers, Markers]:
+        """All runs but the last of every `share`, at least one; then these. Raises ValueError for one run."""
+        if len(self.runs) < 2:
+            raise ValueError("there is one run and nothing to judge by; allowed are several, or --judge RECORDING")
+        kept = max(1, len(self.runs) // share)
+        return Markers(self.runs[:-kept], self.rate), Markers(self.runs[-kept:], self.rate)
+
+    @property
+    def count(self) -> int:
+        """Number of markers."""
+        return self.runs[0].shape[1]
+
+    def lengths(self) -> np.ndarray:
+        """(M - 1,) [m] of cable between markers: the mean of splines through all markers that are seen together."""
+        found = []
+        for run in self.runs:
+            for frame in run[::_EVERY]:
+                if np.isfinite(frame).all():
+                    places = _along(frame)
+                    fine = np.linspace(places[:-1], places[1:], _POINTS, axis=1)
+                    points = CubicSpline(places, frame)(fine)
+                    found.append(np.linalg.norm(np.diff(points, axis=1), axis=2).sum(axis=1))
+        if not found:
+            raise ValueError("no frame shows all markers; allowed are recordings in which some do")
+        return np.mean(found, axis=0)
+
+    def start(self, run: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (M, 3) [m] and velocities [m/s] in the last of the first `frames` frames of a run.
+
+        They are those of parabolas through these frames, or of lines through two. Raises ValueError where a marker is
+        not seen in them.
+        """
+        seen = self.runs[run][:frames]
+        if not np.isfinite(seen).all():
+            raise ValueError(f"a marker is not seen in the first {frames} frames; allowed are runs in which all are")
+        times = (np.arange(frames) - (frames - 1)) / self.rate
+        powers = np.vander(times, min(3, frames), increasing=True)
+        factors = np.linalg.lstsq(powers, seen.reshape(frames, -1), rcond=None)[0].reshape(-1, self.count, 3)
+        return factors[0], factors[1]
+
+
+def _along(frame: np.ndarray) -> np.ndarray:
+    """(M,) lengths of chords from the first marker to each [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(frame, axis=0), axis=1))])
+
+
+def _read_npz(path: Path) -> tuple[list[np.ndarray], float]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} cannot be read: {error}") from None
+    markers = [a for a in arrays.values() if a.ndim in (3, 4) and a.shape[-1] == 3 and a.dtype.kind in "iuf"]
+    if len(markers) != 1:
+        raise ValueError(f"{path} has {len(markers)} arrays of markers; allowed is one, (F, M, 3) or (R, F, M, 3)")
+    rate = next((float(arrays[name]) for name in ("rate", "rate_hz") if name in arrays), None)
+    if rate is None:
+        rate = _rate_of(arrays.get("times", np.zeros(0)), path)
+    scaled = markers[0].astype(np.float64) * float(arrays.get("unit", 1.0))
+    return _checked(list(scaled if scaled.ndim == 4 else scaled[None]), rate, path)
+
+
+def _read_csv(path: Path) -> tuple[list[np.ndarray], float]:
+    try:
+        rows = np.genfromtxt(path, delimiter=",", dtype=np.float64)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path} cannot be read: {str(error).splitlines()[0]}") from None
+    rows = np.atleast_2d(rows)
+    rows = rows[1:] if np.isnan(rows[0]).all() else rows  # the line of names
+    if rows.shape[1] < 7 or rows.shape[1] % 3 != 1:
+        raise ValueError(f"{path} has {rows.shape[1]} columns; allowed are time, then x y z of each marker")
+    return _checked([rows[:, 1:].reshape(len(rows), -1, 3)], _rate_of(rows[:, 0], path), path)
+
+
+def _rate_of(times: np.ndarray, path: Path) -> float:
+    """Frames a second of times (F,) [s]."""
+    steps = np.diff(times)
+    if len(steps) < 1 or not (np.abs(steps - steps.mean()) <= _UNEVEN * steps.mean()).all():
+        raise ValueError(f"{path} has no even times; allowed are rate [Hz], or times [s] that rise evenly")
+    return 1.0 / float(steps.mean())
+
+
+def _checked(runs: list[np.ndarray], rate: float, path: Path) -> tuple[list[np.ndarray], float]:
+    if not 1.0 <= rate <= 1e4:
+        raise ValueError(f"{path} has {rate:g} frames a second; allowed are 1 to 10000")
+    frames, count = runs[0].shape[:2]
+    if frames < 10 or count < 4:
+        raise ValueError(f"{path} has {frames} frames of {count} markers; allowed are at least 10 of 4")
+    return runs, rate

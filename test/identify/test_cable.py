@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The numbers of a cable from markers on it, recorded in motion, finer than it is fitted and with noise."""
+
+import numpy as np
+import pytest
+import yaml
+
+from cloth_sim_ros.identify import fit_cable
+from cloth_sim_ros.identify.cable import Cable, CableCandidates, guesses, mean_error
+from cloth_sim_ros.identify.fit import identify
+from cloth_sim_ros.identify.markers import Markers
+from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation, Wind
+
+RATE, LENGTH, MASS, SEEN, PER = 60.0, 0.8, 0.08, 9, 6
+EI, BEND_DAMPING, DRAG = 4e-3, 0.05, 20.0
+
+
+def record(seed, noise, frames=50, before=15):
+    """Markers (F, 9, 3) of a cable whose start is held by two of them, and moved about; it moves as they begin."""
+    random = np.random.default_rng(seed)
+    marks = np.concatenate([[0.0], np.linspace(0.02, LENGTH - 0.02, SEEN - 2), [LENGTH]])
+    at = np.concatenate([[0], 1 + PER * np.arange(SEEN - 2), [PER * (SEEN - 3) + 2]])
+    points = np.zeros((at[-1] + 1, 3))
+    points[:, 0] = np.interp(np.arange(len(points)), at, marks)
+    held = [0, 1, len(points) - 2, len(points) - 1]
+    rope = Rope(
+        points=points,
+        mass=MASS,
+        radius=0.004,
+        pins=None,
+        stretch_compliance=1e-4,
+        bend_compliance=1.0 / EI,
+        bend_damping=BEND_DAMPING,
+    )
+    handles = {f"h{k}": Handle(position=tuple(points[i]), reach=0.001, attached=True) for k, i in enumerate(held)}
+    scene = Scene({"it": rope}, handles=handles, wind=Wind(velocity=(0.0, 0.0, 0.0), drag_coefficient=DRAG))
+    sim = Simulation(scene, Settings(frame_dt=1 / RATE, substeps=40), "cpu")
+    swing, phase, rows = random.uniform(0.05, 0.1, 3), random.uniform(0, 6, 3), []
+    for frame in range(before + frames):
+        time = (frame + 1) / RATE
+        moved = swing * (np.sin(6.0 * time + phase) - np.sin(phase))
+        inwards = np.array([0.3 * LENGTH * min(1.0, 3.0 * time), 0.0, 0.0])
+        for k, i in enumerate(held):
+            sim.set_handle_pose(f"h{k}", points[i] + (moved if k < 2 else -inwards))
+        sim.step()
+        rows.append(sim.positions("it")[at].astype(np.float64))
+    seen = np.array(rows)[before:]
+    seen[:, 2:-2] += noise * random.standard_normal(seen[:, 2:-2].shape)
+    return seen
+
+
+def fitted(runs, start=4):
+    markers = Markers(runs, RATE)
+    candidates = CableCandidates(Cable(markers.lengths(), between=PER, density=MASS / LENGTH), markers, 8, start, "cpu")
+    return candidates, identify(candidates)[1]
+
+
+def test_numbers_come_back_from_a_start_in_motion():
+    candidates, found = fitted([record(1, 0.0), record(2, 0.0)])
+    assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.05)
+    assert found.values[1:] == pytest.approx([BEND_DAMPING, DRAG], rel=0.25)
+    off = candidates.off(found.units[None])[0]
+    assert mean_error(off) < 1e-3 < 0.1 * mean_error(guesses(Markers([record(1, 0.0)], RATE), 2)["blend"])
+
+
+def test_noise_is_borne_and_told():
+    """With 2 mm of noise on the markers between the hands."""
+    _, found = fitted([record(3, 2e-3), record(4, 2e-3)], start=8)
+    assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.1)
+
+
+def test_files_are_read_and_refused_in_one_sentence(tmp_path):
+    run = record(1, 0.0, frames=12, before=1)
+    np.savez(tmp_path / "a.npz", train=np.round(run[None] / 5e-5).astype(np.int16), unit=5e-5, rate_hz=RATE)
+    rows = np.column_stack([np.arange(len(run)) / RATE, run.reshape(len(run), -1)])
+    np.savetxt(tmp_path / "b.csv", rows, delimiter=",", header=",".join(["time"] + ["x", "y", "z"] * SEEN), comments="")
+    both = Markers.read([tmp_path / "a.npz", tmp_path / "b.csv"])
+    assert both.rate == pytest.approx(RATE, rel=1e-6) and len(both.runs) == 2
+    assert both.runs[0] == pytest.approx(both.runs[1], abs=5e-5)
+    (tmp_path / "c.csv").write_text("1,2\n3,4\n")
+    np.savez(tmp_path / "d.npz", one=run, two=run, rate=RATE)
+    np.savez(tmp_path / "e.npz", one=run)
+    for name, why in {"c.csv": "2 columns", "d.npz": "2 arrays", "e.npz": "no even times", "f.npz": "be read"}.items():
+        with pytest.raises(ValueError, match=why):
+            Markers.read([tmp_path / name])
+    with pytest.raises(ValueError, match="one run"):
+        Markers([run], RATE).split(5)
+
+
+def test_the_command_fits_judges_and_writes(tmp_path, monkeypatch, capsys):
+    runs = np.stack([record(seed, 0.0, frames=20) for seed in (1, 2)])
+    np.savez(tmp_path / "runs.npz", markers=runs, rate=RATE)
+    output = tmp_path / "found" / "cable.yaml"
+    monkeypatch.setattr("sys.argv", ["fit_cable", str(tmp_path / "runs.npz"), "--output", str(output)])
+    assert fit_cable.main() == 0
+    told = capsys.readouterr().out
+    assert "in 1 runs that were not fitted (1 were)" in told and output.with_suffix(".png").stat().st_size > 0
+    cable = yaml.safe_load(output.read_text())["/**"]["ros__parameters"]["cable"]
+    assert 0.5 * EI < 1.0 / cable["bend_compliance"] < 2.0 * EI
+    monkeypatch.setattr("sys.argv", ["fit_cable", str(tmp_path / "none.csv")])
+    assert fit_cable.main() == 2 and "cannot be read" in capsys.readouterr().err
