@@ -7,13 +7,11 @@ import argparse
 import sys
 from pathlib import Path
 
-import warp as wp
-
 from cloth_sim_ros.identify.candidates import Candidates, bounds_of
 from cloth_sim_ros.identify.fit import Estimate, identify
-from cloth_sim_ros.identify.progress import Progress
 from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.identify.report import draw, sentences
+from cloth_sim_ros.identify.terminal import Progress, exit_status
 from cloth_sim_ros.ros.parameters.plan import Plan  # noqa: TID251 (free of rclpy)
 from cloth_sim_ros.status_line import show
 from cloth_sim_ros.study.scene_file import read_plan, with_values
@@ -35,14 +33,7 @@ def main() -> int:
     parser.add_argument("--poses", help="poses of a collider or handle, likewise", **topic)
     parser.add_argument("--begin", type=float, default=0.0, help="start of the scene in that bag [s]")
     parser.add_argument("--delay", metavar="LOW:HIGH", help="by how much the camera may be late [s]; it is found")
-    arguments = parser.parse_args()
-    wp.config.log_level = wp.LOG_WARNING
-    try:
-        run(arguments)
-    except ValueError as problem:
-        print(f"error: {problem}", file=sys.stderr)
-        return 2
-    return 0
+    return exit_status(run, parser.parse_args())
 
 
 def run(arguments: argparse.Namespace) -> Estimate:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -38,20 +39,20 @@ class Cable:
     density: float = 0.1
     radius: float = 0.004
 
-    @property
+    @cached_property
     def markers(self) -> np.ndarray:
         """(M,) particles at the markers."""
         count, ends = len(self.lengths), self.held - 1
         segments = [1 if k < ends or k >= count - ends else self.between for k in range(count)]
         return np.concatenate([[0], np.cumsum(segments)])
 
-    @property
+    @cached_property
     def places(self) -> np.ndarray:
         """(N,) distances of particles along the cable from its first marker [m]."""
         marks = np.concatenate([[0.0], np.cumsum(self.lengths)])
         return np.interp(np.arange(self.markers[-1] + 1), self.markers, marks)
 
-    @property
+    @cached_property
     def held_markers(self) -> list[int]:
         """Markers that follow the recording."""
         count = len(self.lengths) + 1
@@ -84,15 +85,15 @@ class CableCandidates:
     has_points = False
 
     def __init__(self, cable: Cable, markers: Markers, together: int, start: int, device: str) -> None:
-        if not 2 <= start < min(map(len, markers.runs)):
+        self._seen = markers.seen
+        frames = self._seen.shape[1]
+        if not 2 <= start < frames:
             raise ValueError(f"--start is {start}; allowed are 2 frames up to those of the shortest run")
         if not 1 <= cable.held or 2 * cable.held >= markers.count:
             raise ValueError(
                 f"--held is {cable.held} of {markers.count} markers; allowed is 1, or more that leave some"
             )
         self.cable, self.first, self._markers, self._device = cable, start, markers, device
-        frames = min(map(len, markers.runs))
-        self._seen = np.stack([run[:frames] for run in markers.runs])  # (R, F, M, 3)
         if not np.isfinite(self._seen[:, :, cable.held_markers]).all():
             raise ValueError("a held marker is not seen in a frame; allowed are recordings in which these always are")
         self.times = np.arange(1, frames - start + 1) / markers.rate
@@ -135,13 +136,13 @@ class CableCandidates:
         return values_of(self.sought, units)
 
     def off(self, units: np.ndarray) -> np.ndarray:
-        """(K, until, R, M, 3) by how much markers are off the recording [m], 0 where one was not seen."""
+        """(K, until, R, M, 3) by how much markers are off the recording [m], not a number where one was not seen."""
         parts = [units[k : k + self.worlds] for k in range(0, len(units), self.worlds)]
         return np.concatenate([self._run(part) for part in parts])
 
     def residuals(self, units: np.ndarray) -> np.ndarray:
         """(K, n) of `off`, frame after frame, whose squares grow like distances beyond _ROBUST (Huber 1964)."""
-        off = self.off(units).reshape(len(units), -1)
+        off = np.nan_to_num(self.off(units)).reshape(len(units), -1)
         return np.sign(off) * _ROBUST * np.sqrt(2.0 * (np.sqrt(1.0 + (off / _ROBUST) ** 2) - 1.0))
 
     def squares(self, units: np.ndarray) -> np.ndarray:
@@ -174,7 +175,6 @@ class CableCandidates:
             found[:, frame] = places - self._seen[:, self.first + frame]
             self.frames += 1
             self.told(self.frames)
-        found = np.where(np.isfinite(found), found, 0.0)
         return found[: len(units)]
 
     def _hold(self, frame: int, sweep: bool) -> None:
@@ -185,8 +185,8 @@ class CableCandidates:
 
 
 def mean_error(off: np.ndarray) -> float:
-    """Mean of |x - x_ref| [m] over frames, runs, markers (held ones too) and coordinates."""
-    return float(np.abs(off).mean())
+    """Mean of |x - x_ref| [m] over frames, runs, markers that were seen (held ones too) and coordinates."""
+    return float(np.nanmean(np.abs(off)))
 
 
 def guesses(markers: Markers, start: int) -> dict[str, np.ndarray]:
@@ -194,8 +194,7 @@ def guesses(markers: Markers, start: int) -> dict[str, np.ndarray]:
 
     "hold" keeps the shape of the start. "blend" moves each marker with both ends, by its share of the way between them.
     """
-    frames = min(map(len, markers.runs))
-    seen = np.stack([run[:frames] for run in markers.runs], axis=1)  # (F, R, M, 3)
+    seen = markers.seen.swapaxes(0, 1)
     first, later = seen[start - 1], seen[start:]
     share = np.linspace(0.0, 1.0, markers.count)[:, None]
     moved = (later - first)[:, :, :1] * (1.0 - share) + (later - first)[:, :, -1:] * share

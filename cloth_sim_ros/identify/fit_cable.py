@@ -8,14 +8,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import warp as wp
 import yaml
 from matplotlib.figure import Figure
 
 from cloth_sim_ros.identify.cable import NAME, Cable, CableCandidates, guesses, mean_error
 from cloth_sim_ros.identify.fit import Estimate, identify
 from cloth_sim_ros.identify.markers import Markers
-from cloth_sim_ros.identify.progress import Progress
+from cloth_sim_ros.identify.terminal import Progress, exit_status
 from cloth_sim_ros.status_line import show
 
 _PARTS = 4  # of time, of which the table has a column each
@@ -37,14 +36,7 @@ def main() -> int:
     parser.add_argument("--worlds", type=int, default=16, help="candidates at a time (16)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda:0 (cpu)")
     parser.add_argument("--output", type=Path, default=Path("cable.yaml"), help="YAML of the cable; .png beside")
-    arguments = parser.parse_args()
-    wp.config.log_level = wp.LOG_WARNING
-    try:
-        run(arguments)
-    except ValueError as problem:
-        print(f"error: {problem}", file=sys.stderr)
-        return 2
-    return 0
+    return exit_status(run, parser.parse_args())
 
 
 def run(arguments: argparse.Namespace) -> Estimate:
@@ -133,8 +125,8 @@ def draw(markers: Markers, judge: CableCandidates, off: dict[str, np.ndarray], p
     figure = Figure(figsize=(15.0, 4.5), layout="constrained")
     over_time, by_marker, places = figure.subplots(1, 3)
     for name, each in off.items():
-        over_time.plot(judge.times, 1e3 * np.abs(each).mean(axis=(1, 2, 3)), label=name)
-        by_marker.plot(1e3 * np.abs(each).mean(axis=(0, 1, 3)), ".-", label=name)
+        over_time.plot(judge.times, 1e3 * np.nanmean(np.abs(each), axis=(1, 2, 3)), label=name)
+        by_marker.plot(1e3 * np.nanmean(np.abs(each), axis=(0, 1, 3)), ".-", label=name)
     over_time.set(xlabel="time [s]", ylabel="mean error [mm]")
     by_marker.set(xlabel="marker", ylabel="mean error [mm]")
     over_time.legend()

@@ -59,6 +59,12 @@ class Markers:
         """Number of markers."""
         return self.runs[0].shape[1]
 
+    @property
+    def seen(self) -> np.ndarray:
+        """(R, F, M, 3) [m] of all runs, as long as the shortest."""
+        frames = min(map(len, self.runs))
+        return np.stack([run[:frames] for run in self.runs])
+
     def lengths(self) -> np.ndarray:
         """(M - 1,) [m] of cable between markers: the mean of splines through all markers that are seen together."""
         found = []

@@ -69,6 +69,20 @@ def test_noise_is_borne_and_told():
     assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.1)
 
 
+def test_a_marker_that_is_not_seen_counts_nowhere():
+    run = record(1, 0.0, frames=12)
+    gone = run.copy()
+    gone[6:, 4] = np.nan
+    both = [Markers([each], RATE) for each in (run, gone)]
+    candidates = [CableCandidates(Cable(both[0].lengths()), each, 1, 2, "cpu") for each in both]
+    whole, part = (each.off(np.full((1, 3), 0.5))[0] for each in candidates)
+    left = np.isfinite(part)
+    assert np.count_nonzero(~left) == 3 * 6 and candidates[1].count == np.count_nonzero(left)
+    assert mean_error(part) == pytest.approx(mean_error(whole[left]), rel=1e-6)
+    assert np.isfinite(candidates[1].residuals(np.full((1, 3), 0.5))).all()
+    assert np.isfinite([mean_error(each) for each in guesses(both[1], 2).values()]).all()
+
+
 def test_files_are_read_and_refused_in_one_sentence(tmp_path):
     run = record(1, 0.0, frames=12, before=1)
     np.savez(tmp_path / "a.npz", train=np.round(run[None] / 5e-5).astype(np.int16), unit=5e-5, rate_hz=RATE)

@@ -1,13 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a search is, on a terminal."""
+"""What the commands of this folder say on a terminal: how far a search is, and what went wrong."""
 
 from __future__ import annotations
 
+import argparse
+import sys
 import time
+from collections.abc import Callable
 from typing import Any
+
+import warp as wp
 
 from cloth_sim_ros.identify.fit import MOST_STEPS
 from cloth_sim_ros.status_line import show
+
+
+def exit_status(run: Callable[[argparse.Namespace], Any], arguments: argparse.Namespace) -> int:
+    """Run a command and return its exit status: 2 where it raises ValueError, whose one sentence is printed."""
+    wp.config.log_level = wp.LOG_WARNING
+    try:
+        run(arguments)
+    except ValueError as problem:
+        print(f"error: {problem}", file=sys.stderr)
+        return 2
+    return 0
 
 
 class Progress:
