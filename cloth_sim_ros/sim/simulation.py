@@ -255,13 +255,15 @@ class Simulation:
 
         Every object has:
 
-        - kinetic_energy [J]; max_strain, the largest relative change of a spring's length [-].
+        - kinetic_energy [J]; elastic_energy [J] of a sheet without self or object contact and forces of its own, but for
+          a constant if it is curved at rest; max_strain, the largest relative change of a spring's length [-].
         - max_penetration, by which the surface lies deeper than the thickness in a collider [m]; particle_penetration,
           the same for the deepest particle [m].
         - contacts, the number of particles that colliders push, directly or through the facets around them.
         - residual, the largest violation of a spring that the iterations left in the last substep [m].
         - recoveries, how often the object was put back to its last good positions, at rest, because a particle was not
-          finite or ran away; redone, the number of frames of explicit steps that XPBD computed again.
+          finite or ran away; redone, the number of frames that were computed again with more substeps, as they gained
+          energy or were not finite, or by XPBD instead of explicit steps.
         - substeps and iterations, per frame and per substep.
         - error_per_frame, the measured error of the last measured frame, RMS over particles [m]; not of explicit steps.
         - expected_error, the error of the last half second in the units of solver.error; bending_share, the share of a

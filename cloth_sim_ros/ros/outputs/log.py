@@ -36,6 +36,7 @@ class Reported:
         self._deep: set[str] = set()
         self._crossed: set[tuple[str, str]] = set()
         self._recoveries: dict[str, float] = {}
+        self._redone: dict[str, float] = {}  # name -> count when it was last told, so that it is told rarely
         self._torn: dict[str, float] = {}
 
     def say(self, is_good: bool, sentence: str) -> None:
@@ -92,11 +93,18 @@ class Reported:
             more = each["recoveries"] - self._recoveries.get(name, 0)
             if more > 0:
                 self._log.warning(f"{name} was not finite or ran away and was put back, at rest, {more} times")
+            if each["redone"] >= max(1, 2 * self._redone.get(name, 0)):
+                self._redone[name] = each["redone"]
+                self._log.warning(
+                    f"{name} gained energy in {each['redone']} frames, which were computed again with more substeps; "
+                    f"raise solver.substeps if it is set"
+                )
         self.know(report)
 
     def know(self, report: Report) -> None:
         """What has happened to objects so far is no news."""
         self._recoveries = {name: each["recoveries"] for name, each in report.items()}
+        self._redone |= {name: each["redone"] for name, each in report.items() if each["redone"] == 0}
 
     def _tell_stopped(self, report: Report) -> None:
         """That a winch has reached a limit of its length and is asked to go on."""

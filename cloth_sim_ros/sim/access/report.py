@@ -165,9 +165,9 @@ class Reporter:
         energy = 0.5 * float(((velocities[moving] ** 2).sum(1) / inverse[moving]).sum())
         result = self._result.numpy()
         recoveries = int(arrays.state.recoveries[b : b + 1].numpy()[0])
-        redone = 0 if implicit else int(arrays.state.trial.redone[b : b + 1].numpy()[0])
         return {
             "kinetic_energy": energy,
+            **_elastic(batch, b, world),
             "max_strain": float(result[STRAIN]),
             "max_penetration": float(max(result[PARTICLES], result[SURFACE])),
             "particle_penetration": float(result[PARTICLES]),
@@ -175,11 +175,18 @@ class Reporter:
             "residual": float(result[RESIDUAL]),
             **({"torn": batch.torn.count(b, world)} if batch.torn is not None else {}),
             "recoveries": recoveries,
-            "redone": redone,
+            "redone": int(arrays.state.control.redone[b : b + 1].numpy()[0]),
             "substeps": batch.substeps(b, world),
             **_errors(batch, b, world),
             "iterations": batch.frame.iterations,
         }
+
+
+def _elastic(batch: Batch, b: int, world: int) -> dict[str, float]:
+    """Return the elastic energy of body b at the end of the last frame, if it is found."""
+    if batch.ledger is None:
+        return {}
+    return {"elastic_energy": float(batch.states["energies"].numpy()[world, b, 1])}
 
 
 def _errors(batch: Batch, b: int, world: int) -> dict[str, float]:

@@ -60,6 +60,11 @@ class Features:
         return self.method == "xpbd" and not self.redoes
 
     @property
+    def audited(self) -> bool:
+        """True if the energy of frames is judged (substeps/energy.py): of sheets without forces from outside."""
+        return self.measured and self.lines and not (self.coupled or self.forces or self.constraints)
+
+    @property
     def leans(self) -> bool:
         """True if colliders touch a rope within its solve, see features/collider_contact/lean.py."""
         return self.chain and self.shapes != ()

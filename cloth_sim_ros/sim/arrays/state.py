@@ -192,9 +192,9 @@ class Arrays:
 
 @wp.func
 def substeps_of(control: ControlState, limits: StepLimits, b: int) -> int:
-    """Substeps of body b in this frame, which may be a trial."""
+    """Substeps of body b in this frame, which may be a trial, or be computed again."""
     chosen = wp.where(control.substeps[b] > 0, control.substeps[b], limits.start)
-    return wp.max(1, chosen / wp.max(1, control.divisors[b]))
+    return wp.max(1, chosen * wp.max(1, control.factors[b]) / wp.max(1, control.divisors[b]))
 
 
 @wp.func

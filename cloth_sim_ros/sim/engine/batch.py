@@ -16,7 +16,9 @@ from cloth_sim_ros.sim.arrays.model import Features, Model
 from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
 from cloth_sim_ros.sim.arrays.state import Arrays, Material
 from cloth_sim_ros.sim.engine.batch_frame import BatchFrame
-from cloth_sim_ros.sim.engine.measure import Measurement, advance_measured
+from cloth_sim_ros.sim.engine.ledger import Ledger
+from cloth_sim_ros.sim.engine.measure import Measurement, run_trials, threads_of
+from cloth_sim_ros.sim.engine.saved import Saved
 from cloth_sim_ros.sim.engine.scaled import Scaled
 from cloth_sim_ros.sim.engine.state_arrays import make_states, row_of, rows_by_array, state_of
 from cloth_sim_ros.sim.engine.torn import Torn
@@ -93,11 +95,14 @@ class Batch:
         self.executor = None
         if not features.coupled:
             self.executor = make_executor(features, self.worlds, self.counts, device, executor)
-        self.measurement = None
+        self.saved = self.measurement = self.ledger = None
         if features.measured:
-            second = features.order == 2
+            second, block = features.order == 2, threads_of(max(self.counts), device)
             alone = isinstance(self.executor, Block)
-            self.measurement = Measurement(self.worlds, state, collected.particles, max(self.counts), second, alone)
+            self.saved = Saved(state, self.states)
+            self.measurement = Measurement(self.worlds, self.saved, collected.particles, second, alone, block)
+        if features.audited:
+            self.ledger = Ledger(self.worlds, self.saved, self.lines, second, block)
         self._trial = None
         if features.method == "verlet":
             frame = self.frame
@@ -229,10 +234,18 @@ class Batch:
         """Simulate one frame with the numbers last uploaded; if it is `measured`, choose the substeps of the next."""
         if self._trial is not None:
             self._trial.advance()
-        elif measured:
-            advance_measured([self.measurement], lambda divisor: self.executor.advance())
-        else:
-            self.executor.advance()
+            return
+        if self.ledger is not None:
+            self.ledger.open()
+        if self.ledger is not None or measured:
+            self.saved.save()
+        if measured:
+            run_trials([self.measurement], lambda divisor: self.executor.advance())
+        self.executor.advance()
+        if self.ledger is not None:
+            self.ledger.judge(self.executor.advance)
+        if measured:
+            self.measurement.control()
 
     def _advance_explicit(self) -> None:
         if isinstance(self.executor, Block):

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cloth_sim_ros.sim.engine.batch import Batch
-from cloth_sim_ros.sim.engine.measure import advance_measured
+from cloth_sim_ros.sim.engine.measure import run_trials
 from cloth_sim_ros.sim.executors.graph import Graph
 
 
@@ -29,7 +29,13 @@ class InStep:
         if not measured or not self._measurements:
             self._frame(1)
             return
-        advance_measured(self._measurements, self._frame)
+        saves = [batch.saved for batch in self.batches if batch.measurement is not None]
+        for each in saves:
+            each.save()
+        run_trials(self._measurements, self._frame)
+        self._frame(1)
+        for each in self._measurements:
+            each.control()
         wanted = max(each.wanted() for each in self._measurements)
         if wanted != self._substeps:
             self._share(wanted)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays
+from cloth_sim_ros.sim.engine.saved import Saved
 from cloth_sim_ros.sim.substeps.control import begin_trial, change_substeps, control, end_trial
 
 _TRIALS = (4, 2)  # divisors of the number of substeps, in the order that `control` compares their results
@@ -15,22 +16,21 @@ _MOST_THREADS = 256
 
 
 class Measurement:
-    """Launches that measure the error of the bodies of a batch, whose whole state is the buffer `state`.
+    """Launches that measure the error of the bodies of a batch.
 
-    particles, largest: number of particles of all bodies, and of the largest. second: True for order 2. alone: each
-    body takes the substeps that its own error asks for.
+    saved: copy of the state, to which trials go back. particles: number of them. second: True for order 2. alone: each
+    body takes the substeps that its own error asks for. block: threads a body.
     """
 
     def __init__(
-        self, worlds: list[Arrays], state: wp.array, particles: int, largest: int, second: bool, alone: bool
+        self, worlds: list[Arrays], saved: Saved, particles: int, second: bool, alone: bool, block: int
     ) -> None:
-        device, bodies = state.device, len(worlds) * worlds[0].limits.shape[0]
-        self._state, self._saved = state, wp.empty_like(state)
+        device, bodies = saved.device, len(worlds) * worlds[0].limits.shape[0]
+        self._saved = saved
         self._given = wp.array(worlds, dtype=Arrays, device=device)
         remembered = [wp.zeros((len(worlds), particles), dtype=wp.vec3, device=device) for _ in range(2)]
         differences = wp.zeros(bodies, dtype=float, device=device)
         self._wanted = wp.zeros(bodies, dtype=int, device=device)
-        block = 1 if device.is_cpu else min(_MOST_THREADS, -(-largest // 32) * 32)
 
         def launch(kernel: wp.Kernel, *inputs) -> wp.Launch:
             inputs = [self._given, *inputs, block]
@@ -41,10 +41,6 @@ class Measurement:
         self._control = launch(control, *remembered, differences, self._wanted, int(second), int(alone))
         self._change = launch(change_substeps, 0, int(second))
 
-    def save(self) -> None:
-        """Copy the state."""
-        wp.copy(self._saved, self._state)
-
     def begin(self, divisor: int) -> None:
         """Let the next frame be a trial of 1 / divisor of the substeps."""
         self._begin[divisor].launch()
@@ -52,7 +48,7 @@ class Measurement:
     def end(self) -> None:
         """Keep the result of a trial, and go back to the copied state."""
         self._end.launch()
-        wp.copy(self._state, self._saved)
+        self._saved.restore()
 
     def control(self) -> None:
         """Estimate the error of the frame, and the substeps that the next should take."""
@@ -68,19 +64,19 @@ class Measurement:
         self._change.launch()
 
 
-def advance_measured(measurements: Sequence[Measurement], frame: Callable[[int], None]) -> None:
-    """Simulate a frame of bodies that advance together, after its trials.
+def threads_of(largest: int, device: wp.Device) -> int:
+    """Threads that measure a body, for one of `largest` particles."""
+    return 1 if device.is_cpu else min(_MOST_THREADS, -(-largest // 32) * 32)
+
+
+def run_trials(measurements: Sequence[Measurement], frame: Callable[[int], None]) -> None:
+    """Simulate the trials of a frame of bodies that advance together, from their saved states.
 
     frame(divisor): simulates one in 1 / divisor of the substeps.
     """
-    for each in measurements:
-        each.save()
     for divisor in _TRIALS:
         for each in measurements:
             each.begin(divisor)
         frame(divisor)
         for each in measurements:
             each.end()
-    frame(1)
-    for each in measurements:
-        each.control()

@@ -17,7 +17,6 @@ class TrialState:
     strain_found: wp.array(dtype=float)  # (B,) largest strain above 0.5 at the end of this frame, else 0
     strain: wp.array(dtype=float)  # (B,) the same for the frame before
     rejected: wp.array(dtype=int)  # (B,) 1 if the frame is repeated
-    redone: wp.array(dtype=int)  # (B,) number of repeated frames
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
@@ -30,5 +29,4 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
         "strain_found": n.bodies if features.method == "verlet" else 0,
         "strain": n.bodies if features.method == "verlet" else 0,
         "rejected": n.bodies if features.method == "verlet" else 0,
-        "redone": n.bodies if features.method == "verlet" else 0,
     }

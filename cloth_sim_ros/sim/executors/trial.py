@@ -5,7 +5,7 @@ Explicit steps that are stable at rest may blow up if springs are strained far b
 is rejected if fault recovery put it back, or if a spring is or was strained beyond TOO_STRAINED. Above STRAINED it
 is rejected if the strain changed by half since the frame before. It is also rejected there while a collider moves,
 which might pass between the particles. The body then goes back to the start of the frame and repeats it by first-order
-XPBD, which is stable at any strain. All of this stays on the device; `redone` counts the frames.
+XPBD, which is stable at any strain. All of this stays on the device; `redone` of ControlState counts the frames.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def judge(given: wp.array(dtype=Arrays), any_rejected: wp.array(dtype=int)):
     s.trial.strain_found[b] = 0.0
     if bad:
         s.recoveries[b] = s.trial.start_recoveries[b]
-        s.trial.redone[b] += 1
+        s.control.redone[b] += 1
         any_rejected[0] = 1
 
 

@@ -4,6 +4,7 @@
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Model
 from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
 
 # Least and largest rest length over that of the material.
@@ -20,29 +21,30 @@ def coupled_share(ctx: Context) -> float:
 
 
 @wp.func
+def coupled_length(k: int, x: wp.uint64, lo: wp.uint64, m: Model) -> float:
+    """Return the rest length [m] of the spring in slot k at positions x + lo, with all of the coupling."""
+    i, j, across = m.line_nodes[k], m.line_others[k], m.line_across[k]
+    p, q = across[0], across[1]
+    xi, xj, xp, xq = load4(x, i), load4(x, j), load4(x, p), load4(x, q)
+    li, lj, lp, lq = load4(lo, i), load4(lo, j), load4(lo, p), load4(lo, q)
+    lengths = wp.vec4(
+        wp.length(xyz((xp - xi) + (lp - li))),
+        wp.length(xyz((xp - xj) + (lp - lj))),
+        wp.length(xyz((xq - xi) + (lq - li))),
+        wp.length(xyz((xq - xj) + (lq - lj))),
+    )
+    base = m.line_bases[k]
+    length = base[0] + base[1] * wp.length(xyz((xj - xi) + (lj - li)))
+    return length + wp.dot(m.line_shares[k], lengths)
+
+
+@wp.func
 def lengthen(t: int, width: int, ctx: Context):
     """Stage that finds the rest lengths of springs where the substep starts; thread t of `width` does its share."""
     share = coupled_share(ctx)
     for k in range(ctx.body.lines + t, ctx.body.lines_end, width):
         rest = ctx.model.line_rests[k]
         if rest >= 0.0:
-            i, j, across = ctx.model.line_nodes[k], ctx.model.line_others[k], ctx.model.line_across[k]
-            p, q = across[0], across[1]
-            xi, xj, xp, xq = load4(ctx.x, i), load4(ctx.x, j), load4(ctx.x, p), load4(ctx.x, q)
-            li, lj, lp, lq = (
-                load4(ctx.position_lo, i),
-                load4(ctx.position_lo, j),
-                load4(ctx.position_lo, p),
-                load4(ctx.position_lo, q),
-            )
-            around = wp.vec4(
-                wp.length(xyz((xp - xi) + (lp - li))),
-                wp.length(xyz((xp - xj) + (lp - lj))),
-                wp.length(xyz((xq - xi) + (lq - li))),
-                wp.length(xyz((xq - xj) + (lq - lj))),
-            )
-            base = ctx.model.line_bases[k]
-            length = base[0] + base[1] * wp.length(xyz((xj - xi) + (lj - li)))
-            length += wp.dot(ctx.model.line_shares[k], around)
+            length = coupled_length(k, ctx.x, ctx.position_lo, ctx.model)
             rest = wp.clamp(rest + share * (length - rest), SHORTENED * rest, LENGTHENED * rest)
         ctx.state.lines.line_lengths[k] = rest

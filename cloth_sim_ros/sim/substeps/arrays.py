@@ -7,8 +7,8 @@ from cloth_sim_ros.sim.arrays.model import Counts, Features
 
 # Array -> the element of each of its rows. FORGOTTEN arrays are cleared if a body is placed elsewhere, KEPT ones are
 # kept if everything on the device is rebuilt.
-FORGOTTEN = {"motions": "body", "asleep": "body"}
-KEPT = {"substeps": "count", "taken": "count"}
+FORGOTTEN = {"motions": "body", "asleep": "body", "ledgers": "body"}
+KEPT = {"substeps": "count", "taken": "count", "redone": "count"}
 
 
 @wp.struct
@@ -38,6 +38,11 @@ class ControlState:
 
     substeps: wp.array(dtype=int)  # (B,) of the next frame; 0: as StepLimits.start
     divisors: wp.array(dtype=int)  # (B,) of this frame; 0: it is no trial
+    factors: wp.array(dtype=int)  # (B,) by which a frame that is computed again multiplies them; 0: it is none
+    redone: wp.array(dtype=int)  # (B,) number of frames that were computed again
+    # (B,) [J]: ceiling of the energy, scale of gains, energy when last found, and that of the weight, see energy.py
+    ledgers: wp.array(dtype=wp.vec4d)
+    energies: wp.array(dtype=wp.vec3d)  # (B,) kinetic, elastic, and of the weight [J], at the end of the last frame
     taken: wp.array(dtype=int)  # (B,) substeps of the last frame
     asleep: wp.array(dtype=int)  # (B,) 1 while the body is at rest
     unmeasured: wp.array(dtype=int)  # (B,) frames since the error was measured
@@ -49,5 +54,6 @@ class ControlState:
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
-    bodies = dict.fromkeys(("substeps", "divisors", "taken", "unmeasured", "asleep", "errors", "motions"), n.bodies)
-    return {**bodies, "anchors": n.particles if features.measured else 0}
+    bodies = ("substeps", "divisors", "factors", "redone", "taken", "unmeasured", "asleep", "errors", "motions")
+    audited = dict.fromkeys(("ledgers", "energies"), n.bodies if features.audited else 0)
+    return {**dict.fromkeys(bodies, n.bodies), **audited, "anchors": n.particles if features.measured else 0}

@@ -87,15 +87,21 @@ def make_plate_force(features: Features):
 
 
 @wp.func
-def curve_triangle(c: int, ctx: Context, a: wp.uint64, b: wp.uint64):
-    """Store the normal and pulls of curved triangle c of the batch at positions a + b; its particles read them."""
-    t = ctx.model.curve_corners[c]
+def curve_moment(c: int, m: Model, a: wp.uint64, b: wp.uint64):
+    """Return the corners of curved triangle c of the batch at positions a + b [m], and its `moment` (rest_curvature)."""
+    t, width = m.curve_corners[c], m.curve_width
+    moment = plate_sum(t[0], c * width, width, 1, 0, m.curve_stencil, m.curve_stencil_gradients, a, b)
     origin = load4(a, t[0])
-    width, gradients = ctx.model.curve_width, ctx.model.curve_stencil_gradients
-    moment = plate_sum(t[0], c * width, width, 1, 0, ctx.model.curve_stencil, gradients, a, b)
     p = xyz(load4(b, t[0]))
     q = xyz((load4(a, t[1]) - origin) + load4(b, t[1]))
     r = xyz((load4(a, t[2]) - origin) + load4(b, t[2]))
+    return p, q, r, moment
+
+
+@wp.func
+def curve_triangle(c: int, ctx: Context, a: wp.uint64, b: wp.uint64):
+    """Store the normal and pulls of curved triangle c of the batch at positions a + b; its particles read them."""
+    p, q, r, moment = curve_moment(c, ctx.model, a, b)
     found = rest_curvature(p, q, r, moment)
     store_row(ctx.state.plate.curve_normals, c, pack(found.normal, 0.0))
     ctx.state.plate.curve_pulls[c] = found.pull

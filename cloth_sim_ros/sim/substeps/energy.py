@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The energy of each sheet before and after a frame. A frame that gains energy is rejected, and computed again.
+
+A frame may not end with more than the `ceiling`, plus the work of hands, colliders and air in it. The ceiling is the
+energy of the last frames: it falls towards the energy by a tenth of the difference a frame, so that energy may go to
+and fro between springs that a sweep has not solved and motion. What is changed between frames moves it.
+
+Elastic energy is half the force of each spring times its elongation. That holds for springs of their own, and for those
+of a membrane, whose forces are linear in all elongations.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.state import Arrays, compliance_of, substeps_of
+from cloth_sim_ros.sim.features.plate.bending import around, curve_moment, rigidity_of
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, load_row, sync, xyz
+from cloth_sim_ros.sim.lines.membrane import coupled_length
+from cloth_sim_ros.sim.physics.integrate import effective_step
+from cloth_sim_ros.sim.physics.plate import rest_curvature
+
+FALLS = wp.constant(wp.float64(0.1))  # share by which the ceiling falls towards the energy in a frame
+FADES = wp.constant(wp.float64(0.98))  # share of the scale that is left a frame later
+# Largest gain in a frame over the scale: the largest kinetic and elastic energy of the last frames, or this share of
+# the work of its weight over its size, or the kinetic energy at this speed [m/s].
+MOST_GAIN, OF_FALL, SLOW = wp.constant(wp.float64(0.02)), wp.constant(3.0e-3), wp.constant(1.0e-2)
+OF_AIR = wp.constant(2.0)  # the work of air over that of its force in the last substep
+MORE = wp.constant(4)  # factor of the substeps from one repetition to the next
+MOST_REPEATED = wp.constant(64)  # largest factor of the substeps
+
+
+@wp.struct
+class Energies:
+    """Energies [J]: kinetic, elastic, and that of the weight, zero at the origin."""
+
+    kinetic: wp.float64
+    elastic: wp.float64
+    weight: wp.float64
+
+
+@wp.func
+def total(part: wp.float64) -> wp.float64:
+    """Sum over the threads of a block, the same in all of them."""
+    return wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+
+
+@wp.func
+def energy_of_spring(k: int, kind: int, b: int, a: Arrays) -> float:
+    """Elastic energy [J] of the spring in slot k of body b."""
+    m, body = a.model, a.model.bodies[b]
+    x, lo = array_address(a.state.positions, body.particles), array_address(a.state.position_lo, body.particles)
+    i, j, rest = m.line_nodes[k], m.line_others[k], m.line_rests[k]
+    length = wp.length(xyz((load4(x, j) - load4(x, i)) + (load4(lo, j) - load4(lo, i))))
+    stretched = length - rest
+    if m.line_bases.shape[0] > 0:
+        stretched = length - coupled_length(k, x, lo, m)
+    compliance = m.line_scales[k] * compliance_of(a.materials[b], kind)
+    return 0.5 * (length - rest) * stretched / wp.max(compliance, 1.0e-30)
+
+
+@wp.func
+def part_of(t: int, width: int, a: Arrays, b: int, families: wp.array(dtype=wp.vec4i), second: int) -> Energies:
+    """The part of the energies of body b that thread t of `width` sums."""
+    e = Energies()
+    m, s, body, material = a.model, a.state, a.model.bodies[b], a.materials[b]
+    x, lo = array_address(s.positions, body.particles), array_address(s.position_lo, body.particles)
+    rigidity = float(0.0)
+    if body.plate_width > 0:
+        usual = substeps_of(s.control, a.limits[b], b) / wp.max(1, s.control.factors[b])
+        h = effective_step(a.frames[0].length / float(usual), second > 0)
+        rigidity = rigidity_of(material, body, 1.0 / (h * h))
+    for i in range(t, body.count, width):
+        place = load4(x, i)
+        if place[3] > 0.0:
+            v, mass = xyz(load_row(s.velocities, body.particles + i)), 1.0 / place[3]
+            e.kinetic += wp.float64(0.5 * mass * wp.dot(v, v))
+            e.weight -= wp.float64(mass) * wp.dot(wp.vec3d(xyz(place)), wp.vec3d(a.frames[0].gravity))
+        if body.plate_width > 0:
+            e.elastic += wp.float64(0.5 * rigidity * wp.dot(xyz(place), around(i, m, body, x, lo)))
+    for c in range(body.curves + t, body.curves_end, width):
+        p, q, r, moment = curve_moment(c, m, x, lo)
+        e.elastic -= wp.float64(rigidity * wp.dot(rest_curvature(p, q, r, moment).normal, moment))
+    for f in range(families.shape[0]):
+        family = families[f]
+        if family[0] == b:
+            for k in range(family[2] + t, family[3], width):
+                if m.line_rests[k] >= 0.0:
+                    e.elastic += wp.float64(energy_of_spring(k, family[1], b, a))
+    return e
+
+
+@wp.func
+def summed(part: Energies) -> Energies:
+    """Sum of the parts of all threads of a block."""
+    e = Energies()
+    e.kinetic = total(part.kinetic)
+    e.elastic = total(part.elastic)
+    e.weight = total(part.weight)
+    return e
+
+
+@wp.func
+def work_on(t: int, width: int, a: Arrays, b: int, starts: wp.array(dtype=wp.vec4)) -> float:
+    """The part of thread t of the work [J] done on body b in the frame, by all that did work on a particle.
+
+    starts: positions when the frame began. It takes the mean forces of hands and colliders over the frame.
+    """
+    m, s, body, colliders = a.model, a.state, a.model.bodies[b], a.colliders.shape[0]
+    work = float(0.0)
+    for i in range(t, body.count, width):
+        g = body.particles + i
+        move = xyz(load_row(s.positions, g) - load_row(starts, g))
+        if s.grasp.grip_forces.shape[0] > 0:
+            if s.grasp.held[b] > 0:
+                if s.grasp.grips[g][3] > 0.0:
+                    work += wp.max(0.0, wp.dot(move, xyz(load_row(s.grasp.grip_forces, g))))
+        if s.contact.pinch_pulls.shape[0] > 0:
+            work += wp.max(0.0, wp.dot(move, xyz(load_row(s.contact.pinch_pulls, g))))
+        for c in range(colliders):
+            work += wp.max(0.0, wp.dot(move, xyz(load_row(s.contact.contact_forces, g * colliders + c))))
+    if s.air.panel_forces.shape[0] > 0:
+        for p in range(body.panels + t, body.panels_end, width):
+            force, corners = xyz(load_row(s.air.panel_forces, p)), m.panels[p]
+            for c in range(3):
+                if corners[c] >= 0:
+                    g = body.particles + corners[c]
+                    move = xyz(load_row(s.positions, g) - load_row(starts, g))
+                    work += OF_AIR * wp.max(0.0, wp.dot(move, force))
+    return work
+
+
+@wp.func
+def is_elastic(a: Arrays, b: int, families: wp.array(dtype=wp.vec4i)) -> bool:
+    """True if no springs of body b are rigid, so that the energy it began with bounds its motion."""
+    rigid = bool(False)
+    for f in range(families.shape[0]):
+        rigid = rigid or (families[f][0] == b and compliance_of(a.materials[b], families[f][1]) == 0.0)
+    return not rigid
+
+
+@wp.func
+def rests(a: Arrays, b: int) -> bool:
+    """True if body b is not computed in this frame, as it is at rest."""
+    frame = a.frames[0]
+    return a.state.control.asleep[b] > 0 and frame.moves == 0 and frame.wakes == 0
+
+
+@wp.func
+def least_scale(a: Arrays, b: int) -> wp.float64:
+    """Least energy [J] by which gains are judged."""
+    fall = OF_FALL * wp.length(a.frames[0].gravity) * a.limits[b].size + 0.5 * SLOW * SLOW
+    share = a.materials[b].largest_inverse_mass * a.model.bodies[b].yielding
+    return wp.float64(fall / wp.max(share, 1.0e-30))
+
+
+@compiled
+def open_frames(
+    given: wp.array(dtype=Arrays),
+    families: wp.array(dtype=wp.vec4i),
+    factors: wp.array(dtype=int),
+    second: int,
+    block: int,
+):
+    bodies = given[0].limits.shape[0]
+    k, t = wp.tid() / block, wp.tid() % block
+    w, b = k / bodies, k % bodies
+    if t == 0:
+        factors[k] = 0
+    if rests(given[w], b):
+        return
+    e = summed(part_of(t, block, given[w], b, families, second))
+    now = e.kinetic + e.elastic + e.weight
+    sync()  # all threads have read what one will write
+    if t == 0:
+        ledger = given[w].state.control.ledgers[b]
+        ceiling, scale = ledger[0] + (now - ledger[2]), ledger[1]
+        if scale == wp.float64(0.0):
+            ceiling = now
+            scale = wp.max(e.kinetic + e.elastic, least_scale(given[w], b))
+        given[w].state.control.ledgers[b] = wp.vec4d(ceiling, scale, now, e.weight)
+
+
+@compiled
+def judge_frames(
+    given: wp.array(dtype=Arrays),
+    families: wp.array(dtype=wp.vec4i),
+    starts: wp.array2d(dtype=wp.vec4),
+    recoveries: wp.array2d(dtype=int),
+    factors: wp.array(dtype=int),
+    rejects: wp.array(dtype=int),
+    second: int,
+    block: int,
+):
+    bodies = given[0].limits.shape[0]
+    k, t = wp.tid() / block, wp.tid() % block
+    w, b = k / bodies, k % bodies
+    a = given[w]
+    if rests(a, b):
+        return
+    e = summed(part_of(t, block, a, b, families, second))
+    work = total(wp.float64(work_on(t, block, a, b, starts[w])))
+    if t > 0:
+        return
+    ledger = a.state.control.ledgers[b]
+    scale = wp.max(ledger[1], wp.abs(e.weight - ledger[3]))
+    now, ceiling = e.kinetic + e.elastic + e.weight, ledger[0] + work
+    gains = is_elastic(a, b, families) and not (now <= ceiling + MOST_GAIN * scale)
+    if (gains or a.state.recoveries[b] != recoveries[w, b]) and factors[k] < MOST_REPEATED:
+        factors[k] = MORE * wp.max(1, factors[k])
+        rejects[0] = 1
+        return
+    ceiling = wp.max(now, ceiling - FALLS * (ceiling - now))
+    scale = wp.max(wp.max(FADES * scale, e.kinetic + e.elastic), least_scale(a, b))
+    a.state.control.ledgers[b] = wp.vec4d(ceiling, scale, now, e.weight)
+    a.state.control.energies[b] = wp.vec3d(e.kinetic, e.elastic, e.weight)
+    if factors[k] > 0:
+        a.state.control.factors[b] = 0
+        a.state.control.redone[b] += 1
+        if a.state.history.shape[0] > 0:
+            a.state.history[b] = 0
+
+
+@compiled
+def begin_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), rejects: wp.array(dtype=int)):
+    k = wp.tid()
+    bodies = given[0].limits.shape[0]
+    s, b = given[k / bodies].state, k % bodies
+    if k == 0:
+        rejects[0] = 0
+    if factors[k] > 0:
+        s.control.factors[b] = factors[k]
+        if s.history.shape[0] > 0:
+            s.history[b] = 0
