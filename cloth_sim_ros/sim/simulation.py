@@ -255,7 +255,7 @@ class Simulation:
 
         Every object has:
 
-        - kinetic_energy [J]; elastic_energy [J] of a sheet without self or object contact and forces of its own, but for
+        - kinetic_energy [J]; elastic_energy [J] of a sheet without self or object contact and forces of its own, up to
           a constant if it is curved at rest; max_strain, the largest relative change of a spring's length [-].
         - max_penetration, by which the surface lies deeper than the thickness in a collider [m]; particle_penetration,
           the same for the deepest particle [m].

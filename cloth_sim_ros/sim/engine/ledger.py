@@ -35,7 +35,7 @@ class Ledger:
         factors = wp.zeros(bodies, dtype=int, device=device)
         self._saved, self._rejects = saved, wp.zeros(1, dtype=int, device=device)
         wide = {"dim": bodies * block, "block_dim": block, "device": device, "record_cmd": True}
-        before = [saved.part(name) for name in ("positions", "recoveries")]
+        before = [saved.part(name) for name in ("positions", "velocities", "recoveries")]
         self._open = wp.launch(open_frames, inputs=[given, families, factors, int(second), block], **wide)
         inputs = [given, families, *before, factors, self._rejects, int(second), block]
         self._judge = wp.launch(judge_frames, inputs=inputs, **wide)

@@ -24,7 +24,6 @@ FADES = wp.constant(wp.float64(0.98))  # share of the scale that is left a frame
 # Largest gain in a frame over the scale: the largest kinetic and elastic energy of the last frames, or this share of
 # the work of its weight over its size, or the kinetic energy at this speed [m/s].
 MOST_GAIN, OF_FALL, SLOW = wp.constant(wp.float64(0.02)), wp.constant(3.0e-3), wp.constant(1.0e-2)
-OF_AIR = wp.constant(2.0)  # the work of air over that of its force in the last substep
 MORE = wp.constant(4)  # factor of the substeps from one repetition to the next
 MOST_REPEATED = wp.constant(64)  # largest factor of the substeps
 
@@ -100,12 +99,36 @@ def summed(part: Energies) -> Energies:
 
 
 @wp.func
-def work_on(t: int, width: int, a: Arrays, b: int, starts: wp.array(dtype=wp.vec4)) -> float:
+def most_of_air(
+    p: int, a: Arrays, b: int, starts: wp.array(dtype=wp.vec4), start_velocities: wp.array(dtype=wp.vec4)
+) -> float:
+    """Largest work [J] of the air on panel p of body b in the frame: its largest force, times the way of the panel.
+
+    The force is largest where the frame begins, as drag takes relative velocity away.
+    """
+    s, frame, corners, first = a.state, a.frames[0], a.model.panels[p], a.model.bodies[b].particles
+    move, velocity = wp.vec3(0.0), wp.vec3(0.0)
+    for c in range(3):
+        g = first + corners[c]
+        move += xyz(load_row(s.positions, g) - load_row(starts, g)) / 3.0
+        velocity += xyz(load_row(start_velocities, g)) / 3.0
+    origin = xyz(load_row(s.positions, first + corners[0]))
+    e = xyz(load_row(s.positions, first + corners[1])) - origin
+    f = xyz(load_row(s.positions, first + corners[2])) - origin
+    pressure = 0.5 * frame.air_density * (frame.drag + 2.0 * frame.lift) * wp.length_sq(frame.wind - velocity)
+    return pressure * 0.5 * wp.length(wp.cross(e, f)) * wp.length(move)
+
+
+@wp.func
+def work_on(
+    t: int, width: int, a: Arrays, b: int, starts: wp.array(dtype=wp.vec4), start_velocities: wp.array(dtype=wp.vec4)
+) -> float:
     """The part of thread t of the work [J] done on body b in the frame, by all that did work on a particle.
 
-    starts: positions when the frame began. It takes the mean forces of hands and colliders over the frame.
+    starts, start_velocities: of particles when the frame began. It takes the mean forces of hands and colliders over
+    the frame, and a bound for the air.
     """
-    m, s, body, colliders = a.model, a.state, a.model.bodies[b], a.colliders.shape[0]
+    s, body, colliders = a.state, a.model.bodies[b], a.colliders.shape[0]
     work = float(0.0)
     for i in range(t, body.count, width):
         g = body.particles + i
@@ -120,12 +143,7 @@ def work_on(t: int, width: int, a: Arrays, b: int, starts: wp.array(dtype=wp.vec
             work += wp.max(0.0, wp.dot(move, xyz(load_row(s.contact.contact_forces, g * colliders + c))))
     if s.air.panel_forces.shape[0] > 0:
         for p in range(body.panels + t, body.panels_end, width):
-            force, corners = xyz(load_row(s.air.panel_forces, p)), m.panels[p]
-            for c in range(3):
-                if corners[c] >= 0:
-                    g = body.particles + corners[c]
-                    move = xyz(load_row(s.positions, g) - load_row(starts, g))
-                    work += OF_AIR * wp.max(0.0, wp.dot(move, force))
+            work += most_of_air(p, a, b, starts, start_velocities)
     return work
 
 
@@ -185,6 +203,7 @@ def judge_frames(
     given: wp.array(dtype=Arrays),
     families: wp.array(dtype=wp.vec4i),
     starts: wp.array2d(dtype=wp.vec4),
+    start_velocities: wp.array2d(dtype=wp.vec4),
     recoveries: wp.array2d(dtype=int),
     factors: wp.array(dtype=int),
     rejects: wp.array(dtype=int),
@@ -198,7 +217,7 @@ def judge_frames(
     if rests(a, b):
         return
     e = summed(part_of(t, block, a, b, families, second))
-    work = total(wp.float64(work_on(t, block, a, b, starts[w])))
+    work = total(wp.float64(work_on(t, block, a, b, starts[w], start_velocities[w])))
     if t > 0:
         return
     ledger = a.state.control.ledgers[b]

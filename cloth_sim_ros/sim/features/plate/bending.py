@@ -88,7 +88,7 @@ def make_plate_force(features: Features):
 
 @wp.func
 def curve_moment(c: int, m: Model, a: wp.uint64, b: wp.uint64):
-    """Return the corners of curved triangle c of the batch at positions a + b [m], and its `moment` (rest_curvature)."""
+    """Return the corners of curved triangle c of the batch at positions a + b [m], and its `moment`."""
     t, width = m.curve_corners[c], m.curve_width
     moment = plate_sum(t[0], c * width, width, 1, 0, m.curve_stencil, m.curve_stencil_gradients, a, b)
     origin = load4(a, t[0])
