@@ -167,7 +167,7 @@ class Reporter:
         recoveries = int(arrays.state.recoveries[b : b + 1].numpy()[0])
         return {
             "kinetic_energy": energy,
-            **_elastic(batch, b, world),
+            **_elastic(batch, b, world, energy),
             "max_strain": float(result[STRAIN]),
             "max_penetration": float(max(result[PARTICLES], result[SURFACE])),
             "particle_penetration": float(result[PARTICLES]),
@@ -182,11 +182,12 @@ class Reporter:
         }
 
 
-def _elastic(batch: Batch, b: int, world: int) -> dict[str, float]:
+def _elastic(batch: Batch, b: int, world: int, kinetic: float) -> dict[str, float]:
     """Return the elastic energy of body b at the end of the last frame, if it is found."""
     if batch.ledger is None:
         return {}
-    return {"elastic_energy": float(batch.states["energies"].numpy()[world, b, 1])}
+    _, _, whole, weight = batch.states["ledgers"].numpy()[world, b]
+    return {"elastic_energy": float(whole - weight) - kinetic}
 
 
 def _errors(batch: Batch, b: int, world: int) -> dict[str, float]:

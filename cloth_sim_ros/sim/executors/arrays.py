@@ -10,10 +10,6 @@ from cloth_sim_ros.sim.arrays.model import Counts, Features
 class TrialState:
     """State of trial frames of explicit steps; see State for the letters."""
 
-    start_positions: wp.array(dtype=wp.vec4)  # (N,) positions when this frame began, explicit methods, see trial.py
-    start_position_lo: wp.array(dtype=wp.vec4)  # (N,)
-    start_velocities: wp.array(dtype=wp.vec4)  # (N,)
-    start_recoveries: wp.array(dtype=int)  # (B,)
     strain_found: wp.array(dtype=float)  # (B,) largest strain above 0.5 at the end of this frame, else 0
     strain: wp.array(dtype=float)  # (B,) the same for the frame before
     rejected: wp.array(dtype=int)  # (B,) 1 if the frame is repeated
@@ -22,10 +18,6 @@ class TrialState:
 def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {
-        "start_positions": n.particles if features.method == "verlet" else 0,
-        "start_position_lo": n.particles if features.method == "verlet" else 0,
-        "start_velocities": n.particles if features.method == "verlet" else 0,
-        "start_recoveries": n.bodies if features.method == "verlet" else 0,
         "strain_found": n.bodies if features.method == "verlet" else 0,
         "strain": n.bodies if features.method == "verlet" else 0,
         "rejected": n.bodies if features.method == "verlet" else 0,

@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.state import Arrays, ColliderMotion
+from cloth_sim_ros.sim.arrays.state import Arrays, ColliderMotion, State
 from cloth_sim_ros.sim.features.collider_contact.strain import TOO_STRAINED
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
@@ -24,16 +24,26 @@ STRAINED = wp.constant(0.5)
 GROWTH = wp.constant(1.5)  # largest ratio of the largest strains of two frames in a row, either way
 
 
+@wp.struct
+class Start:
+    """State of a world when a frame began: positions, what float32 lost of them, velocities (N,), recoveries (B,)."""
+
+    positions: wp.array(dtype=wp.vec4)
+    position_lo: wp.array(dtype=wp.vec4)
+    velocities: wp.array(dtype=wp.vec4)
+    recoveries: wp.array(dtype=int)
+
+
 @compiled
-def keep_start(given: wp.array(dtype=Arrays), particles: int):
+def keep_start(given: wp.array(dtype=Arrays), starts: wp.array(dtype=Start), particles: int):
     i = wp.tid()
-    s = given[i / particles].state
+    s, start = given[i / particles].state, starts[i / particles]
     g = i % particles
-    store_row(s.trial.start_positions, g, load_row(s.positions, g))
-    store_row(s.trial.start_position_lo, g, load_row(s.position_lo, g))
-    store_row(s.trial.start_velocities, g, load_row(s.velocities, g))
+    store_row(start.positions, g, load_row(s.positions, g))
+    store_row(start.position_lo, g, load_row(s.position_lo, g))
+    store_row(start.velocities, g, load_row(s.velocities, g))
     if g < s.recoveries.shape[0]:
-        s.trial.start_recoveries[g] = s.recoveries[g]
+        start.recoveries[g] = s.recoveries[g]
 
 
 @compiled
@@ -57,12 +67,12 @@ def is_moving(c: ColliderMotion) -> bool:
 
 
 @compiled
-def judge(given: wp.array(dtype=Arrays), any_rejected: wp.array(dtype=int)):
+def judge(given: wp.array(dtype=Arrays), starts: wp.array(dtype=Start), any_rejected: wp.array(dtype=int)):
     i = wp.tid()
     bodies = given[0].model.bodies.shape[0]
-    s = given[i / bodies].state
+    s, start = given[i / bodies].state, starts[i / bodies]
     b = i % bodies
-    recovered = s.recoveries[b] != s.trial.start_recoveries[b]
+    recovered = s.recoveries[b] != start.recoveries[b]
     most, least = wp.max(s.trial.strain_found[b], s.trial.strain[b]), wp.min(s.trial.strain_found[b], s.trial.strain[b])
     moves = bool(False)
     for c in range(given[0].colliders.shape[0]):
@@ -72,21 +82,21 @@ def judge(given: wp.array(dtype=Arrays), any_rejected: wp.array(dtype=int)):
     s.trial.strain[b] = s.trial.strain_found[b]
     s.trial.strain_found[b] = 0.0
     if bad:
-        s.recoveries[b] = s.trial.start_recoveries[b]
+        s.recoveries[b] = start.recoveries[b]
         s.control.redone[b] += 1
         any_rejected[0] = 1
 
 
 @compiled
-def restore_start(given: wp.array(dtype=Arrays), b: int, particles: int):
+def restore_start(given: wp.array(dtype=Arrays), starts: wp.array(dtype=Start), b: int, particles: int):
     i = wp.tid()
-    s = given[i / particles].state
+    s, start = given[i / particles].state, starts[i / particles]
     if s.trial.rejected[b] == 0:
         return
     g = given[i / particles].model.bodies[b].particles + i % particles
-    store_row(s.positions, g, load_row(s.trial.start_positions, g))
-    store_row(s.position_lo, g, load_row(s.trial.start_position_lo, g))
-    store_row(s.velocities, g, load_row(s.trial.start_velocities, g))
+    store_row(s.positions, g, load_row(start.positions, g))
+    store_row(s.position_lo, g, load_row(start.position_lo, g))
+    store_row(s.velocities, g, load_row(start.velocities, g))
     if i % particles == 0:
         s.history[b] = 0
 
@@ -122,21 +132,23 @@ class Trial:
         self._lock = threading.Lock()
         if not self._device.is_cpu:
             self.make_ready()
-        self._before = [self._launch(keep_start, sum(counts))]
+        self._starts = [_start_of(world.state) for world in worlds]  # their arrays live as long
+        starts = wp.array(self._starts, dtype=Start, device=self._device)
+        self._before = [self._launch(keep_start, sum(counts), starts, sum(counts))]
         self._measure = [
             self._launch(find_strain, end - first, b, first, end - first)
             for b, spans in enumerate(lines)
             for _, first, end in spans
         ]
         bodies = self._worlds * len(counts)
-        inputs = [self._given, self._any]
+        inputs = [self._given, starts, self._any]
         self._judge = wp.launch(judge, dim=bodies, inputs=inputs, device=self._device, record_cmd=True)
         inputs = [self._given]
         self._remember = wp.launch(remember_strain, dim=bodies, inputs=inputs, device=self._device, record_cmd=True)
-        self._restore = [self._launch(restore_start, count, b, count) for b, count in enumerate(counts)]
+        self._restore = [self._launch(restore_start, count, starts, b, count) for b, count in enumerate(counts)]
 
-    def _launch(self, kernel: wp.Kernel, size: int, *numbers: int) -> wp.Launch:
-        inputs = [self._given, *(numbers or (size,))]
+    def _launch(self, kernel: wp.Kernel, size: int, *more) -> wp.Launch:
+        inputs = [self._given, *more]
         return wp.launch(kernel, dim=self._worlds * size, inputs=inputs, device=self._device, record_cmd=True)
 
     def make_ready(self) -> None:
@@ -157,6 +169,14 @@ class Trial:
         _run(self._restore)
         self._safe.advance()
         _run([*self._measure, self._remember])
+
+
+def _start_of(state: State) -> Start:
+    """Arrays of the size of a world's state."""
+    start = Start()
+    for name in Start.vars:
+        setattr(start, name, wp.empty_like(getattr(state, name)))
+    return start
 
 
 def _run(launches: list[wp.Launch]) -> None:

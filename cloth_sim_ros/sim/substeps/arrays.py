@@ -42,7 +42,6 @@ class ControlState:
     redone: wp.array(dtype=int)  # (B,) number of frames that were computed again
     # (B,) [J]: ceiling of the energy, scale of gains, energy when last found, and that of the weight, see energy.py
     ledgers: wp.array(dtype=wp.vec4d)
-    energies: wp.array(dtype=wp.vec3d)  # (B,) kinetic, elastic, and of the weight [J], at the end of the last frame
     taken: wp.array(dtype=int)  # (B,) substeps of the last frame
     asleep: wp.array(dtype=int)  # (B,) 1 while the body is at rest
     unmeasured: wp.array(dtype=int)  # (B,) frames since the error was measured
@@ -55,5 +54,5 @@ class ControlState:
 def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
     bodies = ("substeps", "divisors", "factors", "redone", "taken", "unmeasured", "asleep", "errors", "motions")
-    audited = dict.fromkeys(("ledgers", "energies"), n.bodies if features.audited else 0)
+    audited = {"ledgers": n.bodies if features.audited else 0}
     return {**dict.fromkeys(bodies, n.bodies), **audited, "anchors": n.particles if features.measured else 0}

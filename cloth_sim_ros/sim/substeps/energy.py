@@ -231,7 +231,6 @@ def judge_frames(
     ceiling = wp.max(now, ceiling - FALLS * (ceiling - now))
     scale = wp.max(wp.max(FADES * scale, e.kinetic + e.elastic), least_scale(a, b))
     a.state.control.ledgers[b] = wp.vec4d(ceiling, scale, now, e.weight)
-    a.state.control.energies[b] = wp.vec3d(e.kinetic, e.elastic, e.weight)
     if factors[k] > 0:
         a.state.control.factors[b] = 0
         a.state.control.redone[b] += 1

@@ -7,6 +7,7 @@ import time
 import pytest
 import warp as wp
 
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.kernels.compiled import Compiler, compiled, watched_compiler
 
 
@@ -73,3 +74,8 @@ def test_what_cannot_be_compiled_is_not_counted():
     with pytest.raises(RuntimeError, match="no compiler"):
         compiler.compile(fail)
     assert not compiler.at_work and compiler.modules == 0
+
+
+def test_what_stages_are_given_compiles_fast_on_a_gpu():
+    """Beyond 8192 bytes of arguments NVRTC takes minutes for a kernel instead of seconds."""
+    assert wp.types.type_size_in_bytes(Context) <= 8192
