@@ -16,8 +16,9 @@ from cloth_sim_ros.sim.arrays.model import Features, Model
 from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
 from cloth_sim_ros.sim.arrays.state import Arrays, Material
 from cloth_sim_ros.sim.engine.batch_frame import BatchFrame
+from cloth_sim_ros.sim.engine.frame import run_frame
 from cloth_sim_ros.sim.engine.ledger import Ledger
-from cloth_sim_ros.sim.engine.measure import Measurement, run_trials, threads_of
+from cloth_sim_ros.sim.engine.measure import Measurement, threads_of
 from cloth_sim_ros.sim.engine.saved import Saved
 from cloth_sim_ros.sim.engine.scaled import Scaled
 from cloth_sim_ros.sim.engine.state_arrays import make_states, row_of, rows_by_array, state_of
@@ -234,18 +235,8 @@ class Batch:
         """Simulate one frame with the numbers last uploaded; if it is `measured`, choose the substeps of the next."""
         if self._trial is not None:
             self._trial.advance()
-            return
-        if self.ledger is not None:
-            self.ledger.open()
-        if self.ledger is not None or measured:
-            self.saved.save()
-        if measured:
-            run_trials([self.measurement], lambda divisor: self.executor.advance())
-        self.executor.advance()
-        if self.ledger is not None:
-            self.ledger.judge(self.executor.advance)
-        if measured:
-            self.measurement.control()
+        else:
+            run_frame([self], measured, lambda divisor: self.executor.advance(), self.executor.advance)
 
     def _advance_explicit(self) -> None:
         if isinstance(self.executor, Block):

@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cloth_sim_ros.sim.engine.batch import Batch
-from cloth_sim_ros.sim.engine.measure import run_trials
+from cloth_sim_ros.sim.engine.frame import run_frame
 from cloth_sim_ros.sim.executors.graph import Graph
+from cloth_sim_ros.sim.substeps.energy import MORE
 
 
 class InStep:
@@ -16,7 +17,7 @@ class InStep:
     def __init__(self, batches: Sequence[Batch], graph: Graph) -> None:
         self.batches, self._graph = batches, graph
         self._measurements = [batch.measurement for batch in batches if batch.measurement is not None]
-        self._substeps = 0
+        self._substeps, self._factor = 0, 1
 
     def forget(self) -> None:
         """The state was replaced or reset, so the number of substeps has to be read from it."""
@@ -26,19 +27,12 @@ class InStep:
         """Simulate one frame; if it is `measured`, choose the substeps of the next."""
         if not self._substeps:
             self._share(max(batch.substeps() for batch in self.batches))
-        if not measured or not self._measurements:
-            self._frame(1)
-            return
-        saves = [batch.saved for batch in self.batches if batch.measurement is not None]
-        for each in saves:
-            each.save()
-        run_trials(self._measurements, self._frame)
-        self._frame(1)
-        for each in self._measurements:
-            each.control()
-        wanted = max(each.wanted() for each in self._measurements)
-        if wanted != self._substeps:
-            self._share(wanted)
+        self._factor = 1
+        run_frame(self.batches, measured, self._frame, self._repeat)
+        if measured and self._measurements:
+            wanted = max(each.wanted() for each in self._measurements)
+            if wanted != self._substeps:
+                self._share(wanted)
 
     def _share(self, substeps: int) -> None:
         self._substeps = substeps
@@ -46,4 +40,8 @@ class InStep:
             each.change(substeps)
 
     def _frame(self, divisor: int) -> None:
-        self._graph.advance(max(1, self._substeps // divisor), self.batches[0].frame.iterations)
+        self._graph.advance(max(1, self._factor * self._substeps // divisor), self.batches[0].frame.iterations)
+
+    def _repeat(self) -> None:
+        self._factor *= MORE
+        self._frame(1)

@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.saved import Saved
 from cloth_sim_ros.sim.substeps.control import begin_trial, change_substeps, control, end_trial
 
-_TRIALS = (4, 2)  # divisors of the number of substeps, in the order that `control` compares their results
+TRIALS = (4, 2)  # divisors of the number of substeps, in the order that `control` compares their results
 _MOST_THREADS = 256
 
 
@@ -36,7 +34,7 @@ class Measurement:
             inputs = [self._given, *inputs, block]
             return wp.launch(kernel, bodies * block, inputs, device=device, block_dim=block, record_cmd=True)
 
-        self._begin = {divisor: launch(begin_trial, int(second), divisor) for divisor in _TRIALS}
+        self._begin = {divisor: launch(begin_trial, int(second), divisor) for divisor in TRIALS}
         self._end = launch(end_trial, *remembered, differences)
         self._control = launch(control, *remembered, differences, self._wanted, int(second), int(alone))
         self._change = launch(change_substeps, 0, int(second))
@@ -67,16 +65,3 @@ class Measurement:
 def threads_of(largest: int, device: wp.Device) -> int:
     """Threads that measure a body, for one of `largest` particles."""
     return 1 if device.is_cpu else min(_MOST_THREADS, -(-largest // 32) * 32)
-
-
-def run_trials(measurements: Sequence[Measurement], frame: Callable[[int], None]) -> None:
-    """Simulate the trials of a frame of bodies that advance together, from their saved states.
-
-    frame(divisor): simulates one in 1 / divisor of the substeps.
-    """
-    for divisor in _TRIALS:
-        for each in measurements:
-            each.begin(divisor)
-        frame(divisor)
-        for each in measurements:
-            each.end()

@@ -53,13 +53,13 @@ class Member:
         for kernel in self._kernels.values():  # none may be loaded while a frame is captured
             kernel.module.load(device, block)
 
-    def run(self, part: str, substep: int, iteration: int = 0, store: int = 0, last: int = 1) -> list[wp.Launch]:
+    def run(self, part: str, substep: int, iteration: int = 0, last: int = 1) -> list[wp.Launch]:
         """Return the launch of a part of the program, for all bodies in all worlds; none for a part without stages."""
         if part not in self._kernels:
             return []
-        key = (part, substep, iteration, store, last)
+        key = (part, substep, iteration, last)
         if key not in self._recorded:
-            inputs = [*self._given, substep, iteration, store, last]
+            inputs = [*self._given, substep, iteration, last]
             self._recorded[key] = wp.launch(self._kernels[part], inputs=inputs, record_cmd=True, **self._dims)
         return [self._recorded[key]]
 
@@ -105,9 +105,8 @@ class Graph:
             frame += [Call(clamp.begin), Call(early_out.begin), Call(partial(search.look, ends=False))]
         for substep in range(substeps):
             run("before", substep)
-            store = int(iterations > 1 or substep == substeps - 1)
             for iteration in range(iterations):
-                now = (substep, min(iteration, 1), store, int(iteration + 1 == iterations))
+                now = (substep, min(iteration, 1), int(iteration + 1 == iterations))
                 run("solved", *now)
                 if self._meeting is not None:
                     frame.append(solve)
@@ -158,7 +157,6 @@ def _make_kernel(part: str, run, features: Features, block: int, module: wp.Modu
         group: CooperativeGroup,
         substep: int,
         iteration: int,
-        store: int,
         last: int,
     ):
         t = number_of(wp.tid(), group)
@@ -168,11 +166,14 @@ def _make_kernel(part: str, run, features: Features, block: int, module: wp.Modu
             if wp.static(features.redoes):
                 if home.state.trial.rejected[home.body.index] == 0:
                     continue
+            if wp.static(part != "ending"):
+                if substep >= home.frame.substeps:  # another body takes more
+                    continue
             ctx = enter(home, substep)
             ctx.step.first = iteration == 0
-            ctx.step.store = store != 0
             ctx.last = last != 0
             ctx.step.repeats = ctx.frame.iterations > 1
+            ctx.step.store = ctx.step.repeats or substep == ctx.frame.substeps - 1
             run(t, group.width, ctx)
         restore_mode(mode)
 

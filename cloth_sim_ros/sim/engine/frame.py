@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One frame of batches that advance together: trials that measure its error, the frame, and the judge of its energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from cloth_sim_ros.sim.engine.ledger import Ledger
+from cloth_sim_ros.sim.engine.measure import TRIALS, Measurement
+from cloth_sim_ros.sim.engine.saved import Saved
+
+
+class Advanced(Protocol):
+    """A batch, with what its features need of these."""
+
+    saved: Saved | None
+    measurement: Measurement | None
+    ledger: Ledger | None
+
+
+def run_frame(
+    batches: Sequence[Advanced], measured: bool, frame: Callable[[int], None], repeat: Callable[[], None]
+) -> None:
+    """Simulate one frame; if it is `measured`, let it choose the substeps of the next.
+
+    frame(divisor): simulates one in 1 / divisor of the substeps. repeat(): simulates it again with more substeps.
+    """
+    measurements = [each.measurement for each in batches if measured and each.measurement is not None]
+    ledgers = [each.ledger for each in batches if each.ledger is not None]
+    for ledger in ledgers:
+        ledger.open()
+    for batch in batches:
+        if batch.ledger is not None or (measured and batch.measurement is not None):
+            batch.saved.save()
+    for divisor in TRIALS if measurements else ():
+        for each in measurements:
+            each.begin(divisor)
+        frame(divisor)
+        for each in measurements:
+            each.end()
+    frame(1)
+    for ledger in ledgers:
+        ledger.judge(repeat)
+    for each in measurements:
+        each.control()
