@@ -103,7 +103,7 @@ class Batch:
             self.saved = Saved(state, self.states)
             self.measurement = Measurement(self.worlds, self.saved, collected.particles, second, alone, block)
         if features.audited:
-            self.ledger = Ledger(self.worlds, self.saved, self.lines, second, block)
+            self.ledger = Ledger(self.worlds, self.saved, self.lines, second, block, max(self.counts))
         self._trial = None
         if features.method == "verlet":
             frame = self.frame

@@ -10,14 +10,16 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.saved import Saved
-from cloth_sim_ros.sim.substeps.energy import begin_again, judge_frames, open_frames
+from cloth_sim_ros.sim.substeps.energy import Energies, begin_again, find_energies, judge_frames, open_frames
+
+_PARTICLES = 1024  # number of particles of a block
 
 
 class Ledger:
     """Launches that judge the energy of the bodies of a batch, see substeps/energy.py.
 
     saved: copy of the state, to which a rejected frame goes back. lines: of each body, (kind, first, end) of the slots
-    of its lines. second: True for order 2. block: threads a body.
+    of its lines. second: True for order 2. block: threads a block. largest: number of particles of the largest body.
     """
 
     def __init__(
@@ -27,32 +29,49 @@ class Ledger:
         lines: Sequence[Sequence[tuple[int, int, int]]],
         second: bool,
         block: int,
+        largest: int,
     ) -> None:
         device, bodies = saved.device, len(worlds) * worlds[0].limits.shape[0]
         given = wp.array(worlds, dtype=Arrays, device=device)
         rows = [(b, *family) for b, families in enumerate(lines) for family in families]
         families = wp.array(np.array(rows, dtype=np.int32), dtype=wp.vec4i, device=device)
         factors = wp.zeros(bodies, dtype=int, device=device)
+        blocks = 1 if device.is_cpu else -(-largest // _PARTICLES)
+        parts = wp.zeros((bodies, blocks), dtype=Energies, device=device)
         self._saved, self._rejects = saved, wp.zeros(1, dtype=int, device=device)
-        wide = {"dim": bodies * block, "block_dim": block, "device": device, "record_cmd": True}
         before = [saved.part(name) for name in ("positions", "velocities", "recoveries")]
-        self._open = wp.launch(open_frames, inputs=[given, families, factors, int(second), block], **wide)
-        inputs = [given, families, *before, factors, self._rejects, int(second), block]
-        self._judge = wp.launch(judge_frames, inputs=inputs, **wide)
-        inputs = [given, factors, self._rejects]
-        self._begin_again = wp.launch(begin_again, dim=bodies, inputs=inputs, device=device, record_cmd=True)
+
+        def launch(kernel: wp.Kernel, *inputs, dim: int = bodies, **more) -> wp.Launch:
+            return wp.launch(kernel, dim, inputs=[given, *inputs], device=device, record_cmd=True, **more)
+
+        wide = {"dim": bodies * blocks * block, "block_dim": block}
+        energies = [families, *before[:2]]
+        self._open = [
+            launch(find_energies, *energies, 1, int(second), block, parts, **wide),
+            launch(open_frames, parts, factors),
+        ]
+        self._judge = [
+            launch(find_energies, *energies, 0, int(second), block, parts, **wide),
+            launch(judge_frames, families, parts, before[2], factors, self._rejects),
+        ]
+        self._begin_again = launch(begin_again, factors, self._rejects)
 
     def open(self) -> None:
         """Find the energies at the start of a frame, before the state is saved."""
-        self._open.launch()
+        _run(self._open)
 
     def judge(self, frame: Callable[[], None]) -> None:
         """Judge the frame that ended, and compute it again by `frame` as long as it is rejected."""
-        self._judge.launch()
+        _run(self._judge)
         wp.capture_while(self._rejects, self._again, frame=frame)
 
     def _again(self, frame: Callable[[], None]) -> None:
         self._saved.restore()
         self._begin_again.launch()
         frame()
-        self._judge.launch()
+        _run(self._judge)
+
+
+def _run(launches: Sequence[wp.Launch]) -> None:
+    for each in launches:
+        each.launch()

@@ -14,7 +14,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.state import Arrays, compliance_of, substeps_of
 from cloth_sim_ros.sim.features.plate.bending import around, curve_moment, rigidity_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
-from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, load_row, sync, xyz
+from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, load_row, xyz
 from cloth_sim_ros.sim.lines.membrane import coupled_length
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.physics.plate import rest_curvature
@@ -30,11 +30,12 @@ MOST_REPEATED = wp.constant(64)  # largest factor of the substeps
 
 @wp.struct
 class Energies:
-    """Energies [J]: kinetic, elastic, and that of the weight, zero at the origin."""
+    """Energies [J]: kinetic, elastic, that of the weight, zero at the origin, and the work done in the frame."""
 
     kinetic: wp.float64
     elastic: wp.float64
     weight: wp.float64
+    work: wp.float64
 
 
 @wp.func
@@ -89,12 +90,15 @@ def part_of(t: int, width: int, a: Arrays, b: int, families: wp.array(dtype=wp.v
 
 
 @wp.func
-def summed(part: Energies) -> Energies:
-    """Sum of the parts of all threads of a block."""
+def summed(k: int, parts: wp.array2d(dtype=Energies)) -> Energies:
+    """Sum of the parts of body k of all worlds that its blocks have found."""
     e = Energies()
-    e.kinetic = total(part.kinetic)
-    e.elastic = total(part.elastic)
-    e.weight = total(part.weight)
+    for q in range(parts.shape[1]):
+        part = parts[k, q]
+        e.kinetic += part.kinetic
+        e.elastic += part.elastic
+        e.weight += part.weight
+        e.work += part.work
     return e
 
 
@@ -171,61 +175,78 @@ def least_scale(a: Arrays, b: int) -> wp.float64:
     return wp.float64(fall / wp.max(share, 1.0e-30))
 
 
+@wp.func
+def is_known(a: Arrays, b: int) -> bool:
+    """True if nothing was changed since the energy of body b was found last, or if it rests."""
+    return rests(a, b) or (a.state.control.ledgers[b][1] > wp.float64(0.0) and a.frames[0].wakes == 0)
+
+
 @compiled
-def open_frames(
+def find_energies(
     given: wp.array(dtype=Arrays),
     families: wp.array(dtype=wp.vec4i),
-    factors: wp.array(dtype=int),
+    starts: wp.array2d(dtype=wp.vec4),
+    start_velocities: wp.array2d(dtype=wp.vec4),
+    opens: int,
     second: int,
     block: int,
+    parts: wp.array2d(dtype=Energies),
 ):
-    bodies = given[0].limits.shape[0]
-    k, t = wp.tid() / block, wp.tid() % block
+    """Let each block of a body find its part of the energies; `opens`: 1 where the frame begins, without work."""
+    bodies, blocks = given[0].limits.shape[0], parts.shape[1]
+    q, t = wp.tid() / block, wp.tid() % block
+    k = q / blocks
     w, b = k / bodies, k % bodies
-    if t == 0:
-        factors[k] = 0
-    known = given[w].state.control.ledgers[b][1] > wp.float64(0.0) and given[w].frames[0].wakes == 0
-    if rests(given[w], b) or known:  # nothing was changed since the last frame
+    if rests(given[w], b) or (opens > 0 and is_known(given[w], b)):
         return
-    e = summed(part_of(t, block, given[w], b, families, second))
-    now = e.kinetic + e.elastic + e.weight
-    sync()  # all threads have read what one will write
+    first, width = (q % blocks) * block + t, blocks * block
+    part = part_of(first, width, given[w], b, families, second)
+    if opens == 0:
+        part.work = wp.float64(work_on(first, width, given[w], b, starts[w], start_velocities[w]))
+    sum = Energies()
+    sum.kinetic = total(part.kinetic)
+    sum.elastic = total(part.elastic)
+    sum.weight = total(part.weight)
+    sum.work = total(part.work)
     if t == 0:
-        ledger = given[w].state.control.ledgers[b]
-        ceiling, scale = ledger[0] + (now - ledger[2]), ledger[1]
-        if scale == wp.float64(0.0):
-            ceiling = now
-            scale = wp.max(e.kinetic + e.elastic, least_scale(given[w], b))
-        given[w].state.control.ledgers[b] = wp.vec4d(ceiling, scale, now, e.weight)
+        parts[k, q % blocks] = sum
+
+
+@compiled
+def open_frames(given: wp.array(dtype=Arrays), parts: wp.array2d(dtype=Energies), factors: wp.array(dtype=int)):
+    k = wp.tid()
+    bodies = given[0].limits.shape[0]
+    a, b = given[k / bodies], k % bodies
+    factors[k] = 0
+    if is_known(a, b):
+        return
+    e, ledger = summed(k, parts), a.state.control.ledgers[b]
+    now = e.kinetic + e.elastic + e.weight
+    ceiling, scale = ledger[0] + (now - ledger[2]), ledger[1]
+    if scale == wp.float64(0.0):
+        ceiling, scale = now, wp.max(e.kinetic + e.elastic, least_scale(a, b))
+    a.state.control.ledgers[b] = wp.vec4d(ceiling, scale, now, e.weight)
 
 
 @compiled
 def judge_frames(
     given: wp.array(dtype=Arrays),
     families: wp.array(dtype=wp.vec4i),
-    starts: wp.array2d(dtype=wp.vec4),
-    start_velocities: wp.array2d(dtype=wp.vec4),
+    parts: wp.array2d(dtype=Energies),
     recoveries: wp.array2d(dtype=int),
     factors: wp.array(dtype=int),
     rejects: wp.array(dtype=int),
-    second: int,
-    block: int,
 ):
+    k = wp.tid()
     bodies = given[0].limits.shape[0]
-    k, t = wp.tid() / block, wp.tid() % block
-    w, b = k / bodies, k % bodies
-    a = given[w]
+    a, b = given[k / bodies], k % bodies
     if rests(a, b):
         return
-    e = summed(part_of(t, block, a, b, families, second))
-    work = total(wp.float64(work_on(t, block, a, b, starts[w], start_velocities[w])))
-    if t > 0:
-        return
-    ledger = a.state.control.ledgers[b]
+    e, ledger = summed(k, parts), a.state.control.ledgers[b]
     scale = wp.max(ledger[1], wp.abs(e.weight - ledger[3]))
-    now, ceiling = e.kinetic + e.elastic + e.weight, ledger[0] + work
+    now, ceiling = e.kinetic + e.elastic + e.weight, ledger[0] + e.work
     gains = is_elastic(a, b, families) and not (now <= ceiling + MOST_GAIN * scale)
-    if (gains or a.state.recoveries[b] != recoveries[w, b]) and factors[k] < MOST_REPEATED:
+    if (gains or a.state.recoveries[b] != recoveries[k / bodies, b]) and factors[k] < MOST_REPEATED:
         factors[k] = MORE * wp.max(1, factors[k])
         rejects[0] = 1
         return
