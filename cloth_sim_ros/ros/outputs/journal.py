@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topics ~/journal and ~/journal/acts: in which frame each input acted, so that a recording leads to the same bits.
+"""The topics ~/journal and ~/journal/acts: which input acted in which frame, so that a replay gives the same bits.
 
-A message is a JSON object with `sequence`, counted from 0 through both topics, `stamp`, that of the clouds sent with it,
-and one of
+A message is a JSON object with `sequence`, counted from 0 through both topics, `stamp`, that of the clouds sent with
+it, and one of
 - `start`: the parameters in effect, where colliders and handles are, and the whole state as ~/save writes it;
 - `acts`: what acted since the message before, in order, each a list of a name of ACTS and its arguments;
 - `end`: nothing is written until the next start, as nobody listened.
