@@ -219,7 +219,9 @@ class Simulation:
         the file; `builds` may change. Raises ValueError if the file is damaged, or from another structure or kind of
         device. Nothing changes then.
         """
-        self._frames, notes = self._saving.load(path)
+        self._frames, wakes, notes = self._saving.load(path)
+        self._upload()  # so that what came from the file counts as no change, which would wake bodies at rest
+        self._bodies.wake(wakes)
         return notes
 
     def _advance(self, frames: int, measured: bool = False) -> None:

@@ -34,6 +34,20 @@ def test_what_lies_still_sleeps_and_weighs_as_much(device):
     assert sim.wrench("tray")[0][2] == pytest.approx(-9.81 * TOWEL.mass, rel=1e-3)
 
 
+def test_it_sleeps_on_after_a_load_unless_a_change_waited(device, tmp_path):
+    sim, other = laid(device), laid(device)
+    sim.save(tmp_path / "asleep.npz")
+    blow(sim, 40)
+    sim.save(tmp_path / "disturbed.npz")
+    for file, wakes in (("asleep.npz", False), ("disturbed.npz", True)):
+        other.load(tmp_path / file)
+        x = other.positions("it")
+        other.step()
+        assert np.array_equal(other.positions("it"), x) != wakes
+    sim.step()
+    assert np.array_equal(other.positions("it"), sim.positions("it"))
+
+
 def tilt(sim, frame):
     angle = np.radians(40.0) * min(1.0, frame / 35)
     turned = (np.sin(0.5 * angle), 0.0, 0.0, np.cos(0.5 * angle))
