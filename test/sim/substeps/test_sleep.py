@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Box, Cloth, Handle, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim import Box, Cloth, Handle, Readback, Scene, Settings, Simulation, Sphere, Wind
 
 TOWEL = Cloth.of("cotton", resolution=(10, 10), size=(0.3, 0.3), position=(0, 0, 0.002), pins=None)
 TRAY = Box(half_extents=(0.5, 0.5, 0.05), position=(0, 0, -0.05), static_friction=0.4, kinetic_friction=0.3)
@@ -41,7 +41,9 @@ def test_it_sleeps_on_after_a_load_unless_a_change_waited(device, tmp_path):
     sim.save(tmp_path / "disturbed.npz")
     for file, wakes in (("asleep.npz", False), ("disturbed.npz", True)):
         other.load(tmp_path / file)
-        x = other.positions("it")
+        x = Readback(other, "it")  # who only reads wakes nobody
+        x.request()
+        x = x.particles().copy()
         other.step()
         assert np.array_equal(other.positions("it"), x) != wakes
     sim.step()
