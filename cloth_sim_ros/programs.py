@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import signal
 import sys
 
 NO_ROS = "ROS 2 was not found: source /opt/ros/jazzy/setup.bash, or pip install 'cloth_sim_ros[ros]'"
@@ -14,7 +15,10 @@ def _run(module: str) -> int:
     if importlib.util.find_spec("rclpy") is None:
         print(f"{sys.argv[0].rpartition('/')[2]}: {NO_ROS}", file=sys.stderr)
         return 1
-    return importlib.import_module(f"cloth_sim_ros.{module}").main()
+    try:
+        return importlib.import_module(f"cloth_sim_ros.{module}").main()
+    except KeyboardInterrupt:  # before main() handles signals: importing takes a second
+        return 128 + signal.SIGINT
 
 
 def node() -> int:

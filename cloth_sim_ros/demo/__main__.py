@@ -18,6 +18,7 @@ from pathlib import Path
 
 import yaml
 
+from cloth_sim_ros.options import duration
 from cloth_sim_ros.shared_files import shared
 from cloth_sim_ros.signals import Stop
 
@@ -36,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", nargs="?", default="curtain", choices=scenes(), help="a scene of config/")
     parser.add_argument("--headless", action="store_true", help="without the viewer")
-    parser.add_argument("--seconds", type=float, default=math.inf, help="how long to run once messages arrive")
+    parser.add_argument("--seconds", type=duration, default=math.inf, help="how long to run once messages arrive")
     options = parser.parse_args(arguments)
     stop = Stop()
     viewer = None if options.headless else start_viewer()

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from cloth_sim_ros.demo.__main__ import start_node
+from cloth_sim_ros.options import duration
 from cloth_sim_ros.shared_files import shared
 
 DEPTH = 1000  # messages that may wait while this process looks for new topics
@@ -41,7 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Measures for --seconds and prints a line a topic; the exit status is 1 if nothing came."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", type=Path, default=shared("config/curtain.yaml"), help="parameter file of the node")
-    parser.add_argument("--seconds", type=float, default=60.0, help="how long to count")
+    parser.add_argument("--seconds", type=duration, default=60.0, help="how long to count")
     parser.add_argument("--set", action="append", default=[], metavar="NAME:=VALUE", help="a parameter to override")
     options = parser.parse_args(arguments)
     node = start_node(options.config, *(word for pair in options.set for word in ("-p", pair)))

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from cloth_sim_ros.demo.__main__ import end, start, start_node
+from cloth_sim_ros.options import duration
 from cloth_sim_ros.shared_files import shared
 
 WARM = 5.0  # [s] both run before they count
@@ -27,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Measures --rounds windows of --seconds and prints the ratio with its spread."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", type=Path, default=shared("config/curtain.yaml"), help="parameter file of the node")
-    parser.add_argument("--seconds", type=float, default=4.0, help="length of a window")
+    parser.add_argument("--seconds", type=duration, default=4.0, help="length of a window")
     parser.add_argument("--rounds", type=int, default=15, help="number of windows")
     parser.add_argument("--alone", action="store_true", help="runs Simulation.step alone, until it is ended")
     options = parser.parse_args(arguments)

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from cloth_sim_ros import parameters as table
 from cloth_sim_ros.record.topics import CLOUD, Topics
 from cloth_sim_ros.ros.journal import VERSION
 from cloth_sim_ros.ros.parameters import names
@@ -21,11 +23,12 @@ class Bag:
     """A recording of one node. Raises ValueError, in one sentence, for what is none or is damaged.
 
     node: its full name; journal: its messages, as cloth_sim_ros/ros/journal.py says, from the first start on that
-    clouds belong to; objects: those with clouds.
+    clouds belong to; objects: those with clouds; cut_short: whether its recorder was killed.
     """
 
     def __init__(self, path: Path):
         self._path, self._topics = path, Topics(path)
+        self.cut_short = self._topics.cut_short
         journals = {topic for topic in self._topics.types if topic.endswith("/journal")}
         clouds = {topic for topic, kind in self._topics.types.items() if kind == CLOUD}
         if len(journals) != 1:
@@ -41,7 +44,11 @@ class Bag:
         if not self._clouds:
             raise ValueError(f"{path} has no topic {self.node}/OBJECT/particles to compare with; {MAKE_ONE}")
         self.objects = tuple(self._clouds)
-        self.journal = self._with_clouds([self._entry(message.data) for message in self._topics.messages(topic)])
+        starts, acts = (
+            deque(self._entry(message.data) for message in self._topics.messages(each))
+            for each in (topic, f"{topic}/acts")
+        )
+        self.journal = self._with_clouds(_in_order(starts, acts))
 
     def clouds(self, name: str) -> Iterator[tuple[Stamp, Any]]:
         """Stamp and cloud of an object, in the order of the bag."""
@@ -75,14 +82,40 @@ class Bag:
                 f"{self._path} was recorded by another version of cloth_sim_ros, as it lacks the parameter {lacks[0]}; "
                 "allowed are bags of this version"
             )
+        for name, row in rows.items():
+            table.check(row, parameters[name], f"{self._path}: {name}")
 
     def _entry(self, text: str) -> dict:
         try:
             entry = json.loads(text)
-            entry["stamp"] = tuple(entry["stamp"])
-            version = entry["version"]
-        except (ValueError, KeyError, TypeError):
-            raise ValueError(f"{self._path} has a {self.node}/journal that no cloth_sim node wrote") from None
+            version, entry["stamp"] = entry["version"], tuple(map(int, entry["stamp"]))
+            sound = version != VERSION or _is_sound(entry)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
+            sound = False
+        if not sound:
+            raise ValueError(f"{self._path} has a {self.node}/journal that no cloth_sim node wrote")
         if version != VERSION:
             raise ValueError(f"{self._path} has a journal of version {version}; allowed is {VERSION}")
         return entry
+
+
+def _is_sound(entry: dict) -> bool:
+    """Whether a message of a journal has what it has to have."""
+    start, acts = entry.get("start"), entry.get("acts")
+    return (
+        isinstance(entry["sequence"], int)
+        and len(entry["stamp"]) == 2
+        and sum(what in entry for what in ("start", "acts", "end")) == 1
+        and (start is None or [type(start[key]) for key in ("parameters", "poses", "state")] == [dict, dict, str])
+        and (acts is None or all(isinstance(act, list) and act and isinstance(act[0], str) for act in acts))
+    )
+
+
+def _in_order(starts: deque[dict], acts: deque[dict]) -> list[dict]:
+    """Messages of two topics by their sequence, which begins anew where the node did."""
+    found: list[dict] = []
+    while acts and starts:
+        wanted = found[-1]["sequence"] + 1 if found else 0
+        heads = acts[0]["sequence"], starts[0]["sequence"]
+        found.append((starts if heads[1] == wanted or heads[0] != wanted and heads[1] < heads[0] else acts).popleft())
+    return [*found, *acts, *starts]

@@ -18,11 +18,14 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from cloth_sim_ros.options import duration
+from cloth_sim_ros.record.integrity import DIGEST, Digest
 from cloth_sim_ros.ros.__main__ import set_up_large_messages
-from cloth_sim_ros.ros.outputs.journal import JOURNAL
+from cloth_sim_ros.ros.outputs.journal import ACTS
 from cloth_sim_ros.signals import Stop
 
 LOOK = 0.2  # [s] between looks for topics that are new
+FLUSH = 1.0  # [s] of a recording that is lost at most where the recorder is killed
 CLOUD, JOURNAL_TYPE = "sensor_msgs/msg/PointCloud2", "std_msgs/msg/String"
 INPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # takes what any sender sends
 OUTPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
@@ -44,14 +47,24 @@ class Recorder(Node):
         self._writer = Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP)
         self._writer.open()
         self._topics: set[str] = set()
+        self._digest = Digest()
         self.create_timer(LOOK, self._look)
+        self.create_timer(FLUSH, self._flush)
 
     def close(self) -> None:
         """Finishes the bag."""
+        self._writer.set_custom_data(DIGEST, str(self._digest))
         self._writer.close()
 
+    def _flush(self) -> None:
+        """Has on disk what has come so far, for one who kills the recorder. Raises OSError where the disk is full."""
+        storage = self._writer.storage
+        if storage.chunk.msgs:
+            storage.close_chunk()
+            storage.bio.flush()
+
     def _look(self) -> None:
-        """Subscribes to what is new. The journal comes last, so that its start is followed by everything."""
+        """Subscribes to what is new. ~/journal comes last, so that its start is followed by everything."""
         node = (self._name, self._namespace or "/")
         if node not in self.get_node_names_and_namespaces():
             return
@@ -62,8 +75,9 @@ class Recorder(Node):
         for topic, types in given.items():
             if types[0] == CLOUD:
                 self._subscribe(topic, types[0], OUTPUTS)
-        if f"{self.recorded}/journal" in given:
-            self._subscribe(f"{self.recorded}/journal", JOURNAL_TYPE, JOURNAL)
+        for topic in (f"{self.recorded}/journal/acts", f"{self.recorded}/journal"):
+            if topic in given:
+                self._subscribe(topic, JOURNAL_TYPE, ACTS)
 
     def _subscribe(self, topic: str, kind: str, qos: QoSProfile) -> None:
         if topic in self._topics:
@@ -78,9 +92,10 @@ class Recorder(Node):
         self.create_subscription(message, topic, partial(self._write, connection), qos, raw=True)
 
     def _write(self, connection, message: bytes) -> None:
-        if connection.topic.endswith("/journal") and b'"start": ' in message:
-            self.has_start = True
-        self._writer.write(connection, time.time_ns(), message)
+        self.has_start = self.has_start or connection.topic == f"{self.recorded}/journal"
+        now = time.time_ns()
+        self._writer.write(connection, now, message)
+        self._digest.add(connection.topic, now, message)
         self.messages += 1
 
 
@@ -89,7 +104,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("bag", type=Path, help="folder to be made for the bag")
     parser.add_argument("--node", default="cloth_sim", help="name of the node to record")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="how long to record once it has begun")
+    parser.add_argument("--seconds", type=duration, default=float("inf"), help="how long to record once it has begun")
     given = sys.argv if arguments is None else ["cloth_sim_record", *arguments]
     options = parser.parse_args(remove_ros_args(given)[1:])
     if importlib.util.find_spec("rosbags") is None:

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import warp
 
-from cloth_sim_ros import sim as shapes
 from cloth_sim_ros.record.bag import Bag, Stamp
 from cloth_sim_ros.ros.inputs.frames import Frames
 from cloth_sim_ros.ros.inputs.pose_track import Pose
@@ -25,6 +24,7 @@ from cloth_sim_ros.ros.journal import ACTS
 from cloth_sim_ros.ros.parameters.plugins import add_plugins_option, require_plugins
 from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.sim import Readback
+from cloth_sim_ros.sim.colliders import SHAPES
 
 SAME, NONE = "the same bits", "no cloud is in the bag"
 
@@ -58,6 +58,13 @@ class Replay:
         """Does what a message of the journal says; a sentence where the bag lacks messages before it, or ""."""
         lacks = self._next is not None and entry["sequence"] != self._next
         self._next = entry["sequence"] + 1
+        try:
+            self._do(entry, lacks)
+        except (TypeError, LookupError, AttributeError) as error:  # an act of its own with arguments of no node
+            raise ValueError(f"the journal of the bag is none of a cloth_sim node: {error!r}") from error
+        return "messages of the journal are lost; nothing is compared until its next start" if lacks else ""
+
+    def _do(self, entry: dict, lacks: bool) -> None:
         if "start" in entry:
             self._start(**entry["start"])
         elif "end" in entry or lacks:
@@ -65,7 +72,6 @@ class Replay:
         elif self.world is not None:
             for act, *arguments in entry["acts"]:
                 self._act(act, arguments)
-        return "messages of the journal are lost; nothing is compared until its next start" if lacks else ""
 
     def _start(self, parameters: dict[str, Any], poses: dict[str, list], state: str) -> None:
         values = {name: tuple(value) if isinstance(value, list) else value for name, value in parameters.items()}
@@ -80,7 +86,7 @@ class Replay:
             raise ValueError(f"the scene of the bag cannot be built here: {log.last}")
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "start"
-            file.write_bytes(base64.b64decode(state))
+            file.write_bytes(base64.b64decode(state))  # what is no base64 gives no state
             done, sentence, _ = world.load(file)
         if not done:
             raise ValueError(f"the start of the bag does not fit: {sentence}")
@@ -108,7 +114,8 @@ class Replay:
         elif act == "put":
             name, fields = values
             fields = {key: tuple(each) if isinstance(each, list) else each for key, each in fields.items()}
-            world.put(name, getattr(shapes, fields.pop("shape"))(**fields))
+            kinds = {kind.__name__: kind for kind in SHAPES.values()}
+            world.put(name, kinds[fields.pop("shape")](**fields))
         else:
             getattr(world, act)(*values)
             self.frames += act == "advance"
@@ -203,7 +210,10 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     try:
         require_plugins(options.plugins)
-        return _print(compared(Bag(options.bag), options.device))
+        bag = Bag(options.bag)
+        if bag.cut_short:
+            print(f"{options.bag} was not finished by its recorder; this is what it had written")
+        return _print(compared(bag, options.device))
     except ValueError as error:
         print(f"cloth_sim_replay: {error}", file=sys.stderr)
         return 1

@@ -6,23 +6,36 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
+from cloth_sim_ros.record.integrity import DIGEST, Digest, is_cut_short, mend
+
 CLOUD = "sensor_msgs/msg/PointCloud2"
+
+
+class _Damaged(ValueError):
+    """What we found ourselves, in our words."""
 
 
 class Topics:
     """A bag as topics. Raises ValueError, in one sentence, for what is none or is damaged.
 
-    types: topic -> the type of its messages.
+    types: topic -> the type of its messages. cut_short: whether its recorder was killed, so that only what it had
+    written by then is there.
     """
 
     def __init__(self, path: Path):
         from rosbags.typesys import Stores, get_typestore
 
         self.path, self._known = path, get_typestore(Stores.ROS2_JAZZY)
+        self._file, self.cut_short = path, is_cut_short(path)
+        if self.cut_short:
+            self._folder = TemporaryDirectory()  # it goes with this object
+            self._file = mend(path, Path(self._folder.name))
         with self._read() as reader:
             self.types = {each.topic: each.msgtype for each in reader.connections}
+            self._check(reader)
 
     def messages(self, topic: str) -> Iterator[Any]:
         """The messages of a topic, in the order of the bag; none where it has no such topic."""
@@ -31,6 +44,17 @@ class Topics:
             for connection, _, data in reader.messages(chosen) if chosen else ():
                 yield self._known.deserialize_cdr(data, connection.msgtype)
 
+    def _check(self, reader: Any) -> None:
+        """Raises ValueError where these are not the messages that were recorded."""
+        custom = reader.storage.metadata.custom or {}
+        if DIGEST not in custom:
+            return  # of another recorder
+        digest = Digest()
+        for connection, stamp, data in reader.messages(reader.connections):
+            digest.add(connection.topic, stamp, data)
+        if str(digest) != custom[DIGEST]:
+            raise _Damaged(f"{self.path} is damaged: its messages are not those that were recorded")
+
     @contextmanager
     def _read(self) -> Iterator[Any]:
         from rosbags.rosbag2 import Reader
@@ -38,9 +62,9 @@ class Topics:
         if not self.path.exists():
             raise ValueError(f"{self.path} is not there; allowed is the folder of a bag")
         try:
-            with Reader(self.path) as reader:
+            with Reader(self._file) as reader:
                 yield reader
-        except (ValueError, GeneratorExit):
+        except (_Damaged, GeneratorExit):
             raise
         except Exception as error:  # whatever rosbags raises for some damage, the user gets one sentence
             words = " ".join(str(error).split()) or type(error).__name__

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-VERSION = 1
+VERSION = 2
 ACTS = ("advance", "attach", "cut", "move", "put", "reset", "set_live", "set_pay_out", "set_wind", "take_away")
 
 

@@ -219,7 +219,9 @@ class Simulation:
         the file; `builds` may change. Raises ValueError if the file is damaged, or from another structure or kind of
         device. Nothing changes then.
         """
-        self._frames, notes = self._saving.load(path)
+        self._frames, wakes, notes = self._saving.load(path)
+        self._upload()  # so that what came from the file counts as no change, which would wake bodies at rest
+        self._bodies.wake(wakes)
         return notes
 
     def _advance(self, frames: int, measured: bool = False) -> None:
@@ -381,12 +383,13 @@ class Simulation:
         """Velocities (N, 3) float32 [m/s] in one world, or (k, N, 3) in several (None: all), in one copy."""
         return self._queries.velocities(name, world)
 
-    def device_arrays(self, name: str, world: int = 0) -> tuple[Arrays, slice, wp.Device]:
+    def device_arrays(self, name: str, world: int = 0, writes: bool = True) -> tuple[Arrays, slice, wp.Device]:
         """Return the arrays of an object's batch in one world, the slice of its particles in them, and the device.
 
         They are valid until `builds` changes. Method auto may rebuild them when live parameters or positions are set.
+        A caller that `writes` to them wakes bodies at rest.
         """
-        return self._queries.device_arrays(name, world)
+        return self._queries.device_arrays(name, world, writes)
 
     def tensor(self, name: str, what: str) -> wp.array:
         """Return a view of one quantity of an object, collider or handle in all worlds, on the device.

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topic ~/journal: in which frame each input acted, so that a recording leads to the same bits again.
+"""The topics ~/journal and ~/journal/acts: which input acted in which frame, so that a replay gives the same bits.
 
-A message is a JSON object with `sequence`, counted from 0, `stamp`, that of the clouds sent with it, and one of
+A message is a JSON object with `sequence`, counted from 0 through both topics, `stamp`, that of the clouds sent with
+it, and one of
 - `start`: the parameters in effect, where colliders and handles are, and the whole state as ~/save writes it;
 - `acts`: what acted since the message before, in order, each a list of a name of ACTS and its arguments;
 - `end`: nothing is written until the next start, as nobody listened.
+Starts are on ~/journal, all else on ~/journal/acts. Each new listener has a start sent, which is large. The middleware
+keeps buffers for all messages of a topic, and each grows to the largest that it once held.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
@@ -27,15 +31,17 @@ from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.sim.colliders.collider import Collider
 
 # Late listeners get what was sent before they came, as far as it goes back: discovery takes longer than a frame.
-JOURNAL = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+ACTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STARTS = QoSProfile(depth=4, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class JournalOutput(Output):
     """Sends the journal of a world, and writes none while nobody listens."""
 
     def __init__(self, node: Node, values: Mapping[str, Any]):
-        self._publisher = node.create_publisher(String, "~/journal", JOURNAL)
-        self.publishers = [self._publisher]
+        self._publisher = node.create_publisher(String, "~/journal/acts", ACTS)
+        self._starts = node.create_publisher(String, "~/journal", STARTS)
+        self.publishers = [self._publisher, self._starts]
         self._sequence = self._listeners = 0
 
     @property
@@ -46,22 +52,22 @@ class JournalOutput(Output):
     def read(self, world: World, stamp: Stamp) -> None:
         """Sends what acted before the frame that is sent with `stamp`."""
         journal, before = world.journal, self._listeners
-        self._listeners = self._publisher.get_subscription_count() if world.sim is not None else 0
+        self._listeners = self._starts.get_subscription_count() if world.sim is not None else 0
         acts = journal.take()
         if not self._listeners:
             if journal.runs:
-                self._send(stamp, end=True)
+                self._send(self._publisher, stamp, end=True)
             journal.runs = False
         elif self._listeners > before or journal.is_cut:
             journal.runs, journal.is_cut = True, False
-            self._send(stamp, start=start_of(world))
+            self._send(self._starts, stamp, start=start_of(world))
         elif acts:
-            self._send(stamp, acts=acts)
+            self._send(self._publisher, stamp, acts=acts)
 
-    def _send(self, stamp: tuple[int, int], **content: Any) -> None:
+    def _send(self, publisher: Publisher, stamp: Stamp, **content: Any) -> None:
         message = {"version": VERSION, "sequence": self._sequence, "stamp": stamp, **content}
         self._sequence += 1
-        self._publisher.publish(String(data=json.dumps(message, default=_plain)))
+        publisher.publish(String(data=json.dumps(message, default=_plain)))
 
 
 def start_of(world: World) -> dict[str, Any]:

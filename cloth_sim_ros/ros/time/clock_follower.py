@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -20,7 +21,8 @@ class ClockFollower:
 
     MOST_BEHIND = 10.0  # [s] of /clock that are caught up with; more of it is skipped
     SLOW = 0.5  # [s] behind /clock worth a warning
-    PATIENCE = 5.0  # [s] between warnings while no clock comes
+    PATIENCE = 5.0  # [s] without a clock worth a warning, told once until one comes
+    OFTEN = 5.0  # [s] at least between two warnings of a clock that jumps the same way
     SLACK = 1000  # [ns] by which a tick may come early: clocks round
 
     def __init__(self, clock: ROSClock, went_back: Callable[[], None], log: Any):
@@ -35,7 +37,8 @@ class ClockFollower:
         self._start: int | None = None  # [ns] on /clock, where frames are counted from
         self._frames, self._frame_dt = 0, 0.0
         self._newest = 0
-        self._asked: float | None = None  # when a clock was first waited for, or last warned of
+        self._asked: float | None = None  # when a clock was first waited for; inf once that was told
+        self._warned: dict[str, float] = {}  # way of a jump -> when one was told last
 
     @property
     def time(self) -> int:
@@ -47,16 +50,17 @@ class ClockFollower:
         """Why the simulation is not where /clock is, in words; "" where it is."""
         behind = 1e-9 * (self._newest - self.time)
         if self._start is None:
-            return "use_sim_time is set and no /clock comes"
+            return "use_sim_time is set and no /clock above 0 comes"
         return f"{behind:.1f} s behind /clock" if behind > max(self.SLOW, self._frame_dt) else ""
 
     def due(self, frame_dt: float) -> bool:
         """Whether the clock has reached the end of the next frame of `frame_dt` [s], which then counts as taken."""
         self._ticked.clear()
         now = self._clock.now().nanoseconds
-        if now == 0:
+        if now <= 0:  # none has come, or one that no message can carry as a stamp
             self._warn_of_silence()
             return False
+        self._asked = None
         self._count_from(now, frame_dt)
         self._newest = now
         if now + self.SLACK < self.time + 1e9 * frame_dt:
@@ -77,12 +81,12 @@ class ClockFollower:
         """Has frames counted anew, where the count of before does not lead to `now` [ns]."""
         if self._start is not None and now < self._newest:
             back = 1e-9 * (self._newest - now)
-            self._log.warning(f"/clock went back by {back:.6g} s: time starts anew there, objects go on as they are")
+            self._warn("back", f"/clock went back by {back:.6g} s: time starts anew there, objects go on as they are")
             self._went_back()
             self._start = None
         elif self._start is not None and now - self.time > 1e9 * self.MOST_BEHIND:
             ahead = 1e-9 * (now - self.time)
-            self._log.warning(f"/clock is {ahead:.6g} s ahead of the simulation, which skips that time")
+            self._warn("ahead", f"/clock is {ahead:.6g} s ahead of the simulation, which skips that time")
             self._start = None
         if self._start is None:
             self._start, self._frames = now, 0
@@ -91,7 +95,14 @@ class ClockFollower:
         self._frame_dt = frame_dt
 
     def _warn_of_silence(self) -> None:
-        if self._asked is None or time.monotonic() - self._asked > self.PATIENCE:
-            if self._asked is not None:
-                self._log.warning("use_sim_time is set and no /clock comes; the simulation waits for it")
+        if self._asked is None:
             self._asked = time.monotonic()
+        elif time.monotonic() - self._asked > self.PATIENCE:
+            self._asked = math.inf
+            self._log.warning("use_sim_time is set and no /clock above 0 comes; the simulation waits for it")
+
+    def _warn(self, way: str, sentence: str) -> None:
+        """Writes into the log, but for a clock that jumps all the time."""
+        if time.monotonic() - self._warned.get(way, -math.inf) > self.OFTEN:
+            self._warned[way] = time.monotonic()
+            self._log.warning(sentence)

@@ -99,9 +99,10 @@ class Queries:
         """See Simulation.wrenches."""
         return self.loads.read(world)
 
-    def device_arrays(self, name: str, world: int = 0) -> tuple[Arrays, slice, wp.Device]:
+    def device_arrays(self, name: str, world: int = 0, writes: bool = True) -> tuple[Arrays, slice, wp.Device]:
         """See Simulation.device_arrays."""
         self._bodies.topology(name)
-        self._bodies.wake()  # the caller may write to them
+        if writes:
+            self._bodies.wake()
         batch = self._bodies.batch[name]
         return batch.worlds[self._bodies.one(world)], batch.span(name), self._bodies.warp_device

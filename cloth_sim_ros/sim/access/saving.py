@@ -60,10 +60,11 @@ class Saving:
             "structure": structure_of(bodies),
             "batches": _names(bodies),
             "settings": {name: getattr(bodies.settings, name) for name in _LIVE_SETTINGS},
-            "choices": {name: dataclasses.asdict(choice) for name, choice in bodies.choices.items()},
+            "choices": {name: dataclasses.asdict(choice) for name, choice in bodies.as_chosen.items()},
             "scales": {name: rows.tolist() for name, rows in bodies.scales.items()},
             "pins": {name: thing.pins for name, thing in bodies.scene.objects.items()},
             "grasps": self._hands.objects,
+            "wakes": bodies.wakes(),
             "added": {name: (row, *_described(bodies.scene.colliders[name])) for name, row in added.items()},
         }
         path, arrays = path_of(path), _on_host(self._arrays(bodies))
@@ -74,8 +75,8 @@ class Saving:
                 arrays[name] = finite(rows)
         write_file(path, header, arrays)
 
-    def load(self, path: str | os.PathLike) -> tuple[int, Any]:
-        """Restore the state from a file; return the number of frames and the notes.
+    def load(self, path: str | os.PathLike) -> tuple[int, bool, Any]:
+        """Restore the state from a file; return the number of frames, whether the next wakes bodies, and the notes.
 
         Raises ValueError; nothing changes then.
         """
@@ -89,6 +90,7 @@ class Saving:
                 if header["batches"] != _names(derived):
                     raise ValueError("its objects are not computed as its header says")
                 frames, notes, grasps = _whole(header["frames"]), header["notes"], self._grasps(header["grasps"])
+                wakes = bool(header["wakes"])
             except _AnotherScene:
                 raise
             except Exception as error:  # odd entries can raise anything
@@ -107,7 +109,7 @@ class Saving:
         self._bodies.write_data()  # addresses of another process mean nothing here
         self._hands.objects = grasps
         self._hands.find_breakable()
-        return frames, notes
+        return frames, wakes, notes
 
     def _check_structure(self, path: Path, theirs: dict[str, str]) -> None:
         """Raise ValueError if a file is from a scene of another structure, or from another kind of device."""

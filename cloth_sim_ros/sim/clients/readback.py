@@ -66,7 +66,7 @@ class Readback:
         world: int = 0,
         tensions: bool = False,
     ) -> None:
-        _, span, device = sim.device_arrays(name, world)
+        _, span, device = sim.device_arrays(name, world, writes=False)
         count = span.stop - span.start
         self._sim, self._object, self._columns, self._tensions = sim, (name, world), (normals, velocities), tensions
         self._particles = _Buffer((count, 3 + 3 * normals + 3 * velocities + tensions), wp.float32, device)
@@ -80,7 +80,7 @@ class Readback:
 
     def _record(self) -> None:
         """The launches, for the arrays that hold the object now."""
-        arrays, span, device = self._sim.device_arrays(*self._object)
+        arrays, span, device = self._sim.device_arrays(*self._object, writes=False)
         count = span.stop - span.start
         inputs = [arrays, span.start, *self._columns, self._particles.device_array]
         self._commands = [wp.launch(write_particles, dim=count, inputs=inputs, device=device, record_cmd=True)]
@@ -133,7 +133,7 @@ class Surface:
         self._sim, self._object = sim, (name, world)
         self._all, self.tears = sim.triangles(name), sim.tears(name)
         self._left, self._done = None, None
-        device = sim.device_arrays(name, world)[2]
+        device = sim.device_arrays(name, world, writes=False)[2]
         if self.tears:
             count = sim.panels_left(name, world).shape[0]
             self._left = wp.empty(count, dtype=wp.vec3i, device="cpu", pinned=device.is_cuda)
@@ -160,7 +160,7 @@ class EndReadback:
     """A rope's loads on the supports of its ends, in one world: `request()` as for a Readback, then `wrenches()`."""
 
     def __init__(self, sim: Simulation, name: str, world: int = 0) -> None:
-        device = sim.device_arrays(name, world)[2]
+        device = sim.device_arrays(name, world, writes=False)[2]
         self._sim, self._object = sim, (name, world)
         self._buffer = _Buffer((2, 6), wp.float32, device)
         self._record()

@@ -55,8 +55,9 @@ class Bodies:
     """The objects of `scene`, in batches that share a kernel; rebuilt when method auto changes its choice.
 
     builds: number of builds; results of `device_arrays` are valid until it changes. moves: name -> motion from the
-    object's place in the scene to its start. scales: name -> Topology.world_scales. Raises ValueError for a number of
-    worlds or a device that is not allowed, and for a mesh that is not manifold.
+    object's place in the scene to its start. scales: name -> Topology.world_scales. as_chosen: name -> how the object
+    is computed, without what was measured since. Raises ValueError for a number of worlds or a device that is not
+    allowed, and for a mesh that is not manifold.
     """
 
     def __init__(self, scene: Scene, settings: Settings, device: str, worlds: int, executor: str | None) -> None:
@@ -85,7 +86,7 @@ class Bodies:
         self.scales: dict[str, np.ndarray] = {}
         self.elastic = {name: self._topology(name, thing, False) for name, thing in scene.objects.items()}
         self._sharpest: dict[str, Collider] = {}
-        self._disturbed = False
+        self._disturbed = False  # whether the next frame wakes bodies at rest, apart from changed numbers
         self._between: dict[str, set[str]] = {}  # object -> colliders that come between its particles
 
     def find_sharpest(self, names: Iterable[str]) -> None:
@@ -193,7 +194,7 @@ class Bodies:
 
     def build(self, choices: dict[str, Choice]) -> None:
         """Build all device arrays for these choices."""
-        self._choices = choices
+        self.as_chosen = choices
         self.topologies = {
             name: self._topology(name, thing, True)
             if choices[name].method == "xpbd" and isinstance(thing, Rope)
@@ -227,9 +228,7 @@ class Bodies:
     def advance(self) -> None:
         """Begin a frame: move colliders and handles to their wanted poses, and mark worlds in which any moves."""
         still = self.colliders.are_still and self.handles.are_still
-        live = [self.frame, self.colliders, self.handles, self.numbers]
-        live += [rows for batch in self.batches for rows in batch.all_live()]
-        changed = self._disturbed or any(rows.is_changed for rows in live)
+        changed = self.wakes()
         self._disturbed = False
         self.colliders.advance(self.settings.frame_dt)
         self.handles.advance(self.settings.frame_dt)
@@ -240,9 +239,15 @@ class Bodies:
         if changed != bool(self.frame.read(0, 0)["wakes"]):
             self.frame.write(0, None, wakes=changed)
 
-    def wake(self) -> None:
+    def wakes(self) -> bool:
+        """True if the next frame computes bodies at rest, because live numbers or what holds them were changed."""
+        live = [self.frame, self.colliders, self.handles, self.numbers]
+        live += [rows for batch in self.batches for rows in batch.all_live()]
+        return self._disturbed or any(rows.is_changed for rows in live)
+
+    def wake(self, on: bool = True) -> None:
         """Let the next frame compute bodies at rest, because their state or what holds them was changed."""
-        self._disturbed = True
+        self._disturbed = on
 
     def alike(self, most: int) -> int:
         """Number of the next `most` frames that can run as one, because the host has no work between them."""
@@ -255,9 +260,9 @@ class Bodies:
         coupled = [name for name in self.batch if self._is_coupled(name)]
         for batch in self.batches:
             together = coupled if batch.features.coupled else batch.index
-            batch.frame.iterations = max(self._choices[name].iterations for name in together)
+            batch.frame.iterations = max(self.as_chosen[name].iterations for name in together)
             for name in batch.index:
-                topology, choice = self.elastic[name], self._choices[name]
+                topology, choice = self.elastic[name], self.as_chosen[name]
                 sizes = float(np.ptp(topology.rest, axis=0).max()) * topology.scales_in()
                 batch.frame.bound(batch.index[name], choice, self.settings, sizes, batch.features.coupled)
             batch.frame.write(self.settings.frame_dt)
@@ -267,9 +272,9 @@ class Bodies:
     def choose_again(self) -> None:
         """Choose again for all objects; rebuild the device arrays around the state if any needs other kernels."""
         chosen = {name: self._choose_now(name) for name in self.batch}
-        changed = [name for name, choice in chosen.items() if choice.kernels != self._choices[name].kernels]
+        changed = [name for name, choice in chosen.items() if choice.kernels != self.as_chosen[name].kernels]
         if not changed:
-            self._choices = chosen
+            self.as_chosen = chosen
             self._write_limits()
             return
         self._build_around(chosen)
@@ -325,9 +330,9 @@ class Bodies:
         scaled, things = bool(other.scales or self.scales), other.scene.objects
         changed = {name: thing for name, thing in things.items() if scaled or thing is not self.scene.objects[name]}
         other.elastic = {**self.elastic, **{name: other._topology(name, changed[name], False) for name in changed}}
-        if changed or any(choices[name].kernels != self._choices[name].kernels for name in choices):
+        if changed or any(choices[name].kernels != self.as_chosen[name].kernels for name in choices):
             other.build(choices)
-        other._choices = choices
+        other.as_chosen = choices
         return other
 
     def adopt(self, other: Bodies) -> None:
@@ -342,7 +347,7 @@ class Bodies:
         crowded = self.warp_device.is_cuda and self.worlds * len(self.topologies) > self.warp_device.sm_count
         alike: dict[tuple[Features, str], dict[str, Topology]] = {}
         for name, topo in self.topologies.items():
-            choice = self._choices[name]
+            choice = self.as_chosen[name]
             features = Features.of(topo, wind, self.shapes, choice.order, choice.method, self.worlds > 1)
             features = replace(
                 features,
@@ -381,7 +386,7 @@ class Bodies:
     def method(self) -> str:
         """Methods, orders and executors as text for diagnostics."""
         kinds = {
-            f"{self._choices[name].words}, {type(batch.executor).__module__.rpartition('.')[2].replace('_', ' ')}"
+            f"{self.as_chosen[name].words}, {type(batch.executor).__module__.rpartition('.')[2].replace('_', ' ')}"
             for batch in self.batches
             for name in batch.index
         }
@@ -394,7 +399,7 @@ class Bodies:
 
         Substeps and error are the most in any world. The error is the wanted one until one is measured.
         """
-        found = dict(self._choices)
+        found = dict(self.as_chosen)
         for name, choice in found.items():
             batch = self.batch[name]
             if batch.measurement is not None:

@@ -48,11 +48,11 @@ def run(client, node, begin, end, step):
 
 @pytest.mark.long
 def test_one_frame_for_each_frame_dt_of_the_clock(falling, client):
-    client.until(lambda: falling.log.count("no /clock comes") == 1)
+    client.until(lambda: falling.log.count("no /clock above 0 comes") == 1)
     told = client.listen(DiagnosticArray, "/diagnostics", 1)
     client.until(lambda: told)
     assert told[0].header.stamp.sec > 1 and told[0].status[0].level == DiagnosticStatus.WARN
-    assert told[0].status[0].message == "use_sim_time is set and no /clock comes"
+    assert told[0].status[0].message == "use_sim_time is set and no /clock above 0 comes"
     assert not falling.clouds, "nothing was sent, so nothing was stamped 0"
     for _ in range(5):  # the first tick is where time begins
         falling.tick(100.0)
@@ -70,7 +70,7 @@ def test_one_frame_for_each_frame_dt_of_the_clock(falling, client):
 
 @pytest.mark.long
 def test_a_paused_clock_pauses_and_one_that_goes_back_starts_time_anew(falling, client):
-    client.until(lambda: falling.log.count("no /clock comes") == 1)
+    client.until(lambda: falling.log.count("no /clock above 0 comes") == 1)
     for _ in range(5):
         falling.tick(100.0)
         client.spin(0.05)
@@ -114,3 +114,17 @@ def test_no_node_follows_its_own_clock(start, client):
     assert "publish_clock is true with use_sim_time; a node cannot follow its own clock, and sends none" in node.log
     refused = client.set("use_sim_time", True)
     assert not refused.successful and "cannot follow its own clock" in refused.reason
+
+
+def test_a_clock_below_0_or_none_or_one_that_jumps_fills_no_log(falling, client):
+    falling.wait_for("no /clock above 0 comes")
+    for k in range(150):
+        falling.tick(-5.0 - 0.1 * k)
+        client.spin(0.01)
+    client.spin(6.0)
+    assert falling.log.count("/clock") == 1, falling.log
+    for k in range(200):
+        falling.tick(1000.0 if k % 2 else 3000.0)
+        client.spin(0.01)
+    assert 1 < falling.log.count("/clock") < 5 and falling.alive()
+    assert client.set("gravity", [0.0, 0.0, -1.0]).successful

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Box, Cloth, Handle, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim import Box, Cloth, Handle, Readback, Scene, Settings, Simulation, Sphere, Wind
 
 TOWEL = Cloth.of("cotton", resolution=(10, 10), size=(0.3, 0.3), position=(0, 0, 0.002), pins=None)
 TRAY = Box(half_extents=(0.5, 0.5, 0.05), position=(0, 0, -0.05), static_friction=0.4, kinetic_friction=0.3)
@@ -32,6 +32,22 @@ def test_what_lies_still_sleeps_and_weighs_as_much(device):
     sim.step(60)
     assert is_asleep(sim).all() and np.array_equal(sim.positions("it"), x)
     assert sim.wrench("tray")[0][2] == pytest.approx(-9.81 * TOWEL.mass, rel=1e-3)
+
+
+def test_it_sleeps_on_after_a_load_unless_a_change_waited(device, tmp_path):
+    sim, other = laid(device), laid(device)
+    sim.save(tmp_path / "asleep.npz")
+    blow(sim, 40)
+    sim.save(tmp_path / "disturbed.npz")
+    for file, wakes in (("asleep.npz", False), ("disturbed.npz", True)):
+        other.load(tmp_path / file)
+        x = Readback(other, "it")  # who only reads wakes nobody
+        x.request()
+        x = x.particles().copy()
+        other.step()
+        assert np.array_equal(other.positions("it"), x) != wakes
+    sim.step()
+    assert np.array_equal(other.positions("it"), sim.positions("it"))
 
 
 def tilt(sim, frame):
