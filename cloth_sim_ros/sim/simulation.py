@@ -314,6 +314,22 @@ class Simulation:
         """
         return self._queries.springs(name, world)
 
+    def stitches(self, seam: str, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the stitches of a seam in one world, in the order of its lines.
+
+        Args:
+            seam: The name of a seam.
+            world: The number of the world.
+
+        Returns:
+            gaps (E, 3) [m], from the point of the second object to that of the first; forces (E, 3) [N] on the point of
+            the first object in the last substep; and broken (E,) of bool.
+
+        Raises:
+            ValueError: There is no such seam.
+        """
+        return self._queries.stitches(seam, world)
+
     def torn(self, name: str, world: int = 0) -> dict[str, np.ndarray]:
         """Return kind -> (S,) bool, True for each of `springs` that failed in one world.
 

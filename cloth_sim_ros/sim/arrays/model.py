@@ -39,6 +39,7 @@ class Features:
     pinches: bool = False  # colliders pinch what is between them (see features/collider_contact/pinch.py)
     redoes: bool = False  # compute only bodies whose frame is repeated
     coupled: bool = False  # self or object contact
+    sewn: bool = False  # seams hold it
     tears: bool = False  # springs can fail
     membrane: bool = False  # the elongations of springs change the rest lengths of others
     forces: tuple[str, ...] = ()  # names in forces.FORCES, in the order of Arrays.numbers
@@ -48,6 +49,11 @@ class Features:
     def key(self) -> str:
         """Name of kernels with these features, equal in every process, so that caches on disk are found."""
         return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
+
+    @property
+    def in_step(self) -> bool:
+        """True if bodies end each substep together, as they touch one another or are sewn."""
+        return self.coupled or self.sewn
 
     @property
     def looks_back(self) -> bool:
@@ -117,6 +123,7 @@ class Counts:
     joints: int
     panels: int
     curves: int
+    stitches: int
     on_cpu: bool
     model: Mapping[str, int]
 

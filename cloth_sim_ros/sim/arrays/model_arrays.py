@@ -25,8 +25,9 @@ _NOT_ROWS = ("bodies", "groups", "plate_strides", "curve_width", "seams")
 class ModelArrays:
     """Collects the NumPy parts of a batch, body by body, and uploads them once.
 
-    bodies[b]: the fields of Body; groups: the rows of Model.groups; size: name of an array in Model -> rows so far;
-    particles: of all bodies so far. lines[b]: (kind, first, end) of the slots of every family of body b.
+    bodies[b]: the fields of Body, and its first stitch; groups: the rows of Model.groups; size: name of an array in
+    Model -> rows so far; particles, stitches: of all bodies so far. lines[b]: (kind, first, end) of the slots of every
+    family of body b.
     With `incident_springs` every particle knows its springs. Lines lie as a CPU's `lanes` take them, or a GPU's warps,
     of which each thread holds `slots` particles.
     spring_slots[b]: kind -> (S,) the slots of the springs of body b.
@@ -42,6 +43,7 @@ class ModelArrays:
         self.spring_slots: list[dict[str, np.ndarray]] = []
         self._seams: list[tuple] = []
         self.longest_row = 0  # slots
+        self.stitches = 0
         self.curve_width = 0
 
     def _append(self, name: str, rows: np.ndarray) -> int:
@@ -97,7 +99,9 @@ class ModelArrays:
             "is_rope": not len(topology.triangles),
             "pinned": bool(topology.pinned.any()),
             "gap": topology.widest_gap,
+            "stitches": self.stitches,
         }
+        self.stitches += sum(len(each.shares) for each in topology.stitches)
         self.bodies.append(body)
 
     def _add_lines(self, topology: Topology) -> None:

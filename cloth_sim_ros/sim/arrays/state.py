@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.features.collider_contact.arrays import ContactState
 from cloth_sim_ros.sim.features.constraints.arrays import ConstraintState
 from cloth_sim_ros.sim.features.grasp.arrays import GraspState
 from cloth_sim_ros.sim.features.plate.arrays import PlateState
+from cloth_sim_ros.sim.features.seams.arrays import SeamState
 from cloth_sim_ros.sim.features.self_contact.arrays import SelfContactState
 from cloth_sim_ros.sim.features.tearing.arrays import TearingState
 from cloth_sim_ros.sim.features.twist.arrays import EndTurn, TwistState
@@ -163,6 +164,7 @@ class State:
     contact: ContactState
     self_contact: SelfContactState
     constraints: ConstraintState
+    seams: SeamState
     grasp: GraspState
     tearing: TearingState
     winch: WinchArrays
@@ -186,7 +188,7 @@ class Arrays:
     handles: wp.array(dtype=HandleMotion)  # (H,)
     handle_counts: wp.array(dtype=int)  # (H,) particles that each holds
     drives: wp.array(dtype=Drive)  # (B,) of ropes that a winch feeds
-    numbers: wp.array(dtype=NumbersRow)  # (F + C,) of the scene's own forces, then of its constraints
+    numbers: wp.array(dtype=NumbersRow)  # of the scene's own forces, then of its constraints and seams
     ends: wp.array(dtype=EndTurn)  # (B,) of ropes that resist twist
 
 

@@ -92,9 +92,9 @@ class Batch:
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None
-        # Coupled bodies advance together, see engine/coupled_bodies.py.
+        # Bodies in step advance together, see engine/coupled_bodies.py.
         self.executor = None
-        if not features.coupled:
+        if not features.in_step:
             self.executor = make_executor(features, self.worlds, self.counts, device, executor)
         self.saved = self.measurement = self.ledger = None
         if features.measured:
@@ -142,6 +142,11 @@ class Batch:
         """Slice of a rope's chain segments; empty for a body without a chain."""
         row = self._bodies[self.index[name]]
         return slice(row["segments"], row["segments_end"])
+
+    def stitches(self, name: str) -> slice:
+        """Slice of the stitches of the seams that a body is first in."""
+        starts = [row["stitches"] for row in self._bodies] + [self.states["stitches"].shape[1]]
+        return slice(*starts[self.index[name] : self.index[name] + 2])
 
     def write_masses(self, name: str, kg: np.ndarray, world: WorldSelection) -> None:
         """Set a body's mass and end mass (k, 2) [kg] in some worlds; particles pinned or on a drum stay held."""
