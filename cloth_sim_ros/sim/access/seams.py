@@ -22,7 +22,7 @@ def read_stitches(bodies: Bodies, seam: str, world: int) -> tuple[np.ndarray, np
     batch, world = bodies.batch[name], bodies.one(world)
     begin = batch.stitches(name).start + start
     rows = slice(begin, begin + len(each.shares))
-    slid, broken = batch.part("stitches", rows, world).numpy().reshape(-1, 2).T
+    slid, broken, _ = batch.part("stitches", rows, world).numpy().reshape(-1, 3).T
     first, second = (_places(bodies, thing, world) for thing in (name, each.other))
     ends, shares, free = _second_points(each, slid, len(second))
     gaps = _points(first, each.particles[:, :2], each.shares[:, 0]) - _points(second, ends, shares)

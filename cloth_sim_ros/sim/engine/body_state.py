@@ -48,7 +48,8 @@ def take(batch: Batch, name: str) -> BodyState:
     counts = {array: batch.part(array, slice(b, b + 1), None).numpy() for array in has["count"]}
     live = [rows.read(b, None) for rows in batch.live]
     bodies = {array: batch.read_body(array, name, None) for array in has["body"]}
-    stitches = {array: batch.part(array, batch.stitches(name), None).numpy() for array in has["stitch"]}
+    own = batch.stitches(name)
+    stitches = {array: batch.part(array, own, None).numpy() for array in has["stitch"] if own.stop > own.start}
     kg, torn = batch.masses.read(b, None), batch.torn and batch.torn.read(b)
     return BodyState(batch.features.order, particles, counts, live, kg, bodies, stitches, torn)
 

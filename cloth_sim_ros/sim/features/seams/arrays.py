@@ -13,7 +13,8 @@ KEPT = {"stitches": "stitch"}
 class SeamState:
     """State of the stitches whose first object is in this batch, Z of them."""
 
-    stitches: wp.array(dtype=wp.vec2)  # (Z,) segments that it slid along a rope, and 1 if it is broken
+    # (Z,) segments that it slid along a rope, 1 if it is broken, and 1 if it lies at a particle where the rope bends
+    stitches: wp.array(dtype=wp.vec3)
     stitch_forces: wp.array(dtype=wp.vec3)  # (Z,) force on the point of the first object, in the last substep [N]
 
 

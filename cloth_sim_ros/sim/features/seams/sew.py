@@ -40,6 +40,8 @@ from cloth_sim_ros.sim.topology import Topology
 _COMPLIANCE, _STRENGTH, _SPEED = (place_of(SEAM, name) for name in ("compliance", "strength", "closing_speed"))
 _PASSES = 8  # passes over stitches that share particles; each halves about what the one before left
 _STEPS = 4  # segments of a rope that a stitch slides over in a substep at most
+_ROUNDING = wp.constant(1.0e-5)  # share of a segment that float32 does not lose
+_LITTLE = wp.constant(1.0e-3)  # share of a segment by which a stitch enters the next one
 
 
 @wp.struct
@@ -61,23 +63,30 @@ def _place(arrays: SewnArrays, i: int) -> wp.vec4:
 
 
 @wp.func
-def _at(seams: Seams, stitch: Stitch, slid: float, w: int) -> Tie:
-    """Return a stitch that slid by so many segments, in world w."""
+def _way(seams: Seams, tie: Tie, i: int) -> wp.vec3:
+    """Return the unit vector from particle i of a rope that a stitch slides along to the next one."""
+    of = seams.arrays[tie.arrays[1]]
+    return wp.normalize(xyz(_place(of, i + 1) - _place(of, i)))
+
+
+@wp.func
+def _at(seams: Seams, stitch: Stitch, state: wp.vec3, w: int) -> Tie:
+    """Return a stitch in a state of SeamState.stitches, in world w."""
     tie = Tie()
     tie.arrays = stitch.batches * seams.worlds + wp.vec2i(w, w)
     tie.particles = stitch.particles
     share = stitch.shares[1]
     if stitch.rope[0] >= 0:
-        at = wp.clamp(
-            float(stitch.particles[2] - stitch.rope[0]) + share + slid, 0.0, float(stitch.rope[1] - stitch.rope[0])
-        )
-        segment = wp.min(int(at), stitch.rope[1] - stitch.rope[0] - 1)
+        segments = stitch.rope[1] - stitch.rope[0]
+        at = wp.clamp(float(stitch.particles[2] - stitch.rope[0]) + share + state[0], 0.0, float(segments))
+        segment = wp.min(int(at), segments - 1)
         share = at - float(segment)
         tie.particles[2] = stitch.rope[0] + segment
         tie.particles[3] = tie.particles[2] + 1
-        if at > 0.0 and at < float(stitch.rope[1] - stitch.rope[0]):
-            of = seams.arrays[tie.arrays[1]]
-            tie.along = wp.normalize(xyz(_place(of, tie.particles[3]) - _place(of, tie.particles[2])))
+        if at > 0.0 and at < float(segments):
+            tie.along = _way(seams, tie, tie.particles[2])
+            if state[2] > 0.0:
+                tie.along = wp.normalize(tie.along + _way(seams, tie, tie.particles[2] - 1))
     tie.weights = wp.vec4(1.0 - stitch.shares[0], stitch.shares[0], share - 1.0, -share)
     return tie
 
@@ -99,21 +108,27 @@ def _gap(seams: Seams, tie: Tie, moved: bool) -> wp.vec3:
 
 
 @wp.func
-def _slide(seams: Seams, stitch: Stitch, slid: float, w: int) -> float:
-    """Return by how many segments a stitch slid, at the point of its rope nearest to its first point."""
-    found = slid
+def _slide(seams: Seams, stitch: Stitch, state: wp.vec3, w: int) -> wp.vec3:
+    """Return the state of a stitch at the point of its rope nearest to its first point, from that of the last substep.
+
+    Where the rope bends that point may be a particle, from which it slides along the mean of both segments.
+    """
+    slid, came = state[0], int(0)
     for _step in range(_STEPS):
-        tie = _at(seams, stitch, found, w)
+        tie = _at(seams, stitch, wp.vec3(slid, 0.0, 0.0), w)
         rope = seams.arrays[tie.arrays[1]]
         way = xyz(_place(rope, tie.particles[3]) - _place(rope, tie.particles[2]))
         square = wp.max(wp.dot(way, way), SHORTEST * SHORTEST)
-        beyond = -tie.weights[3] + wp.dot(_gap(seams, tie, False), way) / square  # its place in this segment
+        share = -tie.weights[3] + wp.dot(_gap(seams, tie, False), way) / square
         begin = float(tie.particles[2] - stitch.particles[2]) - stitch.shares[1]
-        ahead = wp.clamp(beyond, -1.0e-3, 1.001)  # a little into the next segment, whose turn is then
-        found = begin + ahead
-        if beyond == ahead:
-            return found
-    return found
+        goes = wp.where(share < 0.0, -1, wp.where(share > 1.0, 1, 0))
+        if goes == 0:
+            return wp.vec3(begin + share, state[1], 0.0)
+        corner = begin + wp.where(goes > 0, 1.0, 0.0)
+        if goes * came < 0:
+            return wp.vec3(corner + _ROUNDING, state[1], 1.0)
+        slid, came = corner + _LITTLE * float(goes), goes
+    return wp.vec3(slid, state[1], 0.0)
 
 
 @wp.func
@@ -138,9 +153,9 @@ def _begin(seams: Seams, s: int, w: int, first: bool):
     if first:
         state.stitch_forces[stitch.number] = wp.vec3(0.0)
         if stitch.rope[0] >= 0:
-            now[0] = _slide(seams, stitch, now[0], w)
+            now = _slide(seams, stitch, now, w)
             state.stitches[stitch.number] = now
-    tie = _at(seams, stitch, now[0], w)
+    tie = _at(seams, stitch, now, w)
     for k in range(4):
         if tie.weights[k] != 0.0:
             wp.atomic_add(seams.counts, _number(seams, stitch, tie, k, w), 1)
@@ -169,7 +184,7 @@ def _pull(seams: Seams, s: int, w: int, substep: int):
     if now[1] != 0.0:
         return
     numbers = of.numbers[stitch.row].values
-    tie = _at(seams, stitch, now[0], w)
+    tie = _at(seams, stitch, now, w)
     yields, inverse = wp.vec4(0.0), float(0.0)
     for k in range(4):
         if tie.weights[k] != 0.0:
@@ -225,10 +240,10 @@ def _end(seams: Seams, w: int, t: int, width: int, last: bool):
         of = seams.arrays[stitch.batches[0] * seams.worlds + w]
         numbers, now = of.numbers[stitch.row].values, of.seams.stitches[stitch.number]
         if numbers[_STRENGTH] > 0.0 and now[1] == 0.0:
-            force, tie = wp.length(of.seams.stitch_forces[stitch.number]), _at(seams, stitch, now[0], w)
+            force, tie = wp.length(of.seams.stitch_forces[stitch.number]), _at(seams, stitch, now, w)
             allowed = numbers[_COMPLIANCE] * force + numbers[_SPEED] * _length(of, stitch.bodies[0])
             if force > numbers[_STRENGTH] and wp.length(_gap(seams, tie, False)) <= allowed:
-                of.seams.stitches[stitch.number] = wp.vec2(now[0], 1.0)
+                of.seams.stitches[stitch.number] = wp.vec3(now[0], 1.0, now[2])
 
 
 @cooperative

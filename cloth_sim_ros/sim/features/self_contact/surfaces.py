@@ -38,7 +38,7 @@ class Surface:
     pair_corrections: wp.array(dtype=wp.int64)
     off_path: wp.array(dtype=float)
     ways_given_up: wp.array(dtype=float)
-    stitches: wp.array(dtype=wp.vec2)
+    stitches: wp.array(dtype=wp.vec3)
 
 
 @wp.func
