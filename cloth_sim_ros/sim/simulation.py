@@ -33,7 +33,7 @@ from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.scene.objects import Rope
-from cloth_sim_ros.sim.scene.scene import Scene, large_meshes
+from cloth_sim_ros.sim.scene.scene import Scene, large_meshes, loose_meshes
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps.choose import Choice
 from cloth_sim_ros.sim.substeps.limits import check_explicit
@@ -79,7 +79,7 @@ class Simulation:
         for given, kind in ((scene, Scene), (settings, Settings)):
             if not isinstance(given, kind):
                 raise ValueError(f"Simulation is given {given!r:.80}; allowed is a {kind.__name__} in its place")
-        for sentence in large_meshes(scene):
+        for sentence in (*large_meshes(scene), *loose_meshes(scene)):
             _LOG.warning(sentence)
         self._bodies = Bodies(scene, settings, device, worlds, executor)
         self._queries = Queries(self._bodies)

@@ -17,6 +17,7 @@ from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.input.checks import check_fields
+from cloth_sim_ros.sim.input.mesh_repair import count_parts, count_t_junctions
 from cloth_sim_ros.sim.input.numbers import Described
 from cloth_sim_ros.sim.physics.quaternion import Vector
 from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS, Constraint
@@ -127,6 +128,19 @@ def large_meshes(scene: Scene) -> Iterator[str]:
         across = 0.0 if points is None else float(np.ptp(points, axis=0).max())
         if across > _LARGE:
             yield f"{name} is {across:.3g} m across; a mesh in millimetres takes a scale of 0.001"
+
+
+def loose_meshes(scene: Scene) -> Iterator[str]:
+    """Yield a warning for each cloth of a mesh of parts that no seam holds, or with vertices on open edges."""
+    for name, thing in scene.objects.items():
+        if not isinstance(thing, Cloth) or thing.vertices is None:
+            continue
+        parts = count_parts(len(thing.vertices), thing.triangles)
+        if parts > 1 and name not in scene.sewn:
+            yield f"{name} has {parts} parts that no triangle joins, which move apart; a seam sews them together"
+        open_edges = count_t_junctions(thing.vertices, thing.triangles)
+        if open_edges:
+            yield f"{name} has {open_edges} open edges with a vertex between their ends, where it comes apart"
 
 
 def _check_names(things: Any, kinds: tuple[type, ...], where: str) -> None:
