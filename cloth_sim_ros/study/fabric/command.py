@@ -45,7 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--starts", type=int, default=1, help="drapes of each, the warp turned by 7 degrees more each")
     parser.add_argument("--seconds", type=float, default=4.0, help="simulated time of a drape [s]")
     parser.add_argument("--error", type=float, default=1e-3, help="solver.error")
-    parser.add_argument("--budget", type=float, default=0.5, help="solver.budget, which small stiff meshes need more of")
+    parser.add_argument(
+        "--budget", type=float, default=0.5, help="solver.budget, which small stiff meshes need more of"
+    )
     parser.add_argument("--output", type=Path, default=Path("study"), help="folder of the JSON and PNG")
 
 
