@@ -68,7 +68,7 @@ class Features:
     @property
     def audited(self) -> bool:
         """True if the energy of frames is judged (substeps/energy.py): of sheets without forces from outside."""
-        return self.measured and self.lines and not (self.coupled or self.forces or self.constraints)
+        return self.measured and self.lines and not (self.in_step or self.forces or self.constraints)
 
     @property
     def leans(self) -> bool:
@@ -162,7 +162,7 @@ class Body:
 
 
 @wp.struct
-class Seams:
+class TearOffsets:
     """Offsets of the line slots of a body that tears: of bending springs, of all others, and their end."""
 
     bends: int
@@ -228,7 +228,7 @@ class Model:
     particle_panels: wp.array(dtype=int)  # panels around each particle, counted in the batch
     air_shares: wp.array(dtype=float)  # (N,) area of a particle over a third of that of the panels around it
     # All arrays from here on are for objects that tear.
-    seams: wp.array(dtype=Seams)  # (B,)
+    tear_offsets: wp.array(dtype=TearOffsets)  # (B,)
     line_needs: wp.array(dtype=int)  # slots of the springs that each bending spring lies over, -1 for none
     panel_sides: wp.array(dtype=wp.vec3i)  # (P,) slots of the springs along the sides of panels, -1 for none
     panel_needs: wp.array(dtype=int)  # (13 P,) panels without which a panel does not bend

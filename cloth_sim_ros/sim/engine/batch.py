@@ -74,7 +74,7 @@ class Batch:
         for topology in topologies.values():
             collected.add(topology)
         self.lines = collected.lines
-        self._bodies = collected.bodies
+        self._bodies, self._stitches = collected.bodies, collected.stitches
         self.counts = [row["count"] for row in self._bodies]
         self._spans = [slice(row["particles"], row["particles"] + row["count"]) for row in self._bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)
@@ -145,8 +145,7 @@ class Batch:
 
     def stitches(self, name: str) -> slice:
         """Slice of the stitches of the seams that a body is first in."""
-        starts = [row["stitches"] for row in self._bodies] + [self.states["stitches"].shape[1]]
-        return slice(*starts[self.index[name] : self.index[name] + 2])
+        return self._stitches[self.index[name]]
 
     def write_masses(self, name: str, kg: np.ndarray, world: WorldSelection) -> None:
         """Set a body's mass and end mass (k, 2) [kg] in some worlds; particles pinned or on a drum stay held."""

@@ -72,7 +72,7 @@ def make_states(
     size = arrays.size
     counts = Counts(
         arrays.particles, len(arrays.bodies), colliders, size["line_nodes"], arrays.longest_row, size["segment_length"],
-        size["joints"], size["panels"], size["curve_corners"], arrays.stitches, device.is_cpu, size,
+        size["joints"], size["panels"], size["curve_corners"], arrays.stitches[-1].stop, device.is_cpu, size,
     )  # fmt: skip
     sizes, types = _core_sizes(features, counts), dict(State.vars)
     for field, owner in OWNERS.items():
