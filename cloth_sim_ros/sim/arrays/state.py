@@ -205,6 +205,14 @@ def substep_length(frame: Frame, control: ControlState, limits: StepLimits, b: i
     return frame.length / float(substeps_of(control, limits, b))
 
 
+@wp.func
+def was_smooth(events: wp.array(dtype=int), history: wp.array(dtype=int), b: int, substep: int) -> bool:
+    """True if the substep before this one of body b was smooth, so that BDF2 may look back."""
+    if substep == 0:
+        return history[b] > 0
+    return events[2 * b + (substep + 1) % 2] != substep  # two slots alternate, so none is read while it is written
+
+
 def given_type(features: Features) -> type:
     """The type of a kernel's argument: the Arrays of one world, or an array of them for several worlds."""
     return wp.array(dtype=Arrays) if features.worlds else Arrays

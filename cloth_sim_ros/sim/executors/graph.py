@@ -107,9 +107,9 @@ class Graph:
         if self._meeting is not None:
             early_out, search, solve, clamp = self._meeting
             frame += [Call(clamp.begin), Call(early_out.begin), Call(partial(search.look, ends=False))]
-        if self._sewing is not None:
-            frame.append(self._sewing.agree(-1))
         for substep in range(substeps):
+            if self._sewing is not None:
+                frame.append(self._sewing.agree(substep))
             run("before", substep)
             for iteration in range(iterations):
                 now = (substep, min(iteration, 1), int(iteration + 1 == iterations))
@@ -123,8 +123,6 @@ class Graph:
             if self._meeting is not None:
                 frame += [Call(partial(search.look, ends=True)), clamp]
             run("after", substep, min(iterations - 1, 1))
-            if self._sewing is not None:
-                frame.append(self._sewing.agree(substep))
         run("ending", substeps)
         return frame
 

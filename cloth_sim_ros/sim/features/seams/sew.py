@@ -20,7 +20,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.parameters import SEAM
-from cloth_sim_ros.sim.arrays.state import Arrays, substep_length
+from cloth_sim_ros.sim.arrays.state import Arrays, substep_length, was_smooth
 from cloth_sim_ros.sim.features.seams.bodies import Seams, SewnArrays, Stitch, seams_of
 from cloth_sim_ros.sim.input.numbers import place_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
@@ -137,9 +137,7 @@ def _square_step(arrays: SewnArrays, body: int, second: int, substep: int) -> fl
     dt = substep_length(arrays.frames[0], arrays.control, arrays.limits[body], body)
     smooth = bool(False)
     if second == 1:
-        smooth = arrays.events[2 * body + (substep + 1) % 2] != substep
-        if substep == 0:
-            smooth = arrays.history[body] > 0
+        smooth = was_smooth(arrays.events, arrays.history, body, substep)
     h = effective_step(dt, smooth)
     return h * h
 
@@ -270,26 +268,25 @@ def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group
 
 @compiled
 def _agree(seams: Seams, substep: int):
-    """Let all sewn bodies of a world be of first order if one of them is: after a substep, or before a frame for -1."""
+    """Let all sewn bodies of a world be of first order in a substep if one of them is."""
     w, smooth = wp.tid(), bool(True)
     for k in range(seams.bodies.shape[0]):
         body = seams.bodies[k]
         of = seams.arrays[body[0] * seams.worlds + w]
-        if body[2] == 1:
-            if substep < 0:
-                smooth = smooth and of.history[body[1]] > 0
-            else:
-                smooth = smooth and of.events[2 * body[1] + substep % 2] != substep + 1
+        if body[2] == 0:
+            smooth = False
+        elif not was_smooth(of.events, of.history, body[1], substep):
+            smooth = False
     if smooth:
         return
     for k in range(seams.bodies.shape[0]):
         body = seams.bodies[k]
         of = seams.arrays[body[0] * seams.worlds + w]
         if body[2] == 1:
-            if substep < 0:
+            if substep == 0:
                 of.history[body[1]] = 0
             else:
-                of.events[2 * body[1] + substep % 2] = substep + 1
+                of.events[2 * body[1] + (substep + 1) % 2] = substep
 
 
 class Sewing:
@@ -320,6 +317,6 @@ class Sewing:
         return recorded(_sew, *inputs, group=self._group, device=self._device)
 
     def agree(self, substep: int) -> wp.Launch:
-        """Return the launch that ends a substep, or begins a frame for -1."""
+        """Return the launch that finds the order of a substep, or of the next frame's first."""
         inputs = [self.seams, substep]
         return wp.launch(_agree, self.seams.worlds, inputs, device=self._device, record_cmd=True)
