@@ -104,8 +104,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1) -> Program:
     if features.constraints:
         program.solved += make_stages(features)
     if features.shapes:
-        _keep_out(program, features, None if features.coupled else finish)
-    if features.coupled or not features.shapes:
+        _keep_out(program, features, None if features.in_step else finish)
+    if features.in_step or not features.shapes:
         program.after.append(over_particles("finish", finish))
     if features.tears:
         program.after.append(Stage("tear", make_tear(features)))

@@ -113,7 +113,7 @@ def test_the_panels_of_the_shirt_sew_themselves_together():
     sim.step(60)
     for seam in sim.scene.seams:
         gaps, _, broken = sim.stitches(seam)
-        assert np.linalg.norm(gaps, axis=1).max() < 2e-3 and not broken.any(), seam
+        assert np.linalg.norm(gaps, axis=1).max() < 1e-4 and not broken.any(), seam
     assert sim.positions("front")[:, 2].max() > 1.4, "it hangs on the shoulders"
     assert sim.report()["front"]["max_penetration"] < 1e-3
 

@@ -117,9 +117,11 @@ class Graph:
                 if self._meeting is not None:
                     frame.append(solve)
                 if self._sewing is not None:
-                    frame.append(self._sewing.sew(substep, iteration == 0, iteration + 1 == iterations))
+                    frame.append(self._sewing.sew(substep, iteration == 0, False))
                 run("touched", *now)
             run("kept", substep, min(iterations - 1, 1))
+            if self._sewing is not None:
+                frame.append(self._sewing.sew(substep, False, True))
             if self._meeting is not None:
                 frame += [Call(partial(search.look, ends=True)), clamp]
             run("after", substep, min(iterations - 1, 1))

@@ -10,6 +10,9 @@ Stitches come after lines and ropes, which do not know of the load. So the parti
 about h^2 F / m, which falls with the square of the substep, and the measured error sees it.
 
 A stitch that is open by more than its compliance allows closes at no more than a set speed. It does not break then.
+
+Colliders come next, and friction or facets may pull two points apart again. So stitches that are closed pull once more
+at the end of a substep. Those that still close do not, or they would pull points into a collider.
 """
 
 from __future__ import annotations
@@ -174,8 +177,8 @@ def _number(seams: Seams, stitch: Stitch, tie: Tie, k: int, w: int) -> int:
 
 
 @wp.func
-def _pull(seams: Seams, s: int, w: int, substep: int):
-    """Find how stitch s moves its particles."""
+def _pull(seams: Seams, s: int, w: int, substep: int, last: bool):
+    """Find how stitch s moves its particles; in the last of a substep it does only if it is closed."""
     stitch = seams.stitches[s]
     of = seams.arrays[stitch.batches[0] * seams.worlds + w]
     now = of.seams.stitches[stitch.number]
@@ -196,6 +199,8 @@ def _pull(seams: Seams, s: int, w: int, substep: int):
     force, compliance = of.seams.stitch_forces[stitch.number], numbers[_COMPLIANCE]
     more = -(gap + compliance * force) / (inverse + compliance)
     left, least = gap + inverse * more, wp.length(before) - numbers[_SPEED] * _length(of, stitch.bodies[0])
+    if last and least > compliance * wp.length(force):
+        return
     if wp.length(left) < least:
         left = gap * wp.min(1.0, least / wp.max(wp.length(gap), SHORTEST))
         more = (left - gap) / inverse
@@ -246,7 +251,10 @@ def _end(seams: Seams, w: int, t: int, width: int, last: bool):
 
 @cooperative
 def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group: CooperativeGroup):
-    """Pull the stitches of all worlds together, starting from the displacements found so far."""
+    """Pull the stitches of all worlds together, starting from the displacements found so far.
+
+    first, last: of the substep.
+    """
     number = number_of(wp.tid(), group)
     team = number / group.width
     t = number - team * group.width
@@ -257,7 +265,7 @@ def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group
     for _pass in range(passes):
         for w in range(team, seams.worlds, group.teams):
             for s in range(t, seams.stitches.shape[0], group.width):
-                _pull(seams, s, w, substep)
+                _pull(seams, s, w, substep, last)
         sync_all(group)
         for w in range(team, seams.worlds, group.teams):
             _move(seams, w, t, group.width)
@@ -312,7 +320,7 @@ class Sewing:
         return bool((stitches["rope"] >= 0).any()) or len(np.unique(ends, axis=0)) < len(ends)
 
     def sew(self, substep: int, first: bool, last: bool) -> wp.Launch:
-        """Return the launch that pulls stitches together in a substep, in its first or last iteration."""
+        """Return a launch that pulls stitches together, and if it is the first or last of a substep."""
         inputs = [self.seams, substep, first, last, self._passes]
         return recorded(_sew, *inputs, group=self._group, device=self._device)
 
