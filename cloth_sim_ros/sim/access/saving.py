@@ -60,7 +60,7 @@ class Saving:
             "structure": structure_of(bodies),
             "batches": _names(bodies),
             "settings": {name: getattr(bodies.settings, name) for name in _LIVE_SETTINGS},
-            "choices": {name: dataclasses.asdict(choice) for name, choice in bodies.choices.items()},
+            "choices": {name: dataclasses.asdict(choice) for name, choice in bodies.measured_choices.items()},
             "scales": {name: rows.tolist() for name, rows in bodies.scales.items()},
             "pins": {name: thing.pins for name, thing in bodies.scene.objects.items()},
             "grasps": self._hands.objects,

@@ -401,8 +401,8 @@ class Bodies:
         return words + (f", {self.worlds} worlds" if self.worlds > 1 else "")
 
     @property
-    def choices(self) -> dict[str, Choice]:
-        """Name -> how the object is computed in the next frame, with the reason; waits for the device.
+    def measured_choices(self) -> dict[str, Choice]:
+        """Name -> how the object is computed in the next frame; waits for the device.
 
         Substeps and error are the most in any world. The error is the wanted one until one is measured.
         """
@@ -411,13 +411,19 @@ class Bodies:
             batch = self.batch[name]
             if batch.measurement is not None:
                 b = batch.index[name]
-                error = batch.error(b)[1] or choice.error
-                found[name] = replace(choice, substeps=batch.substeps(b), error=error)
-                if error > self.settings.error and found[name].substeps == choice.most and not self.settings.substeps:
-                    missed = f"its error is {error:.2g} instead of {self.settings.error:g}"
-                    more = "; the budget allows no more substeps, so " + missed
-                    more += "; a larger solver.budget or solver.error helps"
-                    found[name] = replace(found[name], reason=choice.reason + more)
+                found[name] = replace(choice, substeps=batch.substeps(b), error=batch.error(b)[1] or choice.error)
+        return found
+
+    @property
+    def choices(self) -> dict[str, Choice]:
+        """The same, with the error that the budget leaves in the reason."""
+        found = self.measured_choices
+        for name, choice in found.items():
+            limited = choice.substeps == choice.most and not self.settings.substeps
+            if self.batch[name].measurement is not None and limited and choice.error > self.settings.error:
+                more = f"; the budget allows no more substeps, so its error is {choice.error:.2g} instead of "
+                more += f"{self.settings.error:g}; a larger solver.budget or solver.error helps"
+                found[name] = replace(choice, reason=choice.reason + more)
         return found
 
     def one(self, world: int) -> int:
