@@ -348,6 +348,34 @@ CONSTRAINT = (
     Parameter("between", "integer_array", (), "The particles that it joins, two by two.", low=0, high=1 << 31),
 )
 
+SEAM = (
+    number("compliance", 0, "Gap of each stitch over its load; 0 is rigid.", "m/N", 0, 1e6),
+    number("strength", 0, "Load at which a stitch breaks for good; 0 is never.", "N", 0, 1e9),
+    number("closing_speed", 0.5, "How fast an open stitch draws its ends together at most.", "m/s", 1e-3, 100),
+)
+
+SEAM_PLACE = (
+    Parameter("first", "string", "", "The object whose particles are sewn on.", fixed=True),
+    Parameter("second", "string", "", "The object that they are sewn to, which may be the first itself.", fixed=True),
+    *(
+        Parameter(f"{which}_particles", "integer_array", (), text, low=0, high=1 << 31, fixed=True)
+        for which, text in (
+            ("first", "Corners of the line in the first object, which follows its border or its edges between them."),
+            ("second", "Corners of the line in the second object, in the same order."),
+        )
+    ),
+    Parameter(
+        "points", "bool", False, "Whether these particles alone are sewn, one to one, without lines.", fixed=True
+    ),
+    Parameter(
+        "slides",
+        "bool",
+        False,
+        "Whether stitches slide freely along the second object, a rope, like eyelets along a draw-string.",
+        fixed=True,
+    ),
+)
+
 GRIPPER = (
     vector("finger_size", (0.02, 0.01, 0.04), "Edges of each finger, a box; the gripper opens along y.", "m", 1e-4, 10),
     number("max_opening", 0.08, "Widest gap between the faces of the fingers.", "m", 1e-4, 10, live=False),
@@ -389,6 +417,7 @@ NODE = (
     Parameter(
         "constraints", "string_array", (), "Names of the constraints; each prefixes its own parameters.", fixed=True
     ),
+    Parameter("seams", "string_array", (), "Names of the seams; each prefixes its own parameters.", fixed=True),
     Parameter(
         "plugins",
         "string_array",

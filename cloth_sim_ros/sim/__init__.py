@@ -27,11 +27,12 @@ from cloth_sim_ros.sim.scene.handles import Handle
 from cloth_sim_ros.sim.scene.materials import Fabric
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope, Winch
 from cloth_sim_ros.sim.scene.scene import Scene, Wind
+from cloth_sim_ros.sim.scene.seams import Seam
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.simulation import Simulation
 
 __all__ = [
     "Box", "Capsule", "Cloth", "Cylinder", "Ellipsoid", "EndReadback", "Fabric", "Gripper", "GripperDriver", "Handle",
-    "Mesh", "Plane", "Readback", "Rope", "Scene", "Settings", "SignedDistance", "Simulation", "Sphere", "Surface",
-    "Variation", "Winch", "Wind"
+    "Mesh", "Plane", "Readback", "Rope", "Scene", "Seam", "Settings", "SignedDistance", "Simulation", "Sphere",
+    "Surface", "Variation", "Winch", "Wind"
 ]  # fmt: skip

@@ -25,7 +25,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.arrays.state import Arrays, substeps_of
+from cloth_sim_ros.sim.arrays.state import Arrays, substeps_of, was_smooth
 from cloth_sim_ros.sim.features.air.panels import make_panels
 from cloth_sim_ros.sim.features.collider_contact.arrays import SWEPT
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import list_colliders, make_forget_contacts, measure_extent
@@ -104,8 +104,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1) -> Program:
     if features.constraints:
         program.solved += make_stages(features)
     if features.shapes:
-        _keep_out(program, features, None if features.coupled else finish)
-    if features.coupled or not features.shapes:
+        _keep_out(program, features, None if features.in_step else finish)
+    if features.in_step or not features.shapes:
         program.after.append(over_particles("finish", finish))
     if features.tears:
         program.after.append(Stage("tear", make_tear(features)))
@@ -187,10 +187,7 @@ def make_enter(features: Features):
         ctx.substep = substep
         smooth = bool(False)
         if wp.static(features.looks_back):
-            # Read the flag of the substep before; two slots alternate, so none is read while it is written.
-            smooth = ctx.state.events[2 * ctx.body.index + (substep + 1) % 2] != substep
-            if substep == 0:
-                smooth = ctx.state.history[ctx.body.index] > 0
+            smooth = was_smooth(ctx.state.events, ctx.state.history, ctx.body.index, substep)
         ctx.step = make_step(ctx.frame.dt, smooth, wp.static(features.order), ctx.frame.global_damping)
         ctx.step.weighs = substep == 0 or (ctx.frame.moves > 0 and substep % WEIGHED == 0)
         if wp.static(features.order == 2):

@@ -33,7 +33,7 @@ from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.scene.objects import Rope
-from cloth_sim_ros.sim.scene.scene import Scene, large_meshes
+from cloth_sim_ros.sim.scene.scene import Scene, large_meshes, loose_meshes
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps.choose import Choice
 from cloth_sim_ros.sim.substeps.limits import check_explicit
@@ -79,7 +79,7 @@ class Simulation:
         for given, kind in ((scene, Scene), (settings, Settings)):
             if not isinstance(given, kind):
                 raise ValueError(f"Simulation is given {given!r:.80}; allowed is a {kind.__name__} in its place")
-        for sentence in large_meshes(scene):
+        for sentence in (*large_meshes(scene), *loose_meshes(scene)):
             _LOG.warning(sentence)
         self._bodies = Bodies(scene, settings, device, worlds, executor)
         self._queries = Queries(self._bodies)
@@ -315,6 +315,22 @@ class Simulation:
         mesh with a shear_compliance are coupled, so that they alone do not say its energy.
         """
         return self._queries.springs(name, world)
+
+    def stitches(self, seam: str, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the stitches of a seam in one world, in the order of its lines.
+
+        Args:
+            seam: The name of a seam.
+            world: The number of the world.
+
+        Returns:
+            gaps (E, 3) [m], from the point of the second object to that of the first; forces (E, 3) [N] on the point of
+            the first object in the last substep; and broken (E,) of bool.
+
+        Raises:
+            ValueError: There is no such seam.
+        """
+        return self._queries.stitches(seam, world)
 
     def torn(self, name: str, world: int = 0) -> dict[str, np.ndarray]:
         """Return kind -> (S,) bool, True for each of `springs` that failed in one world.

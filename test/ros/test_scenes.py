@@ -9,6 +9,7 @@ import pytest
 from node_process import ROOT
 
 from cloth_sim_ros.demo import (
+    bag,
     driver,
     flag,
     garment,
@@ -67,6 +68,7 @@ def test_every_scene_is_commented_runs_and_stays_sound(scene):
 
 def test_scenes_that_move_have_drivers_and_the_others_none():
     moved = {
+        "bag",
         "curtain",
         "flag",
         "garment",
@@ -94,6 +96,26 @@ def test_the_wind_lifts_the_flag():
         if name == "gusts":
             assert math.hypot(*free_end[:2]) > 0.6, "it streams away from the pole"
     assert heights["calm"] < 0.9 < 1.2 < heights["gusts"]
+
+
+def test_the_draw_string_closes_the_bag_around_the_ball():
+    sim = simulation("bag")
+    run(sim, 0.1, lambda t: None)
+    run(sim, 3.4, lambda t: [sim.set_handle_pose(name, bag.hand(name, t)) for name in bag.HANDS])
+    mouth = sim.positions("bag")[:48:2]  # at the eyelets
+    apart = np.linalg.norm(mouth - (0.0, 0.0, 0.5), axis=1)
+    assert (np.linalg.norm(mouth[:, :2], axis=1) < 0.16).all() and apart.min() > 0.119, "it began 0.26 m wide"
+    assert mouth[:, 2].mean() < 0.46, "it lies below the middle of the ball"
+
+
+def test_the_panels_of_the_shirt_sew_themselves_together():
+    sim = simulation("shirt")
+    sim.step(60)
+    for seam in sim.scene.seams:
+        gaps, _, broken = sim.stitches(seam)
+        assert np.linalg.norm(gaps, axis=1).max() < 1e-4 and not broken.any(), seam
+    assert sim.positions("front")[:, 2].max() > 1.4, "it hangs on the shoulders"
+    assert sim.report()["front"]["max_penetration"] < 1e-3
 
 
 def test_the_ball_stays_under_its_sheet():

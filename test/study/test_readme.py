@@ -59,13 +59,14 @@ def test_the_cheat_sheet_is_a_scene_that_runs(tmp_path):
     plan = read_plan(file)
     assert not plan.problems and set(plan.scene.objects) == {"sheet", "skirt", "cable"}
     assert plan.scene.objects["cable"].winch.length == 0.4 and plan.grippers["gripper"].force == 2.0
+    assert plan.scene.seams["tie"].first == "sheet"
     for line in lines.values():
         ((name, value),) = yaml.safe_load(line).items()
         parameters = yaml.safe_load(text)["/**"]["ros__parameters"]
         parameters[name] = {**parameters.get(name, {}), **value} if isinstance(value, dict) else value
         file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
         assert not read_plan(file).problems, line
-    assert len(lines) == 8
+    assert len(lines) == 10
 
 
 def test_the_first_scene_has_a_hand_that_keeps_a_corner(simulations):

@@ -13,6 +13,7 @@ from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS
 from cloth_sim_ros.sim.scene.forces import FORCES
+from cloth_sim_ros.sim.scene.seams import Seam
 
 GROUPS = {"solver": table.SOLVER, "wind": table.WIND, "publish": table.PUBLISH, "view": table.VIEW}
 LONGEST = 100  # letters of a name: the middleware bounds those of topics
@@ -20,7 +21,7 @@ _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 
 # The lists of names in parameters.NODE.
-NAMED = ("objects", "colliders", "handles", "grippers", "forces", "constraints")
+NAMED = ("objects", "colliders", "handles", "grippers", "forces", "constraints", "seams")
 
 # Topics move colliders and handles while the node runs, so their parameters may as well.
 COLLIDER, HANDLE, GRIPPER = (
@@ -77,6 +78,8 @@ def scene_rows(values: Mapping[str, Any]) -> dict[str, Parameter]:
             return (*table.FORCE, *getattr(FORCES.get(kind), "rows", ()))
         if group == "constraints":
             return (*table.CONSTRAINT, *getattr(CONSTRAINTS.get(kind), "rows", ()))
+        if group == "seams":
+            return (*table.SEAM_PLACE, *Seam.rows)
         return HANDLE if group == "handles" else GRIPPER
 
     found: dict[str, Parameter] = {}

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.ros.inputs.pose_track import Pose
-from cloth_sim_ros.sim import Cloth, Gripper, Handle, Plane, Rope, Scene, Settings, Winch, Wind
+from cloth_sim_ros.sim import Cloth, Gripper, Handle, Plane, Rope, Scene, Seam, Settings, Winch, Wind
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.mesh_file import load_mesh
@@ -39,7 +39,8 @@ class Plan:
         """The same plan without the objects of these names."""
         objects = {name: thing for name, thing in self.scene.objects.items() if name not in names}
         constraints = {name: each for name, each in self.scene.constraints.items() if each.object in objects}
-        return replace(self, scene=replace(self.scene, objects=objects, constraints=constraints))
+        seams = {name: each for name, each in self.scene.seams.items() if {each.first, each.second} <= objects.keys()}
+        return replace(self, scene=replace(self.scene, objects=objects, constraints=constraints, seams=seams))
 
     def with_poses(self, poses: Mapping[str, Pose]) -> Plan:
         """The same plan with colliders and handles at `poses`, where topics have moved them."""
@@ -65,6 +66,7 @@ def make_plan(values: Values) -> Plan:
         colliders |= gripper.fingers(name)
     forces = _made(values, values["forces"], make_force, problems)
     constraints = _made(values, values["constraints"], make_constraint, problems)
+    seams = _made(values, values["seams"], make_seam, problems)
     wind = None
     if values["wind.enabled"]:
         wind = Wind(**{name: value for name, value in group(values, "wind").items() if name != "enabled"})
@@ -79,6 +81,7 @@ def make_plan(values: Values) -> Plan:
             object_contact=values["object_contact"],
             forces=forces,
             constraints={name: each for name, each in constraints.items() if each.object in objects},
+            seams={name: each for name, each in seams.items() if {each.first, each.second} <= objects.keys()},
         ),
         settings=Settings(frame_dt=1.0 / values["rate"], **group(values, "solver")),
         device=values["device"],
@@ -243,6 +246,19 @@ def make_constraint(values: Values, name: str) -> Constraint:
         allowed = ", ".join(values["objects"])
         raise ValueError(f"{name}.object is {values[f'{name}.object']!r}; allowed is one of {allowed}")
     return _of_plugin(CONSTRAINTS, values, name)
+
+
+def make_seam(values: Values, name: str) -> Seam:
+    """The seam called `name`. Raises ValueError with what is wrong."""
+    own = group(values, name)
+    for which in ("first", "second"):
+        if own[which] not in values["objects"]:
+            allowed = ", ".join(values["objects"])
+            raise ValueError(f"{name}.{which} is {own[which]!r}; allowed is one of {allowed}")
+    try:
+        return Seam(**own)
+    except ValueError as error:
+        raise ValueError(str(error).replace("Seam.", f"{name}.")) from None
 
 
 def _of_plugin(known: Mapping[str, type], values: Values, name: str) -> Any:

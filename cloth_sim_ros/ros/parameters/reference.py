@@ -15,9 +15,9 @@ HEAD = """# Parameters
 
 Printed from `cloth_sim_ros/parameters.py` by `make docs`; do not edit.
 
-`<cloth>`, `<rope>`, `<collider>`, `<handle>`, `<gripper>`, `<force>` and `<constraint>` stand for the names listed in
-`objects`, `colliders`, `handles`, `grippers`, `forces` and `constraints`. A force or constraint also has the numbers of
-its type, all live.
+`<cloth>`, `<rope>`, `<collider>`, `<handle>`, `<gripper>`, `<force>`, `<constraint>` and `<seam>` stand for the names
+listed in `objects`, `colliders`, `handles`, `grippers`, `forces`, `constraints` and `seams`. A force or constraint also
+has the numbers of its type, all live.
 **live**: takes effect at the next frame. **rebuild**: the simulation is built anew at the next frame, and every object
 goes on from where it is. **anew**: so too, but this object starts from the beginning. **start**: fixed while the node
 runs. Whole numbers and text such as `1e-6` are accepted for decimals.
@@ -46,6 +46,7 @@ def reference() -> str:
         ("Grippers", "<gripper>.", names.GRIPPER),
         ("Forces", "<force>.", table.FORCE),
         ("Constraints", "<constraint>.", table.CONSTRAINT),
+        ("Seams", "<seam>.", (*table.SEAM_PLACE, *table.SEAM)),
     ]
     return HEAD + "".join(_section(*section) for section in sections) + _materials()
 

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.access.loads import Loads
+from cloth_sim_ros.sim.access.seams import read_stitches
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import names_of, worlds_of
@@ -65,6 +66,10 @@ class Queries:
                 constant = 1.0 / (float(compliance[KINDS.index(kind)]) * yields)
             found[kind] = (elements.particles.astype(np.int64), elements.rest * scale, constant)
         return found
+
+    def stitches(self, seam: str, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See Simulation.stitches."""
+        return read_stitches(self._bodies, seam, world)
 
     def torn(self, name: str, world: int = 0) -> dict[str, np.ndarray]:
         """See Simulation.torn."""

@@ -233,6 +233,9 @@ def structure_of(bodies: Bodies) -> dict[str, str]:
     found |= {f"force {name}": kind_of(force) for name, force in scene.forces.items()}
     for name, each in scene.constraints.items():
         found[f"constraint {name}"] = f"{kind_of(each)} of {each.object}, {each.between}"
+    for name, seam in scene.seams.items():
+        lines = (seam.first_particles, seam.second_particles, seam.points, seam.slides)
+        found[f"seam {name}"] = f"{seam.first} to {seam.second}, {lines}"
     return found
 
 

@@ -32,7 +32,7 @@ class Context:
     colliders: wp.array(dtype=ColliderMotion)
     handles: wp.array(dtype=HandleMotion)
     handle_counts: wp.array(dtype=int)
-    numbers: wp.array(dtype=NumbersRow)  # of the scene's own forces, then of its constraints
+    numbers: wp.array(dtype=NumbersRow)  # of the scene's own forces, then of its constraints and seams
     drive: Drive  # of a winch
     turn: float  # of the end of a rope [rad]
     substep: int

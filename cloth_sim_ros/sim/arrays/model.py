@@ -39,6 +39,7 @@ class Features:
     pinches: bool = False  # colliders pinch what is between them (see features/collider_contact/pinch.py)
     redoes: bool = False  # compute only bodies whose frame is repeated
     coupled: bool = False  # self or object contact
+    sewn: bool = False  # seams hold it
     tears: bool = False  # springs can fail
     membrane: bool = False  # the elongations of springs change the rest lengths of others
     forces: tuple[str, ...] = ()  # names in forces.FORCES, in the order of Arrays.numbers
@@ -48,6 +49,11 @@ class Features:
     def key(self) -> str:
         """Name of kernels with these features, equal in every process, so that caches on disk are found."""
         return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
+
+    @property
+    def in_step(self) -> bool:
+        """True if bodies end each substep together, as they touch one another or are sewn."""
+        return self.coupled or self.sewn
 
     @property
     def looks_back(self) -> bool:
@@ -62,7 +68,7 @@ class Features:
     @property
     def audited(self) -> bool:
         """True if the energy of frames is judged (substeps/energy.py): of sheets without forces from outside."""
-        return self.measured and self.lines and not (self.coupled or self.forces or self.constraints)
+        return self.measured and self.lines and not (self.in_step or self.forces or self.constraints)
 
     @property
     def leans(self) -> bool:
@@ -117,6 +123,7 @@ class Counts:
     joints: int
     panels: int
     curves: int
+    stitches: int
     on_cpu: bool
     model: Mapping[str, int]
 
@@ -155,7 +162,7 @@ class Body:
 
 
 @wp.struct
-class Seams:
+class TearOffsets:
     """Offsets of the line slots of a body that tears: of bending springs, of all others, and their end."""
 
     bends: int
@@ -219,8 +226,9 @@ class Model:
     # Each particle and each edge belongs to one panel.
     panel_start: wp.array(dtype=int)  # (N + 1,) offsets into particle_panels
     particle_panels: wp.array(dtype=int)  # panels around each particle, counted in the batch
+    air_shares: wp.array(dtype=float)  # (N,) area of a particle over a third of that of the panels around it
     # All arrays from here on are for objects that tear.
-    seams: wp.array(dtype=Seams)  # (B,)
+    tear_offsets: wp.array(dtype=TearOffsets)  # (B,)
     line_needs: wp.array(dtype=int)  # slots of the springs that each bending spring lies over, -1 for none
     panel_sides: wp.array(dtype=wp.vec3i)  # (P,) slots of the springs along the sides of panels, -1 for none
     panel_needs: wp.array(dtype=int)  # (13 P,) panels without which a panel does not bend

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.model import Body, Model, Seams
+from cloth_sim_ros.sim.arrays.model import Body, Model, TearOffsets
 from cloth_sim_ros.sim.topology import KINDS, Topology
 from cloth_sim_ros.sim.topology.elements import Plate
 from cloth_sim_ros.sim.topology.line_layout import Rows, in_lanes, in_warps, packed
@@ -19,14 +19,15 @@ from cloth_sim_ros.sim.topology.membrane import Coupling
 from cloth_sim_ros.sim.topology.springs import Elements
 from cloth_sim_ros.sim.topology.tears import at_triangles, under_bends
 
-_NOT_ROWS = ("bodies", "groups", "plate_strides", "curve_width", "seams")
+_NOT_ROWS = ("bodies", "groups", "plate_strides", "curve_width", "tear_offsets")
 
 
 class ModelArrays:
     """Collects the NumPy parts of a batch, body by body, and uploads them once.
 
     bodies[b]: the fields of Body; groups: the rows of Model.groups; size: name of an array in Model -> rows so far;
-    particles: of all bodies so far. lines[b]: (kind, first, end) of the slots of every family of body b.
+    particles: of all bodies so far. lines[b]: (kind, first, end) of the slots of every family of body b. stitches[b]:
+    where those of the seams lie that body b is first in.
     With `incident_springs` every particle knows its springs. Lines lie as a CPU's `lanes` take them, or a GPU's warps,
     of which each thread holds `slots` particles.
     spring_slots[b]: kind -> (S,) the slots of the springs of body b.
@@ -38,9 +39,10 @@ class ModelArrays:
         self.groups: list[tuple[int, int, int]] = []
         self._rows: dict[str, list[np.ndarray]] = {name: [] for name in Model.vars if name not in _NOT_ROWS}
         self.particles, self.size = 0, dict.fromkeys(self._rows, 0)
+        self.stitches: list[slice] = []
         self.lines: list[list[tuple[int, int, int]]] = []
         self.spring_slots: list[dict[str, np.ndarray]] = []
-        self._seams: list[tuple] = []
+        self._tear_offsets: list[tuple] = []
         self.longest_row = 0  # slots
         self.curve_width = 0
 
@@ -68,7 +70,7 @@ class ModelArrays:
         plate, plate_width = self._add_plate(topology, first)
         constraints = self._add_constraints(topology)
         if topology.tear_strain > 0.0:
-            self._add_seams(topology, panels)
+            self._add_tear_offsets(topology, panels)
         body = {
             "index": len(self.bodies),
             "spacing": topology.spacing,
@@ -98,6 +100,8 @@ class ModelArrays:
             "pinned": bool(topology.pinned.any()),
             "gap": topology.widest_gap,
         }
+        begin = self.stitches[-1].stop if self.stitches else 0
+        self.stitches.append(slice(begin, begin + sum(len(each.shares) for each in topology.stitches)))
         self.bodies.append(body)
 
     def _add_lines(self, topology: Topology) -> None:
@@ -149,7 +153,7 @@ class ModelArrays:
                 found[number] = in_warps(family, topology.springs[family.kind], self._slots, lines)
         return [found[number] for number in range(len(families))]
 
-    def _add_seams(self, topology: Topology, first_panel: int) -> None:
+    def _add_tear_offsets(self, topology: Topology, first_panel: int) -> None:
         """Add the elements that fail with a spring, for a body whose panels begin at `first_panel`."""
         slots_of, lines = self.spring_slots[-1], self.lines[-1]
         bending = KINDS.index("bending")
@@ -160,7 +164,7 @@ class ModelArrays:
         if len(under):
             needs[slots_of["bending"] - bends] = np.where(under >= 0, slots_of["structural"][under], -1)
         start = self._append("line_needs", needs.ravel())
-        self._seams.append((bends, others, lines[-1][2], start, under.shape[1], topology.tear_strain))
+        self._tear_offsets.append((bends, others, lines[-1][2], start, under.shape[1], topology.tear_strain))
         structural, shear = at_triangles(topology)
         sides = np.where(structural >= 0, slots_of["structural"][structural], -1)
         if "shear" in slots_of:
@@ -224,6 +228,7 @@ class ModelArrays:
         self._append("panel_parts", parts)
         panel = np.repeat(np.arange(len(topology.panels)), 3) + start
         self._append_around("panel_start", "particle_panels", topology.panels.ravel(), panel, len(topology.masses))
+        self._append("air_shares", _air_shares(topology))
         return start
 
     def _append_around(self, starts: str, entries: str, particles: np.ndarray, values: np.ndarray, count: int) -> None:
@@ -286,12 +291,25 @@ class ModelArrays:
             setattr(model, name, wp.array(self.joined(name), dtype=Model.vars[name].type.dtype, device=device))
         model.plate_strides = wp.vec2i(1, 0) if self._lanes else wp.vec2i(0, 1)
         model.curve_width = self.curve_width
-        seams = np.array(self._seams, dtype=Seams.numpy_dtype())
-        model.seams = wp.array(seams, dtype=Seams, device=device)
+        offsets = np.array(self._tear_offsets, dtype=TearOffsets.numpy_dtype())
+        model.tear_offsets = wp.array(offsets, dtype=TearOffsets, device=device)
         bodies = [tuple(body[name] for name in Body.vars) for body in self.bodies]
         model.bodies = wp.array(np.array(bodies, dtype=Body.numpy_dtype()), dtype=Body, device=device)
         model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 3), dtype=wp.vec3i, device=device)
         return model
+
+
+def _air_shares(topology: Topology) -> np.ndarray:
+    """Model.air_shares (N,): 1, but for the corners of a grid, which have a quarter of a cell in one triangle or two.
+
+    Their masses are quarters too. So the air slows all particles of a flat grid alike.
+    """
+    shares = np.ones(len(topology.masses))
+    if topology.grid is not None:
+        nx, ny = topology.grid
+        corners = np.array([0, nx - 1, nx * (ny - 1), nx * ny - 1])
+        shares[corners] = 1.5 / np.bincount(topology.triangles.ravel())[corners]
+    return shares
 
 
 def _own_parts(panels: np.ndarray) -> np.ndarray:

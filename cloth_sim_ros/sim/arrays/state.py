@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.features.collider_contact.arrays import ContactState
 from cloth_sim_ros.sim.features.constraints.arrays import ConstraintState
 from cloth_sim_ros.sim.features.grasp.arrays import GraspState
 from cloth_sim_ros.sim.features.plate.arrays import PlateState
+from cloth_sim_ros.sim.features.seams.arrays import SeamState
 from cloth_sim_ros.sim.features.self_contact.arrays import SelfContactState
 from cloth_sim_ros.sim.features.tearing.arrays import TearingState
 from cloth_sim_ros.sim.features.twist.arrays import EndTurn, TwistState
@@ -163,6 +164,7 @@ class State:
     contact: ContactState
     self_contact: SelfContactState
     constraints: ConstraintState
+    seams: SeamState
     grasp: GraspState
     tearing: TearingState
     winch: WinchArrays
@@ -186,7 +188,7 @@ class Arrays:
     handles: wp.array(dtype=HandleMotion)  # (H,)
     handle_counts: wp.array(dtype=int)  # (H,) particles that each holds
     drives: wp.array(dtype=Drive)  # (B,) of ropes that a winch feeds
-    numbers: wp.array(dtype=NumbersRow)  # (F + C,) of the scene's own forces, then of its constraints
+    numbers: wp.array(dtype=NumbersRow)  # of the scene's own forces, then of its constraints and seams
     ends: wp.array(dtype=EndTurn)  # (B,) of ropes that resist twist
 
 
@@ -201,6 +203,14 @@ def substeps_of(control: ControlState, limits: StepLimits, b: int) -> int:
 def substep_length(frame: Frame, control: ControlState, limits: StepLimits, b: int) -> float:
     """Length of a substep of body b in this frame [s]."""
     return frame.length / float(substeps_of(control, limits, b))
+
+
+@wp.func
+def was_smooth(events: wp.array(dtype=int), history: wp.array(dtype=int), b: int, substep: int) -> bool:
+    """True if the substep before this one of body b was smooth, so that BDF2 may look back."""
+    if substep == 0:
+        return history[b] > 0
+    return events[2 * b + (substep + 1) % 2] != substep  # two slots alternate, so none is read while it is written
 
 
 def given_type(features: Features) -> type:

@@ -74,7 +74,7 @@ class Batch:
         for topology in topologies.values():
             collected.add(topology)
         self.lines = collected.lines
-        self._bodies = collected.bodies
+        self._bodies, self._stitches = collected.bodies, collected.stitches
         self.counts = [row["count"] for row in self._bodies]
         self._spans = [slice(row["particles"], row["particles"] + row["count"]) for row in self._bodies]
         self.materials = LiveArray(Material, len(topologies), worlds, device)
@@ -92,9 +92,9 @@ class Batch:
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
         self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None
-        # Coupled bodies advance together, see engine/coupled_bodies.py.
+        # Bodies in step advance together, see engine/coupled_bodies.py.
         self.executor = None
-        if not features.coupled:
+        if not features.in_step:
             self.executor = make_executor(features, self.worlds, self.counts, device, executor)
         self.saved = self.measurement = self.ledger = None
         if features.measured:
@@ -142,6 +142,10 @@ class Batch:
         """Slice of a rope's chain segments; empty for a body without a chain."""
         row = self._bodies[self.index[name]]
         return slice(row["segments"], row["segments_end"])
+
+    def stitches(self, name: str) -> slice:
+        """Slice of the stitches of the seams that a body is first in."""
+        return self._stitches[self.index[name]]
 
     def write_masses(self, name: str, kg: np.ndarray, world: WorldSelection) -> None:
         """Set a body's mass and end mass (k, 2) [kg] in some worlds; particles pinned or on a drum stay held."""

@@ -25,10 +25,10 @@ class BatchFrame:
         self.iterations = 1
         self._shared = shared
 
-    def bound(self, b: int, choice: Choice, settings: Settings, sizes: np.ndarray, coupled: bool) -> None:
-        """Write the choice for body b of `sizes` (worlds,) [m]; `coupled` ones never sleep, as others move them."""
+    def bound(self, b: int, choice: Choice, settings: Settings, sizes: np.ndarray, in_step: bool) -> None:
+        """Write the choice for body b of `sizes` (worlds,) [m]; those `in_step` never sleep, as others move them."""
         bounds = {"least": choice.least, "most": choice.most, "error": settings.error, "size": sizes}
-        bounds["sleeps"] = int(settings.sleep and not coupled)
+        bounds["sleeps"] = int(settings.sleep and not in_step)
         self.limits.write(b, None, start=choice.substeps, **bounds)
         self.safe_limits.write(b, None, start=choice.safe_substeps)
 

@@ -42,8 +42,9 @@ from cloth_sim_ros.sim.substeps.choose import Choice, distinct
 from cloth_sim_ros.sim.substeps.prices import Surroundings
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.topology import build as build_topology
-from cloth_sim_ros.sim.topology.elements import Constraints
+from cloth_sim_ros.sim.topology.elements import Constraints, Stitches
 from cloth_sim_ros.sim.topology.line_layout import CROWDED
+from cloth_sim_ros.sim.topology.seams import stitches_of
 
 _LOG = logging.getLogger(__name__)
 _MOST_WORLDS = 65536
@@ -84,7 +85,13 @@ class Bodies:
             self.numbers.write(self.numbers_row[name], None, values=thing.numbers())
         self.moves: dict[str, Motion] = {}
         self.scales: dict[str, np.ndarray] = {}
+        self._stitches: dict[str, list[Stitches]] = {}
         self.elastic = {name: self._topology(name, thing, False) for name, thing in scene.objects.items()}
+        for name, seam in scene.seams.items():
+            first, second = (self.elastic[each] for each in (seam.first, seam.second))
+            found = stitches_of(name, seam, self.numbers_row[name], first, second)
+            self._stitches.setdefault(seam.first, []).append(found)
+        self.elastic = {name: self._sewn(name, topology) for name, topology in self.elastic.items()}
         self._sharpest: dict[str, Collider] = {}
         self._disturbed = False  # whether the next frame wakes bodies at rest, apart from changed numbers
         self._between: dict[str, set[str]] = {}  # object -> colliders that come between its particles
@@ -203,12 +210,12 @@ class Bodies:
         }
         self.batches = self._make_batches()
         self.batch = {name: batch for batch in self.batches for name in batch.index}
-        coupled = [batch for batch in self.batches if batch.features.coupled]
+        coupled = [batch for batch in self.batches if batch.features.in_step]
         itself = [name for name, thing in self.scene.objects.items() if thing.self_contact]
         self.coupled = CoupledBodies(coupled, self.topologies, itself, self.scene.object_contact) if coupled else None
         self._arrays: list[wp.array] = []
         counted = [batch for batch in self.batches if batch.features.measured and isinstance(batch.executor, Graph)]
-        groups = [InStep([batch], batch.executor) for batch in counted if not batch.features.coupled]
+        groups = [InStep([batch], batch.executor) for batch in counted if not batch.features.in_step]
         groups += [self.coupled.in_step] if self.coupled is not None else []
         self.frames = Frames(self.batches, groups, self.settings.frame_dt, self.warp_device)
         self._write_limits()
@@ -257,14 +264,14 @@ class Bodies:
     def _write_limits(self) -> None:
         """Give every body the bounds of its substeps, and mark the colliders that are tested against facets."""
         self._write_facets()
-        coupled = [name for name in self.batch if self._is_coupled(name)]
+        in_step = [name for batch in self.batches if batch.features.in_step for name in batch.index]
         for batch in self.batches:
-            together = coupled if batch.features.coupled else batch.index
+            together = in_step if batch.features.in_step else batch.index
             batch.frame.iterations = max(self.as_chosen[name].iterations for name in together)
             for name in batch.index:
                 topology, choice = self.elastic[name], self.as_chosen[name]
                 sizes = float(np.ptp(topology.rest, axis=0).max()) * topology.scales_in()
-                batch.frame.bound(batch.index[name], choice, self.settings, sizes, batch.features.coupled)
+                batch.frame.bound(batch.index[name], choice, self.settings, sizes, batch.features.in_step)
             batch.frame.write(self.settings.frame_dt)
         for group in self.frames.groups:
             group.forget()
@@ -289,9 +296,13 @@ class Bodies:
 
     def _topology(self, name: str, thing: Cloth | Rope, direct_ropes: bool) -> Topology:
         found = build_topology(thing, name, direct_ropes).at(self.scales.get(name))
-        found = replace(found, constraints=self._constraints(name, len(found.masses)))
+        found = self._sewn(name, replace(found, constraints=self._constraints(name, len(found.masses))))
         places = ("rest", "origin") if name in self.moves else ()
         return replace(found, **{place: moved(getattr(found, place), self.moves[name]) for place in places})
+
+    def _sewn(self, name: str, topology: Topology) -> Topology:
+        """The topology of an object with the stitches of the seams that it is first in."""
+        return replace(topology, stitches=tuple(self._stitches.get(name, ())))
 
     @property
     def _laws(self) -> tuple[str, ...]:
@@ -357,6 +368,7 @@ class Bodies:
                 pinches=any(collider.opposite for collider in self.scene.colliders.values()),
                 surface=choice.surface,
                 coupled=self._is_coupled(name),
+                sewn=name in self.scene.sewn,
                 listed=self.colliders.array.shape[1] > FEW,
                 line_slots=max(features.line_slots, CROWDED if crowded else 1),
             )

@@ -11,7 +11,7 @@ from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.engine.state_arrays import rows_by_array
 
 _PAST = ("last_displacements", "last_velocities")
-# Array -> kind of its rows: "particle", "count" (one number per body) or "body" (a struct per body).
+# Array -> kind of its rows: "particle", "count" (one number per body), "body" (a struct per body) or "stitch".
 _KEPT = {
     **dict.fromkeys(("positions", "position_lo", "good_positions", "velocities", *_PAST), "particle"),
     **dict.fromkeys(("recoveries", "history"), "count"),
@@ -25,7 +25,8 @@ class BodyState:
 
     order: of its history. particles: rows (worlds, N, 4). counts: (worlds, 1). live: rows
     (worlds,) of the live arrays. kg: mass and end mass (worlds, 2). bodies: rows (worlds, 1) of WinchState and Twist,
-    if it has any. torn: see Torn.read; None if it does not tear.
+    if it has any. stitches: rows (worlds, Z) of the seams that it is first in. torn: see Torn.read; None if it does not
+    tear.
     """
 
     order: int
@@ -34,19 +35,23 @@ class BodyState:
     live: list[np.ndarray]
     kg: np.ndarray
     bodies: dict[str, np.ndarray]
+    stitches: dict[str, np.ndarray]
     torn: dict[str, np.ndarray] | None
 
 
 def take(batch: Batch, name: str) -> BodyState:
     """Copy all state of a body that outlives its arrays."""
     span, b = batch.span(name), batch.index[name]
-    has = {row: [a for a in _KEPT if _KEPT[a] == row and batch.states[a].size] for row in ("particle", "count", "body")}
+    rows = ("particle", "count", "body", "stitch")
+    has = {row: [a for a in _KEPT if _KEPT[a] == row and batch.states[a].size] for row in rows}
     particles = {array: batch.part(array, span, None).numpy() for array in has["particle"]}
     counts = {array: batch.part(array, slice(b, b + 1), None).numpy() for array in has["count"]}
     live = [rows.read(b, None) for rows in batch.live]
     bodies = {array: batch.read_body(array, name, None) for array in has["body"]}
-    kg = batch.masses.read(b, None)
-    return BodyState(batch.features.order, particles, counts, live, kg, bodies, batch.torn and batch.torn.read(b))
+    own = batch.stitches(name)
+    stitches = {array: batch.part(array, own, None).numpy() for array in has["stitch"] if own.stop > own.start}
+    kg, torn = batch.masses.read(b, None), batch.torn and batch.torn.read(b)
+    return BodyState(batch.features.order, particles, counts, live, kg, bodies, stitches, torn)
 
 
 def give(batch: Batch, name: str, kept: BodyState) -> None:
@@ -75,5 +80,7 @@ def give(batch: Batch, name: str, kept: BodyState) -> None:
         rows.edit()[:, b] = held
     for array, held in kept.bodies.items():
         batch.write_body(array, name, held)
+    for array, rows in kept.stitches.items():
+        batch.part(array, batch.stitches(name), None).assign(rows)
     if batch.torn is not None:
         batch.torn.write(b, kept.torn)

@@ -21,6 +21,7 @@ from cloth_sim_ros.sim.features.collider_contact import arrays as contact
 from cloth_sim_ros.sim.features.constraints import arrays as constraints
 from cloth_sim_ros.sim.features.grasp import arrays as grasp
 from cloth_sim_ros.sim.features.plate import arrays as plate
+from cloth_sim_ros.sim.features.seams import arrays as seams
 from cloth_sim_ros.sim.features.self_contact import arrays as self_contact
 from cloth_sim_ros.sim.features.tearing import arrays as tearing
 from cloth_sim_ros.sim.features.twist import arrays as twist
@@ -34,8 +35,8 @@ _ALIGNED = 256  # bytes to whose multiple every array is aligned, as allocations
 # Field of State -> the module that owns its arrays.
 OWNERS = {
     "lines": lines, "plate": plate, "rope": rope, "twist": twist, "air": air, "contact": contact,
-    "self_contact": self_contact, "constraints": constraints, "grasp": grasp, "tearing": tearing, "winch": winch,
-    "trial": trial, "control": control,
+    "self_contact": self_contact, "constraints": constraints, "seams": seams, "grasp": grasp, "tearing": tearing,
+    "winch": winch, "trial": trial, "control": control,
 }  # fmt: skip
 
 
@@ -71,7 +72,7 @@ def make_states(
     size = arrays.size
     counts = Counts(
         arrays.particles, len(arrays.bodies), colliders, size["line_nodes"], arrays.longest_row, size["segment_length"],
-        size["joints"], size["panels"], size["curve_corners"], device.is_cpu, size,
+        size["joints"], size["panels"], size["curve_corners"], arrays.stitches[-1].stop, device.is_cpu, size,
     )  # fmt: skip
     sizes, types = _core_sizes(features, counts), dict(State.vars)
     for field, owner in OWNERS.items():

@@ -15,6 +15,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import Arrays, gathered, given_type
 from cloth_sim_ros.sim.executors.block import blocks_for, make_home, threads_for
+from cloth_sim_ros.sim.features.seams.sew import Sewing
 from cloth_sim_ros.sim.features.self_contact.ccd_clamp import CcdClamp
 from cloth_sim_ros.sim.features.self_contact.early_out import EarlyOut
 from cloth_sim_ros.sim.features.self_contact.search import Search
@@ -68,13 +69,16 @@ class Graph:
     """The launches of batches that advance together. `advance()` simulates a frame of every body in every world.
 
     meeting: contact between bodies. EarlyOut tells if parts may touch at all, and Search finds them. ContactSolve keeps
-    them apart, and CcdClamp lets none pass through another.
+    them apart, and CcdClamp lets none pass through another. sewing: seams between bodies.
     """
 
     def __init__(
-        self, members: Sequence[Member], meeting: tuple[EarlyOut, Search, ContactSolve, CcdClamp] | None = None
+        self,
+        members: Sequence[Member],
+        meeting: tuple[EarlyOut, Search, ContactSolve, CcdClamp] | None = None,
+        sewing: Sewing | None = None,
     ) -> None:
-        self._members, self._meeting = members, meeting
+        self._members, self._meeting, self._sewing = members, meeting, sewing
         self._frames: dict[tuple[int, int], list[Launch] | wp.Graph] = {}
 
     def advance(self, substeps: int, iterations: int) -> None:
@@ -104,14 +108,20 @@ class Graph:
             early_out, search, solve, clamp = self._meeting
             frame += [Call(clamp.begin), Call(early_out.begin), Call(partial(search.look, ends=False))]
         for substep in range(substeps):
+            if self._sewing is not None:
+                frame.append(self._sewing.agree(substep))
             run("before", substep)
             for iteration in range(iterations):
                 now = (substep, min(iteration, 1), int(iteration + 1 == iterations))
                 run("solved", *now)
                 if self._meeting is not None:
                     frame.append(solve)
+                if self._sewing is not None:
+                    frame.append(self._sewing.sew(substep, iteration == 0, False))
                 run("touched", *now)
             run("kept", substep, min(iterations - 1, 1))
+            if self._sewing is not None:
+                frame.append(self._sewing.sew(substep, False, True))
             if self._meeting is not None:
                 frame += [Call(partial(search.look, ends=True)), clamp]
             run("after", substep, min(iterations - 1, 1))

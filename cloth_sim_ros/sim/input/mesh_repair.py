@@ -11,6 +11,10 @@ import numpy as np
 SHORTEST = 1e-6  # of an edge or a height, relative to the mesh: float32 cannot tell its ends apart well below
 
 
+_NEAR = 1e-3  # share of the length of an edge within which a vertex lies on it
+_MOST_OPEN = 4000  # largest number of open edges that are searched for vertices between their ends
+
+
 class Unfit(ValueError):
     """A mesh cannot be used; the message follows its name."""
 
@@ -63,6 +67,29 @@ def repair(points: np.ndarray, triangles: np.ndarray, welds: bool = False) -> Re
         told.append(f"has {np.count_nonzero(~used)} vertices that no triangle needs, which are left out")
     number = np.where(used, np.cumsum(used) - 1, -1)
     return Repaired(points[used], number[kept].astype(np.int32), number[label], "; it ".join(told))
+
+
+def count_parts(count: int, triangles: np.ndarray) -> int:
+    """Number of parts without a common vertex, of a mesh of `count` vertices and `triangles` (T, 3)."""
+    return len(np.unique(_joined(count, triangles.ravel(), np.roll(triangles, 1, axis=1).ravel())[triangles]))
+
+
+def count_t_junctions(points: np.ndarray, triangles: np.ndarray) -> int:
+    """Number of open edges of a mesh with a vertex of its border between their ends, where it comes apart.
+
+    0 for a border of more edges than _MOST_OPEN, as each is tested against each.
+    """
+    edges, count, _ = _edges(triangles, len(points))
+    edges = edges[count == 1]
+    if len(edges) > _MOST_OPEN:
+        return 0
+    places, found = points[np.unique(edges)], 0
+    for start, end in points[edges]:
+        way = end - start
+        share = (places - start) @ way / (way @ way)
+        off = np.linalg.norm(places - start - share[:, None] * way, axis=1)
+        found += bool(((off < _NEAR * np.linalg.norm(way)) & (_NEAR < share) & (share < 1.0 - _NEAR)).any())
+    return found
 
 
 def _joined(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:

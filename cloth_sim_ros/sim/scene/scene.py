@@ -17,12 +17,14 @@ from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.input.checks import check_fields
+from cloth_sim_ros.sim.input.mesh_repair import count_parts, count_t_junctions
 from cloth_sim_ros.sim.input.numbers import Described
 from cloth_sim_ros.sim.physics.quaternion import Vector
 from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS, Constraint
 from cloth_sim_ros.sim.scene.forces import FORCES, Force
 from cloth_sim_ros.sim.scene.handles import Handle
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
+from cloth_sim_ros.sim.scene.seams import Seam
 
 _LARGE = 20.0  # size [m] above which a mesh is suspect, as garments and tools are smaller
 
@@ -46,7 +48,7 @@ class Wind:
 
 @dataclass(frozen=True)
 class Scene:
-    """Named objects, colliders, handles, forces and constraints, wind (None: no air) and gravity [m/s^2].
+    """Named objects, colliders, handles, forces, constraints and seams, wind (None: no air), gravity [m/s^2].
 
     spare_colliders: number of colliders of SPARE_SHAPES that may be added while a simulation runs. object_contact: True
     if objects keep the sum of their thicknesses from one another. Topics and parameters use all these names. Raises
@@ -62,6 +64,7 @@ class Scene:
     spare_colliders: int = 0
     object_contact: bool = False
     constraints: Mapping[str, Constraint] = field(default_factory=dict)
+    seams: Mapping[str, Seam] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check_names(self.objects, (Cloth, Rope), "objects")
@@ -69,12 +72,13 @@ class Scene:
         _check_names(self.handles, (Handle,), "handles")
         _check_names(self.forces, (Force,), "forces")
         _check_names(self.constraints, (Constraint,), "constraints")
-        names = [*self.objects, *self.colliders, *self.handles, *self.forces, *self.constraints]
+        _check_names(self.seams, (Seam,), "seams")
+        names = [*self.objects, *self.colliders, *self.handles, *self.forces, *self.constraints, *self.seams]
         twice = {name for name in names if names.count(name) > 1}
         if twice:
             raise ValueError(
-                f"the name {min(twice)!r} is given to two of objects, colliders, handles, forces and constraints; "
-                "allowed is one of them"
+                f"the name {min(twice)!r} is given to two of objects, colliders, handles, forces, constraints and "
+                "seams; allowed is one of them"
             )
         for name, handle in self.handles.items():
             if handle.object not in ("", *self.objects):
@@ -83,17 +87,27 @@ class Scene:
                 )
         if self.wind is not None and not isinstance(self.wind, Wind):
             raise ValueError(f"Scene.wind is {self.wind!r}; allowed is a Wind or None")
-        for name, thing in self.numbered.items():
+        for thing in (*self.forces.values(), *self.constraints.values()):
             kind_of(thing)
-            if isinstance(thing, Constraint) and thing.object not in self.objects:
-                allowed = ", ".join(self.objects) or "none, the scene is empty"
-                raise ValueError(f"Constraint {name!r} is of {thing.object!r}; allowed is {allowed}")
+        allowed = ", ".join(self.objects) or "none, the scene is empty"
+        for name, constraint in self.constraints.items():
+            if constraint.object not in self.objects:
+                raise ValueError(f"Constraint {name!r} is of {constraint.object!r}; allowed is {allowed}")
+        for name, seam in self.seams.items():
+            for thing in (seam.first, seam.second):
+                if thing not in self.objects:
+                    raise ValueError(f"Seam {name!r} is of {thing!r}; allowed is {allowed}")
         check_fields(self, (table.GRAVITY, table.SPARE_COLLIDERS, table.OBJECT_CONTACT))
 
     @property
     def numbered(self) -> dict[str, Described]:
-        """Forces, then constraints, in the order of Arrays.numbers."""
-        return {**self.forces, **self.constraints}
+        """Forces, then constraints, then seams, in the order of Arrays.numbers."""
+        return {**self.forces, **self.constraints, **self.seams}
+
+    @property
+    def sewn(self) -> frozenset[str]:
+        """Names of the objects that seams hold."""
+        return frozenset(name for seam in self.seams.values() for name in (seam.first, seam.second))
 
 
 def kind_of(thing: Described) -> str:
@@ -114,6 +128,19 @@ def large_meshes(scene: Scene) -> Iterator[str]:
         across = 0.0 if points is None else float(np.ptp(points, axis=0).max())
         if across > _LARGE:
             yield f"{name} is {across:.3g} m across; a mesh in millimetres takes a scale of 0.001"
+
+
+def loose_meshes(scene: Scene) -> Iterator[str]:
+    """Yield a warning for each cloth of a mesh of parts that no seam holds, or with vertices on open edges."""
+    for name, thing in scene.objects.items():
+        if not isinstance(thing, Cloth) or thing.vertices is None:
+            continue
+        parts = count_parts(len(thing.vertices), thing.triangles)
+        if parts > 1 and name not in scene.sewn:
+            yield f"{name} has {parts} parts that no triangle joins, which move apart; a seam sews them together"
+        open_edges = count_t_junctions(thing.vertices, thing.triangles)
+        if open_edges:
+            yield f"{name} has {open_edges} open edges with a vertex between their ends, where it comes apart"
 
 
 def _check_names(things: Any, kinds: tuple[type, ...], where: str) -> None:

@@ -28,7 +28,8 @@ FEW = wp.constant(16)  # substeps below which trials are too coarse to tell the 
 # The error is relative to the motion in the last window, and to this share of the body's size if it moved by less than
 # another share of it. Then it is at rest, and only its static shape counts.
 AT_REST, OF_SIZE = wp.constant(5.0e-3), wp.constant(0.1)
-STILL = wp.constant(1.0e-8)  # displacement in a window, as a share of the body's size, below which it falls asleep
+# Displacement in a window, as a share of the size, below which a body falls asleep: what float32 rounds.
+STILL = wp.constant(6.0e-8)
 MOST_GROWTH, LEAST_GROWTH = wp.constant(3.0), wp.constant(0.8)  # bounds of the ratio of substeps in one change
 SPARE = wp.constant(0.9)  # substeps stay if this share of them would do
 

@@ -69,6 +69,22 @@ class Constraints:
 
 
 @dataclass(frozen=True)
+class Stitches:
+    """Stitches of one seam, from points of an object to points of `other`.
+
+    particles (E, 4): two of the object, then two of the other. shares (E, 2): of the second of each two; the point lies
+    between them. row: of the live numbers. slides: True if points of the other move along it.
+    """
+
+    seam: str
+    other: str
+    particles: np.ndarray
+    shares: np.ndarray
+    row: int
+    slides: bool
+
+
+@dataclass(frozen=True)
 class Topology:
     """One object: rest positions (N, 3) [m] in the world, masses (N,) [kg], pinned (N,), elements, triangles, segments.
 
@@ -79,9 +95,9 @@ class Topology:
     along x and y, None for what is no grid. winch: of a rope on a winch, the last particle at the drum and the rest
     length [m] of the segment that begins there. plate: what a sheet resists bending with. coupling: of the
     structural springs of a membrane. twists: whether a rope resists twist. tear_strain: beyond which its springs
-    fail, 0 for never. load: what of the last mass is no part of the object [kg]. world_scales: (worlds,) by how
-    much it is larger than all this says in each world, about `origin` (3,) [m] in the world; None where no world
-    ever had another size.
+    fail, 0 for never. stitches: of the seams that it is first in. load: what of the last mass is no part of the
+    object [kg]. world_scales: (worlds,) by how much it is larger than all this says in each world, about `origin`
+    (3,) [m] in the world; None where no world ever had another size.
     """
 
     rest: np.ndarray
@@ -102,6 +118,7 @@ class Topology:
     tear_strain: float = 0.0
     load: float = 0.0
     constraints: Constraints | None = None
+    stitches: tuple[Stitches, ...] = ()
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
     world_scales: np.ndarray | None = None
 

@@ -45,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--starts", type=int, default=1, help="drapes of each, the warp turned by 7 degrees more each")
     parser.add_argument("--seconds", type=float, default=4.0, help="simulated time of a drape [s]")
     parser.add_argument("--error", type=float, default=1e-3, help="solver.error")
+    parser.add_argument(
+        "--budget", type=float, default=0.5, help="solver.budget, which small stiff meshes need more of"
+    )
     parser.add_argument("--output", type=Path, default=Path("study"), help="folder of the JSON and PNG")
 
 
@@ -53,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     fabrics = {name: FABRICS[name] for name in arguments.fabric}
     if arguments.own:
         fabrics = {"own": _own(arguments.own)}
-    settings, rows, drapes = Settings(error=arguments.error), [], {}
+    settings, rows, drapes = Settings(error=arguments.error, budget=arguments.budget), [], {}
     for name, fabric in fabrics.items():
         if "drape" in arguments.test:
             for kind in arguments.mesh:

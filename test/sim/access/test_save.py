@@ -58,3 +58,13 @@ def test_live_values_are_those_of_the_file(device, tmp_path):
     for name in ("cloth.resolution", "solver.method", "rope.pins", "cloth.segments"):
         with pytest.raises(ValueError, match="no live parameter"):
             a.get(name)
+
+
+def test_what_the_budget_leaves_is_told_once(device, tmp_path):
+    a, b = make("auto", device), make("auto", device)
+    a.set("solver.error", 1e-6)
+    run(a, 0)
+    a.save(tmp_path / "a.npz")
+    b.load(tmp_path / "a.npz")
+    assert b.choices["cloth"].reason == a.choices["cloth"].reason
+    assert b.choices["cloth"].reason.count("the budget allows no more substeps") == 1

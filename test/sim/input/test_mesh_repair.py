@@ -6,7 +6,7 @@ import logging
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Cloth, Mesh, Scene, Simulation
+from cloth_sim_ros.sim import Cloth, Mesh, Scene, Seam, Simulation
 from cloth_sim_ros.sim.colliders.mesh import what_is_open
 from cloth_sim_ros.sim.input.mesh_repair import cut, repair
 from cloth_sim_ros.sim.mesh_file import load_mesh
@@ -212,3 +212,19 @@ def test_a_cloth_of_a_mesh_has_a_unit_and_a_room_is_told(tmp_path, caplog):
     with pytest.raises(ValueError, match=r"which has vertex 1 at \[90000.0, 0.0, 0.0\]; allowed is up to 10000$"):
         load(tmp_path, far)
     load_mesh(str(tmp_path / "it.obj"), "towel.mesh", 1e-3)
+
+
+def test_loose_parts_and_vertices_on_open_edges_are_told(caplog):
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    far = Cloth.from_mesh(np.concatenate([square, square + 2.0]), [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    beside = np.concatenate([square, [[2, 0, 0], [2, 1, 0], [1, 0.5, 0]]])
+    faces = [[0, 1, 2], [0, 2, 3], [1, 4, 6], [4, 5, 6], [5, 2, 6]]
+    with caplog.at_level("WARNING"):
+        Simulation(Scene({"far": far, "near": Cloth.from_mesh(beside, faces)}), device="cpu")
+    assert "far has 2 parts that no triangle joins" in caplog.text
+    assert "near has 1 open edges with a vertex between their ends" in caplog.text
+    assert "near has 2" not in caplog.text and "far has 1" not in caplog.text
+    caplog.clear()
+    seam = Seam("far", "far", (1,), (4,), closing_speed=1.0)
+    Simulation(Scene({"far": far}, seams={"seam": seam}), device="cpu")
+    assert "parts" not in caplog.text

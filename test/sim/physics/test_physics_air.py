@@ -45,10 +45,15 @@ def test_flat_sheet_falls_at_the_closed_form_speed(device, frames):
     assert -z.mean() == pytest.approx(sheets.fallen_distance(frames / 60, terminal, G), rel=1e-2)
 
 
-def test_grid_falls_at_the_closed_form_speed(device):
-    cloth = Cloth(resolution=(12, 12), size=(0.5, 0.5), mass=0.05, pins=None)
-    terminal = sheets.terminal_speed(0.05 / 0.25, G, RHO, CD)
-    assert fall_speed(falling(cloth, device, 12)) == pytest.approx(sheets.falling_speed(0.2, terminal, G), rel=1e-3)
+@pytest.mark.parametrize("lift", [0.0, 1.0])
+def test_a_free_grid_falls_flat_at_the_closed_form_speed(device, lift):
+    cloth = Cloth.of("cotton", resolution=(12, 9), size=(0.55, 0.4), pins=None)
+    scene = Scene({"it": cloth}, wind=Wind(air_density=RHO, drag_coefficient=CD, lift_coefficient=lift))
+    sim = Simulation(scene, device=device)
+    sim.step(120)
+    terminal = sheets.terminal_speed(cloth.mass / 0.22, G, RHO, CD)
+    assert fall_speed(sim) == pytest.approx(sheets.falling_speed(2.0, terminal, G), rel=1e-3)
+    assert np.ptp(sim.positions("it")[:, 2]) < 1e-4
 
 
 def test_rope_across_the_flow_falls_at_its_terminal_speed(device):

@@ -4,7 +4,7 @@
 import warp as wp
 
 from cloth_sim_ros.sim.features.self_contact.nearest import nearest
-from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, Surface, dt_of
+from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, Surface, are_sewn, dt_of
 from cloth_sim_ros.sim.kernels.intrinsics import next_place
 
 TESTS = 15  # tests of two triangles: three corners of each against the other, and nine pairs of sides
@@ -140,6 +140,18 @@ def _share(parts: wp.vec4i) -> bool:
 
 
 @wp.func
+def _are_sewn(members: Members, w: int, a: Panel, p: int, b: Panel, q: int) -> bool:
+    """Return True if two parts, as in `list_test`, have particles that are sewn together."""
+    sewn = bool(False)
+    if members.sewn_start.shape[0] > 0:
+        for k in range(wp.where(q < 0, 1, 2)):
+            for j in range(wp.where(q < 0, 3, 2)):
+                i = b.corners[(wp.max(q, 0) + j) % 3]
+                sewn = sewn or are_sewn(members, w, a, a.corners[(p + k) % 3], b, i)
+    return sewn
+
+
+@wp.func
 def _offsets(of_corner: bool, p: int, first: wp.mat33, q: int, second: wp.mat33) -> wp.mat33:
     """Return rows b - a, c - a, d - a of two parts: corner a and triangle b c d, or sides a b and c d of two panels."""
     a = first[p]
@@ -181,7 +193,7 @@ def _parted(of_corner: bool, at: wp.mat33, after: wp.mat33, reach: float) -> boo
 
 
 @wp.func
-def list_test(pairs: Pairs, w: int, first: Way, p: int, second: Way, q: int):
+def list_test(members: Members, pairs: Pairs, w: int, first: Way, p: int, second: Way, q: int):
     """List a pair if it may touch: corner p of one panel and the other panel or, if q >= 0, sides p and q."""
     a, b, of_corner = first.panel, second.panel, q < 0
     parts = wp.vec4i(a.corners[p], b.corners[0], b.corners[1], b.corners[2])
@@ -204,6 +216,8 @@ def list_test(pairs: Pairs, w: int, first: Way, p: int, second: Way, q: int):
         kept = wp.min(kept, wp.static(OF_REST) * wp.length(rest))
         if free - strays >= kept:
             return
+    if _are_sewn(members, w, a, p, b, q):
+        return
     n = next_place(pairs.counts[w], 1)
     if n < pairs.parts.shape[1]:
         pairs.parts[w, n] = parts

@@ -43,7 +43,7 @@ from cloth_sim_ros.sim.features.self_contact.pairs import (
     time_ahead,
     way_of,
 )
-from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, dt_of, may_touch, panel_of, place
+from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, are_sewn, dt_of, may_touch, panel_of, place
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, recorded
 from cloth_sim_ros.sim.kernels.intrinsics import lowest_bit, next_place, xyz
@@ -178,11 +178,11 @@ def _pair(members: Members, pairs: Pairs, width: int, team: int):
         for test in range(t % team, wp.static(TESTS), team):
             if (tests >> test) & 1 == 1:
                 if test < 3:
-                    list_test(pairs, w, first, test, second, -1)
+                    list_test(members, pairs, w, first, test, second, -1)
                 elif test < 6:
-                    list_test(pairs, w, second, test - 3, first, -1)
+                    list_test(members, pairs, w, second, test - 3, first, -1)
                 else:
-                    list_test(pairs, w, first, test / 3 - 2, second, test % 3)
+                    list_test(members, pairs, w, first, test / 3 - 2, second, test % 3)
 
 
 @compiled
@@ -201,8 +201,8 @@ def _accept(pairs: Pairs, ends: bool):
 
 
 @wp.func
-def _crossed(members: Members, panel: Panel, other: Panel) -> int:
-    """Return the number of own edges of a panel that pass through another panel."""
+def _crossed(members: Members, panel: Panel, other: Panel, w: int) -> int:
+    """Return the number of own edges of a panel that pass through another panel, but for what is sewn to it."""
     own, of_other = members.surfaces[panel.surface], members.surfaces[other.surface]
     a, b = place(of_other, other.corners[0]), place(of_other, other.corners[1])
     c = place(of_other, other.corners[2])
@@ -211,9 +211,10 @@ def _crossed(members: Members, panel: Panel, other: Panel) -> int:
         p, q = panel.corners[side], panel.corners[(side + 1) % 3]
         shared = bool(False)
         for k in range(3):
-            shared = shared or p == other.corners[k] or q == other.corners[k]
-        apart = other.body != panel.body or not shared
-        if apart and (panel.own >> (3 + side)) & 1 == 1 and crosses(place(own, p), place(own, q), a, b, c):
+            same = other.body == panel.body and (p == other.corners[k] or q == other.corners[k])
+            shared = shared or same or are_sewn(members, w, panel, p, other, other.corners[k])
+            shared = shared or are_sewn(members, w, panel, q, other, other.corners[k])
+        if not shared and (panel.own >> (3 + side)) & 1 == 1 and crosses(place(own, p), place(own, q), a, b, c):
             found += 1
     return found
 
@@ -231,7 +232,7 @@ def _cross(members: Members, w: int, boxes: Boxes, counts: wp.array(dtype=int), 
             near &= near - wp.uint64(1)
             for q in range(begin + lane, wp.min(begin + wp.static(CLUSTER), panels), team):
                 if overlap(boxes, first + p, first + q) and may_touch(members, panel.body, members.owners[q]):
-                    wp.atomic_add(counts, panel.body, _crossed(members, panel, panel_of(members, q, w)))
+                    wp.atomic_add(counts, panel.body, _crossed(members, panel, panel_of(members, q, w), w))
 
 
 class Search:

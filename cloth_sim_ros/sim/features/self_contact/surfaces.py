@@ -38,6 +38,7 @@ class Surface:
     pair_corrections: wp.array(dtype=wp.int64)
     off_path: wp.array(dtype=float)
     ways_given_up: wp.array(dtype=float)
+    stitches: wp.array(dtype=wp.vec3)
 
 
 @wp.func
@@ -53,7 +54,10 @@ class Members:
     surfaces: (batches x worlds,), all worlds of the first batch first. panels: (P,) batch, and number there.
     bodies: (B,) batch, number there, and 1 if the body is kept apart from itself. owners: (P,) the body of a panel.
     among: True if bodies are kept apart from one another. flattens: True if all bodies are sheets that may lie so flat
-    that nothing touches, see early_out.py. gaps, ends: (B,) Topology.fold_gap and far_ends.
+    that nothing touches, see early_out.py. gaps, ends: (B,) Topology.fold_gap and far_ends. firsts: (batches,) the
+    place of the first particle of a batch among all. sewn_start: (N + 1,) offsets into `sewn` for each of all
+    particles, empty without seams. sewn: the place of a particle that a stitch ties it to, or -1 - the number of a body
+    that it slides along; then the batch of that stitch, and its number in SeamState.
     """
 
     surfaces: wp.array(dtype=Surface)
@@ -62,6 +66,9 @@ class Members:
     owners: wp.array(dtype=int)
     gaps: wp.array(dtype=float)
     ends: wp.array(dtype=wp.vec4i)
+    firsts: wp.array(dtype=int)
+    sewn_start: wp.array(dtype=int)
+    sewn: wp.array(dtype=wp.vec3i)
     worlds: int
     batches: int
     among: bool
@@ -131,20 +138,42 @@ def may_touch(members: Members, a: int, b: int) -> bool:
     return members.among
 
 
+@wp.func
+def _is_sewn(members: Members, w: int, a: Panel, i: int, b: Panel, j: int) -> bool:
+    """Return True if an intact stitch ties particle i of panel a in world w to particle j of panel b."""
+    number = members.firsts[a.surface / members.worlds] + i
+    for k in range(members.sewn_start[number], members.sewn_start[number + 1]):
+        entry = members.sewn[k]
+        if entry[0] == members.firsts[b.surface / members.worlds] + j or entry[0] == -1 - b.body:
+            if members.surfaces[entry[1] * members.worlds + w].stitches[entry[2]][1] == 0.0:
+                return True
+    return False
+
+
+@wp.func
+def are_sewn(members: Members, w: int, a: Panel, i: int, b: Panel, j: int) -> bool:
+    """Return True if particle i of panel a in world w and particle j of panel b are sewn together."""
+    if members.sewn_start.shape[0] == 0:
+        return False
+    return _is_sewn(members, w, a, i, b, j) or _is_sewn(members, w, b, j, a, i)
+
+
 def members_of(
     batches: Sequence[Sequence[Arrays]],
-    topologies: Sequence[Topology],
+    topologies: dict[str, Topology],
     itself: Sequence[bool],
     among: bool,
     device: wp.Device,
 ) -> Members:
     """Build the Members of batches.
 
-    batches: the arrays of each batch in all worlds. topologies: one for each body. itself: True for each body that is
-    kept apart from itself. among: True if bodies are kept apart from one another. device: where arrays are allocated.
+    batches: the arrays of each batch in all worlds. topologies: by name, body by body. itself: True for each body
+    that is kept apart from itself. among: True if bodies are kept apart from one another. device: where arrays are
+    allocated.
     """
     members = Members()
     surfaces, panels, bodies, owners = [], [], [], []
+    sizes = [worlds[0].state.positions.shape[0] for worlds in batches]
     for number, worlds in enumerate(batches):
         surfaces += [_surface_of(arrays) for arrays in worlds]
         own = _side_by_side(worlds[0].model)
@@ -155,12 +184,48 @@ def members_of(
     members.panels = wp.array(np.concatenate(panels).astype(np.int32), dtype=wp.vec2i, device=device)
     members.bodies = wp.array(np.array(bodies, np.int32), dtype=wp.vec3i, device=device)
     members.owners = wp.array(np.concatenate(owners).astype(np.int32), dtype=int, device=device)
-    members.gaps = wp.array([topology.fold_gap for topology in topologies], dtype=float, device=device)
-    ends = [topology.far_ends for topology in topologies]
+    members.gaps = wp.array([topology.fold_gap for topology in topologies.values()], dtype=float, device=device)
+    firsts = np.cumsum([0, *sizes])
+    members.firsts = wp.array(firsts[:-1], dtype=int, device=device)
+    starts = [batches[batch][0].model.bodies.numpy()["particles"][b] for batch, b, _ in bodies]
+    batch_of = [batch for batch, _, _ in bodies]
+    begins = {name: firsts[batch] + start for name, batch, start in zip(topologies, batch_of, starts, strict=True)}
+    members.sewn_start, members.sewn = _sewn(topologies, batch_of, begins, firsts[-1], device)
+    ends = [topology.far_ends for topology in topologies.values()]
     members.ends = wp.array(np.array(ends, np.int32), dtype=wp.vec4i, device=device)
     members.worlds, members.batches, members.among = len(batches[0]), len(batches), among
-    members.flattens = not among and all(topology.fold_gap for topology in topologies)
+    members.flattens = not among and all(topology.fold_gap for topology in topologies.values())
     return members
+
+
+def _sewn(
+    topologies: dict[str, Topology], batch_of: list[int], begins: dict[str, int], count: int, device: wp.Device
+) -> tuple[wp.array, wp.array]:
+    """Members.sewn_start of `count` particles, and Members.sewn.
+
+    batch_of: of each body. begins: name -> the place of its first particle among all.
+    """
+    numbers, found = dict.fromkeys(batch_of, 0), [np.zeros((0, 4), int)]
+    for (name, topology), batch in zip(topologies.items(), batch_of, strict=True):
+        for each in topology.stitches:
+            number = numbers[batch] + np.arange(len(each.shares))
+            numbers[batch] += len(number)
+            if each.other not in begins:
+                continue
+            weights = np.stack([1.0 - each.shares, each.shares], axis=-1).reshape(-1, 4)
+            for k, j in ((0, 2), (0, 3), (1, 2), (1, 3)):
+                used = (weights[:, k] > 0.0) & (each.slides | (weights[:, j] > 0.0))
+                tied = begins[each.other] + each.particles[used, j]
+                if each.slides:
+                    tied[:] = -1 - list(topologies).index(each.other)
+                who = begins[name] + each.particles[used, k]
+                found.append(np.column_stack([who, tied, np.full(len(who), batch), number[used]]))
+    rows = np.concatenate(found)
+    if not len(rows):
+        return wp.zeros(0, dtype=int, device=device), wp.zeros(0, dtype=wp.vec3i, device=device)
+    rows = rows[np.argsort(rows[:, 0], kind="stable")].astype(np.int32)
+    start = np.searchsorted(rows[:, 0], np.arange(count + 1)).astype(np.int32)
+    return wp.array(start, dtype=int, device=device), wp.array(rows[:, 1:], dtype=wp.vec3i, device=device)
 
 
 def _surface_of(arrays: Arrays) -> Surface:
@@ -168,7 +233,7 @@ def _surface_of(arrays: Arrays) -> Surface:
     model, state = arrays.model, arrays.state
     surface.bodies, surface.panels, surface.panel_parts = model.bodies, model.panels, model.panel_parts
     surface.rest, surface.frames, surface.materials = model.rest, arrays.frames, arrays.materials
-    surface.limits, surface.control = arrays.limits, state.control
+    surface.limits, surface.control, surface.stitches = arrays.limits, state.control, state.seams.stitches
     moving = ("positions", "position_lo", "displacements", "velocities", "last_displacements")
     own = SelfContactState.vars
     for name in (*moving, *own):

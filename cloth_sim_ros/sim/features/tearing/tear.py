@@ -31,14 +31,14 @@ def make_tear(features: Features):
 
     @wp.func
     def tear(t: int, width: int, ctx: Context):
-        seams = ctx.model.seams[ctx.body.index]
-        for k in range(seams.others + t, seams.end, width):
+        offsets = ctx.model.tear_offsets[ctx.body.index]
+        for k in range(offsets.others + t, offsets.end, width):
             rest = ctx.state.tearing.line_rests[k]
             if rest > 0.0:
                 i, j = ctx.model.line_nodes[k], ctx.model.line_others[k]
                 lo = load4(ctx.position_lo, j) - load4(ctx.position_lo, i)
                 e = xyz((load4(ctx.x, j) - load4(ctx.x, i)) + lo)
-                longest = (1.0 + seams.strain * strength(i, j)) * rest
+                longest = (1.0 + offsets.strain * strength(i, j)) * rest
                 if wp.dot(e, e) > longest * longest:
                     ctx.state.tearing.line_rests[k] = -rest
                     ctx.state.tearing.tearing[ctx.body.index] = 1
@@ -51,10 +51,10 @@ def make_tear(features: Features):
 @wp.func
 def settle_springs(t: int, width: int, ctx: Context):
     """Stage that removes the springs that failed in this frame, or restores them if the body is put back."""
-    seams = ctx.model.seams[ctx.body.index]
+    offsets = ctx.model.tear_offsets[ctx.body.index]
     if ctx.state.tearing.tearing[ctx.body.index] == 0:
         return
-    for k in range(seams.others + t, seams.end, width):
+    for k in range(offsets.others + t, offsets.end, width):
         rest = ctx.state.tearing.line_rests[k]
         if ctx.model.line_others[k] >= 0 and rest < 0.0 and rest > GONE:
             ctx.state.tearing.line_rests[k] = wp.where(ctx.state.faulty[ctx.body.index] == 1, -rest, GONE)
@@ -69,12 +69,12 @@ def is_gone(slot: int, ctx: Context) -> bool:
 @wp.func
 def drop_over(t: int, width: int, ctx: Context):
     """Stage that removes bending springs over failed springs, and triangles next to them."""
-    seams = ctx.model.seams[ctx.body.index]
+    offsets = ctx.model.tear_offsets[ctx.body.index]
     if ctx.state.tearing.tearing[ctx.body.index] == 0:
         return
-    for k in range(seams.bends + t, seams.others, width):
-        for q in range(seams.needs_width):
-            if is_gone(ctx.model.line_needs[seams.needs + (k - seams.bends) * seams.needs_width + q], ctx):
+    for k in range(offsets.bends + t, offsets.others, width):
+        for q in range(offsets.needs_width):
+            if is_gone(ctx.model.line_needs[offsets.needs + (k - offsets.bends) * offsets.needs_width + q], ctx):
                 ctx.state.tearing.line_rests[k] = GONE
     for k in range(ctx.body.panels + t, ctx.body.panels_end, width):
         sides = ctx.model.panel_sides[k]

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draws the bag of config/bag.yaml together: two hands lower its string, pull it tight below the ball, and let go."""
+
+from __future__ import annotations
+
+from cloth_sim_ros.demo.driver import SceneDriver
+
+# name -> where the hand waits, where it holds the string below the ball, and where it has pulled it to: x, y, z [m]
+HANDS = {
+    "left": ((-0.445, -0.276, 0.64), (-0.36, -0.19, 0.38), (-0.76, 0.19, 0.38)),
+    "right": ((-0.308, -0.406, 0.64), (-0.22, -0.32, 0.38), (0.19, -0.76, 0.38)),
+}
+LOWER, PULL, LIE = 0.8, 2.5, 1.5  # [s] until the string is low, until it is tight, and until all begins again
+
+
+def hand(name: str, t: float) -> tuple[float, float, float]:
+    """Position of a hand at time t [s]."""
+    wait, low, tight = HANDS[name]
+    begin, end, share = (wait, low, t / LOWER) if t < LOWER else (low, tight, (t - LOWER) / PULL)
+    share = min(max(share, 0.0), 1.0)
+    along = share * share * (3.0 - 2.0 * share)
+    return tuple(a + along * (b - a) for a, b in zip(begin, end, strict=True))
+
+
+class Driver(SceneDriver):
+    """Moves the hands, and begins again."""
+
+    def __init__(self):
+        super().__init__("bag", moves=[f"handles/{name}" for name in HANDS])
+
+    def drive(self, t: float) -> None:
+        """Poses of this moment."""
+        for name in HANDS:
+            self.move(f"handles/{name}", hand(name, t))
+        if t > LOWER + PULL + LIE:
+            self.begin_again()

@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Solve of seams by XPBD (Macklin, Mueller, Chentanez 2016): each stitch pulls its two points together.
+
+A stitch is a spring of rest length 0 in three dimensions, so its force is a vector. Stitches at one particle share its
+mass (mass splitting, Tonge et al. 2012), and some passes find what that left over. Sums are of integers, so the order
+of stitches does not change a bit of the result. Forces of a stitch on its two points are opposite, so that momentum is
+kept. That also takes bodies that are all of first or all of second order in a substep, to which `agree` sees.
+
+Stitches come after lines and ropes, which do not know of the load. So the particles at a stitch of load F give way by
+about h^2 F / m, which falls with the square of the substep, and the measured error sees it.
+
+A stitch that is open by more than its compliance allows closes at no more than a set speed. It does not break then.
+
+Colliders come next, and friction or facets may pull two points apart again. So stitches that are closed pull once more
+at the end of a substep. Those that still close do not, or they would pull points into a collider.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros.parameters import SEAM
+from cloth_sim_ros.sim.arrays.state import Arrays, substep_length, was_smooth
+from cloth_sim_ros.sim.features.seams.bodies import Seams, SewnArrays, Stitch, seams_of
+from cloth_sim_ros.sim.input.numbers import place_of
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.cooperative import (
+    CooperativeGroup,
+    cooperative,
+    cooperative_group_of,
+    number_of,
+    recorded,
+    sync_all,
+)
+from cloth_sim_ros.sim.kernels.intrinsics import add_exactly, exact_sum, load_row, pack, store_row, xyz
+from cloth_sim_ros.sim.physics.distance import SHORTEST
+from cloth_sim_ros.sim.physics.integrate import effective_step
+from cloth_sim_ros.sim.topology import Topology
+
+_COMPLIANCE, _STRENGTH, _SPEED = (place_of(SEAM, name) for name in ("compliance", "strength", "closing_speed"))
+_PASSES = 8  # passes over stitches that share particles; each halves about what the one before left
+_STEPS = 4  # segments of a rope that a stitch slides over in a substep at most
+_ROUNDING = wp.constant(1.0e-5)  # share of a segment that float32 does not lose
+_LITTLE = wp.constant(1.0e-3)  # share of a segment by which a stitch enters the next one
+
+
+@wp.struct
+class Tie:
+    """A stitch as it is now. particles: four. weights: of each in the vector from the second point to the first.
+
+    arrays: index in Seams.arrays of the two batches. along: unit vector along which it slides, or 0.
+    """
+
+    particles: wp.vec4i
+    weights: wp.vec4
+    arrays: wp.vec2i
+    along: wp.vec3
+
+
+@wp.func
+def _place(arrays: SewnArrays, i: int) -> wp.vec4:
+    return load_row(arrays.positions, i)
+
+
+@wp.func
+def _way(seams: Seams, tie: Tie, i: int) -> wp.vec3:
+    """Return the unit vector from particle i of a rope that a stitch slides along to the next one."""
+    of = seams.arrays[tie.arrays[1]]
+    return wp.normalize(xyz(_place(of, i + 1) - _place(of, i)))
+
+
+@wp.func
+def _at(seams: Seams, stitch: Stitch, state: wp.vec3, w: int) -> Tie:
+    """Return a stitch in a state of SeamState.stitches, in world w."""
+    tie = Tie()
+    tie.arrays = stitch.batches * seams.worlds + wp.vec2i(w, w)
+    tie.particles = stitch.particles
+    share = stitch.shares[1]
+    if stitch.rope[0] >= 0:
+        segments = stitch.rope[1] - stitch.rope[0]
+        at = wp.clamp(float(stitch.particles[2] - stitch.rope[0]) + share + state[0], 0.0, float(segments))
+        segment = wp.min(int(at), segments - 1)
+        share = at - float(segment)
+        tie.particles[2] = stitch.rope[0] + segment
+        tie.particles[3] = tie.particles[2] + 1
+        if at > 0.0 and at < float(segments):
+            tie.along = _way(seams, tie, tie.particles[2])
+            if state[2] > 0.0:
+                tie.along = wp.normalize(tie.along + _way(seams, tie, tie.particles[2] - 1))
+    tie.weights = wp.vec4(1.0 - stitch.shares[0], stitch.shares[0], share - 1.0, -share)
+    return tie
+
+
+@wp.func
+def _gap(seams: Seams, tie: Tie, moved: bool) -> wp.vec3:
+    """Return the vector from the second point to the first [m], at the start of the substep or where it has `moved`."""
+    origin = seams.arrays[tie.arrays[0]]
+    first, gap = _place(origin, tie.particles[0]), wp.vec4(0.0)
+    for k in range(4):
+        of = seams.arrays[tie.arrays[k / 2]]
+        at = _place(of, tie.particles[k]) - first
+        if moved:
+            at += load_row(of.displacements, tie.particles[k])
+        else:
+            at += load_row(of.position_lo, tie.particles[k])
+        gap += tie.weights[k] * at
+    return xyz(gap)
+
+
+@wp.func
+def _slide(seams: Seams, stitch: Stitch, state: wp.vec3, w: int) -> wp.vec3:
+    """Return the state of a stitch at the point of its rope nearest to its first point, from that of the last substep.
+
+    Where the rope bends that point may be a particle, from which it slides along the mean of both segments.
+    """
+    slid, came = state[0], int(0)
+    for _step in range(_STEPS):
+        tie = _at(seams, stitch, wp.vec3(slid, 0.0, 0.0), w)
+        rope = seams.arrays[tie.arrays[1]]
+        way = xyz(_place(rope, tie.particles[3]) - _place(rope, tie.particles[2]))
+        square = wp.max(wp.dot(way, way), SHORTEST * SHORTEST)
+        share = -tie.weights[3] + wp.dot(_gap(seams, tie, False), way) / square
+        begin = float(tie.particles[2] - stitch.particles[2]) - stitch.shares[1]
+        goes = wp.where(share < 0.0, -1, wp.where(share > 1.0, 1, 0))
+        if goes == 0:
+            return wp.vec3(begin + share, state[1], 0.0)
+        corner = begin + wp.where(goes > 0, 1.0, 0.0)
+        if goes * came < 0:
+            return wp.vec3(corner + _ROUNDING, state[1], 1.0)
+        slid, came = corner + _LITTLE * float(goes), goes
+    return wp.vec3(slid, state[1], 0.0)
+
+
+@wp.func
+def _square_step(arrays: SewnArrays, body: int, second: int, substep: int) -> float:
+    """Return the square of the effective length of a substep of a body [s^2]."""
+    dt = substep_length(arrays.frames[0], arrays.control, arrays.limits[body], body)
+    smooth = bool(False)
+    if second == 1:
+        smooth = was_smooth(arrays.events, arrays.history, body, substep)
+    h = effective_step(dt, smooth)
+    return h * h
+
+
+@wp.func
+def _begin(seams: Seams, s: int, w: int, first: bool):
+    """Slide stitch s, forget its force of the last substep, and count it at its particles."""
+    stitch = seams.stitches[s]
+    state = seams.arrays[stitch.batches[0] * seams.worlds + w].seams
+    now = state.stitches[stitch.number]
+    if first:
+        state.stitch_forces[stitch.number] = wp.vec3(0.0)
+        if stitch.rope[0] >= 0:
+            now = _slide(seams, stitch, now, w)
+            state.stitches[stitch.number] = now
+    tie = _at(seams, stitch, now, w)
+    for k in range(4):
+        if tie.weights[k] != 0.0:
+            wp.atomic_add(seams.counts, _number(seams, stitch, tie, k, w), 1)
+
+
+@wp.func
+def _yields(seams: Seams, stitch: Stitch, tie: Tie, k: int, substep: int) -> float:
+    """Return how far particle k of a stitch moves under its force [m/N]."""
+    side = seams.arrays[tie.arrays[k / 2]]
+    square = _square_step(side, stitch.bodies[k / 2], stitch.seconds[k / 2], substep)
+    return tie.weights[k] * square * load_row(side.displacements, tie.particles[k])[3]
+
+
+@wp.func
+def _number(seams: Seams, stitch: Stitch, tie: Tie, k: int, w: int) -> int:
+    """Return the place of particle k of a stitch among those of all worlds."""
+    return w * seams.particles + seams.firsts[stitch.batches[k / 2]] + tie.particles[k]
+
+
+@wp.func
+def _pull(seams: Seams, s: int, w: int, substep: int, last: bool):
+    """Find how stitch s moves its particles; in the last of a substep it does only if it is closed."""
+    stitch = seams.stitches[s]
+    of = seams.arrays[stitch.batches[0] * seams.worlds + w]
+    now = of.seams.stitches[stitch.number]
+    if now[1] != 0.0:
+        return
+    numbers = of.numbers[stitch.row].values
+    tie = _at(seams, stitch, now, w)
+    yields, inverse = wp.vec4(0.0), float(0.0)
+    for k in range(4):
+        if tie.weights[k] != 0.0:
+            yields[k] = _yields(seams, stitch, tie, k, substep)
+            inverse += tie.weights[k] * yields[k] * float(seams.counts[_number(seams, stitch, tie, k, w)])
+    if inverse == 0.0:
+        return
+    gap, before = _gap(seams, tie, True), _gap(seams, tie, False)
+    gap -= wp.dot(gap, tie.along) * tie.along
+    before -= wp.dot(before, tie.along) * tie.along
+    force, compliance = of.seams.stitch_forces[stitch.number], numbers[_COMPLIANCE]
+    more = -(gap + compliance * force) / (inverse + compliance)
+    left, least = gap + inverse * more, wp.length(before) - numbers[_SPEED] * _length(of, stitch.bodies[0])
+    if last and least > compliance * wp.length(force):
+        return
+    if wp.length(left) < least:
+        left = gap * wp.min(1.0, least / wp.max(wp.length(gap), SHORTEST))
+        more = (left - gap) / inverse
+    of.seams.stitch_forces[stitch.number] = force + more
+    for k in range(4):
+        if yields[k] != 0.0:
+            add_exactly(seams.moves, 3 * _number(seams, stitch, tie, k, w), yields[k] * more)
+
+
+@wp.func
+def _length(arrays: SewnArrays, body: int) -> float:
+    """Return the length of a substep [s]."""
+    return substep_length(arrays.frames[0], arrays.control, arrays.limits[body], body)
+
+
+@wp.func
+def _move(seams: Seams, w: int, t: int, width: int):
+    """Move the particles as their stitches ask."""
+    for k in range(t, seams.touched.shape[0], width):
+        of = seams.touched[k]
+        number = w * seams.particles + seams.firsts[of[0]] + of[1]
+        if seams.counts[number] > 0:
+            arrays = seams.arrays[of[0] * seams.worlds + w]
+            d = load_row(arrays.displacements, of[1])
+            store_row(arrays.displacements, of[1], d + pack(exact_sum(seams.moves, 3 * number), 0.0))
+            for q in range(3):
+                seams.moves[3 * number + q] = wp.int64(0)
+
+
+@wp.func
+def _end(seams: Seams, w: int, t: int, width: int, last: bool):
+    """Forget the counts, and break the stitches that bear too much in the end."""
+    for k in range(t, seams.touched.shape[0], width):
+        particle = seams.touched[k]
+        seams.counts[w * seams.particles + seams.firsts[particle[0]] + particle[1]] = 0
+    if not last:
+        return
+    for s in range(t, seams.stitches.shape[0], width):
+        stitch = seams.stitches[s]
+        of = seams.arrays[stitch.batches[0] * seams.worlds + w]
+        numbers, now = of.numbers[stitch.row].values, of.seams.stitches[stitch.number]
+        if numbers[_STRENGTH] > 0.0 and now[1] == 0.0:
+            force, tie = wp.length(of.seams.stitch_forces[stitch.number]), _at(seams, stitch, now, w)
+            allowed = numbers[_COMPLIANCE] * force + numbers[_SPEED] * _length(of, stitch.bodies[0])
+            if force > numbers[_STRENGTH] and wp.length(_gap(seams, tie, False)) <= allowed:
+                of.seams.stitches[stitch.number] = wp.vec3(now[0], 1.0, now[2])
+
+
+@cooperative
+def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group: CooperativeGroup):
+    """Pull the stitches of all worlds together, starting from the displacements found so far.
+
+    first, last: of the substep.
+    """
+    number = number_of(wp.tid(), group)
+    team = number / group.width
+    t = number - team * group.width
+    for w in range(team, seams.worlds, group.teams):
+        for s in range(t, seams.stitches.shape[0], group.width):
+            _begin(seams, s, w, first)
+    sync_all(group)
+    for _pass in range(passes):
+        for w in range(team, seams.worlds, group.teams):
+            for s in range(t, seams.stitches.shape[0], group.width):
+                _pull(seams, s, w, substep, last)
+        sync_all(group)
+        for w in range(team, seams.worlds, group.teams):
+            _move(seams, w, t, group.width)
+        sync_all(group)
+    for w in range(team, seams.worlds, group.teams):
+        _end(seams, w, t, group.width, last)
+
+
+@compiled
+def _agree(seams: Seams, substep: int):
+    """Let all sewn bodies of a world be of first order in a substep if one of them is."""
+    w, smooth = wp.tid(), bool(True)
+    for k in range(seams.bodies.shape[0]):
+        body = seams.bodies[k]
+        of = seams.arrays[body[0] * seams.worlds + w]
+        if body[2] == 0:
+            smooth = False
+        elif not was_smooth(of.events, of.history, body[1], substep):
+            smooth = False
+    if smooth:
+        return
+    for k in range(seams.bodies.shape[0]):
+        body = seams.bodies[k]
+        of = seams.arrays[body[0] * seams.worlds + w]
+        if body[2] == 1:
+            if substep == 0:
+                of.history[body[1]] = 0
+            else:
+                of.events[2 * body[1] + (substep + 1) % 2] = substep
+
+
+class Sewing:
+    """The launches that sew bodies together. homes: name -> number of its batch, and of the body there."""
+
+    def __init__(
+        self,
+        batches: Sequence[Sequence[Arrays]],
+        orders: Sequence[int],
+        homes: dict[str, tuple[int, int]],
+        topologies: dict[str, Topology],
+        device: wp.Device,
+    ) -> None:
+        self.seams = seams_of(batches, orders, homes, topologies, device)
+        self._group, self._device = cooperative_group_of(self.seams.worlds, device), device
+        self._passes = _PASSES if self._shares() else 1
+
+    def _shares(self) -> bool:
+        """True if a particle may have several stitches."""
+        stitches = self.seams.stitches.numpy()
+        weights = np.column_stack([1.0 - stitches["shares"], stitches["shares"]])[:, [0, 2, 1, 3]]
+        ends = np.stack([np.repeat(stitches["batches"], 2, axis=1), stitches["particles"]], axis=-1)[weights != 0.0]
+        return bool((stitches["rope"] >= 0).any()) or len(np.unique(ends, axis=0)) < len(ends)
+
+    def sew(self, substep: int, first: bool, last: bool) -> wp.Launch:
+        """Return a launch that pulls stitches together, and if it is the first or last of a substep."""
+        inputs = [self.seams, substep, first, last, self._passes]
+        return recorded(_sew, *inputs, group=self._group, device=self._device)
+
+    def agree(self, substep: int) -> wp.Launch:
+        """Return the launch that finds the order of a substep, or of the next frame's first."""
+        inputs = [self.seams, substep]
+        return wp.launch(_agree, self.seams.worlds, inputs, device=self._device, record_cmd=True)

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Seams: loads, gaps, breaking and momentum of stitches between sheets, ropes and a sheet with itself."""
+
+import numpy as np
+import pytest
+
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Seam, Settings, Simulation
+
+GRAVITY = 9.81
+UPRIGHT = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))  # a sheet hangs by its top
+
+
+def hung(device, compliance, fine=9, **settings):
+    """A sheet of 9 x 9 sewn below another one of `fine` particles a side, and the height of both is 0.2 m."""
+    top = Cloth(resolution=(9, 9), size=(0.2, 0.2), orientation=UPRIGHT, position=(0.0, 0.0, 1.0), pins="top")
+    low = Cloth(resolution=(fine, fine), size=(0.2, 0.2), orientation=UPRIGHT, position=(0.0, 0.0, 0.8), pins=None)
+    seam = Seam("top", "low", (0, 8), (fine * (fine - 1), fine * fine - 1), compliance=compliance)
+    scene = Scene({"top": top, "low": low}, seams={"seam": seam})
+    return Simulation(scene, Settings(global_damping=8.0, **settings), device)
+
+
+@pytest.mark.parametrize("compliance", [0.0, 1e-5, 1e-3])
+@pytest.mark.parametrize("fine", [9, 14])
+def test_a_hung_sheet_loads_its_seam_by_its_weight(device, compliance, fine):
+    sim = hung(device, compliance, fine)
+    sim.step(150)
+    gaps, forces, broken = sim.stitches("seam")
+    assert len(gaps) == fine and not broken.any()
+    weight = GRAVITY * sim.masses("low").sum()
+    np.testing.assert_allclose(forces.sum(axis=0), (0.0, 0.0, -weight), atol=0.01 * weight)
+    if compliance == 0.0:
+        assert np.linalg.norm(gaps, axis=1).max() < 1e-4
+        return
+    stiffness = 1.0 / compliance
+    np.testing.assert_allclose(gaps.sum(axis=0)[2], weight / stiffness, rtol=0.02)
+
+
+def test_a_stitch_breaks_at_its_strength_and_heals_by_a_reset(device):
+    strength, kilograms = 5.0, 0.51
+    upper = Rope(start=(0.0, 0.0, 1.0), end=(0.0, 0.0, 0.8), segments=8, pins="start", mass=0.01)
+    lower = Rope(start=(0.0, 0.0, 0.8), end=(0.0, 0.0, 0.6), segments=8, pins=None, mass=0.01, end_mass=0.5)
+    seam = Seam("upper", "lower", (8,), (0,), strength=strength)
+    scene = Scene({"upper": upper, "lower": lower}, seams={"seam": seam}, gravity=(0.0, 0.0, 0.0))
+    sim = Simulation(scene, Settings(global_damping=10.0, substeps=40), device)
+    load = 0.0
+    while not sim.stitches("seam")[2][0] and load < 2.0 * strength:
+        load += 0.04
+        sim.set("gravity", (0.0, 0.0, -load / kilograms))
+        sim.step()
+    assert load == pytest.approx(strength, rel=0.02)
+    assert not sim.stitches("seam")[1].any()
+    sim.reset()
+    assert not sim.stitches("seam")[2].any()
+
+
+@pytest.mark.parametrize("settings", [{}, {"order": 1, "substeps": 10, "iterations": 2}])
+def test_seams_keep_momentum(device, settings):
+    sheet = {"resolution": (8, 8), "size": (0.2, 0.2), "pins": None}
+    objects = {
+        "a": Cloth(**sheet),
+        "b": Cloth(**sheet, position=(0.2, 0.0, 0.0), mass=0.5),
+        "cord": Rope(start=(0.1, -0.1, 0.0), end=(0.1, 0.1, 0.0), segments=11, pins=None),
+    }
+    right, left = tuple(range(7, 64, 8)), tuple(range(0, 64, 8))
+    seams = {
+        "side": Seam("a", "b", right, left, points=True, compliance=1e-4),
+        "hem": Seam("cord", "b", (0, 11), (0, 56)),
+    }
+    sim = Simulation(Scene(objects, gravity=(0.0, 0.0, 0.0), seams=seams), Settings(**settings), device)
+    rng, masses = np.random.default_rng(4), {name: sim.masses(name)[:, None] for name in objects}
+    for name in objects:
+        count = len(masses[name])
+        sim.set_velocities(name, np.array([1.0, 0.0, 0.0]) * (name == "a") + 0.3 * rng.standard_normal((count, 3)))
+
+    def momentum():
+        return sum((masses[name] * sim.velocities(name)).sum(axis=0) for name in objects)
+
+    def speeds():
+        return sum((masses[name] * np.abs(sim.velocities(name))).sum() for name in objects)
+
+    start, scale = momentum(), speeds()
+    for _ in range(60):
+        sim.step()
+        assert np.abs(momentum() - start).max() < 1e-5 * scale
+    assert np.linalg.norm(sim.stitches("hem")[0], axis=1).max() < 1e-4
+
+
+def test_panels_close_at_their_speed_and_stay_closed_where_they_keep_apart(device):
+    sheet = {"resolution": (8, 8), "size": (0.2, 0.2), "pins": None, "thickness": 0.002, "self_contact": True}
+    objects = {"front": Cloth(**sheet), "back": Cloth(**sheet, position=(0.0, 0.0, 0.05))}
+    seam = Seam("front", "back", (0, 7, 63), (0, 7, 63), closing_speed=0.2)
+    scene = Scene(objects, seams={"seam": seam}, gravity=(0.0, 0.0, 0.0), object_contact=True)
+    sim = Simulation(scene, Settings(global_damping=5.0), device)
+    sim.step(6)
+    gaps = np.linalg.norm(sim.stitches("seam")[0], axis=1)
+    np.testing.assert_allclose(gaps, 0.05 - 0.2 * 0.1, atol=6e-3)  # inertia adds to it
+    sim.step(54)
+    assert np.linalg.norm(sim.stitches("seam")[0], axis=1).max() < 1e-4
+    apart = np.linalg.norm(sim.positions("front")[24] - sim.positions("back")[24])  # far from the seam
+    assert apart > 0.0035 and sim.report()["front"]["crossings"] == 0
+    assert max(sim.report()[name]["kinetic_energy"] for name in objects) < 1e-5
+
+
+def test_a_tube_of_one_sheet_holds_together(device):
+    strip = Cloth(resolution=(6, 24), size=(0.1, 0.4), pins=None)
+    seam = Seam("strip", "strip", (0, 5), (138, 143))
+    sim = Simulation(Scene({"strip": strip}, seams={"seam": seam}, gravity=(0.0, 0.0, 0.0)), Settings(), device)
+    sim.step(120)
+    assert np.linalg.norm(sim.stitches("seam")[0], axis=1).max() < 1e-4
+
+
+def test_an_eyelet_slides_along_its_rope_as_a_bead_on_a_wire(device):
+    wire = Rope(start=(0.0, 0.0, 0.0), end=(1.0, 0.0, 0.0), segments=30, pins=tuple(range(31)))
+    patch = Cloth(resolution=(2, 2), size=(0.01, 0.01), position=(0.055, 0.005, 0.0), pins=None)
+    seam = Seam("patch", "wire", (0, 1), (1, 2), slides=True)
+    pull = 2.0
+    scene = Scene({"wire": wire, "patch": patch}, seams={"seam": seam}, gravity=(pull, 0.0, 0.0))
+    sim = Simulation(scene, Settings(), device)
+    start = sim.positions("patch")[:, 0].mean()
+    sim.step(42)
+    gone = sim.positions("patch")[:, 0].mean() - start
+    assert gone == pytest.approx(0.5 * pull * 0.7**2, rel=0.02)
+    assert np.linalg.norm(sim.stitches("seam")[0], axis=1).max() < 1e-4
+
+
+def test_what_cannot_be_sewn_is_told(device):
+    sheet, cord = Cloth(resolution=(4, 4)), Rope(segments=4)
+    objects = {"sheet": sheet, "cord": cord}
+    for arguments, sentence in (
+        (("sheet", "cord", (16,), (0,)), "seam.first_particles has 16; allowed is 0 to 15, those of sheet"),
+        (("sheet", "sheet", (3,), (3,)), "seam sews a particle of sheet to itself"),
+        (("cord", "sheet", (0, 4), (0, 3), False, True), "seam.slides is True along sheet, a sheet"),
+        (("sheet", "cord", (2, 2), (0, 1)), "seam.first_particles has 2, then 2"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            Simulation(Scene(objects, seams={"seam": Seam(*arguments)}), device=device)
+    with pytest.raises(ValueError, match="Seam 'seam' is of 'hat'; allowed is sheet, cord"):
+        Scene(objects, seams={"seam": Seam("hat", "cord", (0,), (0,))})
+    with pytest.raises(ValueError, match="Seam.points is True for 2 and 1 particles"):
+        Seam("sheet", "cord", (0, 1), (0,), points=True)
+    with pytest.raises(ValueError, match="Seam.strength is -1"):
+        Seam("sheet", "cord", (0,), (0,), strength=-1)
