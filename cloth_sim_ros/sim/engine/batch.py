@@ -101,7 +101,9 @@ class Batch:
             second, block = features.order == 2, threads_of(max(self.counts), device)
             alone = isinstance(self.executor, Block)
             self.saved = Saved(state, self.states)
-            self.measurement = Measurement(self.worlds, self.saved, collected.particles, second, alone, block)
+            self.measurement = Measurement(
+                self.worlds, self.saved, collected.particles, second, alone, features.chain, block
+            )
         if features.audited:
             self.ledger = Ledger(self.worlds, self.saved, self.lines, second, block, max(self.counts))
         self._trial = None

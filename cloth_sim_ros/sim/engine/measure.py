@@ -7,7 +7,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.saved import Saved
-from cloth_sim_ros.sim.substeps.control import begin_trial, change_substeps, control, end_trial
+from cloth_sim_ros.sim.substeps.control import OF_ROPES, begin_trial, change_substeps, control, end_trial
 
 TRIALS = (4, 2)  # divisors of the number of substeps, in the order that `control` compares their results
 _MOST_THREADS = 256
@@ -17,13 +17,14 @@ class Measurement:
     """Launches that measure the error of the bodies of a batch.
 
     saved: copy of the state, to which trials go back. particles: number of them. second: True for order 2. alone: each
-    body takes the substeps that its own error asks for. block: threads a body.
+    body takes the substeps that its own error asks for. ropes: True for ropes. block: threads a body.
     """
 
     def __init__(
-        self, worlds: list[Arrays], saved: Saved, particles: int, second: bool, alone: bool, block: int
+        self, worlds: list[Arrays], saved: Saved, particles: int, second: bool, alone: bool, ropes: bool, block: int
     ) -> None:
         device, bodies = saved.device, len(worlds) * worlds[0].limits.shape[0]
+        growth = OF_ROPES if ropes else 1.0
         self._saved = saved
         self._given = wp.array(worlds, dtype=Arrays, device=device)
         remembered = [wp.zeros((len(worlds), particles), dtype=wp.vec3, device=device) for _ in range(2)]
@@ -36,7 +37,7 @@ class Measurement:
 
         self._begin = {divisor: launch(begin_trial, int(second), divisor) for divisor in TRIALS}
         self._end = launch(end_trial, *remembered, differences)
-        self._control = launch(control, *remembered, differences, self._wanted, int(second), int(alone))
+        self._control = launch(control, *remembered, differences, self._wanted, int(second), int(alone), growth)
         self._change = launch(change_substeps, 0, int(second))
 
     def begin(self, divisor: int) -> None:

@@ -22,8 +22,10 @@ _FIRST = 4  # number of frames at the start that are all measured
 _PERIOD = 0.1  # time from one measurement to the next [s]
 WINDOW = wp.constant(0.5)  # time over which solver.error counts [s]
 # Truncation errors of all frames in a window add up. What a sweep leaves falls with the first power of the substeps; it
-# pulls a body off its balance, to which it returns within this time [s]. Between these orders both are there.
+# pulls a body off its balance, to which it returns within this time [s]. Between these orders both are there, where
+# steps are of second order.
 RETURN, SWEEPS, TRUNCATES = wp.constant(0.08), wp.constant(1.0), wp.constant(1.4)
+OF_ROPES = 1.5  # by how much truncation errors grow along the motion of a rope in a window, as in a whip
 FEW = wp.constant(16)  # substeps below which trials are too coarse to tell the order, so all errors are added up
 # The error is relative to the motion in the last window, and to this share of the body's size if it moved by less than
 # another share of it. Then it is at rest, and only its static shape counts.
@@ -172,6 +174,7 @@ def control(
     wanted: wp.array(dtype=int),
     second: int,
     alone: int,
+    growth: float,
     block: int,
 ):
     bodies = given[0].limits.shape[0]
@@ -196,11 +199,12 @@ def control(
     error = fine / wp.max(wp.pow(2.0, order) - 1.0, 1.0)
     way = wp.max(past[0], way)
     motion = wp.max(way, past[1])
+    truncates = wp.clamp((order - SWEEPS) / (TRUNCATES - SWEEPS), 0.0, 1.0)
+    if n < FEW or (second == 0 and motion >= AT_REST * limits.size):
+        truncates = 1.0
     if motion < AT_REST * limits.size:
         motion = OF_SIZE * limits.size
-    added = wp.lerp(RETURN, WINDOW, wp.clamp((order - SWEEPS) / (TRUNCATES - SWEEPS), 0.0, 1.0))
-    if n < FEW:
-        added = WINDOW
+    added = wp.lerp(RETURN, growth * WINDOW, truncates)
     share = error * wp.max(added / length, 1.0) / motion
     better = chosen(n, share, order, limits)
     if t == 0:
