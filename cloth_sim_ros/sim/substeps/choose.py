@@ -31,8 +31,6 @@ _SIDE, _SIDE_LAYERS = 10.0, 5.0
 # See _static: largest excess of a static strain over solver.error, loss in meshes, strain that is seen.
 _EXCESS, _LOST, _SEEN = 25.0, 0.1, 1e-4
 _MOST_STIFF = 6.0  # largest ratio of the substeps that leapfrog needs to the sweeps of BDF2 on a mesh
-# Fraction of a segment by which a rope's tension may move a particle in a substep, before a collider moves it back.
-_LEANS = 0.05
 _BENDING = 0.2  # largest (omega h_e)^2 of the stiffest bending mode when xpbd chooses its substeps
 _LEAPFROG = 4.0e-4  # relative error of leapfrog at its limit; twice the substeps divide it by four
 _MANY = 16  # largest number of materials that are examined one by one
@@ -129,7 +127,7 @@ def _xpbd(
     static = _static(settings, topology, materials, _effective(settings, order) / settings.frame_dt * limit, around)
     static /= iterations
     bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
-    needed = math.ceil(max(fewest, bending, static, _leaning(topology, settings, around)))
+    needed = math.ceil(max(fewest, bending, static))
     least = min(needed, most)
     first = _START * math.sqrt(1e-2 / settings.error) * settings.frame_dt / _FRAME
     substeps = int(np.clip(math.ceil(first), least, most))
@@ -179,15 +177,6 @@ def _fewest(topology: Topology, coupled: bool) -> int:
         return _FEWEST_COILS if coupled else FEWEST
     side = math.sqrt(len(topology.masses)) / (_SIDE_LAYERS if coupled else _SIDE)
     return max(_FEWEST_LAYERS if coupled else FEWEST, math.ceil(side))
-
-
-def _leaning(topology: Topology, settings: Settings, around: Surroundings) -> float:
-    """Substeps that a rope needs to lean on a collider with its whole weight; 0 for a sheet or without colliders."""
-    if not xpbd_is_direct(topology) or not around.colliders:
-        return 0.0
-    pulled = around.gravity * topology.masses.sum() / float(np.median(topology.masses))
-    spacing = float(np.median(topology.springs["structural"].rest)) * topology.scales_in().min()
-    return settings.frame_dt * math.sqrt(pulled / (_LEANS * spacing))
 
 
 def _effective(settings: Settings, order: int) -> float:
