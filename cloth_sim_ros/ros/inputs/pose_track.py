@@ -34,6 +34,22 @@ class Pose:
         return cls(values[f"{name}.position"], values[f"{name}.orientation"])
 
 
+def composed(outer: Pose, inner: Pose) -> Pose:
+    """The pose `inner`, given in the axes of `outer`. Plain numbers, as it is asked for each link in each frame."""
+    a, b, c, w = outer.orientation
+    x, y, z = inner.position
+    p, q, r = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+    offset = x + w * p + b * r - c * q, y + w * q + c * p - a * r, z + w * r + a * q - b * p
+    d, e, f, v = inner.orientation
+    turn = (
+        w * d + v * a + b * f - c * e,
+        w * e + v * b + c * d - a * f,
+        w * f + v * c + a * e - b * d,
+        w * v - a * d - b * e - c * f,
+    )
+    return Pose(tuple(u + shift for u, shift in zip(outer.position, offset, strict=True)), turn)
+
+
 class PoseTrack:
     """`push` from the thread that receives, `advance` from the thread that simulates, once a frame.
 
