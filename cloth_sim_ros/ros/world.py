@@ -227,8 +227,8 @@ class World:
         for name, track in self.tracks.items():
             move = self.sim.set_handle_pose if name in scene.handles else self.sim.set_collider_pose
             if name in scene.colliders or name in scene.handles:
-                pose = track.advance(frame_dt)
-                if pose is not None:
+                before, pose = track.pose, track.advance(frame_dt)
+                if pose is not None and pose != before:  # else a sender who stands still would keep all awake
                     self.journal.note("move", name, pose.position, pose.orientation)
                     move(name, pose.position, pose.orientation)
         self.sim.step()

@@ -148,6 +148,8 @@ class PoseTrack:
 
 def between(a: Pose, b: Pose, fraction: float) -> Pose:
     """The pose `fraction` of the way from a to b, turning the shorter way."""
+    if a == b:
+        return a  # to the bit, so that who stands still is seen to
     position = tuple(p + fraction * (q - p) for p, q in zip(a.position, b.position, strict=True))
     cosine = sum(p * q for p, q in zip(a.orientation, b.orientation, strict=True))
     sign = math.copysign(1.0, cosine)

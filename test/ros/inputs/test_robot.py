@@ -2,21 +2,26 @@
 """A robot from one line: its links are where its joints say, on a real node and beside another reader's kinematics."""
 
 import io
+import logging
 from functools import partial
 
 import numpy as np
 import pytest
 from arm import LENGTH, arm, chain
 from client import LATCHED
+from geometry_msgs.msg import TransformStamped
+from rclpy.time import Time
 from scene_values import values
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
+from cloth_sim_ros.ros.inputs.frames import Frames
 from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.ros.inputs.robot import read_robot
 from cloth_sim_ros.ros.parameters.plan import make_plan
+from cloth_sim_ros.ros.world import World
 
 trimesh = pytest.importorskip("trimesh")
 yourdfpy = pytest.importorskip("yourdfpy")
@@ -113,6 +118,38 @@ def test_one_bad_geometry_leaves_the_others():
     plan = make_plan(values(robot__urdf=arm("/nowhere.stl")))
     assert set(plan.problems) == {"robot/wrist/0"} and len(plan.mounts) == 5
     assert plan.problems["robot/wrist/0"].endswith("is '/nowhere.stl'; no such file is there")
+
+
+class Buffer:
+    """What tf2_ros would know of a robot; it does not come from the Python registry, see test_frames.py."""
+
+    def __init__(self, robot):
+        self.robot, self.joints, self.stamp = robot, {}, 1.0
+
+    def lookup_transform(self, target, source, at):
+        pose, message = self.robot.places(self.joints, BASE)[source], TransformStamped()
+        message.header.stamp = Time(nanoseconds=round(1e9 * self.stamp)).to_msg()
+        p, q = message.transform.translation, message.transform.rotation
+        (p.x, p.y, p.z), (q.x, q.y, q.z, q.w) = pose.position, pose.orientation
+        return message
+
+
+def test_links_go_by_tf_appear_where_they_are_and_rest_when_it_does():
+    buffer = Buffer(read_robot(chain(3)))
+    told = values(device="cpu", objects=(), colliders=(), robot__urdf=chain(3))
+    world = World(told, logging.getLogger("test"), Frames("world", buffer=buffer))
+    assert world.build(told)
+    buffer.joints = {"joint_0": 0.5, "joint_2": -1.0}
+    world.advance()
+    assert world.sim._bodies.colliders.are_still, "no link sweeps from where nobody saw it"
+    for angle in (0.5, 0.6, 0.7, 0.7, 0.7, 0.7):
+        buffer.joints["joint_0"], buffer.stamp = angle, buffer.stamp + 1 / 60
+        world.advance()
+    wanted = expected(chain(3), buffer.joints)
+    for name in wanted:
+        found = matrix(world.sim.get(f"{name}.position"), world.sim.get(f"{name}.orientation"))
+        np.testing.assert_allclose(found, wanted[name], atol=1e-6)
+    assert len(wanted) == 3 and world.sim._bodies.colliders.are_still, "the same place again is no motion"
 
 
 def drawn(message):
