@@ -3,17 +3,21 @@
 
 import io
 import logging
+import re
+import subprocess
+import sys
 from functools import partial
 
 import numpy as np
 import pytest
 from arm import LENGTH, arm, chain
-from client import LATCHED
+from client import LATCHED, fields
 from geometry_msgs.msg import TransformStamped
+from node_process import ROOT
 from rclpy.time import Time
 from scene_values import values
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
@@ -208,3 +212,19 @@ def test_a_robot_of_a_topic_goes_by_its_joints_on_a_real_node(start, client, mes
     assert client.set("robot.urdf", "").successful
     client.until(lambda: set(drawn(shown[-1])) == {"hand"})
     assert "Traceback" not in node.log
+
+
+@pytest.mark.long
+def test_the_arm_of_the_guide_picks_a_towel_up(start, client, tmp_path):
+    page = (ROOT / "docs/how-to/robot.md").read_text()
+    urdf, scene, drive = (re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL)[0] for kind in ("xml", "yaml", "python"))
+    (tmp_path / "arm.urdf").write_text(urdf)
+    (tmp_path / "drive.py").write_text(drive)
+    start(scene.replace("arm.urdf", str(tmp_path / "arm.urdf"))).ready()
+    clouds = client.listen(PointCloud2, "/cloth_sim/towel/particles", 1)
+    client.until(lambda: clouds)
+    command = [sys.executable, str(tmp_path / "drive.py")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert "hand" in done.stdout
+    client.until(lambda: fields(clouds[-1])[:, 2].max() > 0.3, timeout=10.0)
+    assert fields(clouds[-1])[:, 1].mean() > 0.3, "the arm has turned"
