@@ -31,13 +31,15 @@ class Frames:
 
     buffer: a tf2_ros.Buffer or what has its `lookup_transform`; with None, one that listens through `node` is made when
     it is needed first. An empty frame, as typed by hand, is ours. links: those of the robot that go by the positions of
-    its joints -> stamp [s] and place; replaced as a whole, from any thread.
+    its joints -> stamp [s] and place; replaced as a whole, from any thread. waits: the topic of these positions, "" for
+    none.
     """
 
     def __init__(self, ours: str, node: Node | None = None, buffer: Any = None):
         self.ours = ours
         self._node, self._buffer = node, buffer
         self.links: Mapping[str, tuple[float, Pose]] = {}
+        self.waits = ""
 
     def pose(self, pose: Pose, frame: str, stamp: Time) -> Pose:
         """A pose in `frame` at `stamp`, in ours. Raises Refused."""
@@ -53,6 +55,8 @@ class Frames:
 
     def place(self, frame: str) -> tuple[float, Pose]:
         """The newest stamp [s] for which it is known where `frame` is, and where. Raises Refused."""
+        if self.waits and not self.links:
+            raise Refused("joints", f"nothing has come on {self.waits} yet")
         return self.links.get(frame) or self._lookup(frame, Time())
 
     def _lookup(self, frame: str, stamp: Time) -> tuple[float, Pose]:

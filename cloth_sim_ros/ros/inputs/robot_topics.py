@@ -35,6 +35,7 @@ class RobotTopics:
         if self._description:
             node.create_subscription(String, self._description, self._on_description, LATCHED)
         if self._joint_states:
+            frames.waits = self._joint_states
             node.create_subscription(JointState, self._joint_states, self._on_joints, JOINTS)
 
     def _on_description(self, message: String) -> None:
