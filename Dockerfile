@@ -17,7 +17,7 @@ COPY . src/cloth_sim_ros
 RUN apt-get update \
     && apt-get install --yes --no-install-recommends make python3-venv \
     && rosdep update \
-    && rosdep install --from-paths src --ignore-src --rosdistro jazzy --default-yes --skip-keys rviz2 \
+    && rosdep install --from-paths src --ignore-src --rosdistro jazzy --default-yes \
     && rm -rf /var/lib/apt/lists/* \
     && python3 -m venv --system-site-packages .venv \
     && .venv/bin/pip install --no-cache-dir 'numpy<2' './src/cloth_sim_ros[viewer,record]'

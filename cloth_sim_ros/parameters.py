@@ -340,6 +340,29 @@ HANDLE = (
     *_PLACE,
 )
 
+ROBOT = (
+    Parameter(
+        "description",
+        "string",
+        "",
+        "Topic of std_msgs/String, latched, that sets urdf, such as /robot_description; empty is none.",
+        fixed=True,
+    ),
+    Parameter(
+        "urdf", "string", "", "Description of a robot, whose links collide: a file as of a mesh, or the text itself."
+    ),
+    Parameter("links", "string_array", ("*",), "Patterns of the names of links that collide, such as finger_*."),
+    Parameter(
+        "joint_states",
+        "string",
+        "",
+        "Topic of sensor_msgs/JointState by which the links go; empty: they go by tf, which needs tf2_ros.",
+        fixed=True,
+    ),
+    *(replace(row, text=f"{row.text[:-1]}; of every link.", live=False) for row in _SURFACE),
+    *(replace(row, text=f"{row.text[:-1]} of the root link, with joint_states.", anew=False) for row in _PLACE),
+)
+
 FORCE = (Parameter("type", "string", "", "What the force is, of those that plugins add.", fixed=True),)
 
 CONSTRAINT = (

@@ -4,6 +4,7 @@
 import os
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -25,10 +26,11 @@ def pytest_sessionstart(session):
         return
 
     def tell() -> None:
-        told = 0
+        told = done = 0
         while not ended.wait(30.0):
             cache = Path(wp.config.kernel_cache_dir or "")
-            done = sum(each.stat().st_mtime > begin for each in cache.iterdir()) if cache.is_dir() else 0
+            with suppress(FileNotFoundError):  # who compiles renames a folder when it is done
+                done = sum(each.stat().st_mtime > begin for each in cache.iterdir())
             if done > told:
                 told = done
                 reporter.write_line(f"\ncompiling: {done} kernel modules so far, which later runs find ready")

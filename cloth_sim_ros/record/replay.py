@@ -90,7 +90,7 @@ class Replay:
             done, sentence, _ = world.load(file)
         if not done:
             raise ValueError(f"the start of the bag does not fit: {sentence}")
-        world.in_effect = values
+        world.in_effect, world.mounts = values, {}  # the journal has where links went
         for name, (position, orientation) in poses.items():
             world.tracks[name].rest(Pose(tuple(position), tuple(orientation)))
         self.world = world

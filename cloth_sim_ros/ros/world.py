@@ -10,7 +10,7 @@ from typing import Any
 import warp
 
 from cloth_sim_ros.ros.inputs.added import Added
-from cloth_sim_ros.ros.inputs.frames import Followers, Frames
+from cloth_sim_ros.ros.inputs.frames import Followers, Frames, Mounts
 from cloth_sim_ros.ros.inputs.grasps import Grasps
 from cloth_sim_ros.ros.inputs.grippers import Grippers, finger_names
 from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, Vector
@@ -19,7 +19,7 @@ from cloth_sim_ros.ros.journal import Journal
 from cloth_sim_ros.ros.outputs.log import Reported
 from cloth_sim_ros.ros.parameters import names
 from cloth_sim_ros.ros.parameters.feasibility import broken_meshes, check_solver
-from cloth_sim_ros.ros.parameters.plan import make_plan
+from cloth_sim_ros.ros.parameters.plan import Plan, make_plan
 from cloth_sim_ros.ros.state_notes import live_values, notes_of, read_notes
 from cloth_sim_ros.ros.time.compiling import Compiling
 from cloth_sim_ros.sim import Simulation
@@ -45,6 +45,7 @@ class World:
         self.grasps = Grasps(log)
         self._followers = Followers(frames or Frames(values["frame_id"]), log)
         self.added = Added()
+        self.mounts: Mounts = {}
         self.values: Mapping[str, Any] = values  # as they were when the simulation was built
         self.in_effect: Mapping[str, Any] = values  # with the live changes since then that the simulation took
         self.journal = Journal()
@@ -63,8 +64,9 @@ class World:
             broken = broken_meshes(plan, plan.scene.objects)
             for sentence in (*plan.problems.values(), *broken.values()):
                 self._log.error(f"{sentence}; it is left out until a parameter change mends it")
-            drivers = self.grippers.prepare(plan.grippers, self.tracks)
-            plan = plan.without(broken).with_poses({name: track.pose for name, track in self.tracks.items()})
+            tracks = self._tracks_with(plan)
+            drivers = self.grippers.prepare(plan.grippers, tracks)
+            plan = plan.without(broken).with_poses({name: track.pose for name, track in tracks.items()})
             check_solver(plan)
             sim = Simulation(plan.scene, plan.settings, device=plan.device)
             sim.step()  # compiles what is left to compile, so that no later frame waits for it
@@ -76,6 +78,7 @@ class World:
                 self.trouble = str(error)
             return False
         self._keep_states(sim, values)
+        self.tracks, self.mounts = tracks, plan.mounts
         self.journal.cut()
         self.grippers.build(drivers)
         self.sim, self.values, self.in_effect, self.trouble = sim, values, values, ""
@@ -89,6 +92,15 @@ class World:
         self._reported.start(sim, values)
         self.compiling.start(sim)
         return True
+
+    def _tracks_with(self, plan: Plan) -> dict[str, PoseTrack]:
+        """The tracks of a simulation with the robot of `plan`, whose links go on from where they are."""
+        tracks = {name: track for name, track in self.tracks.items() if name not in self.mounts}
+        for name in plan.mounts:
+            collider = plan.scene.colliders[name]
+            start = PoseTrack(Pose(collider.position, collider.orientation), self.in_effect["pose_timeout"])
+            tracks[name] = self.tracks.get(name, start)
+        return tracks
 
     def _keep_states(self, sim: Simulation, values: Mapping[str, Any]) -> None:
         """Objects whose structure is as it was go on from where they are."""
@@ -207,14 +219,16 @@ class World:
         """Simulates one frame and returns its length [s]. On a GPU the frame may still be under way."""
         frame_dt = self.sim.settings.frame_dt
         self._winches.end_old_commands(self.sim, self.in_effect, self.simulated)
-        self._followers.advance(self.tracks, self.in_effect)
+        for name in self._followers.advance(self.tracks, self.in_effect, self.mounts):
+            self.sim.set_collider_pose(name, **vars(self.tracks[name].pose), sweep=False)
+            self.journal.cut()  # it has no act that puts a collider elsewhere without a motion
         self.grippers.advance(self.sim, self.tracks)
         scene = self.sim.scene
         for name, track in self.tracks.items():
             move = self.sim.set_handle_pose if name in scene.handles else self.sim.set_collider_pose
             if name in scene.colliders or name in scene.handles:
-                pose = track.advance(frame_dt)
-                if pose is not None:
+                before, pose = track.pose, track.advance(frame_dt)
+                if pose is not None and pose != before:  # else a sender who stands still would keep all awake
                     self.journal.note("move", name, pose.position, pose.orientation)
                     move(name, pose.position, pose.orientation)
         self.sim.step()

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""package.xml names every ROS package that is used here."""
+"""package.xml names every ROS package that is used here, and what else has a rosdep key; setup.py names the rest."""
 
 import ast
+import re
 import sys
 import xml.etree.ElementTree as ElementTree
 
 from node_process import ROOT
 
-# With a rosdep key or by pip.
-FOREIGN = {"numpy", "yaml", "warp", "trimesh", "scipy", "pytest", "rosbags", "viser", "websockets"}
-FOREIGN |= {"matplotlib", "pygltflib", "imageio_ffmpeg", "tqdm"}
+KEYS = {"numpy": "python3-numpy", "scipy": "python3-scipy", "yaml": "python3-yaml"}  # of rosdep
+# Import -> what pip brings it with.
+BY_PIP = {"PIL": "matplotlib", "warp": "warp_lang", "websockets": "viser"}
 
 
 def imported(folder: str) -> set[str]:
-    """The top packages that the Python files of a folder import."""
+    """The top packages that the Python files of a folder import, but for ours and those of Python."""
     found = set()
     for path in (ROOT / folder).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -21,16 +22,24 @@ def imported(folder: str) -> set[str]:
                 found |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
                 found.add(node.module.partition(".")[0])
-    return found
+    return found - {*sys.stdlib_module_names, "cloth_sim_ros"}
 
 
-def test_it_names_what_is_imported_and_launched():
-    needed = imported("cloth_sim_ros/ros") | imported("launch") | imported("cloth_sim_ros/demo")
-    needed |= imported("cloth_sim_ros/viewer") | imported("cloth_sim_ros/record")
-    needed -= {*sys.stdlib_module_names, "cloth_sim_ros", *FOREIGN}
-    needed |= {"rviz2"}  # which the launch file starts
+def by_pip() -> set[str]:
+    """What setup.py asks pip for, always or as an extra, as its imports are spelled."""
+    wanted = []
+    for node in ast.walk(ast.parse((ROOT / "setup.py").read_text())):
+        if isinstance(node, ast.keyword) and node.arg in ("install_requires", "extras_require"):
+            value = ast.literal_eval(node.value)
+            wanted += value if isinstance(value, list) else sum(value.values(), [])
+    return {re.split("[<>=!]", each)[0].replace("-", "_") for each in wanted}
+
+
+def test_all_that_is_imported_is_asked_for():
     root = ElementTree.parse(ROOT / "package.xml").getroot()
-    assert needed <= {depend.text for depend in root.findall("exec_depend")}
+    named = {depend.text for depend in root.findall("exec_depend")}
+    needed = imported("cloth_sim_ros") | imported("launch")
+    assert named == {KEYS.get(name, name) for name in needed if KEYS.get(name, BY_PIP.get(name, name)) not in by_pip()}
     assert root.find("license").text == "Apache-2.0"
 
 

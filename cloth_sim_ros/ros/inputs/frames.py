@@ -12,8 +12,10 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from cloth_sim_ros.parameters import shown
-from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, Quaternion, Vector
+from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, Vector, composed
 from cloth_sim_ros.sim.physics.quaternion import rotate
+
+Mounts = Mapping[str, tuple[str, Pose]]  # collider of the robot -> its link, and its pose in the axes of that
 
 
 class Refused(ValueError):
@@ -28,18 +30,22 @@ class Frames:
     """What is in frame `ours`, and what can be brought there.
 
     buffer: a tf2_ros.Buffer or what has its `lookup_transform`; with None, one that listens through `node` is made when
-    it is needed first. An empty frame, as typed by hand, is ours.
+    it is needed first. An empty frame, as typed by hand, is ours. links: those of the robot that go by the positions of
+    its joints -> stamp [s] and place; replaced as a whole, from any thread. waits: the topic of these positions, "" for
+    none.
     """
 
     def __init__(self, ours: str, node: Node | None = None, buffer: Any = None):
         self.ours = ours
         self._node, self._buffer = node, buffer
+        self.links: Mapping[str, tuple[float, Pose]] = {}
+        self.waits = ""
 
     def pose(self, pose: Pose, frame: str, stamp: Time) -> Pose:
         """A pose in `frame` at `stamp`, in ours. Raises Refused."""
         if frame in ("", self.ours):
             return pose
-        return _composed(self._lookup(frame, stamp)[1], pose)
+        return composed(self._lookup(frame, stamp)[1], pose)
 
     def vector(self, vector: Vector, frame: str, stamp: Time) -> Vector:
         """A free vector in `frame`, in ours. Raises Refused."""
@@ -49,7 +55,9 @@ class Frames:
 
     def place(self, frame: str) -> tuple[float, Pose]:
         """The newest stamp [s] for which it is known where `frame` is, and where. Raises Refused."""
-        return self._lookup(frame, Time())
+        if self.waits and not self.links:
+            raise Refused("joints", f"nothing has come on {self.waits} yet")
+        return self.links.get(frame) or self._lookup(frame, Time())
 
     def _lookup(self, frame: str, stamp: Time) -> tuple[float, Pose]:
         if self._buffer is None:
@@ -76,7 +84,7 @@ class Frames:
 
 
 class Followers:
-    """Colliders and handles that go where a frame of tf is."""
+    """Colliders, handles and grippers that go where a frame of tf, or a link of the robot, is."""
 
     def __init__(self, frames: Frames, log: Any):
         self._frames, self._log = frames, log
@@ -84,44 +92,47 @@ class Followers:
         self._since: dict[str, float] = {}
         self._told: dict[str, str] = {}
 
-    def advance(self, tracks: Mapping[str, PoseTrack], values: Mapping[str, Any]) -> None:
-        """Puts the newest place of every followed frame into its track; what is late or unknown is told once."""
-        now = time.monotonic()
+    def advance(self, tracks: Mapping[str, PoseTrack], values: Mapping[str, Any], mounts: Mounts) -> list[str]:
+        """Puts the newest place of every followed frame into its track; what is late or unknown is told once.
+
+        mounts: the parts of the robot. Returns those that are located for the first time, at their place already.
+        """
+        troubles: dict[str, str] = {}
+        located = []
         for name, track in tracks.items():
-            frame = values.get(f"{name}.follow_frame")  # a gripper's fingers have none
+            frame, offset = mounts.get(name) or (values.get(f"{name}.follow_frame"), None)  # fingers have none
             if not frame:
-                self._told.pop(name, None)
                 continue
             try:
-                stamp, pose = self._frames.place(frame)
-            except Refused as reason:
-                self._tell(name, f"{name} stays where it is: {reason}")
-                continue
-            if stamp != self._stamps.get(name):
-                self._stamps[name], self._since[name] = stamp, now
-                self._told.pop(name, None)
-                try:
-                    track.push(stamp or None, pose, now)
-                except ValueError as error:
-                    self._tell(name, f"{name} stays where it is: of frame {shown(frame)}, {error}")
-            elif stamp and now - self._since[name] > values["pose_timeout"]:
-                late = f"nothing newer has come for {values['pose_timeout']:g} s"
-                self._tell(name, f"{name} stays where it is: of frame {shown(frame)}, {late}")
+                if self._follow(name, track, frame, offset, values["pose_timeout"]):
+                    located.append(name)
+            except ValueError as reason:
+                whose, what = ("robot", f"the robot's link {frame}") if offset is not None else (name, name)
+                troubles.setdefault(whose, f"{what} stays where it is: {reason}")
+        for whose, sentence in troubles.items():
+            if self._told.get(whose) != sentence:
+                self._log.warning(sentence)
+        self._told = troubles
+        return located
 
-    def _tell(self, name: str, sentence: str) -> None:
-        if self._told.get(name) != sentence:
-            self._told[name] = sentence
-            self._log.warning(sentence)
+    def _follow(self, name: str, track: PoseTrack, frame: str, offset: Pose | None, timeout: float) -> bool:
+        """Whether a part of the robot is located for the first time.
 
-
-def _composed(outer: Pose, inner: Pose) -> Pose:
-    """The pose `inner`, given in the axes of `outer`."""
-    offset = rotate(outer.orientation, np.array([inner.position]))[0]
-    position = tuple((np.array(outer.position) + offset).tolist())
-    return Pose(position, _product(outer.orientation, inner.orientation))
-
-
-def _product(a: Quaternion, b: Quaternion) -> Quaternion:
-    u, v = np.array(a[:3]), np.array(b[:3])
-    w = a[3] * b[3] - u @ v
-    return (*(a[3] * v + b[3] * u + np.cross(u, v)).tolist(), float(w))
+        Raises ValueError, in words that follow "stays where it is: ".
+        """
+        now = time.monotonic()
+        stamp, pose = self._frames.place(frame)
+        pose = pose if offset is None else composed(pose, offset)
+        if stamp != self._stamps.get(name):
+            is_first = name not in self._stamps
+            self._stamps[name], self._since[name] = stamp, now
+            if is_first and offset is not None:
+                track.rest(pose)
+                return True
+            try:
+                track.push(stamp or None, pose, now)
+            except ValueError as error:
+                raise ValueError(f"of frame {shown(frame)}, {error}") from None
+        elif stamp and now - self._since[name] > timeout:
+            raise ValueError(f"of frame {shown(frame)}, nothing newer has come for {timeout:g} s")
+        return False

@@ -34,6 +34,22 @@ class Pose:
         return cls(values[f"{name}.position"], values[f"{name}.orientation"])
 
 
+def composed(outer: Pose, inner: Pose) -> Pose:
+    """The pose `inner`, given in the axes of `outer`. Plain numbers, as it is asked for each link in each frame."""
+    a, b, c, w = outer.orientation
+    x, y, z = inner.position
+    p, q, r = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+    offset = x + w * p + b * r - c * q, y + w * q + c * p - a * r, z + w * r + a * q - b * p
+    d, e, f, v = inner.orientation
+    turn = (
+        w * d + v * a + b * f - c * e,
+        w * e + v * b + c * d - a * f,
+        w * f + v * c + a * e - b * d,
+        w * v - a * d - b * e - c * f,
+    )
+    return Pose(tuple(u + shift for u, shift in zip(outer.position, offset, strict=True)), turn)
+
+
 class PoseTrack:
     """`push` from the thread that receives, `advance` from the thread that simulates, once a frame.
 
@@ -132,6 +148,8 @@ class PoseTrack:
 
 def between(a: Pose, b: Pose, fraction: float) -> Pose:
     """The pose `fraction` of the way from a to b, turning the shorter way."""
+    if a == b:
+        return a  # to the bit, so that who stands still is seen to
     position = tuple(p + fraction * (q - p) for p, q in zip(a.position, b.position, strict=True))
     cosine = sum(p * q for p, q in zip(a.orientation, b.orientation, strict=True))
     sign = math.copysign(1.0, cosine)

@@ -15,7 +15,13 @@ from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS
 from cloth_sim_ros.sim.scene.forces import FORCES
 from cloth_sim_ros.sim.scene.seams import Seam
 
-GROUPS = {"solver": table.SOLVER, "wind": table.WIND, "publish": table.PUBLISH, "view": table.VIEW}
+GROUPS = {
+    "solver": table.SOLVER,
+    "wind": table.WIND,
+    "publish": table.PUBLISH,
+    "view": table.VIEW,
+    "robot": table.ROBOT,
+}
 LONGEST = 100  # letters of a name: the middleware bounds those of topics
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cloth_sim_ros.ros.inputs.pose_track import Pose
+from cloth_sim_ros.ros.inputs.pose_track import Pose, composed
+from cloth_sim_ros.ros.inputs.robot import GROUP, read_robot
 from cloth_sim_ros.sim import Cloth, Gripper, Handle, Plane, Rope, Scene, Seam, Settings, Winch, Wind
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
@@ -26,12 +27,14 @@ Values = Mapping[str, Any]  # full parameter name -> checked value
 @dataclass(frozen=True)
 class Plan:
     """What to build, and `problems`: name of an object, collider, handle or group -> why it is left out, in one
-    sentence. grippers: whose fingers are among the colliders. frame_id: the frame of the scene."""
+    sentence. mounts: collider of the robot -> its link, and its pose in the axes of that. grippers: whose fingers are
+    among the colliders. frame_id: the frame of the scene."""
 
     scene: Scene
     settings: Settings
     device: str
     problems: dict[str, str] = field(default_factory=dict)
+    mounts: dict[str, tuple[str, Pose]] = field(default_factory=dict)
     grippers: dict[str, Gripper] = field(default_factory=dict)
     frame_id: str = "world"
 
@@ -64,6 +67,8 @@ def make_plan(values: Values) -> Plan:
     grippers = _made(values, values["grippers"], make_gripper, problems)
     for name, gripper in grippers.items():
         colliders |= gripper.fingers(name)
+    links, mounts = make_robot(values, problems)
+    colliders |= links
     forces = _made(values, values["forces"], make_force, problems)
     constraints = _made(values, values["constraints"], make_constraint, problems)
     seams = _made(values, values["seams"], make_seam, problems)
@@ -86,6 +91,7 @@ def make_plan(values: Values) -> Plan:
         settings=Settings(frame_dt=1.0 / values["rate"], **group(values, "solver")),
         device=values["device"],
         problems=problems,
+        mounts=mounts,
         grippers=grippers,
         frame_id=values["frame_id"],
     )
@@ -233,6 +239,30 @@ def make_gripper(values: Values, name: str) -> Gripper:
         if finger in taken:
             raise ValueError(f"{name} has a finger {finger}; allowed is a gripper whose fingers' names are not taken")
     return gripper
+
+
+def make_robot(values: Values, problems: dict[str, str]) -> tuple[dict[str, Collider], dict[str, tuple[str, Pose]]]:
+    """The colliders of the robot's links, with its joints at 0, and Plan.mounts; what cannot be is in `problems`."""
+    colliders: dict[str, Collider] = {}
+    try:
+        robot = read_robot(values["robot.urdf"]) if values["robot.urdf"] else None
+        parts = robot.chosen(values["robot.links"]) if robot is not None else {}
+        if robot is not None and not parts:
+            allowed = ", ".join(sorted({part.link for part in robot.parts.values()})) or "none, as no link collides"
+            raise ValueError(
+                f"robot.links is {list(values['robot.links'])}, which no link matches; there are {allowed}"
+            )
+    except ValueError as error:
+        problems[GROUP] = str(error)
+        return {}, {}
+    places = robot.places({}, Pose.of(values, GROUP)) if parts else {}
+    surface = {name: values[f"robot.{name}"] for name in ("static_friction", "kinetic_friction")}
+    for name, part in parts.items():
+        try:
+            colliders[name] = part.make({**surface, **placed(composed(places[part.link], part.pose))})
+        except ValueError as error:
+            problems[name] = f"{name}: {error}"
+    return colliders, {name: (parts[name].link, parts[name].pose) for name in colliders}
 
 
 def make_force(values: Values, name: str) -> Force:

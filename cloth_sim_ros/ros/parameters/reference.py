@@ -39,6 +39,7 @@ def reference() -> str:
         ("Wind", "wind.", table.WIND),
         ("What is sent", "publish.", table.PUBLISH),
         ("The page's camera", "view.", table.VIEW),
+        ("A robot", "robot.", table.ROBOT),
         ("Objects of type cloth", "<cloth>.", names.object_rows("cloth")),
         ("Objects of type rope", "<rope>.", names.object_rows("rope")),
         ("Colliders", "<collider>.", names.collider_rows()),

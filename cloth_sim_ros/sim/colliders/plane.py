@@ -11,6 +11,7 @@ from cloth_sim_ros.sim.colliders.collider import Collider, Solid
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector, rotate, turn_to
 
 WIDE = 20.0  # [m] as it is drawn
+_UNBOUNDED = 1.0e30  # [m]
 
 
 @wp.func
@@ -50,8 +51,8 @@ class Plane(Collider):
             raise ValueError(f"{one} beside the {two}; allowed is one of both")
 
     def reach(self) -> float:
-        """A plane has no bounds."""
-        return math.inf
+        """A plane has no bounds. A saved state holds finite numbers alone."""
+        return _UNBOUNDED
 
     def roundness(self) -> float:
         """A plane is flat, so the deepest point of every triangle is a particle."""

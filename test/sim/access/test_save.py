@@ -3,8 +3,11 @@
 
 import random
 
+import numpy as np
 import pytest
 from driven_scenes import BALL, CASES, FRAMES, contents, make, run, saved
+
+from cloth_sim_ros.sim import Cloth, Plane, Scene, Simulation
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -29,6 +32,22 @@ def test_it_goes_on_to_the_same_bits(case, device, tmp_path):
             sim.step()
             run(sim, k + 1)
             assert saved(sim, tmp_path / "other.npz") == end, (k, sim is fresh)
+
+
+def test_what_lies_on_a_plane_lies_there_after_a_load(device, tmp_path):
+    floor = {"floor": Plane(position=(0.0, 0.0, 0.1))}
+    sims = [
+        Simulation(Scene({"it": Cloth((8, 8), (0.3, 0.3), position=(0, 0, 0.1))}, floor), device=device) for _ in "ab"
+    ]
+    for sim in sims:
+        sim.set("it.pins", ())
+    sims[0].step(5)
+    sims[0].save(tmp_path / "a.npz")
+    sims[1].load(tmp_path / "a.npz")
+    for sim in sims:
+        sim.step(30)
+    assert sims[0].positions("it")[:, 2].min() > 0.09
+    np.testing.assert_array_equal(sims[1].positions("it"), sims[0].positions("it"))
 
 
 def test_live_values_are_those_of_the_file(device, tmp_path):
