@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.features.seams.arrays import BROKEN
 from cloth_sim_ros.sim.input.checks import names_of
 
 
@@ -21,15 +22,16 @@ def read_stitches(bodies: Bodies, seam: str, world: int) -> tuple[np.ndarray, np
     batch, world = bodies.batch[name], bodies.one(world)
     begin = batch.stitches(name).start + start
     rows = slice(begin, begin + len(each.shares))
-    slid, broken, _ = batch.part("stitches", rows, world).numpy().reshape(-1, 3).T
+    slid, state, _ = batch.part("stitches", rows, world).numpy().reshape(-1, 3).T
     first, second = (_places(bodies, thing, world) for thing in (name, each.other))
     points = _points(first, each.particles[:, :2], each.shares[:, 0])
     if each.slides:
         gaps = _off_rope(points, second, each.particles[:, 2] + each.shares[:, 1] + slid)
     else:
         gaps = points - _points(second, each.particles[:, 2:], each.shares[:, 1])
-    forces = np.where(broken[:, None] > 0.0, 0.0, batch.part("stitch_forces", rows, world).numpy().reshape(-1, 3))
-    return gaps, forces, broken > 0.0
+    broken = state == BROKEN
+    forces = np.where(broken[:, None], 0.0, batch.part("stitch_forces", rows, world).numpy().reshape(-1, 3))
+    return gaps, forces, broken
 
 
 def _places(bodies: Bodies, name: str, world: int) -> np.ndarray:

@@ -9,7 +9,7 @@ kept. That also takes bodies that are all of first or all of second order in a s
 Stitches come after lines and ropes, which do not know of the load. So the particles at a stitch of load F give way by
 about h^2 F / m, which falls with the square of the substep, and the measured error sees it.
 
-A stitch that is open by more than its compliance allows closes at no more than a set speed. It does not break then.
+A stitch that begins open closes at no more than a set speed. It does not break before it is closed.
 
 Colliders come next, and friction or facets may pull two points apart again. So stitches that are closed pull once more
 at the end of a substep. Those that still close do not, or they would pull points into a collider.
@@ -24,6 +24,7 @@ import warp as wp
 
 from cloth_sim_ros.parameters import SEAM
 from cloth_sim_ros.sim.arrays.state import Arrays, substep_length, was_smooth
+from cloth_sim_ros.sim.features.seams.arrays import BROKEN
 from cloth_sim_ros.sim.features.seams.bodies import Seams, SewnArrays, Stitch, seams_of
 from cloth_sim_ros.sim.input.numbers import place_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
@@ -41,6 +42,7 @@ from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.topology import Topology
 
 _COMPLIANCE, _STRENGTH, _SPEED = (place_of(SEAM, name) for name in ("compliance", "strength", "closing_speed"))
+_CLOSES, _CLOSED = wp.constant(0.0), wp.constant(-1.0)  # SeamState.stitches has these or BROKEN
 _PASSES = 8  # passes over stitches that share particles; each halves about what the one before left
 _STEPS = 4  # segments of a rope that a stitch slides over in a substep at most
 _ROUNDING = wp.constant(1.0e-5)  # share of a segment that float32 does not lose
@@ -139,13 +141,18 @@ def _slide(seams: Seams, stitch: Stitch, state: wp.vec3, w: int, moved: bool) ->
 
 
 @wp.func
+def _length(arrays: SewnArrays, body: int) -> float:
+    """Return the length of a substep [s]."""
+    return substep_length(arrays.frames[0], arrays.control, arrays.limits[body], body)
+
+
+@wp.func
 def _square_step(arrays: SewnArrays, body: int, second: int, substep: int) -> float:
     """Return the square of the effective length of a substep of a body [s^2]."""
-    dt = substep_length(arrays.frames[0], arrays.control, arrays.limits[body], body)
     smooth = bool(False)
     if second == 1:
         smooth = was_smooth(arrays.events, arrays.history, body, substep)
-    h = effective_step(dt, smooth)
+    h = effective_step(_length(arrays, body), smooth)
     return h * h
 
 
@@ -182,11 +189,11 @@ def _number(seams: Seams, stitch: Stitch, tie: Tie, k: int, w: int) -> int:
 
 @wp.func
 def _pull(seams: Seams, s: int, w: int, substep: int, last: bool):
-    """Find how stitch s moves its particles; in the last of a substep it does only if it is closed."""
+    """Find how stitch s moves its particles; one that is not closed yet does not in the last pull of a substep."""
     stitch = seams.stitches[s]
     of = seams.arrays[stitch.batches[0] * seams.worlds + w]
     now = of.seams.stitches[stitch.number]
-    if now[1] != 0.0:
+    if now[1] == BROKEN or (last and now[1] == _CLOSES):
         return
     numbers = of.numbers[stitch.row].values
     tie = _at(seams, stitch, now, w, last)
@@ -200,24 +207,17 @@ def _pull(seams: Seams, s: int, w: int, substep: int, last: bool):
     gap = _across(_gap(seams, tie, True), tie)
     force, compliance = of.seams.stitch_forces[stitch.number], numbers[_COMPLIANCE]
     more, most = -(gap + compliance * force) / (inverse + compliance), numbers[_SPEED] * _length(of, stitch.bodies[0])
-    if last:
-        if wp.length(gap) > compliance * wp.length(force) + most:
-            return
-    else:
+    if now[1] == _CLOSES:
         least = wp.length(_across(_gap(seams, tie, False), tie)) - most
-        if wp.length(gap + inverse * more) < least:
+        if least <= compliance * wp.length(force):
+            of.seams.stitches[stitch.number] = wp.vec3(now[0], _CLOSED, now[2])
+        elif wp.length(gap + inverse * more) < least:
             left = gap * wp.min(1.0, least / wp.max(wp.length(gap), SHORTEST))
             more = (left - gap) / inverse
     of.seams.stitch_forces[stitch.number] = force + more
     for k in range(4):
         if yields[k] != 0.0:
             add_exactly(seams.moves, 3 * _number(seams, stitch, tie, k, w), yields[k] * more)
-
-
-@wp.func
-def _length(arrays: SewnArrays, body: int) -> float:
-    """Return the length of a substep [s]."""
-    return substep_length(arrays.frames[0], arrays.control, arrays.limits[body], body)
 
 
 @wp.func
@@ -246,11 +246,9 @@ def _end(seams: Seams, w: int, t: int, width: int, last: bool):
         stitch = seams.stitches[s]
         of = seams.arrays[stitch.batches[0] * seams.worlds + w]
         numbers, now = of.numbers[stitch.row].values, of.seams.stitches[stitch.number]
-        if numbers[_STRENGTH] > 0.0 and now[1] == 0.0:
-            force, tie = wp.length(of.seams.stitch_forces[stitch.number]), _at(seams, stitch, now, w, last)
-            allowed = numbers[_COMPLIANCE] * force + numbers[_SPEED] * _length(of, stitch.bodies[0])
-            if force > numbers[_STRENGTH] and wp.length(_across(_gap(seams, tie, last), tie)) <= allowed:
-                of.seams.stitches[stitch.number] = wp.vec3(now[0], 1.0, now[2])
+        if numbers[_STRENGTH] > 0.0 and now[1] == _CLOSED:
+            if wp.length(of.seams.stitch_forces[stitch.number]) > numbers[_STRENGTH]:
+                of.seams.stitches[stitch.number] = wp.vec3(now[0], BROKEN, now[2])
 
 
 @cooperative
