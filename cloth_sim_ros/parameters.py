@@ -374,7 +374,7 @@ CONSTRAINT = (
 SEAM = (
     number("compliance", 0, "Gap of each stitch over its load; 0 is rigid.", "m/N", 0, 1e6),
     number("strength", 0, "Load at which a stitch breaks for good; 0 is never.", "N", 0, 1e9),
-    number("closing_speed", 0.5, "How fast an open stitch draws its ends together at most.", "m/s", 1e-3, 100),
+    number("closing_speed", 0.5, "How fast a stitch that begins open closes at most.", "m/s", 1e-3, 100),
 )
 
 SEAM_PLACE = (

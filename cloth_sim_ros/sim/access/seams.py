@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.features.seams.arrays import BROKEN
 from cloth_sim_ros.sim.input.checks import names_of
-from cloth_sim_ros.sim.topology.elements import Stitches
 
 
 def read_stitches(bodies: Bodies, seam: str, world: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -22,15 +22,16 @@ def read_stitches(bodies: Bodies, seam: str, world: int) -> tuple[np.ndarray, np
     batch, world = bodies.batch[name], bodies.one(world)
     begin = batch.stitches(name).start + start
     rows = slice(begin, begin + len(each.shares))
-    slid, broken, _ = batch.part("stitches", rows, world).numpy().reshape(-1, 3).T
+    slid, state, _ = batch.part("stitches", rows, world).numpy().reshape(-1, 3).T
     first, second = (_places(bodies, thing, world) for thing in (name, each.other))
-    ends, shares, free = _second_points(each, slid, len(second))
-    gaps = _points(first, each.particles[:, :2], each.shares[:, 0]) - _points(second, ends, shares)
-    along = second[ends[:, 1]] - second[ends[:, 0]]
-    square = np.maximum((along * along).sum(axis=1, keepdims=True), 1e-300)
-    gaps -= np.where(free[:, None], (gaps * along).sum(axis=1, keepdims=True) / square * along, 0.0)
-    forces = np.where(broken[:, None] > 0.0, 0.0, batch.part("stitch_forces", rows, world).numpy().reshape(-1, 3))
-    return gaps, forces, broken > 0.0
+    points = _points(first, each.particles[:, :2], each.shares[:, 0])
+    if each.slides:
+        gaps = _off_rope(points, second, each.particles[:, 2] + each.shares[:, 1] + slid)
+    else:
+        gaps = points - _points(second, each.particles[:, 2:], each.shares[:, 1])
+    broken = state == BROKEN
+    forces = np.where(broken[:, None], 0.0, batch.part("stitch_forces", rows, world).numpy().reshape(-1, 3))
+    return gaps, forces, broken
 
 
 def _places(bodies: Bodies, name: str, world: int) -> np.ndarray:
@@ -44,14 +45,10 @@ def _points(places: np.ndarray, particles: np.ndarray, shares: np.ndarray) -> np
     return first + shares[:, None] * (second - first)
 
 
-def _second_points(stitches: Stitches, slid: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Particles (E, 2) and shares (E,) where stitches slid by so many segments (E,) lie on an object of `count`.
-
-    The third array (E,) is True for those that are free to slide both ways.
-    """
-    particles, shares = stitches.particles[:, 2:], stitches.shares[:, 1]
-    if not stitches.slides:
-        return particles, shares, np.zeros(len(shares), bool)
-    at = np.clip(particles[:, 0] + shares + slid, 0.0, count - 1.0)
-    segment = np.minimum(at.astype(int), count - 2)
-    return np.stack([segment, segment + 1], axis=1), at - segment, (at > 0.0) & (at < count - 1.0)
+def _off_rope(points: np.ndarray, rope: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Vectors (E, 3) from a rope's particles (N, 3) to points, from the nearest of the segments around `at` (E,)."""
+    segments = np.clip(at.astype(int)[:, None] + (-1, 0, 1), 0, len(rope) - 2)
+    along, off = rope[segments + 1] - rope[segments], points[:, None] - rope[segments]
+    square = np.maximum((along * along).sum(axis=2), 1e-300)
+    gaps = off - np.clip((off * along).sum(axis=2) / square, 0.0, 1.0)[..., None] * along
+    return gaps[np.arange(len(gaps)), np.linalg.norm(gaps, axis=2).argmin(axis=1)]

@@ -17,7 +17,7 @@ class Seam(Described):
     A line runs through the given particles: along the border of a sheet where they lie on it, else along edges. Lines
     of equally many particles are sewn one to one. Otherwise each particle of the finer line is sewn to the point at the
     same share of the length of the other. Numbers, live and different between worlds: compliance [m/N] of a stitch,
-    strength [N] at which it breaks, closing_speed [m/s] at which open stitches close.
+    strength [N] at which it breaks, closing_speed [m/s] at which those that begin open close.
 
     Args:
         first: The name of an object.

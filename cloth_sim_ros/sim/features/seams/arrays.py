@@ -9,11 +9,15 @@ from cloth_sim_ros.sim.arrays.model import Counts, Features
 KEPT = {"stitches": "stitch"}
 
 
+BROKEN = wp.constant(1.0)
+
+
 @wp.struct
 class SeamState:
     """State of the stitches whose first object is in this batch, Z of them."""
 
-    # (Z,) segments that it slid along a rope, 1 if it is broken, and 1 if it lies at a particle where the rope bends
+    # (Z,) segments that it slid along a rope; 0 while it closes, -1 from when it is closed, or BROKEN; and 1 if it lies
+    # at a particle where the rope bends
     stitches: wp.array(dtype=wp.vec3)
     stitch_forces: wp.array(dtype=wp.vec3)  # (Z,) force on the point of the first object, in the last substep [N]
 

@@ -9,7 +9,7 @@ kept. That also takes bodies that are all of first or all of second order in a s
 Stitches come after lines and ropes, which do not know of the load. So the particles at a stitch of load F give way by
 about h^2 F / m, which falls with the square of the substep, and the measured error sees it.
 
-A stitch that is open by more than its compliance allows closes at no more than a set speed. It does not break then.
+A stitch that begins open closes at no more than a set speed. It does not break before it is closed.
 
 Colliders come next, and friction or facets may pull two points apart again. So stitches that are closed pull once more
 at the end of a substep. Those that still close do not, or they would pull points into a collider.
@@ -24,6 +24,7 @@ import warp as wp
 
 from cloth_sim_ros.parameters import SEAM
 from cloth_sim_ros.sim.arrays.state import Arrays, substep_length, was_smooth
+from cloth_sim_ros.sim.features.seams.arrays import BROKEN
 from cloth_sim_ros.sim.features.seams.bodies import Seams, SewnArrays, Stitch, seams_of
 from cloth_sim_ros.sim.input.numbers import place_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
@@ -41,6 +42,7 @@ from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.topology import Topology
 
 _COMPLIANCE, _STRENGTH, _SPEED = (place_of(SEAM, name) for name in ("compliance", "strength", "closing_speed"))
+_CLOSES, _CLOSED = wp.constant(0.0), wp.constant(-1.0)  # SeamState.stitches has these or BROKEN
 _PASSES = 8  # passes over stitches that share particles; each halves about what the one before left
 _STEPS = 4  # segments of a rope that a stitch slides over in a substep at most
 _ROUNDING = wp.constant(1.0e-5)  # share of a segment that float32 does not lose
@@ -61,20 +63,23 @@ class Tie:
 
 
 @wp.func
-def _place(arrays: SewnArrays, i: int) -> wp.vec4:
-    return load_row(arrays.positions, i)
+def _move_of(arrays: SewnArrays, i: int, moved: bool) -> wp.vec4:
+    """Return what is added to the position of particle i [m]: its displacement if it has `moved`."""
+    if moved:
+        return load_row(arrays.displacements, i)
+    return load_row(arrays.position_lo, i)
 
 
 @wp.func
-def _way(seams: Seams, tie: Tie, i: int) -> wp.vec3:
-    """Return the unit vector from particle i of a rope that a stitch slides along to the next one."""
-    of = seams.arrays[tie.arrays[1]]
-    return wp.normalize(xyz(_place(of, i + 1) - _place(of, i)))
+def _way(rope: SewnArrays, i: int, moved: bool) -> wp.vec3:
+    """Return the vector from particle i of a rope to the next one [m]."""
+    way = load_row(rope.positions, i + 1) - load_row(rope.positions, i)
+    return xyz(way + (_move_of(rope, i + 1, moved) - _move_of(rope, i, moved)))
 
 
 @wp.func
-def _at(seams: Seams, stitch: Stitch, state: wp.vec3, w: int) -> Tie:
-    """Return a stitch in a state of SeamState.stitches, in world w."""
+def _at(seams: Seams, stitch: Stitch, state: wp.vec3, w: int, moved: bool) -> Tie:
+    """Return a stitch in a state of SeamState.stitches, in world w, before or after its rope has `moved`."""
     tie = Tie()
     tie.arrays = stitch.batches * seams.worlds + wp.vec2i(w, w)
     tie.particles = stitch.particles
@@ -87,9 +92,10 @@ def _at(seams: Seams, stitch: Stitch, state: wp.vec3, w: int) -> Tie:
         tie.particles[2] = stitch.rope[0] + segment
         tie.particles[3] = tie.particles[2] + 1
         if at > 0.0 and at < float(segments):
-            tie.along = _way(seams, tie, tie.particles[2])
+            rope = seams.arrays[tie.arrays[1]]
+            tie.along = wp.normalize(_way(rope, tie.particles[2], moved))
             if state[2] > 0.0:
-                tie.along = wp.normalize(tie.along + _way(seams, tie, tie.particles[2] - 1))
+                tie.along = wp.normalize(tie.along + wp.normalize(_way(rope, tie.particles[2] - 1, moved)))
     tie.weights = wp.vec4(1.0 - stitch.shares[0], stitch.shares[0], share - 1.0, -share)
     return tie
 
@@ -97,32 +103,32 @@ def _at(seams: Seams, stitch: Stitch, state: wp.vec3, w: int) -> Tie:
 @wp.func
 def _gap(seams: Seams, tie: Tie, moved: bool) -> wp.vec3:
     """Return the vector from the second point to the first [m], at the start of the substep or where it has `moved`."""
-    origin = seams.arrays[tie.arrays[0]]
-    first, gap = _place(origin, tie.particles[0]), wp.vec4(0.0)
+    first, gap = load_row(seams.arrays[tie.arrays[0]].positions, tie.particles[0]), wp.vec4(0.0)
     for k in range(4):
         of = seams.arrays[tie.arrays[k / 2]]
-        at = _place(of, tie.particles[k]) - first
-        if moved:
-            at += load_row(of.displacements, tie.particles[k])
-        else:
-            at += load_row(of.position_lo, tie.particles[k])
-        gap += tie.weights[k] * at
+        i = tie.particles[k]
+        gap += tie.weights[k] * ((load_row(of.positions, i) - first) + _move_of(of, i, moved))
     return xyz(gap)
 
 
 @wp.func
-def _slide(seams: Seams, stitch: Stitch, state: wp.vec3, w: int) -> wp.vec3:
-    """Return the state of a stitch at the point of its rope nearest to its first point, from that of the last substep.
+def _across(gap: wp.vec3, tie: Tie) -> wp.vec3:
+    """Return the part of a gap [m] that a stitch closes, across the way it slides."""
+    return gap - wp.dot(gap, tie.along) * tie.along
+
+
+@wp.func
+def _slide(seams: Seams, stitch: Stitch, state: wp.vec3, w: int, moved: bool) -> wp.vec3:
+    """Return the state of a stitch at the point of its rope nearest to its first point, from a state near by.
 
     Where the rope bends that point may be a particle, from which it slides along the mean of both segments.
     """
     slid, came = state[0], int(0)
     for _step in range(_STEPS):
-        tie = _at(seams, stitch, wp.vec3(slid, 0.0, 0.0), w)
-        rope = seams.arrays[tie.arrays[1]]
-        way = xyz(_place(rope, tie.particles[3]) - _place(rope, tie.particles[2]))
+        tie = _at(seams, stitch, wp.vec3(slid, 0.0, 0.0), w, moved)
+        way = _way(seams.arrays[tie.arrays[1]], tie.particles[2], moved)
         square = wp.max(wp.dot(way, way), SHORTEST * SHORTEST)
-        share = -tie.weights[3] + wp.dot(_gap(seams, tie, False), way) / square
+        share = -tie.weights[3] + wp.dot(_gap(seams, tie, moved), way) / square
         begin = float(tie.particles[2] - stitch.particles[2]) - stitch.shares[1]
         goes = wp.where(share < 0.0, -1, wp.where(share > 1.0, 1, 0))
         if goes == 0:
@@ -135,28 +141,33 @@ def _slide(seams: Seams, stitch: Stitch, state: wp.vec3, w: int) -> wp.vec3:
 
 
 @wp.func
+def _length(arrays: SewnArrays, body: int) -> float:
+    """Return the length of a substep [s]."""
+    return substep_length(arrays.frames[0], arrays.control, arrays.limits[body], body)
+
+
+@wp.func
 def _square_step(arrays: SewnArrays, body: int, second: int, substep: int) -> float:
     """Return the square of the effective length of a substep of a body [s^2]."""
-    dt = substep_length(arrays.frames[0], arrays.control, arrays.limits[body], body)
     smooth = bool(False)
     if second == 1:
         smooth = was_smooth(arrays.events, arrays.history, body, substep)
-    h = effective_step(dt, smooth)
+    h = effective_step(_length(arrays, body), smooth)
     return h * h
 
 
 @wp.func
-def _begin(seams: Seams, s: int, w: int, first: bool):
+def _begin(seams: Seams, s: int, w: int, first: bool, last: bool):
     """Slide stitch s, forget its force of the last substep, and count it at its particles."""
     stitch = seams.stitches[s]
     state = seams.arrays[stitch.batches[0] * seams.worlds + w].seams
     now = state.stitches[stitch.number]
     if first:
         state.stitch_forces[stitch.number] = wp.vec3(0.0)
-        if stitch.rope[0] >= 0:
-            now = _slide(seams, stitch, now, w)
-            state.stitches[stitch.number] = now
-    tie = _at(seams, stitch, now, w)
+    if stitch.rope[0] >= 0 and (first or last):
+        now = _slide(seams, stitch, now, w, last)
+        state.stitches[stitch.number] = now
+    tie = _at(seams, stitch, now, w, last)
     for k in range(4):
         if tie.weights[k] != 0.0:
             wp.atomic_add(seams.counts, _number(seams, stitch, tie, k, w), 1)
@@ -178,14 +189,14 @@ def _number(seams: Seams, stitch: Stitch, tie: Tie, k: int, w: int) -> int:
 
 @wp.func
 def _pull(seams: Seams, s: int, w: int, substep: int, last: bool):
-    """Find how stitch s moves its particles; in the last of a substep it does only if it is closed."""
+    """Find how stitch s moves its particles; one that is not closed yet does not in the last pull of a substep."""
     stitch = seams.stitches[s]
     of = seams.arrays[stitch.batches[0] * seams.worlds + w]
     now = of.seams.stitches[stitch.number]
-    if now[1] != 0.0:
+    if now[1] == BROKEN or (last and now[1] == _CLOSES):
         return
     numbers = of.numbers[stitch.row].values
-    tie = _at(seams, stitch, now, w)
+    tie = _at(seams, stitch, now, w, last)
     yields, inverse = wp.vec4(0.0), float(0.0)
     for k in range(4):
         if tie.weights[k] != 0.0:
@@ -193,27 +204,20 @@ def _pull(seams: Seams, s: int, w: int, substep: int, last: bool):
             inverse += tie.weights[k] * yields[k] * float(seams.counts[_number(seams, stitch, tie, k, w)])
     if inverse == 0.0:
         return
-    gap, before = _gap(seams, tie, True), _gap(seams, tie, False)
-    gap -= wp.dot(gap, tie.along) * tie.along
-    before -= wp.dot(before, tie.along) * tie.along
+    gap = _across(_gap(seams, tie, True), tie)
     force, compliance = of.seams.stitch_forces[stitch.number], numbers[_COMPLIANCE]
-    more = -(gap + compliance * force) / (inverse + compliance)
-    left, least = gap + inverse * more, wp.length(before) - numbers[_SPEED] * _length(of, stitch.bodies[0])
-    if last and least > compliance * wp.length(force):
-        return
-    if wp.length(left) < least:
-        left = gap * wp.min(1.0, least / wp.max(wp.length(gap), SHORTEST))
-        more = (left - gap) / inverse
+    more, most = -(gap + compliance * force) / (inverse + compliance), numbers[_SPEED] * _length(of, stitch.bodies[0])
+    if now[1] == _CLOSES:
+        least = wp.length(_across(_gap(seams, tie, False), tie)) - most
+        if least <= compliance * wp.length(force):
+            of.seams.stitches[stitch.number] = wp.vec3(now[0], _CLOSED, now[2])
+        elif wp.length(gap + inverse * more) < least:
+            left = gap * wp.min(1.0, least / wp.max(wp.length(gap), SHORTEST))
+            more = (left - gap) / inverse
     of.seams.stitch_forces[stitch.number] = force + more
     for k in range(4):
         if yields[k] != 0.0:
             add_exactly(seams.moves, 3 * _number(seams, stitch, tie, k, w), yields[k] * more)
-
-
-@wp.func
-def _length(arrays: SewnArrays, body: int) -> float:
-    """Return the length of a substep [s]."""
-    return substep_length(arrays.frames[0], arrays.control, arrays.limits[body], body)
 
 
 @wp.func
@@ -242,11 +246,9 @@ def _end(seams: Seams, w: int, t: int, width: int, last: bool):
         stitch = seams.stitches[s]
         of = seams.arrays[stitch.batches[0] * seams.worlds + w]
         numbers, now = of.numbers[stitch.row].values, of.seams.stitches[stitch.number]
-        if numbers[_STRENGTH] > 0.0 and now[1] == 0.0:
-            force, tie = wp.length(of.seams.stitch_forces[stitch.number]), _at(seams, stitch, now, w)
-            allowed = numbers[_COMPLIANCE] * force + numbers[_SPEED] * _length(of, stitch.bodies[0])
-            if force > numbers[_STRENGTH] and wp.length(_gap(seams, tie, False)) <= allowed:
-                of.seams.stitches[stitch.number] = wp.vec3(now[0], 1.0, now[2])
+        if numbers[_STRENGTH] > 0.0 and now[1] == _CLOSED:
+            if wp.length(of.seams.stitch_forces[stitch.number]) > numbers[_STRENGTH]:
+                of.seams.stitches[stitch.number] = wp.vec3(now[0], BROKEN, now[2])
 
 
 @cooperative
@@ -260,7 +262,7 @@ def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group
     t = number - team * group.width
     for w in range(team, seams.worlds, group.teams):
         for s in range(t, seams.stitches.shape[0], group.width):
-            _begin(seams, s, w, first)
+            _begin(seams, s, w, first, last)
     sync_all(group)
     for _pass in range(passes):
         for w in range(team, seams.worlds, group.teams):

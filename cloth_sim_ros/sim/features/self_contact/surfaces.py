@@ -10,6 +10,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.arrays.state import Arrays, Frame, Material, substep_length
+from cloth_sim_ros.sim.features.seams.arrays import BROKEN
 from cloth_sim_ros.sim.features.self_contact.arrays import SelfContactState
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, xyz
 from cloth_sim_ros.sim.substeps.arrays import ControlState, StepLimits
@@ -145,7 +146,7 @@ def _is_sewn(members: Members, w: int, a: Panel, i: int, b: Panel, j: int) -> bo
     for k in range(members.sewn_start[number], members.sewn_start[number + 1]):
         entry = members.sewn[k]
         if entry[0] == members.firsts[b.surface / members.worlds] + j or entry[0] == -1 - b.body:
-            if members.surfaces[entry[1] * members.worlds + w].stitches[entry[2]][1] == 0.0:
+            if members.surfaces[entry[1] * members.worlds + w].stitches[entry[2]][1] != BROKEN:
                 return True
     return False
 
