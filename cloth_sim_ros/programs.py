@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import signal
 import sys
 
@@ -15,9 +16,13 @@ def _run(module: str) -> int:
     if importlib.util.find_spec("rclpy") is None:
         print(f"{sys.argv[0].rpartition('/')[2]}: {NO_ROS}", file=sys.stderr)
         return 1
+    # Importing takes a second. A library that is imported may swallow KeyboardInterrupt, so the signal itself ends it.
+    before = signal.signal(signal.SIGINT, lambda number, frame: os._exit(128 + number))
+    main = importlib.import_module(f"cloth_sim_ros.{module}").main
+    signal.signal(signal.SIGINT, before)
     try:
-        return importlib.import_module(f"cloth_sim_ros.{module}").main()
-    except KeyboardInterrupt:  # before main() handles signals: importing takes a second
+        return main()
+    except KeyboardInterrupt:  # before main() handles signals
         return 128 + signal.SIGINT
 
 

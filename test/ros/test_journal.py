@@ -160,9 +160,12 @@ def test_ctrl_c_while_a_program_is_imported_ends_it_without_a_traceback(tmp_path
     code = "import sys; from cloth_sim_ros.programs import record; print('here', flush=True); sys.exit(record())"
     command = [sys.executable, "-c", code, str(tmp_path / "bag")]
     with subprocess.Popen(command, cwd=ROOT, stdout=-1, stderr=-1, text=True) as process:
-        process.stdout.readline()
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(wait)
-        process.send_signal(signal.SIGINT)
-        assert process.wait(30.0) in (1, 130)
-        assert "Traceback" not in process.stderr.read()
+        try:
+            process.stdout.readline()
+            with pytest.raises(subprocess.TimeoutExpired):
+                process.wait(wait)
+            process.send_signal(signal.SIGINT)
+            assert process.wait(30.0) in (1, 130)
+            assert "Traceback" not in process.stderr.read()
+        finally:
+            process.kill()
