@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +20,9 @@ _LONGEST = 1.0e-3  # length of a substep [s]
 _PULL = 1.0e4  # stiffness EA [N]: cables hardly stretch in such motions
 _AXIAL = 2.0e-3  # damping of stretch [s]
 _REACH = 1.0e-3  # of the handle at a held marker [m]
+_CORRECTIONS = 2  # of positions and velocities at the start
+_MOVES = (1e-3, 2e-2)  # of a marker [m, m/s] at the start, by which slopes are found
+_LONGER = 5.0e-3  # share of a length, likewise
 _ROBUST = 5.0e-3  # distance beyond which the cable is wrong, and not the camera [m]
 # Bounds of what is found. Rigidity over mass per length [m^4/s^2]; time of bending's dashpots [s]; drag coefficient.
 _RIGIDITY, _DAMPING, _DRAG = (1e-4, 1.0), (1e-3, 1.0), (0.05, 50.0)
@@ -82,8 +86,6 @@ class CableCandidates:
     until: how many of them are looked at. count: of numbers that are compared. Raises ValueError for bad runs.
     """
 
-    has_points = False
-
     def __init__(self, cable: Cable, markers: Markers, together: int, start: int, device: str) -> None:
         self._seen = markers.seen
         frames = self._seen.shape[1]
@@ -105,6 +107,7 @@ class CableCandidates:
             Sought(f"{NAME}.bend_damping", *_DAMPING),
             Sought("wind.drag_coefficient", *_DRAG),
         ]
+        self._aside: np.ndarray | None = None
         self._make(together)
 
     def _make(self, together: int) -> None:
@@ -120,29 +123,76 @@ class CableCandidates:
         self.worlds = together
         self.sim = Simulation(scene, settings, self._device, worlds=runs * together)
         begin = [self._markers.start(run, self.first) for run in range(runs)]
-        marks = self.cable.places[self.cable.markers]
-        self._begin = np.array([[CubicSpline(marks, each)(self.cable.places) for each in both] for both in begin])
+        self._begin = np.tile(np.stack(begin, axis=1), (1, together, 1, 1))
 
     def narrow(self, together: int) -> None:
         """Go on with at most so many candidates side by side."""
         if together < self.worlds:
             self._make(together)
 
-    def settle(self, units: np.ndarray, aside: float = 1.0) -> None:
+    def settle(self, units: np.ndarray) -> None:
         """Do nothing: markers are known by number, so that nothing is to be judged."""
+
+    def refine(self, units: np.ndarray) -> bool:
+        """Leave out of residuals, from now on, what other starts and lengths near a good candidate (P,) would explain.
+
+        Noise in the first frames then counts as what it is, an error of positions and velocities at the start (Golub
+        and Pereyra 2003, Separable nonlinear least squares: the variable projection method). Lengths between markers
+        are corrected before by what splines through the candidate's markers miss of its own.
+        """
+        seen = self._seen[:, self.first :]
+        moved = seen + self.off(units[None])[0].swapaxes(0, 1)
+        was, now = (Markers(list(rows), self._markers.rate).lengths() for rows in (seen, moved))
+        self._lengthen(was - now, self.worlds)
+        slopes = np.nan_to_num(np.concatenate([self._by_starts(units), self._by_lengths(units)]))
+        self._aside = np.linalg.qr(slopes.transpose(2, 1, 3, 4, 0).reshape(len(self._seen), -1, len(slopes)))[0]
+        return True
+
+    def _lengthen(self, more: np.ndarray, together: int) -> None:
+        self.cable = dataclasses.replace(self.cable, lengths=self.cable.lengths + more)
+        self._make(together)
+
+    def _by_starts(self, units: np.ndarray) -> np.ndarray:
+        """(K, until, R, M, 3) changes of `off` by other positions and velocities of each marker that is not held."""
+        free = [m for m in range(self._markers.count) if m not in self.cable.held_markers]
+        moves = np.zeros((2, len(free), 3, 2, self._markers.count, 3))
+        for part, marker, axis in np.ndindex(moves.shape[:3]):
+            moves[part, marker, axis, part, free[marker], axis] = _MOVES[part]
+        moves = np.concatenate([np.zeros((1, *moves.shape[3:])), moves.reshape(-1, *moves.shape[3:])])
+        off = self.off(np.tile(units, (len(moves), 1)), moves)
+        return off[1:] - off[0]
+
+    def _by_lengths(self, units: np.ndarray) -> np.ndarray:
+        """(M - 1, until, R, M, 3) changes of `off` by another length between two markers."""
+        cable, together, found = self.cable, self.worlds, []
+        for longer in np.vstack([np.zeros(len(cable.lengths)), np.diag(_LONGER * cable.lengths)]):
+            self._lengthen(longer, 1)
+            found.append(self.off(units[None])[0])
+            self.cable = cable
+        self._make(together)
+        return np.array(found[1:]) - found[0]
 
     def values(self, units: np.ndarray) -> np.ndarray:
         """Values of what is sought, from places (K, P) between its bounds."""
         return values_of(self.sought, units)
 
-    def off(self, units: np.ndarray) -> np.ndarray:
-        """(K, until, R, M, 3) by how much markers are off the recording [m], not a number where one was not seen."""
-        parts = [units[k : k + self.worlds] for k in range(0, len(units), self.worlds)]
-        return np.concatenate([self._run(part) for part in parts])
+    def off(self, units: np.ndarray, moves: np.ndarray | None = None) -> np.ndarray:
+        """(K, until, R, M, 3) by how much markers are off the recording [m], not a number where one was not seen.
+
+        moves (K, 2, M, 3): what is added to the positions [m] and velocities [m/s] of markers in the first frame.
+        """
+        moves = np.zeros((len(units), 1, 1, 1)) if moves is None else moves
+        parts = [slice(k, k + self.worlds) for k in range(0, len(units), self.worlds)]
+        return np.concatenate([self._run(units[part], moves[part]) for part in parts])
 
     def residuals(self, units: np.ndarray) -> np.ndarray:
         """(K, n) of `off`, frame after frame, whose squares grow like distances beyond _ROBUST (Huber 1964)."""
-        off = np.nan_to_num(self.off(units)).reshape(len(units), -1)
+        off = np.nan_to_num(self.off(units))
+        if self._aside is not None:
+            rows = off.swapaxes(1, 2).reshape(len(units), len(self._seen), -1)
+            rows -= np.einsum("rnp,rmp,krm->krn", self._aside, self._aside, rows, optimize=True)
+            off = rows.reshape(off.swapaxes(1, 2).shape).swapaxes(1, 2)
+        off = off.reshape(len(units), -1)
         return np.sign(off) * _ROBUST * np.sqrt(2.0 * (np.sqrt(1.0 + (off / _ROBUST) ** 2) - 1.0))
 
     def squares(self, units: np.ndarray) -> np.ndarray:
@@ -157,25 +207,47 @@ class CableCandidates:
         self.sim.set("solver.substeps", substeps)
         return ((fine - coarse) / 0.75)[None]
 
-    def _run(self, units: np.ndarray) -> np.ndarray:
+    def _run(self, units: np.ndarray, moves: np.ndarray) -> np.ndarray:
         """As `off`, of at most `worlds` candidates; those that are fewer are filled up by the last."""
-        runs, sim = len(self._seen), self.sim
-        values = self.values(units)[np.minimum(np.arange(self.worlds), len(units) - 1)]
+        runs, sim, filled = len(self._seen), self.sim, np.minimum(np.arange(self.worlds), len(units) - 1)
+        values, moves = self.values(units)[filled], np.repeat(moves[filled], runs, axis=0).swapaxes(0, 1)
         sim.reset()
         for each, column in zip(self.sought, values.T, strict=True):
             sim.set(each.name, np.repeat(column, runs))
-        self._hold(self.first - 1, sweep=False)
-        for part, what in enumerate(("positions", "velocities")):
-            sim.write(NAME, what, np.tile(self._begin[:, part], (self.worlds, 1, 1)).astype(np.float32))
+        self._begin_well(moves)
         found = np.empty((self.worlds, self.until, runs, self._markers.count, 3))
         for frame in range(self.until):
-            self._hold(self.first + frame, sweep=True)
-            sim.step()
-            places = sim.positions(NAME, None).reshape(self.worlds, runs, -1, 3)[:, :, self.cable.markers]
-            found[:, frame] = places - self._seen[:, self.first + frame]
-            self.frames += 1
-            self.told(self.frames)
+            found[:, frame] = self._step(self.first + frame).reshape(self.worlds, runs, -1, 3)
         return found[: len(units)]
+
+    def _begin_well(self, moves: np.ndarray) -> None:
+        """Simulate the first frames from the positions and velocities with which markers pass where they were seen.
+
+        moves (2, worlds, M, 3) are added to these. A line through the distances in these frames corrects both, as if
+        markers moved freely; so it is done again.
+        """
+        begin, times = self._begin, np.arange(self.first) / self._markers.rate
+        for correction in range(_CORRECTIONS + 1):
+            if correction == _CORRECTIONS:
+                begin = begin + moves
+            self._hold(0, sweep=False)
+            for part, what in zip(begin, ("positions", "velocities"), strict=True):
+                places = CubicSpline(self.cable.places[self.cable.markers], part, axis=1)(self.cable.places)
+                self.sim.write(NAME, what, places.astype(np.float32))
+            off = [begin[0] - np.tile(self._seen[:, 0], (self.worlds, 1, 1))]
+            off += [self._step(frame) for frame in range(1, self.first)]
+            if correction < _CORRECTIONS:
+                line = np.polynomial.polynomial.polyfit(times, np.reshape(off, (self.first, -1)), 1)
+                begin = begin - line.reshape(begin.shape)
+
+    def _step(self, frame: int) -> np.ndarray:
+        """(worlds, M, 3) [m] by how much markers are off at the end of a frame."""
+        self._hold(frame, sweep=True)
+        self.sim.step()
+        self.frames += 1
+        self.told(self.frames)
+        seen = np.tile(self._seen[:, frame], (self.worlds, 1, 1))
+        return self.sim.positions(NAME, None)[:, self.cable.markers] - seen
 
     def _hold(self, frame: int, sweep: bool) -> None:
         """Hands are at the held markers at the end of the next frame, or at once."""

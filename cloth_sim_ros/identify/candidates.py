@@ -13,6 +13,7 @@ from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.sim import Scene, Settings, Simulation
 
 _DELAY = 0.1  # [s] of which a logarithm stands for a delay: slopes are found from 2 ms to either side
+_ASIDE = 0.1  # of what points tell along a surface counts at last: the rest of it leads astray, see identify.md
 _RANGES = (30.0, 10.0, 3.0, 1.0)  # a parameter is looked for within the first factor of its value that is allowed
 
 
@@ -136,11 +137,6 @@ class Candidates:
         """(F,) of the recording [s]."""
         return self.recording.times
 
-    @property
-    def has_points(self) -> bool:
-        """True if points were seen in no order."""
-        return bool(self.recording.points)
-
     def narrow(self, worlds: int) -> None:
         """Go on with at most so many worlds: a batch takes the time of all, however few its candidates are."""
         if worlds < self.sim.worlds:
@@ -185,6 +181,15 @@ class Candidates:
         """Residuals (n,) of a candidate, observer by observer (F, size)."""
         rows = rows.reshape(self.until, -1)
         return np.split(rows, np.cumsum([each.size for each in self._observers])[:-1], axis=1)
+
+    def refine(self, units: np.ndarray) -> bool:
+        """Judge more closely from now on, near a good candidate (P,); False if nothing changes.
+
+        Edges of a surface have led near it, and mislead where points are sparse or noisy.
+        """
+        if self.recording.points:
+            self.settle(units, _ASIDE)
+        return bool(self.recording.points)
 
     def settle(self, units: np.ndarray, aside: float = 1.0) -> None:
         """Judge by a good candidate (P,) what the distances of unordered points are worth, see Observer.settle."""

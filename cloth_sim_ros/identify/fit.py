@@ -16,7 +16,6 @@ _MOST_POINTS = 20  # of a descent
 _BEGINNINGS = (0.125, 0.25, 0.5)  # of a recording, that are followed before all of it
 _ROUGHLY = 1e-2  # of the range: how near the best place a beginning leads
 MOST_STEPS = 3 * _MOST_POINTS + 5  # batches of worlds, where one holds a point and its neighbours
-_ASIDE = 0.1  # of what points tell along a surface counts at last: the rest of it leads astray, see identify.md
 _SPREAD = 1.96  # standard deviations of an interval that holds 95 %
 
 
@@ -50,8 +49,7 @@ def identify(candidates: Candidates, seed: int = 0) -> tuple[np.ndarray, Estimat
     candidates.narrow(1 + 2 * count)  # of which `slopes` asks at a time
     candidates.settle(start)
     units = by_least_squares(candidates, by_beginnings(candidates, places, squares))
-    if candidates.has_points:  # edges have led near, and mislead where points are sparse or noisy
-        candidates.settle(units, _ASIDE)
+    if candidates.refine(units):
         units = by_least_squares(candidates, units)
     return start, estimate(candidates, units)
 

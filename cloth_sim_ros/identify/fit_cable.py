@@ -52,6 +52,7 @@ def run(arguments: argparse.Namespace) -> Estimate:
     candidates.told = Progress(candidates)
     _, found = identify(candidates)
     show("")
+    cable = candidates.cable
     judge = CableCandidates(cable, judged, 1, arguments.start, arguments.device)
     off = {"fitted": judge.off(found.units[None])[0], **guesses(judged, arguments.start)}
     print(*sentences(cable, candidates, found), sep="\n")

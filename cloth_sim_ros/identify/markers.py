@@ -12,7 +12,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 _UNEVEN = 0.01  # largest share by which the time between two frames may differ from the mean
-_EVERY = 25  # frames from one to the next in which lengths between markers are measured
 _POINTS = 9  # points along a spline between two markers, by which its length is measured
 
 
@@ -69,7 +68,7 @@ class Markers:
         """(M - 1,) [m] of cable between markers: the mean of splines through all markers that are seen together."""
         found = []
         for run in self.runs:
-            for frame in run[::_EVERY]:
+            for frame in run:
                 if np.isfinite(frame).all():
                     places = _along(frame)
                     fine = np.linspace(places[:-1], places[1:], _POINTS, axis=1)
@@ -79,8 +78,8 @@ class Markers:
             raise ValueError("no frame shows all markers; allowed are recordings in which some do")
         return np.mean(found, axis=0)
 
-    def start(self, run: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (M, 3) [m] and velocities [m/s] in the last of the first `frames` frames of a run.
+    def start(self, run: int, frames: int) -> np.ndarray:
+        """Positions and velocities (2, M, 3) [m, m/s] in the first frame of a run, from its first `frames` frames.
 
         They are those of parabolas through these frames, or of lines through two. Raises ValueError where a marker is
         not seen in them.
@@ -88,10 +87,9 @@ class Markers:
         seen = self.runs[run][:frames]
         if not np.isfinite(seen).all():
             raise ValueError(f"a marker is not seen in the first {frames} frames; allowed are runs in which all are")
-        times = (np.arange(frames) - (frames - 1)) / self.rate
+        times = np.arange(frames) / self.rate
         powers = np.vander(times, min(3, frames), increasing=True)
-        factors = np.linalg.lstsq(powers, seen.reshape(frames, -1), rcond=None)[0].reshape(-1, self.count, 3)
-        return factors[0], factors[1]
+        return np.linalg.lstsq(powers, seen.reshape(frames, -1), rcond=None)[0].reshape(-1, self.count, 3)[:2]
 
 
 def _along(frame: np.ndarray) -> np.ndarray:
