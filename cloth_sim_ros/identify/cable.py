@@ -21,8 +21,7 @@ _PULL = 1.0e4  # stiffness EA [N]: cables hardly stretch in such motions
 _AXIAL = 2.0e-3  # damping of stretch [s]
 _REACH = 1.0e-3  # of the handle at a held marker [m]
 _CORRECTIONS = 2  # of positions and velocities at the start
-_MOVES = (1e-3, 2e-2)  # of a marker [m, m/s] at the start, by which slopes are found
-_LONGER = 5.0e-3  # share of a length, likewise
+_LONGER = 5.0e-3  # share of a length, by which slopes are found
 _ROBUST = 5.0e-3  # distance beyond which the cable is wrong, and not the camera [m]
 # Bounds of what is found. Rigidity over mass per length [m^4/s^2]; time of bending's dashpots [s]; drag coefficient.
 _RIGIDITY, _DAMPING, _DRAG = (1e-4, 1.0), (1e-3, 1.0), (0.05, 50.0)
@@ -107,7 +106,8 @@ class CableCandidates:
             Sought(f"{NAME}.bend_damping", *_DAMPING),
             Sought("wind.drag_coefficient", *_DRAG),
         ]
-        self._aside: np.ndarray | None = None
+        self._free = [m for m in range(markers.count) if m not in cable.held_markers]
+        self._noise: np.ndarray | None = None
         self._make(together)
 
     def _make(self, together: int) -> None:
@@ -134,18 +134,20 @@ class CableCandidates:
         """Do nothing: markers are known by number, so that nothing is to be judged."""
 
     def refine(self, units: np.ndarray) -> bool:
-        """Leave out of residuals, from now on, what other starts and lengths near a good candidate (P,) would explain.
+        """Count less in residuals, from now on, what noise at the start and in lengths does near a good candidate (P,).
 
-        Noise in the first frames then counts as what it is, an error of positions and velocities at the start (Golub
-        and Pereyra 2003, Separable nonlinear least squares: the variable projection method). Lengths between markers
-        are corrected before by what splines through the candidate's markers miss of its own.
+        Residuals are whitened by their covariance, that of noise at each marker and of errors which it makes at the
+        start of a run and in lengths (generalised least squares, Aitken 1935). Lengths between markers are corrected
+        before by what splines through the candidate's markers miss of its own.
         """
         seen = self._seen[:, self.first :]
-        moved = seen + self.off(units[None])[0].swapaxes(0, 1)
-        was, now = (Markers(list(rows), self._markers.rate).lengths() for rows in (seen, moved))
+        off = self.off(units[None])[0].swapaxes(0, 1)
+        was, now = (Markers(list(rows), self._markers.rate).lengths() for rows in (seen, seen + off))
         self._lengthen(was - now, self.worlds)
         slopes = np.nan_to_num(np.concatenate([self._by_starts(units), self._by_lengths(units)]))
-        self._aside = np.linalg.qr(slopes.transpose(2, 1, 3, 4, 0).reshape(len(self._seen), -1, len(slopes)))[0]
+        slopes = slopes.transpose(2, 1, 3, 4, 0).reshape(len(self._seen), -1, len(slopes))
+        shapes, sizes, _ = np.linalg.svd(slopes / np.sqrt(np.nanmean(off**2)), full_matrices=False)
+        self._noise = shapes * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + sizes**2))[:, None]
         return True
 
     def _lengthen(self, more: np.ndarray, together: int) -> None:
@@ -153,24 +155,26 @@ class CableCandidates:
         self._make(together)
 
     def _by_starts(self, units: np.ndarray) -> np.ndarray:
-        """(K, until, R, M, 3) changes of `off` by other positions and velocities of each marker that is not held."""
-        free = [m for m in range(self._markers.count) if m not in self.cable.held_markers]
+        """(K, until, R, M, 3) changes of `off` by a usual error of the position and velocity of each free marker."""
+        free, noise, frames = self._free, self._markers.noise(self._free), self.first
+        sizes = noise * np.array([1.0, self._markers.rate * math.sqrt(12.0 / (frames * (frames**2 - 1)))])
         moves = np.zeros((2, len(free), 3, 2, self._markers.count, 3))
         for part, marker, axis in np.ndindex(moves.shape[:3]):
-            moves[part, marker, axis, part, free[marker], axis] = _MOVES[part]
+            moves[part, marker, axis, part, free[marker], axis] = sizes[part]
         moves = np.concatenate([np.zeros((1, *moves.shape[3:])), moves.reshape(-1, *moves.shape[3:])])
         off = self.off(np.tile(units, (len(moves), 1)), moves)
         return off[1:] - off[0]
 
     def _by_lengths(self, units: np.ndarray) -> np.ndarray:
-        """(M - 1, until, R, M, 3) changes of `off` by another length between two markers."""
+        """(M - 1, until, R, M, 3) changes of `off` by a usual error of each length between two markers."""
         cable, together, found = self.cable, self.worlds, []
-        for longer in np.vstack([np.zeros(len(cable.lengths)), np.diag(_LONGER * cable.lengths)]):
+        for longer in np.vstack([np.zeros(len(cable.lengths)), _LONGER * np.diag(cable.lengths)]):
             self._lengthen(longer, 1)
             found.append(self.off(units[None])[0])
             self.cable = cable
         self._make(together)
-        return np.array(found[1:]) - found[0]
+        error = self._markers.noise(self._free) * math.sqrt(2.0 / self._seen[:, :, 0, 0].size)
+        return (np.array(found[1:]) - found[0]) * (error / (_LONGER * cable.lengths))[:, None, None, None, None]
 
     def values(self, units: np.ndarray) -> np.ndarray:
         """Values of what is sought, from places (K, P) between its bounds."""
@@ -188,9 +192,9 @@ class CableCandidates:
     def residuals(self, units: np.ndarray) -> np.ndarray:
         """(K, n) of `off`, frame after frame, whose squares grow like distances beyond _ROBUST (Huber 1964)."""
         off = np.nan_to_num(self.off(units))
-        if self._aside is not None:
+        if self._noise is not None:
             rows = off.swapaxes(1, 2).reshape(len(units), len(self._seen), -1)
-            rows -= np.einsum("rnp,rmp,krm->krn", self._aside, self._aside, rows, optimize=True)
+            rows -= np.einsum("rnp,rmp,krm->krn", self._noise, self._noise, rows, optimize=True)
             off = rows.reshape(off.swapaxes(1, 2).shape).swapaxes(1, 2)
         off = off.reshape(len(units), -1)
         return np.sign(off) * _ROBUST * np.sqrt(2.0 * (np.sqrt(1.0 + (off / _ROBUST) ** 2) - 1.0))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +13,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 _UNEVEN = 0.01  # largest share by which the time between two frames may differ from the mean
+_DIFFERENCES = 6  # order of differences in time in which noise is seen
+_MEDIAN = 0.6745  # median of the distance of normal noise from its mean, in standard deviations
 _POINTS = 9  # points along a spline between two markers, by which its length is measured
 
 
@@ -77,6 +80,14 @@ class Markers:
         if not found:
             raise ValueError("no frame shows all markers; allowed are recordings in which some do")
         return np.mean(found, axis=0)
+
+    def noise(self, markers: Sequence[int]) -> float:
+        """Standard deviation [m] of noise in a coordinate of these markers, from a median.
+
+        It is seen in sixth differences in time, of which a smooth motion has few.
+        """
+        rows = np.concatenate([np.diff(run[:, markers], _DIFFERENCES, axis=0).ravel() for run in self.runs])
+        return float(np.nanmedian(np.abs(rows)) / (_MEDIAN * math.sqrt(math.comb(2 * _DIFFERENCES, _DIFFERENCES))))
 
     def start(self, run: int, frames: int) -> np.ndarray:
         """Positions and velocities (2, M, 3) [m, m/s] in the first frame of a run, from its first `frames` frames.

@@ -57,8 +57,8 @@ def fitted(runs, start=4):
 
 def test_numbers_come_back_from_a_start_in_motion():
     candidates, found = fitted([record(1, 0.0), record(2, 0.0)])
-    assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.01)
-    assert found.values[1:] == pytest.approx([BEND_DAMPING, DRAG], rel=0.02)
+    assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.03)
+    assert found.values[1:] == pytest.approx([BEND_DAMPING, DRAG], rel=0.05)
     off = candidates.off(found.units[None])[0]
     assert mean_error(off) < 1e-3 < 0.1 * mean_error(guesses(Markers([record(1, 0.0)], RATE), 2)["blend"])
 
