@@ -134,7 +134,7 @@ def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
     pressed = wp.length(push.way)
     normal = push.way / wp.max(pressed, 1.0e-20)
     motion = push.motion / wp.max(push.pressed, 1.0e-20)
-    if wp.dot(moved - past, normal) > NOISE:
+    if push.pressed > 0.0 and wp.dot(moved - past, normal) > NOISE:
         hit = not met.carries and -wp.dot(past - motion, normal) > 0.5 * pressed
         v = xyz(load_row(met.velocities, met.slot))
         kept = forgotten(past, moved, normal, hit)
@@ -239,9 +239,8 @@ def _make_leave(features: Features):
             ctx.state.rope.solved[met.slot] += displacement - xyz(packed)
         store4(ctx.d, i, pack(displacement, w))
         if wp.static(features.order == 2):
-            if push.pressed > 0.0:
-                moved = displacement - xyz(load4(ctx.position_lo, i))
-                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
+            moved = displacement - xyz(load4(ctx.position_lo, i))
+            add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
 
     return leave
 

@@ -377,9 +377,8 @@ def make_yield(features: Features):
             if wp.static(leans):
                 ctx.state.rope.solved[met.slot] += displacement - xyz(packed)
             if wp.static(features.order == 2):
-                if push.pressed > 0.0:
-                    moved = displacement - xyz(load4(ctx.position_lo, i))
-                    add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
+                moved = displacement - xyz(load4(ctx.position_lo, i))
+                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
             # Its facets may have moved the particle into a collider, so its own contact acts last.
             met.carries = False
             touch(i, met, ctx, 0.0)
