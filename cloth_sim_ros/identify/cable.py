@@ -136,15 +136,17 @@ class CableCandidates:
     def refine(self, units: np.ndarray) -> bool:
         """Count less in residuals, from now on, what noise at the start and in lengths does near a good candidate (P,).
 
-        Residuals are whitened by their covariance, that of noise at each marker and of errors which it makes at the
-        start of a run and in lengths (generalised least squares, Aitken 1935). Lengths between markers are corrected
-        before by what splines through the candidate's markers miss of its own.
+        Residuals are whitened by their covariance (generalised least squares, Aitken 1935). It has noise at each
+        marker, and what this noise does to starts and lengths. Lengths between markers are corrected before by what
+        splines through the candidate's markers miss of its own.
         """
         seen = self._seen[:, self.first :]
         off = self.off(units[None])[0].swapaxes(0, 1)
         was, now = (Markers(list(rows), self._markers.rate).lengths() for rows in (seen, seen + off))
         self._lengthen(was - now, self.worlds)
-        slopes = np.nan_to_num(np.concatenate([self._by_starts(units), self._by_lengths(units)]))
+        still, noise = self.off(units[None])[0], self._markers.noise(self._free)
+        slopes = [self._by_starts(units, noise, still), self._by_lengths(units, noise, still)]
+        slopes = np.nan_to_num(np.concatenate(slopes))
         slopes = slopes.transpose(2, 1, 3, 4, 0).reshape(len(self._seen), -1, len(slopes))
         shapes, sizes, _ = np.linalg.svd(slopes / np.sqrt(np.nanmean(off**2)), full_matrices=False)
         self._noise = shapes * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + sizes**2))[:, None]
@@ -154,27 +156,26 @@ class CableCandidates:
         self.cable = dataclasses.replace(self.cable, lengths=self.cable.lengths + more)
         self._make(together)
 
-    def _by_starts(self, units: np.ndarray) -> np.ndarray:
+    def _by_starts(self, units: np.ndarray, noise: float, still: np.ndarray) -> np.ndarray:
         """(K, until, R, M, 3) changes of `off` by a usual error of the position and velocity of each free marker."""
-        free, noise, frames = self._free, self._markers.noise(self._free), self.first
+        free, frames = self._free, self.first
         sizes = noise * np.array([1.0, self._markers.rate * math.sqrt(12.0 / (frames * (frames**2 - 1)))])
         moves = np.zeros((2, len(free), 3, 2, self._markers.count, 3))
         for part, marker, axis in np.ndindex(moves.shape[:3]):
             moves[part, marker, axis, part, free[marker], axis] = sizes[part]
-        moves = np.concatenate([np.zeros((1, *moves.shape[3:])), moves.reshape(-1, *moves.shape[3:])])
-        off = self.off(np.tile(units, (len(moves), 1)), moves)
-        return off[1:] - off[0]
+        moves = moves.reshape(-1, *moves.shape[3:])
+        return self.off(np.tile(units, (len(moves), 1)), moves) - still
 
-    def _by_lengths(self, units: np.ndarray) -> np.ndarray:
+    def _by_lengths(self, units: np.ndarray, noise: float, still: np.ndarray) -> np.ndarray:
         """(M - 1, until, R, M, 3) changes of `off` by a usual error of each length between two markers."""
         cable, together, found = self.cable, self.worlds, []
-        for longer in np.vstack([np.zeros(len(cable.lengths)), _LONGER * np.diag(cable.lengths)]):
+        for longer in _LONGER * np.diag(cable.lengths):
             self._lengthen(longer, 1)
             found.append(self.off(units[None])[0])
             self.cable = cable
         self._make(together)
-        error = self._markers.noise(self._free) * math.sqrt(2.0 / self._seen[:, :, 0, 0].size)
-        return (np.array(found[1:]) - found[0]) * (error / (_LONGER * cable.lengths))[:, None, None, None, None]
+        error = noise * math.sqrt(2.0 / self._seen[:, :, 0, 0].size)
+        return (np.array(found) - still) * (error / (_LONGER * cable.lengths))[:, None, None, None, None]
 
     def values(self, units: np.ndarray) -> np.ndarray:
         """Values of what is sought, from places (K, P) between its bounds."""
