@@ -10,7 +10,14 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.saved import Saved
-from cloth_sim_ros.sim.substeps.energy import Energies, begin_again, find_energies, judge_frames, open_frames
+from cloth_sim_ros.sim.substeps.energy import (
+    Energies,
+    begin_again,
+    end_again,
+    find_energies,
+    judge_frames,
+    open_frames,
+)
 
 _PARTICLES = 1024  # number of particles of a block
 
@@ -54,7 +61,9 @@ class Ledger:
             launch(find_energies, *energies, 0, int(second), block, parts, **wide),
             launch(judge_frames, families, parts, before[2], factors, self._rejects),
         ]
-        self._begin_again = launch(begin_again, factors, self._rejects)
+        wide = {"dim": bodies * block, "block_dim": block}
+        self._begin_again = launch(begin_again, factors, self._rejects, block, **wide)
+        self._end_again = launch(end_again, factors, block, **wide)
 
     def open(self) -> None:
         """Find the energies at the start of a frame, before the state is saved."""
@@ -69,7 +78,7 @@ class Ledger:
         self._saved.restore()
         self._begin_again.launch()
         frame()
-        _run(self._judge)
+        _run([*self._judge, self._end_again])
 
 
 def _run(launches: Sequence[wp.Launch]) -> None:

@@ -12,12 +12,14 @@ of a membrane, whose forces are linear in all elongations.
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays, compliance_of, substeps_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of, sweep_collider
 from cloth_sim_ros.sim.features.plate.bending import around, curve_moment, rigidity_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
-from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, load_row, xyz
+from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, load_row, sync, xyz
 from cloth_sim_ros.sim.lines.membrane import coupled_length
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.physics.plate import rest_curvature
+from cloth_sim_ros.sim.substeps.control import resample_all
 
 FALLS = wp.constant(wp.float64(0.1))  # share by which the ceiling falls towards the energy in a frame
 FADES = wp.constant(wp.float64(0.98))  # share of the scale that is left a frame later
@@ -130,7 +132,7 @@ def work_on(
     """The part of thread t of the work [J] done on body b in the frame, by all that did work on a particle.
 
     starts, start_velocities: of particles when the frame began. It takes the mean forces of hands and colliders over
-    the frame, and a bound for the air.
+    the frame, and a bound for the air. A stroke is short, so a collider's force goes with its own way too.
     """
     s, body, colliders = a.state, a.model.bodies[b], a.colliders.shape[0]
     work = float(0.0)
@@ -144,7 +146,12 @@ def work_on(
         if s.contact.pinch_pulls.shape[0] > 0:
             work += wp.max(0.0, wp.dot(move, xyz(load_row(s.contact.pinch_pulls, g))))
         for c in range(colliders):
-            work += wp.max(0.0, wp.dot(move, xyz(load_row(s.contact.contact_forces, g * colliders + c))))
+            force = xyz(load_row(s.contact.contact_forces, g * colliders + c))
+            if wp.length_sq(force) > 0.0:
+                sweep = sweep_collider(a.colliders[c], 0.0, 1.0)
+                start = xyz(load_row(starts, g)) - sweep.position
+                slip = wp.transpose(sweep.to_local) * slip_of(start, move, sweep)
+                work += wp.max(0.0, wp.max(wp.dot(move, force), wp.dot(move - slip, force)))
     if s.air.panel_forces.shape[0] > 0:
         for p in range(body.panels + t, body.panels_end, width):
             work += most_of_air(p, a, b, starts, start_velocities)
@@ -254,20 +261,36 @@ def judge_frames(
     scale = wp.max(wp.max(FADES * scale, e.kinetic + e.elastic), least_scale(a, b))
     a.state.control.ledgers[b] = wp.vec4d(ceiling, scale, now, e.weight)
     if factors[k] > 0:
-        a.state.control.factors[b] = 0
         a.state.control.redone[b] += 1
-        if a.state.history.shape[0] > 0:
-            a.state.history[b] = 0
+
+
+@wp.func
+def change_factor(t: int, width: int, a: Arrays, b: int, before: int, after: int, factor: int):
+    """Multiply the substeps of body b by `after` instead of `before` from now on; `factor` is stored."""
+    n = substeps_of(a.state.control, a.limits[b], b) / wp.max(1, a.state.control.factors[b])
+    sync()  # all threads have read what one will write
+    if a.state.last_displacements.shape[0] > 0:
+        resample_all(t, width, a, b, n * before, n * after)
+    if t == 0:
+        a.state.control.factors[b] = factor
 
 
 @compiled
-def begin_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), rejects: wp.array(dtype=int)):
-    k = wp.tid()
+def begin_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), rejects: wp.array(dtype=int), block: int):
+    k, t = wp.tid() / block, wp.tid() % block
     bodies = given[0].limits.shape[0]
-    s, b = given[k / bodies].state, k % bodies
-    if k == 0:
+    if wp.tid() == 0:
         rejects[0] = 0
     if factors[k] > 0:
-        s.control.factors[b] = factors[k]
-        if s.history.shape[0] > 0:
-            s.history[b] = 0
+        change_factor(t, block, given[k / bodies], k % bodies, 1, factors[k], factors[k])
+
+
+@compiled
+def end_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), block: int):
+    k, t = wp.tid() / block, wp.tid() % block
+    bodies = given[0].limits.shape[0]
+    a, b = given[k / bodies], k % bodies
+    used = a.state.control.factors[b]
+    # A rejected frame has a larger factor by now.
+    if used > 0 and used == factors[k]:
+        change_factor(t, block, a, b, used, 1, 0)

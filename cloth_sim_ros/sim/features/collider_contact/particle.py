@@ -48,9 +48,12 @@ def forgotten(past: wp.vec3, now: wp.vec3, normal: wp.vec3, hit: bool) -> wp.vec
 def lost_motion(displacement: wp.vec3, velocity: wp.vec3, step: Step) -> wp.vec3:
     """Return the correction [m] whose effect on the momentum equals that of this past displacement and velocity.
 
-    Order 2 carries a third of both on, so forgetting them is an impulse too.
+    Order 2 carries a third of both on, so forgetting them is an impulse too. A first substep has carried no
+    displacement on, and the next one carries the velocity on over its own, shorter effective step.
     """
-    return carried(displacement + step.effective * velocity)
+    if step.second:
+        return carried(displacement + step.effective * velocity)
+    return 0.5 * step.effective * velocity
 
 
 @wp.func
@@ -129,20 +132,19 @@ def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
 
     Returns the correction [m] whose effect on the momentum equals that of the forgotten part.
     """
-    past = met.last_displacements[met.slot]
+    v = xyz(load_row(met.velocities, met.slot))
+    past = wp.where(step.second, met.last_displacements[met.slot], step.effective * v)
     lost = wp.vec3(0.0)
     pressed = wp.length(push.way)
     normal = push.way / wp.max(pressed, 1.0e-20)
     motion = push.motion / wp.max(push.pressed, 1.0e-20)
     if push.pressed > 0.0 and wp.dot(moved - past, normal) > NOISE:
         hit = not met.carries and -wp.dot(past - motion, normal) > 0.5 * pressed
-        v = xyz(load_row(met.velocities, met.slot))
         kept = forgotten(past, moved, normal, hit)
         kept_speed = forgotten(v, moved / length_of(step), normal, hit)
         met.last_displacements[met.slot] = kept
         store_row(met.velocities, met.slot, pack(kept_speed, 0.0))
-        if step.second or not met.carries:
-            lost = lost_motion(past - kept, v - kept_speed, step)
+        lost = lost_motion(past - kept, v - kept_speed, step)
     return lost
 
 
