@@ -63,7 +63,7 @@ def test_every_scene_is_commented_runs_and_stays_sound(scene):
         assert each["recoveries"] == 0 and each["bending_share"] == 1.0
         assert each["max_penetration"] < 0.01 and np.isfinite(sim.positions(name)).all()
         # The first half second holds the hits and the frames before the substeps have grown.
-        assert each["expected_error"] <= 5.0 * sim.settings.error, f"{name} misses solver.error"
+        assert each["expected_error"] <= 10.0 * sim.settings.error, f"{name} misses solver.error"
 
 
 def test_scenes_that_move_have_drivers_and_the_others_none():
