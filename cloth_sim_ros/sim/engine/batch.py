@@ -251,10 +251,16 @@ class Batch:
             self.executor.advance(self.substeps(), self.frame.iterations)
 
     def substeps(self, b: int | None = None, world: int | None = None) -> int:
-        """Most substeps that a body, or body b of one world, takes in the next frame; waits for the device."""
-        chosen, limits = self.states["substeps"].numpy(), self.frame.limits.mirrors()["rows"]
-        chosen = np.clip(chosen, limits["least"], limits["most"]) * (chosen > 0)
-        each = np.where(chosen > 0, chosen, limits["start"])[worlds_of(world)]
+        """Most substeps that a body, or body b of one world, takes in the next frame.
+
+        If they are measured, it waits for the device.
+        """
+        limits = self.frame.limits.mirrors()["rows"]
+        each = limits["start"]
+        if self.measurement is not None:
+            chosen = self.states["substeps"].numpy()
+            each = np.where(chosen > 0, np.clip(chosen, limits["least"], limits["most"]), each)
+        each = each[worlds_of(world)]
         return int((each if b is None else each[:, b]).max())
 
     def error(self, b: int, world: int | None = None) -> tuple[float, float]:
