@@ -226,7 +226,6 @@ class Model:
     # Each particle and each edge belongs to one panel.
     panel_start: wp.array(dtype=int)  # (N + 1,) offsets into particle_panels
     particle_panels: wp.array(dtype=int)  # panels around each particle, counted in the batch
-    air_shares: wp.array(dtype=float)  # (N,) area of a particle over a third of that of the panels around it
     # All arrays from here on are for objects that tear.
     tear_offsets: wp.array(dtype=TearOffsets)  # (B,)
     line_needs: wp.array(dtype=int)  # slots of the springs that each bending spring lies over, -1 for none

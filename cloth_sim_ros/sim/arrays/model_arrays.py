@@ -228,7 +228,6 @@ class ModelArrays:
         self._append("panel_parts", parts)
         panel = np.repeat(np.arange(len(topology.panels)), 3) + start
         self._append_around("panel_start", "particle_panels", topology.panels.ravel(), panel, len(topology.masses))
-        self._append("air_shares", _air_shares(topology))
         return start
 
     def _append_around(self, starts: str, entries: str, particles: np.ndarray, values: np.ndarray, count: int) -> None:
@@ -297,19 +296,6 @@ class ModelArrays:
         model.bodies = wp.array(np.array(bodies, dtype=Body.numpy_dtype()), dtype=Body, device=device)
         model.groups = wp.array(np.array(self.groups, np.int32).reshape(-1, 3), dtype=wp.vec3i, device=device)
         return model
-
-
-def _air_shares(topology: Topology) -> np.ndarray:
-    """Model.air_shares (N,): 1, but for the corners of a grid, which have a quarter of a cell in one triangle or two.
-
-    Their masses are quarters too. So the air slows all particles of a flat grid alike.
-    """
-    shares = np.ones(len(topology.masses))
-    if topology.grid is not None:
-        nx, ny = topology.grid
-        corners = np.array([0, nx - 1, nx * (ny - 1), nx * ny - 1])
-        shares[corners] = 1.5 / np.bincount(topology.triangles.ravel())[corners]
-    return shares
 
 
 def _own_parts(panels: np.ndarray) -> np.ndarray:

@@ -157,9 +157,13 @@ def order_of(fine: float, coarse: float) -> float:
 
 @wp.func
 def chosen(n: int, share: float, order: float, limits: StepLimits) -> int:
-    """Substeps for the wanted error, from the share of the error of a frame of n substeps, and its order."""
+    """Substeps for the wanted error, from the share of the error of a frame of n substeps, and its order.
+
+    Where errors do not fall as substeps double, as in chaos, more of them buy nothing. They grow by what they buy.
+    """
     ratio = wp.pow(share / limits.error, 1.0 / wp.clamp(order, 1.0, 2.0))
-    wanted = int(wp.ceil(float(n) * wp.clamp(ratio, LEAST_GROWTH, MOST_GROWTH)))
+    most = wp.where(n < FEW, MOST_GROWTH, wp.pow(MOST_GROWTH, wp.min(order, 1.0)))
+    wanted = int(wp.ceil(float(n) * wp.clamp(ratio, LEAST_GROWTH, most)))
     if wanted <= n and float(wanted) > SPARE * float(n):
         wanted = n
     return wp.clamp(wanted, limits.least, limits.most)

@@ -5,9 +5,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.sim.substeps.arrays import StepLimits
+from cloth_sim_ros.sim.substeps.control import chosen
 
 SHEET = Cloth(resolution=(9, 9), pins="top", thickness=0.045, stretch_compliance=1e-3, shear_compliance=1e-3)
 METHODS = {
@@ -107,3 +110,20 @@ def test_coupled_bodies_start_anew_as_at_first(device, worlds):
     sim.step(6)
     fallen = sim.rest_positions("it")[0, 2] - sim.positions("it", 0)[:, 2].min()
     assert fallen == pytest.approx(0.5 * 9.81 * (6 / 60) ** 2, rel=0.1)
+
+
+@wp.kernel
+def choose_each(n: wp.array(dtype=int), order: wp.array(dtype=float), limits: StepLimits, found: wp.array(dtype=int)):
+    i = wp.tid()
+    found[i] = chosen(n[i], 1.0, order[i], limits)
+
+
+def test_substeps_grow_by_what_they_buy(device):
+    """The error is 100 times what is wanted. Below 16 substeps trials cannot tell the order."""
+    limits = StepLimits()
+    limits.least, limits.most, limits.error = 4, 2000, 0.01
+    n = wp.array([100, 100, 100, 100, 8], dtype=int, device=device)
+    order = wp.array([2.0, 1.0, 0.5, 0.0, 0.0], dtype=float, device=device)
+    found = wp.zeros(5, dtype=int, device=device)
+    wp.launch(choose_each, 5, inputs=[n, order, limits, found], device=device)
+    assert found.numpy().tolist() == [300, 300, 174, 100, 24]

@@ -87,7 +87,7 @@ def make_panels(features: Features):
 def make_push(features: Features):
     """Return a Warp function: the air's force [N] on particle g of the batch, and its drag rate [N s/m].
 
-    Both are sums over the panels around the particle, for its own area.
+    Both are sums over the panels around the particle.
     """
     around = 6 if features.panels == "triangles" else 2  # panels around a particle within a grid, or along a rope
     Panels, Forces = wp.types.vector(around, int), wp.types.matrix((around, 4), float)
@@ -106,6 +106,6 @@ def make_push(features: Features):
                 forces[q] = load_row(s.air.panel_forces, panels[q])
             for q in range(wp.static(around)):
                 total += wp.where(k + q < end, 1.0, 0.0) * forces[q]
-        return m.air_shares[g] * total
+        return total
 
     return push
