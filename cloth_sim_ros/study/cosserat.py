@@ -19,14 +19,14 @@ from cosseratbench.solver import Capability, Diverged
 from cosseratbench.trajectory import Trajectory
 from scipy.spatial.transform import Rotation
 
-from cloth_sim_ros.sim import Cylinder, Handle, Plane, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Capsule, Handle, Plane, Rope, Scene, Settings, Simulation
 
 _ERROR = 1e-3  # wanted error, see Settings.error
 _FRAME = 1.0 / 60.0  # longest frame of the simulation [s]
 _BEHIND = 0.1  # distance of the particle behind a driven end, in elements: the rod bends from its end on
 _REACH = 0.2  # of the handle of a load, in elements
 _FAR = 1e3  # distance of that handle [m]
-_FOLLOWS = 0.3  # share of what a sliding end lacks of its load, that the next frame makes up for
+_FOLLOWS = 0.05  # share of what a sliding end lacks of its load, that the next frame makes up for; waves shake more
 
 
 class Solver:
@@ -208,14 +208,14 @@ def _friction(scenario: Scenario) -> tuple[float, float]:
     return max(own), max(own) or rough
 
 
-def _collider(obstacle: given.Obstacle, own: float, rub: float) -> Plane | Cylinder:
+def _collider(obstacle: given.Obstacle, own: float, rub: float) -> Plane | Capsule:
     """An obstacle beside rods with the friction `own` and ropes with `rub`."""
     friction = max(obstacle.friction, own) ** 2 / rub if rub else 0.0
     rubs = {"static_friction": friction, "kinetic_friction": friction}
     if isinstance(obstacle, given.Plane):
         return Plane(point=obstacle.point, normal=obstacle.normal, **rubs)
     turn = Rotation.align_vectors(obstacle.unit_axis[None], np.array([[0.0, 0.0, 1.0]]))[0]
-    return Cylinder(
+    return Capsule(
         radius=obstacle.radius,
         half_length=0.5 * obstacle.length,
         position=obstacle.center,
