@@ -14,14 +14,14 @@ from importlib.metadata import version
 
 import numpy as np
 from cosseratbench import scenario as given
-from cosseratbench.scenario import End, EndCondition, Scenario, parallel_transport
+from cosseratbench.scenario import End, EndCondition, Scenario
 from cosseratbench.solver import Capability, Diverged
 from cosseratbench.trajectory import Trajectory
 from scipy.spatial.transform import Rotation
 
 from cloth_sim_ros.sim import Capsule, Handle, Plane, Rope, Scene, Settings, Simulation
 
-_ERROR = 1e-3  # wanted error, see Settings.error
+_ERROR, _ERROR_AT_REST = 1e-5, 1e-3  # wanted errors of a motion, and on the way to an equilibrium: Settings.error
 _FRAME = 1.0 / 60.0  # longest frame of the simulation [s]
 _BEHIND = 0.1  # distance of the particle behind a driven end, in elements: the rod bends from its end on
 _REACH = 0.2  # of the handle of a load, in elements
@@ -37,7 +37,7 @@ class Solver:
     capabilities = frozenset(set(Capability) - {Capability.SHEAR})
 
     def __init__(self, time_step_scale: float = 1.0) -> None:
-        self._error = _ERROR * time_step_scale**2
+        self._scale = time_step_scale**2
 
     def settings(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> dict[str, float]:
         """Numbers that the benchmark shows beside the results."""
@@ -48,7 +48,8 @@ class Solver:
         interval = scenario.duration / (n_frames - 1)
         frame_dt = interval / math.ceil(interval / _FRAME)
         damping = 2.0 * scenario.slowest_frequency() if scenario.quasi_static else 0.0
-        return Settings(frame_dt=frame_dt, error=self._error, budget=1e4, global_damping=damping)
+        error = self._scale * (_ERROR_AT_REST if scenario.quasi_static else _ERROR)
+        return Settings(frame_dt=frame_dt, error=error, budget=1e4, global_damping=damping)
 
     def run(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> Trajectory:
         """Simulate rods of `n_elements` each, and return `n_frames`.
@@ -70,7 +71,7 @@ class Solver:
         for rod in rods:
             rod.begin(sim)
         times = np.linspace(0.0, scenario.duration, n_frames)
-        seen = [[rod.read(sim, 0.0) for rod in rods]]
+        seen = [[rod.nodes(sim)] for rod in rods]
         for time in times[1:]:
             while sim.time < time - 0.5 * settings.frame_dt:
                 for rod in rods:
@@ -78,9 +79,11 @@ class Solver:
                 sim.step()
             if sim.recovered().any():
                 raise Diverged("fault recovery put a rod back", time=float(time))
-            seen.append([rod.read(sim, time) for rod in rods])
-        found = [tuple(np.stack(each) for each in zip(*frames, strict=True)) for frames in zip(*seen, strict=True)]
-        return Trajectory(times, *zip(*found, strict=True))
+            for frames, rod in zip(seen, rods, strict=True):
+                frames.append(rod.nodes(sim))
+        positions = tuple(np.stack(frames) for frames in seen)
+        turned = tuple(rod.directors(times, frames) for rod, frames in zip(rods, positions, strict=True))
+        return Trajectory(times, positions, turned)
 
 
 class _Rod:
@@ -93,7 +96,7 @@ class _Rod:
         self._nodes = slice(len(start.behind), len(start.behind) + count + 1)
         self._positions = np.concatenate([start.behind, nodes, end.behind])
         self._lengths = np.concatenate([start.lengths, np.full(count, rod.length / count), end.lengths])
-        self._across = np.asarray(rod.normal, dtype=np.float64)
+        self._across = rod.directors(count)[[0, -1]]
 
     @property
     def _twists(self) -> bool:
@@ -134,20 +137,41 @@ class _Rod:
         for end in self.ends:
             end.move(sim, time)
 
-    def read(self, sim: Simulation, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes (N, 3) [m] and directors (N - 1, 3) at `time` [s]."""
-        nodes = sim.positions(self.name).astype(np.float64)[self._nodes]
-        if self.ends[0].motion is not None:
-            self._across = self.ends[0].motion.pose(time)[1] @ np.asarray(self._rod.normal)
-        directors = parallel_transport(nodes, self._across)
+    def nodes(self, sim: Simulation) -> np.ndarray:
+        """Nodes (N, 3) [m]."""
+        return sim.positions(self.name).astype(np.float64)[self._nodes]
+
+    def directors(self, times: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """Directors (F, N - 1, 3) of rods `nodes` (F, N, 3) [m] at `times` (F,) [s].
+
+        That of the start goes with its clamp, or with as little turn as can be. Parallel transport carries it along the
+        rod. The twist between two clamps is even, and what lacks to the director of the end.
+        """
+        start, end = self.ends
+        tangents = np.diff(nodes, axis=1)
+        tangents /= np.linalg.norm(tangents, axis=2, keepdims=True)
+        first = [start.turn(time) @ self._across[0] for time in times]
+        for k in range(1, 0 if len(start.behind) else len(times)):
+            first[k] = _carried(first[k - 1], tangents[k - 1, 0], tangents[k, 0])
+        found = np.empty_like(tangents)
+        across = first - np.sum(first * tangents[:, 0], axis=1, keepdims=True) * tangents[:, 0]
+        found[:, 0] = across / np.linalg.norm(across, axis=1, keepdims=True)
+        for k in range(1, found.shape[1]):
+            found[:, k] = _carried(found[:, k - 1], tangents[:, k - 1], tangents[:, k])
         if self._twists:
-            angle = sim.report()[self.name]["twist"]
-            tangents = np.diff(nodes, axis=0) / np.linalg.norm(np.diff(nodes, axis=0), axis=1, keepdims=True)
-            shares = (np.arange(len(tangents)) + 0.5) / len(tangents)
-            directors = Rotation.from_rotvec(angle * shares[:, None] * tangents).apply(directors)
-        elif self.ends[0].motion is None:
-            self._across = directors[0]
-        return nodes, directors
+            wanted, last = np.stack([end.turn(time) @ self._across[1] for time in times]), found[:, -1]
+            sine = np.sum(np.cross(last, wanted) * tangents[:, -1], axis=1)
+            angles = np.unwrap(np.arctan2(sine, np.sum(last * wanted, axis=1)))[:, None, None]
+            angles = angles * ((np.arange(found.shape[1]) + 0.5) / found.shape[1])[:, None]
+            found = np.cos(angles) * found + np.sin(angles) * np.cross(tangents, found)
+        return found
+
+
+def _carried(vector: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Unit vectors across tangents `before` (..., 3), turned as these turn to `after`: parallel transport."""
+    axis, cosine = np.cross(before, after), np.sum(before * after, axis=-1, keepdims=True)
+    along = np.sum(axis * vector, axis=-1, keepdims=True)
+    return cosine * vector + np.cross(axis, vector) + along / (1.0 + cosine) * axis
 
 
 class _End:
@@ -174,17 +198,20 @@ class _End:
 
     def begin(self, sim: Simulation) -> None:
         """Let the handle grasp. One that pulls goes as far away as its load takes."""
-        if self.handle is None:
-            return
-        sim.attach(self.name)
-        if self.motion is None:
+        if self.handle is not None:
+            sim.attach(self.name)
+        if self.handle is not None and self.motion is None:
             sim.set_handle_pose(self.name, self._place + self.handle.compliance * self._load)
+
+    def turn(self, time: float) -> np.ndarray:
+        """Rotation matrix (3, 3) of the end since the start."""
+        return np.eye(3) if self.motion is None else self.motion.pose(time)[1]
 
     def move(self, sim: Simulation, time: float) -> None:
         """Ask a driven end to be, at `time` [s], where it is then. One that slides follows the force on it."""
         if self.motion is None:
             return
-        displacement, turn = self.motion.pose(time)
+        displacement, turn = self.motion.pose(time)[0], self.turn(time)
         place = self._tip + displacement + turn @ (self._place - self._tip)
         if self.motion.slides_along is not None:
             pull = sim.handle_wrench(self.name)[0] + self._load
@@ -196,8 +223,7 @@ class _End:
 def _friction(scenario: Scenario) -> tuple[float, float]:
     """Coefficients of all rods: in the benchmark, and of their ropes, which is that of the roughest obstacle for none.
 
-    A pair has the larger one in the benchmark, and here the geometric mean, which is 0 beside a rope without. Raises
-    NotImplementedError where no coefficients agree.
+    A pair has the larger one there, and the geometric mean here. Raises NotImplementedError where they cannot agree.
     """
     own = {rod.friction for rod in scenario.rods}
     if len(own) > 1:
