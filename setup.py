@@ -32,7 +32,7 @@ setup(
         "cluster": ["ray>=2.40", "scipy", "matplotlib", "pyyaml"],
         "learn": ["gymnasium>=1.1", "matplotlib", "trimesh"],
         "docs": ["sphinx", "myst-parser", "furo"],
-        "cosserat": ["cosseratbench==0.3.*", "mujoco", "pyelastica", "scipy"],
+        "cosserat": ["cosseratbench==0.3.*", "mujoco>=3.2,<4", "pyelastica", "scipy"],
         "peers": ["newton==1.8.0", "mujoco", "mujoco-warp", "pypbd"],
         "test": [
             "pytest",
