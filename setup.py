@@ -32,6 +32,7 @@ setup(
         "cluster": ["ray>=2.40", "scipy", "matplotlib", "pyyaml"],
         "learn": ["gymnasium>=1.1", "matplotlib", "trimesh"],
         "docs": ["sphinx", "myst-parser", "furo"],
+        "cosserat": ["cosseratbench==0.3.*", "mujoco>=3.2,<4", "pyelastica", "scipy"],
         "peers": ["newton==1.8.0", "mujoco", "mujoco-warp", "pypbd"],
         "test": [
             "pytest",
@@ -77,5 +78,6 @@ setup(
             "cloth_sim_driver = cloth_sim_ros.programs:driver",
             "cloth_sim_demo = cloth_sim_ros.programs:demo",
         ],
+        "cosseratbench.solvers": ["cloth_sim = cloth_sim_ros.study.cosserat:Solver"],
     },
 )

@@ -124,6 +124,19 @@ def test_a_soft_hold_gives_way_by_its_compliance(device, compliance):
         assert sim.handle_wrench("hand")[0][2] == pytest.approx(-WEIGHT, rel=0.01)
 
 
+def test_a_very_soft_hold_far_away_pulls_with_a_constant_force(device):
+    """F t^2 / 2 m of a rope in free space, though in a substep the pull moves it by 1e-10 of the way to its hand."""
+    force, far = 0.02, 1e3
+    hand = Handle(position=(0, 0, 0), reach=0.02, compliance=far / force)
+    rope = Rope(segments=4, start=(0, 0, 0), end=(-0.4, 0, 0), pins="none", mass=0.1, stretch_compliance=1e-6)
+    scene = Scene({"rope": rope}, handles={"hand": hand}, gravity=(0, 0, 0))
+    sim = Simulation(scene, Settings(sleep=False), device)
+    assert sim.attach("hand") == 1
+    sim.set_handle_pose("hand", (far, 0, 0), sweep=False)
+    sim.step(30)
+    assert sim.positions("rope")[:, 0].mean() + 0.2 == pytest.approx(0.5 * force / 0.1 * 0.5**2, rel=0.02)
+
+
 def test_a_hand_of_limited_strength_lets_go_there_and_not_before(device):
     rope = Rope(segments=8, start=(0, 0, 1), end=(0, 0, 0), pins="none")
     for share, holds in ((0.98, False), (1.02, True)):

@@ -108,8 +108,8 @@ def held_pull(predicted: wp.vec4, pull: wp.vec3, give: float, way: wp.vec3, ctx:
     pull: force with which the hold begins the substep [N]. give: its compliance [m/N].
     """
     moved = predicted[3] * ctx.step.effective * ctx.step.effective
-    share = give / (give + moved)
-    d = share * (xyz(predicted) + moved * pull) + (1.0 - share) * way
+    share, taken = give / (give + moved), moved / (give + moved)  # which is no difference of 1 where the hold is soft
+    d = share * (xyz(predicted) + moved * pull) + taken * way
     return wp.vec4(d[0], d[1], d[2], share * predicted[3])
 
 
