@@ -14,6 +14,8 @@ from cloth_sim_ros.ros.time.clock_follower import ClockFollower
 from cloth_sim_ros.ros.time.frame_clock import FrameClock
 from cloth_sim_ros.ros.world import World
 
+PATIENCE = 5.0  # [s] a service waits for the simulation, which may be compiling
+
 
 class SimulationLoop:
     """Runs `world` in a thread of its own.
