@@ -88,13 +88,7 @@ class ParameterBridge:
         """
         (kind,) = names.type_rows({"objects": (name,)}).items()
         rows = names.prefixed(name, names.object_rows(coerced(kind[1], given.get(kind[0], ""), kind[0])))
-        for each in given:
-            if each not in rows:
-                raise ValueError(_unknown(each, rows))
-        own: dict[str, Any] = {}
-        for each, row in rows.items():
-            own[each] = coerced(row, given[each], each) if each in given else _default(row, each, own)
-        values = {**self.values, **own, "objects": (*self.values["objects"], name)}
+        values = {**self.values, **filled(rows, given), "objects": (*self.values["objects"], name)}
         values |= material_values(values, {**self._given, **given})
         plan = make_plan(values)
         problem = {**plan.problems, **broken_meshes(plan, [name])}.get(name)
@@ -291,6 +285,17 @@ class ParameterBridge:
 def _default(row: Parameter, name: str, values: Mapping[str, Any]) -> Any:
     """The default of the parameter `name`, beside the `values` of those declared before it."""
     return "none" if row.name == "pins" and values.get(name.replace(".pins", ".mesh")) else row.default
+
+
+def filled(rows: Mapping[str, Parameter], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Full name -> checked value of all `rows`, of which `given` has some. Raises ValueError in one sentence."""
+    for name in given:
+        if name not in rows:
+            raise ValueError(_unknown(name, rows))
+    values: dict[str, Any] = {}
+    for name, row in rows.items():
+        values[name] = coerced(row, given[name], name) if name in given else _default(row, name, values)
+    return values
 
 
 def _unknown(name: str, known: Iterable[str]) -> str:

@@ -20,7 +20,7 @@ from cloth_sim_ros.ros.outputs.objects import ObjectOutput
 from cloth_sim_ros.ros.outputs.output import Output
 from cloth_sim_ros.ros.outputs.wrenches import RopeEnds
 from cloth_sim_ros.ros.parameters import names
-from cloth_sim_ros.ros.parameters.bridge import ParameterBridge, coerced
+from cloth_sim_ros.ros.parameters.bridge import ParameterBridge, filled
 from cloth_sim_ros.ros.parameters.plan import make_collider, placed
 from cloth_sim_ros.ros.standard.replies import FAILED, NOT_FOUND, UNSUPPORTED, Asking, Refusal, outcome
 from cloth_sim_ros.ros.time.loop import SimulationLoop
@@ -122,7 +122,7 @@ class Spawner:
     def _put(self, name: str, given: Mapping[str, Any], pose: Pose) -> None:
         """In the loop's thread: adds a collider. Raises ValueError, and Refusal where there is no room for it."""
         rows = names.prefixed(name, names.collider_rows())
-        values = {each: row.default for each, row in rows.items()} | _checked(given, rows)
+        values = filled(rows, given)
         collider = make_collider({**values, **_at(pose, values, name)}, name)
         self._ask.sim  # noqa: B018  it refuses where there is none
         done, why = self._loop.world.put(name, collider)
@@ -132,11 +132,8 @@ class Spawner:
     async def _add(self, name: str, given: Mapping[str, Any], pose: Pose) -> None:
         """Adds an object with its parameters and topics. Raises ValueError or Refusal."""
         values = await self._ask.at_length(self._bridge.checked_object, name, given)
-        if pose != Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)):
-            moved = _at(pose, values, name)
-            given = {**given, **moved}
-            values = await self._ask.at_length(self._bridge.checked_object, name, given)
-        self._bridge.add_object(name, values, given)
+        moved = _at(pose, values, name)
+        self._bridge.add_object(name, {**values, **moved}, {**given, **moved})
         only = {**self._bridge.values, "objects": (name,)}
         self._outputs[name] = [*ObjectOutput.each(self._node, only), *RopeEnds.each(self._node, only)]
         await self._ask.at_length(self._show, self._outputs[name], ())
@@ -171,14 +168,6 @@ def read_placed(message: Any, frames: Frames, code: int) -> Pose:
 def _at(pose: Pose, values: Mapping[str, Any], name: str) -> dict[str, Any]:
     """The parameters of something that lies as `values` say in the axes of `pose`."""
     return {f"{name}.{field}": value for field, value in placed(composed(pose, Pose.of(values, name))).items()}
-
-
-def _checked(given: Mapping[str, Any], rows: Mapping[str, Any]) -> dict[str, Any]:
-    """Full name -> checked value. Raises ValueError."""
-    for name in given:
-        if name not in rows:
-            raise ValueError(f"there is no parameter {name:.80}; allowed are {', '.join(rows)}")
-    return {name: coerced(rows[name], value, name) for name, value in given.items()}
 
 
 def _read(resource: Any) -> tuple[str, dict[str, Any]]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The handlers of simulation_interfaces in a real node. The package is not needed: messages are objects with its fields."""
+"""The handlers of simulation_interfaces in a real node. Without the package: messages are objects with its fields."""
 
 import importlib.util
 from functools import partial
@@ -387,7 +387,7 @@ def test_infos_bounds_and_filters(caller):
     ball[1].x = 1.01
     assert caller.names(bounds=SimpleNamespace(type=SPHERE, points=ball)) == ["cloth", "ground"]
     box = [Vector3(x=1.0, y=1.0, z=1.0), Vector3(x=0.4, y=-1.0, z=-0.1)]
-    assert caller.names(bounds=SimpleNamespace(type=BOX, points=box)) == ["line", "crate", "ground"]
+    assert caller.names(bounds=SimpleNamespace(type=BOX, points=box)) == ["line", "ground", "crate"]
     caller.calls(
         caller.entities.get_all,
         code=replies.UNSUPPORTED,
