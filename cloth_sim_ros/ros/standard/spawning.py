@@ -47,14 +47,8 @@ class Spawner:
         ask: Asking,
         show: Callable[[Collection[Output], Collection[Output]], None],
     ):
-        self._node, self._loop, self._bridge, self._frames, self._ask, self._show = (
-            node,
-            loop,
-            bridge,
-            frames,
-            ask,
-            show,
-        )
+        self._node, self._loop, self._bridge, self._frames = node, loop, bridge, frames
+        self._ask, self._show = ask, show
         self._outputs: dict[str, list[Output]] = {}  # of each object that was spawned
 
     def is_spawned(self, name: str) -> bool:
@@ -136,9 +130,8 @@ class Spawner:
         self._bridge.add_object(name, {**values, **moved}, {**given, **moved})
         only = {**self._bridge.values, "objects": (name,)}
         self._outputs[name] = [*ObjectOutput.each(self._node, only), *RopeEnds.each(self._node, only)]
-        await self._ask.at_length(self._show, self._outputs[name], ())
-        self._loop.rebuild()
-        sim = await self._ask.at_length(lambda: self._loop.world.sim)
+        await self._ask.at_length(self._build, self._outputs[name], ())
+        sim = self._loop.world.sim
         if sim is None or name not in sim.scene.objects:
             await self._remove([name])
             raise Refusal(FAILED, f"the simulation cannot be built with {name}; the log says why")
@@ -148,12 +141,16 @@ class Spawner:
         outputs = [output for name in objects for output in self._outputs.pop(name)]
         if objects:
             self._bridge.remove_objects(objects)
-            await self._ask.at_length(self._show, (), outputs)
+            await self._ask.at_length(self._build, (), outputs)
             for publisher in [each for output in outputs for each in output.owned]:
                 self._node.destroy_publisher(publisher)
-            self._loop.rebuild()
         for name in gone:
             await self._ask.at_length(partial(self._loop.world.take_away, name))
+
+    def _build(self, come: Collection[Output], go: Collection[Output]) -> None:
+        """In the loop's thread: the simulation with other objects."""
+        self._show(come, go)
+        self._loop.build()
 
 
 def read_placed(message: Any, frames: Frames, code: int) -> Pose:
