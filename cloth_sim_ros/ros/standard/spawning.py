@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Collection, Mapping
-from functools import partial
 from typing import Any
 
 import yaml
@@ -144,8 +143,8 @@ class Spawner:
             await self._ask.at_length(self._build, (), outputs)
             for publisher in [each for output in outputs for each in output.owned]:
                 self._node.destroy_publisher(publisher)
-        for name in gone:
-            await self._ask.at_length(partial(self._loop.world.take_away, name))
+        for name in [each for each in gone if each not in objects]:
+            await self._ask.at_length(self._loop.world.take_away, name)
 
     def _build(self, come: Collection[Output], go: Collection[Output]) -> None:
         """In the loop's thread: the simulation with other objects."""
