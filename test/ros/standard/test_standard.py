@@ -156,8 +156,8 @@ def test_states_and_transitions(caller):
     assert wish(running.PAUSED, running.INCORRECT_TRANSITION) == running.STOPPED
     assert wish(running.PLAYING) == running.PLAYING
     assert wish(running.PLAYING, running.ALREADY) == running.PLAYING
-    caller.run(caller.running._ask, lambda: None)
-    caller.run(caller.running._ask, lambda: None)  # a frame lies between
+    caller.run(caller.running._ask.at_length, lambda: None)
+    caller.run(caller.running._ask.at_length, lambda: None)  # a frame lies between
     assert wish(running.PAUSED) == running.PAUSED and caller.loop.paused
     assert wish(3, replies.UNSUPPORTED) == running.PAUSED
     assert wish(running.STOPPED) == running.STOPPED
