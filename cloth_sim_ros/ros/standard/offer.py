@@ -69,14 +69,15 @@ def offer(node: Node, standard: Standard) -> None:
         _serve(node, getattr(srv, name, None), name, replying(handler), group)
     _serve(node, srv.GetSimulatorFeatures, "GetSimulatorFeatures", running.get_features, at_once)
     kind = action.SimulateSteps
-    node.simulate_steps = ActionServer(
-        node,
-        kind,
-        "~/simulate_steps",
-        lambda goal: running.simulate_steps(goal, kind.Feedback(), kind.Result()),
-        cancel_callback=lambda goal: CancelResponse.ACCEPT,
-        callback_group=at_once,
-    )
+
+    async def execute(goal: Any) -> Any:  # rclpy awaits what is declared so, and no lambda
+        return await running.simulate_steps(goal, kind.Feedback(), kind.Result())
+
+    ActionServer(node, kind, "~/simulate_steps", execute, cancel_callback=_accept, callback_group=at_once)
+
+
+def _accept(goal: Any) -> CancelResponse:
+    return CancelResponse.ACCEPT
 
 
 def _serve(node: Node, kind: Any, name: str, callback: Callable, group: Any) -> None:

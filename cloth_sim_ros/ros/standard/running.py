@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator
 from typing import Any
 
 from cloth_sim_ros.ros.standard.replies import FAILED, UNSUPPORTED, Asking, Refusal, outcome
@@ -79,20 +79,12 @@ class Running:
 
     async def step(self, request: Any, response: Any) -> None:
         """StepSimulation."""
-        await self._step(request.steps)
+        async for _ in self._stepping(request.steps, request.steps):
+            pass
 
     async def simulate_steps(self, goal: Any, feedback: Any, result: Any) -> Any:
-        """The action SimulateSteps: the same with feedback after each step, until its goal is canceled."""
-        steps = goal.request.steps
-
-        def tell(before: int, done: int) -> None:
-            for count in range(before + 1, done + 1):
-                feedback.completed_steps, feedback.remaining_steps = count, steps - count
-                goal.publish_feedback(feedback)
-
-        result.result.result, result.result.error_message = await outcome(
-            self._step(steps, tell, lambda: goal.is_cancel_requested)
-        )
+        """The action SimulateSteps: a step with each frame that is sent, and feedback, until its goal is canceled."""
+        result.result.result, result.result.error_message = await outcome(self._act(goal, feedback))
         if goal.is_cancel_requested:
             goal.canceled()
         elif result.result.error_message:
@@ -101,19 +93,26 @@ class Running:
             goal.succeed()
         return result
 
-    async def _step(
-        self, steps: int, tell: Callable[[int, int], None] = lambda *_: None, ends: Callable[[], bool] = lambda: False
-    ) -> None:
-        """Does exactly `steps` frames of a paused simulation. Raises Refusal where that is not paused, or `ends`."""
-        if not self._loop.paused:
-            raise Refusal(FAILED, "the simulation is running; pause it first")
+    async def _act(self, goal: Any, feedback: Any) -> None:
+        steps = goal.request.steps
+        async for done in self._stepping(steps, 1):
+            feedback.completed_steps, feedback.remaining_steps = done, steps - done
+            goal.publish_feedback(feedback)
+            if goal.is_cancel_requested:
+                raise Refusal(FAILED, f"that was canceled after {done} of {steps} steps")
+
+    async def _stepping(self, steps: int, most: int) -> AsyncIterator[int]:
+        """Does exactly `steps` frames of a paused simulation, at most so many in a row; gives how many are done.
+
+        Raises Refusal where it is not paused, or is set to run meanwhile.
+        """
         done = 0
-        while done < steps:
-            if ends() or not self._loop.paused:
-                why = "that was canceled" if ends() else "the simulation was set to run"
-                raise Refusal(FAILED, f"{why} after {done} of {steps} steps")
-            before, done = done, done + await self._ask.at_length(self._some_steps, steps - done)
-            tell(before, done)
+        while done < steps or not self._loop.paused:
+            if not self._loop.paused:
+                why = f"was set to run after {done} of {steps} steps" if done else "is running; pause it first"
+                raise Refusal(FAILED, f"the simulation {why}")
+            done += await self._ask.at_length(self._some_steps, min(most, steps - done))
+            yield done
 
     def _some_steps(self, most: int) -> int:
         """In the loop's thread: some of `most` steps, at least one; how many."""
