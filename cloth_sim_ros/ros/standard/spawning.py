@@ -29,6 +29,7 @@ PARSE_ERROR, MISSING_ASSETS, UNSUPPORTED_ASSETS, INVALID_POSE = 106, 107, 108, 1
 SPAWN_FAILED = 150  # of SpawnEntities.srv
 LONGEST = 65536  # letters of a resource_string
 EXAMPLE = "allowed is {type: cloth, ...}, {type: rope, ...} or {shape: box, ...}, with a name before it or none"
+LOST = "the simulation cannot be built with it; the log says why"
 
 
 class Spawner:
@@ -56,6 +57,26 @@ class Spawner:
 
     async def spawn(self, request: Any, response: Any) -> None:
         """SpawnEntity."""
+        await self._prepare(request, response)
+        if await self._lost([response.entity_name]):
+            raise Refusal(FAILED, LOST)
+
+    async def spawn_all(self, make_result: Callable[[], Any], request: Any, response: Any) -> None:
+        """SpawnEntities: with a result each, and the simulation built once."""
+        for each in request.spawn_requests:
+            result = make_result()
+            result.result.result, result.result.error_message = await outcome(self._prepare(each, result))
+            response.results.append(result)
+        lost = await self._lost([each.entity_name for each in response.results])
+        for each in response.results:
+            if each.entity_name in lost:
+                each.result.result, each.result.error_message = FAILED, LOST
+        failed = sum(bool(each.result.error_message) for each in response.results)
+        if failed:
+            raise Refusal(SPAWN_FAILED, f"{failed} of {len(response.results)} were refused; their results say why")
+
+    async def _prepare(self, request: Any, response: Any) -> None:
+        """Adds a collider, or all of an object but what is built. Raises Refusal."""
         if request.entity_namespace:
             raise Refusal(UNSUPPORTED, "entity_namespace is not offered; allowed is none, as topics are below the node")
         inside, fields = _read(getattr(request, "entity_resource", request))  # since 2.0 a message of its own
@@ -66,23 +87,17 @@ class Spawner:
             if "shape" in fields:
                 await self._ask.at_length(self._put, name, given, pose)
             else:
-                await self._add(name, given, pose)
+                values = await self._ask.at_length(self._bridge.checked_object, name, given)
+                moved = _at(pose, values, name)
+                self._bridge.add_object(name, {**values, **moved}, {**given, **moved})
+                only = {**self._bridge.values, "objects": (name,)}
+                self._outputs[name] = [*ObjectOutput.each(self._node, only), *RopeEnds.each(self._node, only)]
         except ValueError as error:
             code = PARSE_ERROR
             if str(error).startswith(f"{name}.mesh "):
                 code = MISSING_ASSETS if "no such file" in str(error) else UNSUPPORTED_ASSETS
             raise Refusal(code, str(error)) from None
         response.entity_name = name
-
-    async def spawn_all(self, make_result: Callable[[], Any], request: Any, response: Any) -> None:
-        """SpawnEntities: one after the other, with a result each."""
-        for each in request.spawn_requests:
-            result = make_result()
-            result.result.result, result.result.error_message = await outcome(self.spawn(each, result))
-            response.results.append(result)
-        failed = sum(bool(each.result.error_message) for each in response.results)
-        if failed:
-            raise Refusal(SPAWN_FAILED, f"{failed} of {len(response.results)} were refused; their results say why")
 
     async def delete(self, request: Any, response: Any) -> None:
         """DeleteEntity."""
@@ -122,18 +137,16 @@ class Spawner:
         if not done:
             raise Refusal(FAILED, why)
 
-    async def _add(self, name: str, given: Mapping[str, Any], pose: Pose) -> None:
-        """Adds an object with its parameters and topics. Raises ValueError or Refusal."""
-        values = await self._ask.at_length(self._bridge.checked_object, name, given)
-        moved = _at(pose, values, name)
-        self._bridge.add_object(name, {**values, **moved}, {**given, **moved})
-        only = {**self._bridge.values, "objects": (name,)}
-        self._outputs[name] = [*ObjectOutput.each(self._node, only), *RopeEnds.each(self._node, only)]
-        await self._ask.at_length(self._build, self._outputs[name], ())
+    async def _lost(self, names: Collection[str]) -> list[str]:
+        """Builds the simulation with objects that are prepared; those that it cannot have are taken away again."""
+        new = [name for name in names if name in self._outputs]
+        if not new:
+            return []
+        await self._ask.at_length(self._build, [output for name in new for output in self._outputs[name]], ())
         sim = self._loop.world.sim
-        if sim is None or name not in sim.scene.objects:
-            await self._remove([name])
-            raise Refusal(FAILED, f"the simulation cannot be built with {name}; the log says why")
+        lost = [name for name in new if sim is None or name not in sim.scene.objects]
+        await self._remove(lost)
+        return lost
 
     async def _remove(self, gone: Collection[str]) -> None:
         objects = [name for name in gone if name in self._outputs]

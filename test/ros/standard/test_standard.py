@@ -287,22 +287,34 @@ def test_names_and_resources_are_refused_with_the_codes_of_the_standard(caller):
     assert "spare_colliders" in caller.spawn(CRATE, "three", replies.FAILED).result.error_message
 
 
-def test_spawning_several_gives_a_result_for_each(caller):
+def test_several_are_spawned_in_one_build_with_a_result_each(caller, monkeypatch):
+    builds, build = [], caller.loop.world.build
+    monkeypatch.setattr(caller.loop.world, "build", lambda values: builds.append(values) or build(values))
     asked = [
         SimpleNamespace(
             name=name,
             allow_renaming=False,
             entity_namespace="",
             initial_pose=PoseStamped(),
-            entity_resource=SimpleNamespace(uri="", resource_string=CRATE),
+            entity_resource=SimpleNamespace(uri="", resource_string=text),
         )
-        for name in ("one", "cloth", "two")
+        for name, text in (("one", SHEET), ("cloth", SHEET), ("two", LINE), ("crate", CRATE))
     ]
     make = partial(response, entity_name="")
     found = caller.calls(
         partial(caller.spawner.spawn_all, make), response(results=[]), spawning.SPAWN_FAILED, spawn_requests=asked
     )
-    assert [each.result.result for each in found.results] == [replies.OK, spawning.NAME_NOT_UNIQUE, replies.OK]
+    codes = [replies.OK, spawning.NAME_NOT_UNIQUE, replies.OK, replies.OK]
+    assert [each.result.result for each in found.results] == codes and len(builds) == 1
+    assert caller.names() == ["cloth", "one", "two", "ground", "crate", "hand"]
+
+
+def test_what_the_simulation_cannot_have_is_taken_away_again(caller, monkeypatch):
+    monkeypatch.setattr(caller.loop.world, "build", lambda values: False)
+    before = dict(caller.node._bridge.values)
+    caller.spawn(SHEET, code=replies.FAILED)
+    assert caller.node._bridge.values == before and not caller.node.has_parameter("thing.size")
+    assert caller.names() == ["cloth", "ground", "hand"]
 
 
 def test_twenty_cloths_come_and_go(caller):
