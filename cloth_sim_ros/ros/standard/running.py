@@ -104,13 +104,14 @@ class Running:
     async def _stepping(self, steps: int, most: int) -> AsyncIterator[int]:
         """Does exactly `steps` frames of a paused simulation, at most so many in a row; gives how many are done.
 
-        Raises Refusal where it is not paused, or is set to run meanwhile.
+        Raises Refusal where it is not paused, or is set to run or reset meanwhile.
         """
-        done = 0
-        while done < steps or not self._loop.paused:
-            if not self._loop.paused:
-                why = f"was set to run after {done} of {steps} steps" if done else "is running; pause it first"
-                raise Refusal(FAILED, f"the simulation {why}")
+        if not self._loop.paused:
+            raise Refusal(FAILED, "the simulation is running; pause it first")
+        done, resets = 0, self._loop.world.resets
+        while done < steps:
+            if not self._loop.paused or self._loop.world.resets != resets:
+                raise Refusal(FAILED, f"the simulation was set to run or reset after {done} of {steps} steps")
             done += await self._ask.at_length(self._some_steps, min(most, steps - done))
             yield done
 

@@ -2,8 +2,10 @@
 """The handlers of simulation_interfaces in a real node. Without the package: messages are objects with its fields."""
 
 import importlib.util
+import inspect
+import sys
 from functools import partial
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
 from cloth_sim_ros.ros.node import ClothSimNode
-from cloth_sim_ros.ros.standard import replies, running, spawning
+from cloth_sim_ros.ros.standard import offer, replies, running, spawning
 from cloth_sim_ros.ros.standard.entities import BOX, OBJECT, ROBOT, SPHERE, STATIC_OBJECT, _matching
 
 SCENE = {
@@ -141,6 +143,22 @@ def test_without_the_package_the_node_offers_nothing_of_it(caller):
     assert "/cloth_sim/reset" in services and "/cloth_sim/reset_simulation" not in services
 
 
+def test_services_are_those_that_a_version_has(caller, monkeypatch):
+    services, actions = {}, []
+    package = ModuleType("simulation_interfaces")
+    package.msg = package.action = SimpleNamespace(SimulateSteps=None)
+    package.srv = SimpleNamespace(GetSimulatorFeatures=object, GetEntityState=object, SpawnEntity=object)
+    monkeypatch.setitem(sys.modules, "simulation_interfaces", package)
+    monkeypatch.setattr(offer, "ActionServer", lambda *arguments, **named: actions.append(arguments))
+    serve = lambda kind, name, callback, callback_group: services.update({name: callback})  # noqa: E731
+    offer.offer(SimpleNamespace(create_service=serve), caller.node.standard)
+    assert set(services) == {"~/get_simulator_features", "~/get_entity_state", "~/spawn_entity"}
+    _, _, name, execute = actions[0]
+    assert name == "~/simulate_steps"
+    for callback in (execute, *services.values()):
+        assert inspect.iscoroutinefunction(callback), "rclpy would not await it"
+
+
 def test_features_are_those_that_a_version_knows(caller):
     features = SimpleNamespace(SPAWNING=0, SIMULATION_RESET_STATE=22, SIMULATION_RESET_TIME=21, features=[])
     caller.run(caller.running.get_features, None, SimpleNamespace(features=features))
@@ -171,7 +189,8 @@ def test_steps_are_counted_exactly(caller, count):
     assert caller.simulated - before == count
 
 
-def test_steps_are_refused_while_it_runs_and_end_where_it_is_set_to_run(caller):
+@pytest.mark.parametrize("wanted", [running.PLAYING, running.STOPPED])
+def test_steps_are_refused_while_it_runs_and_end_where_another_state_is_set(caller, wanted):
     caller.loop.paused = False
     refused = caller.calls(caller.running.step, code=replies.FAILED, steps=1)
     assert "pause it first" in refused.result.error_message
@@ -181,7 +200,7 @@ def test_steps_are_refused_while_it_runs_and_end_where_it_is_set_to_run(caller):
     )
     for _ in range(5):
         caller.executor.spin_once(timeout_sec=0.1)
-    caller.calls(caller.running.set_state, state=SimpleNamespace(state=running.PLAYING))
+    caller.calls(caller.running.set_state, state=SimpleNamespace(state=wanted))
     caller.executor.spin_until_future_complete(long, timeout_sec=60.0)
     assert long.result().result.result == replies.FAILED and "set to run" in long.result().result.error_message
 
