@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from functools import partial
@@ -27,21 +27,21 @@ from cloth_sim_ros.ros.inputs.robot_topics import RobotTopics
 from cloth_sim_ros.ros.outputs.clock import ClockOutput
 from cloth_sim_ros.ros.outputs.diagnostics import DiagnosticsOutput, busy, diagnostics
 from cloth_sim_ros.ros.outputs.log import Forwarded
-from cloth_sim_ros.ros.outputs.output import Audience
+from cloth_sim_ros.ros.outputs.output import Audience, Output
 from cloth_sim_ros.ros.outputs.table import OUTPUTS
 from cloth_sim_ros.ros.parameters.bridge import ParameterBridge
 from cloth_sim_ros.ros.parameters.services import ParameterServices, settled
+from cloth_sim_ros.ros.standard.offer import Standard, offer
 from cloth_sim_ros.ros.state_services import StateServices
 from cloth_sim_ros.ros.time.clock_follower import ClockFollower
 from cloth_sim_ros.ros.time.frame_clock import Pace
 from cloth_sim_ros.ros.time.long_waits import LongWaits
-from cloth_sim_ros.ros.time.loop import SimulationLoop
+from cloth_sim_ros.ros.time.loop import PATIENCE, SimulationLoop
 from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.shared_files import PACKAGE
 from cloth_sim_ros.sim.mesh_file import stop_reading
 
 WORTH_ANOTHER_THREAD = 100_000  # bytes of a frame's messages: fewer are sent sooner than handed over
-PATIENCE = 5.0  # [s] a service waits for the simulation, which may be compiling
 
 
 class ClothSimNode(Node):
@@ -89,6 +89,8 @@ class ClothSimNode(Node):
         self.create_service(Trigger, "~/step", self._on_step, callback_group=waiting)
         self.create_service(SetBool, "~/pause", self._on_pause)
         StateServices(self, self._loop, self._bridge, self._answer, waiting)
+        self.standard = Standard(self, self._loop, self._bridge, self._frames, self._show, self._now)
+        offer(self, self.standard)
         waits = LongWaits(self._loop, world.compiling.compiler, log, self._tell_busy)
         self.create_timer(1.0, waits.look, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
         self._loop.start()
@@ -203,6 +205,11 @@ class ClothSimNode(Node):
         self._end_sending()
         for output in self._outputs:
             output.attach(world.sim, self._bridge.values)
+
+    def _show(self, come: Collection[Output], go: Collection[Output]) -> None:
+        """Has outputs of single objects come and go; they are attached as the simulation is built anew."""
+        self._end_sending()
+        self._outputs[:] = [output for output in self._outputs if output not in go] + [*come]
 
     def _send(self, world: World) -> float:
         if not self._audience.is_there:

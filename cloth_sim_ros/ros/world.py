@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import warp
 
 from cloth_sim_ros.ros.inputs.added import Added
@@ -19,7 +21,7 @@ from cloth_sim_ros.ros.journal import Journal
 from cloth_sim_ros.ros.outputs.log import Reported
 from cloth_sim_ros.ros.parameters import names
 from cloth_sim_ros.ros.parameters.feasibility import broken_meshes, check_solver
-from cloth_sim_ros.ros.parameters.plan import Plan, make_plan
+from cloth_sim_ros.ros.parameters.plan import Plan, make_plan, placed
 from cloth_sim_ros.ros.state_notes import live_values, notes_of, read_notes
 from cloth_sim_ros.ros.time.compiling import Compiling
 from cloth_sim_ros.sim import Simulation
@@ -38,6 +40,7 @@ class World:
         self.trouble = "not built yet"
         self.resets = 0
         self.simulated = 0.0  # [s] in all, through resets and rebuilds
+        self.is_at_start = True  # no frame since the beginning, or since a reset
         moved = (*values["colliders"], *values["handles"], *values["grippers"])
         poses = {name: Pose.of(values, name) for name in moved}
         poses |= dict.fromkeys(finger_names(values["grippers"]), Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
@@ -174,6 +177,7 @@ class World:
         their senders believe."""
         self.journal.note("reset")
         self.resets += 1
+        self.is_at_start = True
         self._winches.release(self.sim, list(self._winches.rates), self.in_effect)
         if self.sim is None:
             return
@@ -196,6 +200,24 @@ class World:
         """Takes a collider away that was added, if there is one of this name."""
         self.journal.note("take_away", name)
         self.added.take_away(self.sim, name)
+
+    def place(self, name: str, pose: Pose) -> None:
+        """Puts a collider, or a handle that holds nothing, at `pose` at once, without a motion."""
+        self.journal.cut()  # it has no act for that, nor for the next one
+        if name in self.added.colliders:
+            self.added.colliders[name] = replace(self.added.colliders[name], **placed(pose))
+        else:
+            self.tracks[name].rest(pose)
+        put = self.sim.set_handle_pose if name in self.sim.scene.handles else self.sim.set_collider_pose
+        put(name, pose.position, pose.orientation, sweep=False)
+
+    def place_object(self, name: str, positions: np.ndarray | None, velocities: np.ndarray | None) -> None:
+        """Puts the particles of an object at positions (N, 3) [m] with velocities (N, 3) [m/s]; None leaves them."""
+        self.journal.cut()
+        if positions is not None:
+            self.sim.set_positions(name, positions)
+        if velocities is not None:
+            self.sim.set_velocities(name, velocities)
 
     def attach(self, handle: str, on: bool) -> tuple[bool, str]:
         """Has a handle grasp or let go; whether it did, and one sentence about it."""
@@ -234,6 +256,7 @@ class World:
         self.sim.step()
         self.grasps.watch(self.sim, self.in_effect)
         self.simulated += frame_dt
+        self.is_at_start = False
         self.journal.note("advance")
         return frame_dt
 
@@ -269,6 +292,7 @@ class World:
         for name in {*self.sim.scene.colliders, *self.sim.scene.handles} & set(self.tracks):
             self.tracks[name].rest(Pose(self.sim.get(f"{name}.position"), self.sim.get(f"{name}.orientation")))
         self.added.look(self.sim, self.tracks)
+        self.is_at_start = False
         self.journal.cut()
         self._reported.know(self.sim.report())
         self.grasps.look(self.sim)

@@ -42,6 +42,11 @@ class ObjectOutput(Output):
         tears = self._surface is not None and self._surface.tears
         return [self._particles, self._mesh, *([self._topology] if tears else [])]
 
+    @property
+    def owned(self) -> list:
+        """All publishers."""
+        return [self._particles, self._mesh, self._topology]
+
     def _detach(self) -> None:
         """Sends nothing until the next attach(): the object does not exist."""
         self._cloud = self._marker = self._source = self._surface = None

@@ -41,6 +41,11 @@ class Output:
         return any(publisher.get_subscription_count() > 0 for publisher in self.publishers)
 
     @property
+    def owned(self) -> Sequence[Publisher]:
+        """All publishers, to be destroyed with it."""
+        return self.publishers
+
+    @property
     def size(self) -> int:
         """Bytes that publish() sends."""
         return 0

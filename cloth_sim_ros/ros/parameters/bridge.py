@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import array
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 import yaml
@@ -45,7 +45,7 @@ class ParameterBridge:
         self._given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
         self.rows: dict[str, Parameter] = {}
         self.values: dict[str, Any] = {}
-        self._restoring = False
+        self._restoring = self._declaring = False
         self._followed: set[str] = set()  # what the last change brings with it by a material
         self._declare_all()
         self._warn_unknown()
@@ -79,11 +79,55 @@ class ParameterBridge:
             value = ros_value(row, self.values[name])
             self._node.declare_parameter(name, value, descriptor(row, name), ignore_override=True)
 
+    # -- objects that come and go --------------------------------------------------------------------------------
+
+    def checked_object(self, name: str, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Full name -> value of all parameters of one more object, of which `given` has some by full name.
+
+        Raises ValueError, in one sentence, where there cannot be such an object. May take seconds, in any thread.
+        """
+        (kind,) = names.type_rows({"objects": (name,)}).items()
+        rows = names.prefixed(name, names.object_rows(coerced(kind[1], given.get(kind[0], ""), kind[0])))
+        values = {**self.values, **filled(rows, given), "objects": (*self.values["objects"], name)}
+        values |= material_values(values, {**self._given, **given})
+        plan = make_plan(values)
+        problem = {**plan.problems, **broken_meshes(plan, [name])}.get(name)
+        if problem:
+            raise ValueError(problem)
+        check_solver(plan)
+        return {each: values[each] for each in rows}
+
+    def add_object(self, name: str, values: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+        """Declares the parameters of one more object with what `checked_object` made of `given`.
+
+        The simulation is not told. The parameter `objects` keeps the names that the node has started with.
+        """
+        rows = names.prefixed(name, names.object_rows(values[f"{name}.type"]))
+        self.rows |= rows
+        self._given |= {each: values[each] for each in given}
+        self.values = {**self.values, **values, "objects": (*self.values["objects"], name)}
+        self._declaring = True
+        try:
+            for each, row in rows.items():
+                about = descriptor(row, each)
+                about.read_only = False  # the middleware would keep such a parameter for ever
+                self._node.declare_parameter(each, ros_value(row, values[each]), about, ignore_override=True)
+        finally:
+            self._declaring = False
+
+    def remove_objects(self, gone: Collection[str]) -> None:
+        """Takes the parameters of objects away that add_object has added. The simulation is not told."""
+        left = tuple(name for name in self.values["objects"] if name not in gone)
+        lost = {each for each in self.rows if each.partition(".")[0] in gone}
+        self.values = {name: value for name, value in self.values.items() if name not in lost} | {"objects": left}
+        for each in lost:
+            del self.rows[each]
+            self._given.pop(each, None)
+            self._node.undeclare_parameter(each)
+
     def _start_value(self, name: str, row: Parameter) -> Any:
         """The value given for `name`, or the default: where none is given, or after a complaint where it is wrong."""
-        default = row.default
-        if row.name == "pins" and self.values.get(name.replace(".pins", ".mesh")):
-            default = "none"  # a mesh has no corners
+        default = _default(row, name, self.values)
         if name not in self._given:
             return default
         given = self._given[name]
@@ -99,12 +143,7 @@ class ParameterBridge:
     def _warn_unknown(self) -> None:
         for name in self._given:
             if name not in self.rows and not name.startswith(_RCLPY_OWN):
-                self._log.warning(f"{self._unknown(name)} Its value is ignored.")
-
-    def _unknown(self, name: str) -> str:
-        close = difflib.get_close_matches(name, self.rows, n=1)
-        plain = name if name.isprintable() and len(name) <= 80 else table.shown(name)
-        return f"there is no parameter {plain}" + (f"; did you mean {close[0]}?" if close else ".")
+                self._log.warning(f"{_unknown(name, self.rows)} Its value is ignored.")
 
     # -- changes -------------------------------------------------------------------------------------------------
     # An exception in one of these callbacks would end the node's spinning and leave the client without an answer.
@@ -165,6 +204,8 @@ class ParameterBridge:
         ]
 
     def _refuse_or_accept(self, parameters: list[RosParameter]) -> SetParametersResult:
+        if self._declaring:  # checked before, as one object
+            return SetParametersResult(successful=True)
         try:
             self._proposed(parameters)
         except Exception as error:
@@ -180,11 +221,14 @@ class ParameterBridge:
         changed = {}
         for parameter in parameters:
             if parameter.name in self.rows:
+                row = self.rows[parameter.name]
                 if parameter.type_ == RosParameter.Type.NOT_SET:
                     raise ValueError(f"{parameter.name} cannot be deleted")
-                changed[parameter.name] = coerced(self.rows[parameter.name], parameter.value, parameter.name)
+                changed[parameter.name] = coerced(row, parameter.value, parameter.name)
+                if row.fixed and changed[parameter.name] != self.values[parameter.name]:
+                    raise ValueError(f"{parameter.name} is fixed; allowed is what it is")
             elif not parameter.name.startswith(_RCLPY_OWN):
-                raise ValueError(self._unknown(parameter.name))
+                raise ValueError(_unknown(parameter.name, self.rows))
         values = {**self.values, **changed}
         problems = make_plan(values).problems
         for owner in {name.partition(".")[0] for name in changed} & set(problems):
@@ -192,6 +236,8 @@ class ParameterBridge:
         return values
 
     def _hand_on(self, parameters: list[RosParameter]) -> None:
+        if self._declaring:
+            return
         try:
             before, self.values = self.values, self._proposed(parameters)
             if self._restoring:
@@ -209,8 +255,8 @@ class ParameterBridge:
 
     def restore(self, built: Mapping[str, Any]) -> None:
         """Puts the parameters that rebuild back to the values `built` that the simulation still runs on."""
-        stale = [name for name, row in self.rows.items() if not row.live and self.values[name] != built[name]]
-        self._hold({name: built[name] for name in stale})
+        rebuilding = {name for name, row in self.rows.items() if not (row.live or row.fixed)} & built.keys()
+        self._hold({name: built[name] for name in rebuilding if self.values[name] != built[name]})
 
     def put_back(self, name: str, refused: Any, held: Any) -> None:
         """Puts a live parameter back to the value `held` in effect, unless it was set again since it was refused."""
@@ -234,6 +280,28 @@ class ParameterBridge:
             self._restoring = False
         if not result.successful:
             self._log.error(f"parameters cannot follow the simulation: {result.reason}")
+
+
+def _default(row: Parameter, name: str, values: Mapping[str, Any]) -> Any:
+    """The default of the parameter `name`, beside the `values` of those declared before it."""
+    return "none" if row.name == "pins" and values.get(name.replace(".pins", ".mesh")) else row.default
+
+
+def filled(rows: Mapping[str, Parameter], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Full name -> checked value of all `rows`, of which `given` has some. Raises ValueError in one sentence."""
+    for name in given:
+        if name not in rows:
+            raise ValueError(_unknown(name, rows))
+    values: dict[str, Any] = {}
+    for name, row in rows.items():
+        values[name] = coerced(row, given[name], name) if name in given else _default(row, name, values)
+    return values
+
+
+def _unknown(name: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    plain = name if name.isprintable() and len(name) <= 80 else table.shown(name)
+    return f"there is no parameter {plain}" + (f"; did you mean {close[0]}?" if close else ".")
 
 
 def coerced(row: Parameter, value: Any, name: str) -> Any:

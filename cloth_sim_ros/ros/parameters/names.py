@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -122,15 +122,19 @@ def usable(names: Iterable[str], taken: set[str], what: str) -> tuple[list[str],
     """The `names` that can prefix topics and parameters, and a sentence for each that cannot. Adds to `taken`."""
     good, complaints = [], []
     for name in names:
-        if not _NAME.fullmatch(name):
-            complaints.append(
-                f"{what} holds {table.shown(name)}, left out: a name is letters, digits and _, a letter first"
-            )
-        elif len(name) > LONGEST:
-            complaints.append(f"{what} holds {table.shown(name)}, left out: a name has at most {LONGEST} letters")
-        elif name in taken:
-            complaints.append(f"{what} holds '{name}', left out: the name is already taken")
+        trouble = unusable(name, taken)
+        if trouble:
+            complaints.append(f"{what} holds {table.shown(name)}, left out: {trouble}")
         else:
             taken.add(name)
             good.append(name)
     return good, complaints
+
+
+def unusable(name: str, taken: Container[str]) -> str:
+    """Why a name cannot prefix topics and parameters beside those `taken`, in words; "" where it can."""
+    if not _NAME.fullmatch(name):
+        return "a name is letters, digits and _, a letter first"
+    if len(name) > LONGEST:
+        return f"a name has at most {LONGEST} letters"
+    return "the name is already taken" if name in taken else ""

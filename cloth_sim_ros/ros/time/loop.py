@@ -14,6 +14,8 @@ from cloth_sim_ros.ros.time.clock_follower import ClockFollower
 from cloth_sim_ros.ros.time.frame_clock import FrameClock
 from cloth_sim_ros.ros.world import World
 
+PATIENCE = 5.0  # [s] a service waits for the simulation, which may be compiling
+
 
 class SimulationLoop:
     """Runs `world` in a thread of its own.
@@ -80,6 +82,14 @@ class SimulationLoop:
         if self.world.sim is not None:
             self.world.advance()
 
+    def build(self) -> None:
+        """Builds the simulation anew at once; to be submitted."""
+        self._rebuild.clear()
+        self._busy = "building", time.monotonic()
+        self._built(self.world, self.world.build(self._values()))
+        self._clock.restart(self._period())
+        self._next_tell = time.monotonic() + self.TELL_PERIOD
+
     def _period(self) -> float:
         sim = self.world.sim
         return sim.settings.frame_dt if sim is not None else 1.0 / self._values()["rate"]
@@ -104,11 +114,7 @@ class SimulationLoop:
 
     def _frame(self) -> None:
         if self._rebuild.is_set():
-            self._rebuild.clear()
-            self._busy = "building", time.monotonic()
-            self._built(self.world, self.world.build(self._values()))
-            self._clock.restart(self._period())
-            self._next_tell = time.monotonic() + self.TELL_PERIOD
+            self.build()
         self._run_commands()
         if self.world.sim is None or self._by_clock() and not self._follower.due(self._period()):
             return
