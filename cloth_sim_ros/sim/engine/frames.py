@@ -9,6 +9,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.engine.in_step import InStep
+from cloth_sim_ros.sim.executors.block import Block
 from cloth_sim_ros.sim.substeps.control import is_measured
 
 LONGEST = 10  # largest number of frames in a graph
@@ -28,7 +29,8 @@ class Frames:
         self._alone, self.groups = [batch for batch in batches if id(batch) not in together], groups
         self._frame_dt, self._device = frame_dt, device
         self._graphs: dict[tuple[Hashable, ...], wp.Graph] = {}
-        self.captures = device.is_cuda and not groups
+        # The graph executor launches graphs of its own, which no other can hold.
+        self.captures = device.is_cuda and not groups and all(isinstance(b.executor, Block) for b in self._alone)
 
     def advance(
         self, first: int, frames: int, ending: Callable[[], None] | None = None, measured: bool = False
