@@ -43,4 +43,5 @@ def check_solver(plan: Plan) -> None:
     if settings.method == "verlet":
         for name, thing in plan.scene.objects.items():
             material = (compliances_of(thing), thing.damping)
-            check_explicit(plan.scene, settings, name, build_topology(thing, name, False), [material])
+            topology = build_topology(thing, name, False, plan.scene.wind is not None)
+            check_explicit(plan.scene, settings, name, topology, [material])

@@ -295,7 +295,7 @@ class Bodies:
         self._build_around({each: self._choose_now(each) for each in self.batch})
 
     def _topology(self, name: str, thing: Cloth | Rope, direct_ropes: bool) -> Topology:
-        found = build_topology(thing, name, direct_ropes).at(self.scales.get(name))
+        found = build_topology(thing, name, direct_ropes, self.scene.wind is not None).at(self.scales.get(name))
         found = self._sewn(name, replace(found, constraints=self._constraints(name, len(found.masses))))
         places = ("rest", "origin") if name in self.moves else ()
         return replace(found, **{place: moved(getattr(found, place), self.moves[name]) for place in places})

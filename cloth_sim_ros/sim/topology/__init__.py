@@ -11,12 +11,12 @@ from cloth_sim_ros.sim.topology.springs import KINDS, Elements
 __all__ = ["KINDS", "Elements", "Topology", "build"]
 
 
-def build(thing: Cloth | Rope, name: str, direct_ropes: bool) -> Topology:
+def build(thing: Cloth | Rope, name: str, direct_ropes: bool, in_air: bool = False) -> Topology:
     """Build the topology of a cloth or rope called `name`.
 
-    With `direct_ropes`, the segments of a rope are a chain for a direct solve, and no springs. Raises ValueError for a
-    mesh that is not manifold or has a vertex without area.
+    With `direct_ropes`, the segments of a rope are a chain for a direct solve, and no springs. in_air: True if the
+    scene has wind. Raises ValueError for a mesh that is not manifold or has a vertex without area.
     """
     if isinstance(thing, Rope):
         return of_rope(thing, direct_ropes)
-    return of_grid(thing, name) if thing.vertices is None else of_mesh(thing, name)
+    return of_grid(thing, in_air) if thing.vertices is None else of_mesh(thing, name)

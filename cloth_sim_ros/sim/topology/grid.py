@@ -11,8 +11,12 @@ from cloth_sim_ros.sim.topology.mesh import of_sheet
 from cloth_sim_ros.sim.topology.springs import Elements
 
 
-def of_grid(cloth: Cloth, name: str) -> Topology:
-    """A grid of nx x ny particles, each cell cut into two triangles along its diagonal (0, 0)-(1, 1)."""
+def of_grid(cloth: Cloth, in_air: bool) -> Topology:
+    """A grid of nx x ny particles, each cell cut into two triangles along its diagonal (0, 0)-(1, 1).
+
+    A corner has the mass of a quarter cell, as its springs have half the constant. `in_air` it has a third of each of
+    its one or two triangles, as of their air, so that a flat sheet falls flat.
+    """
     nx, ny = cloth.resolution
     width, height = cloth.size
     ix, iy = (a.ravel() for a in np.meshgrid(np.arange(nx), np.arange(ny)))
@@ -32,8 +36,9 @@ def of_grid(cloth: Cloth, name: str) -> Topology:
             np.stack([index[:-1, :-1], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 3),
         ]
     ).astype(np.int32)
-    # A third of each triangle, as of its air: so a flat sheet falls flat, though a corner lies in one triangle or two.
     masses = cloth.mass * np.bincount(triangles.ravel()) / triangles.size
+    if not in_air:
+        masses[index[[0, 0, -1, -1], [0, -1, 0, -1]]] = 0.25 * cloth.mass / ((nx - 1) * (ny - 1))
     return of_sheet(cloth, local, masses, named, triangles, _grid_springs(cloth, index, local), (nx, ny))
 
 

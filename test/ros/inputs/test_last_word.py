@@ -98,11 +98,13 @@ def test_a_rate_by_topic_ends_with_its_time(heights, client):
 def test_a_place_by_parameter_takes_a_collider_back(heights, client):
     rope = client.listen(PointCloud2, "/cloth_sim/rope/particles", 1)
     client.until(lambda: heights.end_of_rope() == pytest.approx(1.5, abs=0.01))
-    for k in range(40):  # the plate pushes the rope's end along x, a move a frame
+    aside = []
+    for k in range(40):  # the plate pushes the rope's end along x, a move a frame, until the rope slips off
         client.move("plate", (-0.2 + 0.01 * k, 0.0, 1.5))
         heights.end_of_rope()
+        aside.append(fields(rope[-1])[-1, 0] if rope else 0.0)
     client.spin(0.3)
-    assert fields(rope[-1])[-1, 0] > 0.15
+    assert max(aside) > 0.1
     assert list(client.get("plate.position")) == [0.0, 0.0, -5.0]
     assert client.set("plate.position", [0, 0, -5]).successful
     client.until(lambda: abs(fields(rope[-1])[-1, 0]) < 0.01)
