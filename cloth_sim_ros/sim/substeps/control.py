@@ -33,6 +33,7 @@ AT_REST, OF_SIZE = wp.constant(5.0e-3), wp.constant(0.1)
 # Displacement in a window, as a share of the size, below which a body falls asleep: what float32 rounds.
 STILL = wp.constant(6.0e-8)
 MOST_GROWTH, LEAST_GROWTH = wp.constant(3.0), wp.constant(0.8)  # bounds of the ratio of substeps in one change
+SLOW_GROWTH = wp.constant(1.25)  # largest ratio where the error does not fall: what one shrink undoes
 SPARE = wp.constant(0.9)  # substeps stay if this share of them would do
 
 
@@ -159,10 +160,10 @@ def order_of(fine: float, coarse: float) -> float:
 def chosen(n: int, share: float, order: float, limits: StepLimits) -> int:
     """Substeps for the wanted error, from the share of the error of a frame of n substeps, and its order.
 
-    Where errors do not fall as substeps double, as in chaos, more of them buy nothing. They grow by what they buy.
+    Where errors do not fall as substeps double, as in chaos, more of them buy little. They grow by what they buy.
     """
     ratio = wp.pow(share / limits.error, 1.0 / wp.clamp(order, 1.0, 2.0))
-    most = wp.where(n < FEW, MOST_GROWTH, wp.pow(MOST_GROWTH, wp.min(order, 1.0)))
+    most = wp.where(n < FEW, MOST_GROWTH, wp.max(SLOW_GROWTH, wp.pow(MOST_GROWTH, wp.min(order, 1.0))))
     wanted = int(wp.ceil(float(n) * wp.clamp(ratio, LEAST_GROWTH, most)))
     if wanted <= n and float(wanted) > SPARE * float(n):
         wanted = n
