@@ -265,12 +265,13 @@ def judge_frames(
 
 
 @wp.func
-def change_factor(t: int, width: int, a: Arrays, b: int, before: int, after: int, factor: int):
-    """Multiply the substeps of body b by `after` instead of `before` from now on; `factor` is stored."""
-    n = substeps_of(a.state.control, a.limits[b], b) / wp.max(1, a.state.control.factors[b])
+def change_factor(t: int, width: int, a: Arrays, b: int, factor: int):
+    """Multiply the substeps that are chosen for body b by `factor` from now on; 0 leaves them."""
+    before = substeps_of(a.state.control, a.limits[b], b)
+    after = before / wp.max(1, a.state.control.factors[b]) * wp.max(1, factor)
     sync()  # all threads have read what one will write
     if a.state.last_displacements.shape[0] > 0:
-        resample_all(t, width, a, b, n * before, n * after)
+        resample_all(t, width, a, b, before, after)
     if t == 0:
         a.state.control.factors[b] = factor
 
@@ -282,7 +283,7 @@ def begin_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), rej
     if wp.tid() == 0:
         rejects[0] = 0
     if factors[k] > 0:
-        change_factor(t, block, given[k / bodies], k % bodies, 1, factors[k], factors[k])
+        change_factor(t, block, given[k / bodies], k % bodies, factors[k])
 
 
 @compiled
@@ -293,4 +294,4 @@ def end_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), block
     used = a.state.control.factors[b]
     # A rejected frame has a larger factor by now.
     if used > 0 and used == factors[k]:
-        change_factor(t, block, a, b, used, 1, 0)
+        change_factor(t, block, a, b, 0)
