@@ -73,7 +73,7 @@ def folded_twice(device):
     sheet = Cloth.of("cotton", resolution=(16, 16), size=(0.4, 0.4), position=(0, 0, 0.004), **FLAT)
     hands = {
         "first": Handle(position=(-0.2, -0.2, 0.004), reach=0.03),
-        "second": Handle(position=(0.2, -0.2, 0.004), reach=0.06),
+        "second": Handle(position=(0.2, -0.2, 0.004), reach=0.1),
     }
     sim = Simulation(Scene({"sheet": sheet}, {"floor": Plane()}, handles=hands), device=device)
 

@@ -73,7 +73,7 @@ def test_what_counts_as_flat_is_apart(device, sheet):
 def test_no_bit_depends_on_it(device, monkeypatch):
     """A sheet that swings, is blown over a ball and folds: as if pairs were looked for in every frame."""
     sheet = Cloth(resolution=(12, 12), thickness=THICKNESS, pins="top", self_contact=True)
-    scene = Scene({"it": sheet}, {"ball": Sphere(radius=0.1, position=(0, 0.1, -0.5))}, wind=Wind(velocity=(0, 3, 0)))
+    scene = Scene({"it": sheet}, {"ball": Sphere(radius=0.1, position=(0, 0.1, -0.5))}, wind=Wind(velocity=(0, 6, 0)))
     with monkeypatch.context() as patch:
         patch.setattr(Topology, "fold_gap", 0.0)
         always = Simulation(scene, Settings(), device, worlds=2)
