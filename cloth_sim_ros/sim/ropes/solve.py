@@ -9,6 +9,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of
 from cloth_sim_ros.sim.features.collider_contact.lean import make_lean, make_lean_between
 from cloth_sim_ros.sim.features.collider_contact.particle import make_met_in
 from cloth_sim_ros.sim.features.grasp.hold import HELD
@@ -82,7 +83,7 @@ def make_start(features: Features):
             if wp.static(lean_between is not None):
                 sync()
                 for k in range(t, ctx.body.count - 1, width):
-                    lean_between(k, met.near, ctx)
+                    lean_between(k, met.near, ctx, True)
 
     return start
 
@@ -183,10 +184,33 @@ def _make_attempt(features: Features, threads: int):
     return attempt
 
 
+def _make_settle_contacts(features: Features, threads: int):
+    """Return a Warp function that updates the contacts of segments within the solve, and tells if it has to go on."""
+    if not (features.leans and features.surface):
+        return None
+    lean_between, near_of = make_lean_between(features), make_near_of(features.listed)
+
+    @wp.func
+    def settle_contacts(t: int, ctx: Context) -> bool:
+        sync()
+        near, changed = near_of(ctx), int(0)
+        for k in range(t, ctx.body.count - 1, wp.static(threads)):
+            if lean_between(k, near, ctx, False):
+                changed = 1
+        if sync_any(changed) == 0:
+            return False
+        for k in range(t, ctx.body.count - 1, wp.static(threads)):
+            lean_between(k, near, ctx, True)
+        return True
+
+    return settle_contacts
+
+
 def make_solve(features: Features, threads: int):
     """Return the stage in which `threads` threads solve a rope: Newton steps until all segments are settled."""
     beam, winch = features.beam, features.winch
     ready, attempt = _make_ready(features, threads), _make_attempt(features, threads)
+    settle_contacts = _make_settle_contacts(features, threads)
 
     @wp.func
     def solve(t: int, ctx: Context) -> bool:
@@ -219,6 +243,9 @@ def make_solve(features: Features, threads: int):
             )
             steps += 1
             again = sync_any(events & UNSETTLED) != 0 and steps < NEWTON_STEPS
+            if wp.static(settle_contacts is not None):
+                if steps < NEWTON_STEPS:
+                    again = settle_contacts(t, ctx) or again
         return overstretched
 
     @wp.func

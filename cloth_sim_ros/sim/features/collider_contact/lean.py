@@ -23,7 +23,7 @@ from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import point_of, slip_at
 from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of
 from cloth_sim_ros.sim.features.collider_contact.pinch import make_is_squeezed
-from cloth_sim_ros.sim.features.collider_contact.sweep import pace, slip_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import outward
@@ -203,35 +203,52 @@ def _inverse_mass(corners: wp.vec3i, weights: wp.vec3, ctx: Context) -> float:
     return weights[0] * weights[0] * near + beyond * beyond * far
 
 
+@wp.func
+def _moved_at(corners: wp.vec3i, point: wp.vec2, ctx: Context) -> wp.vec3:
+    """Return by how much a point of a segment, of these weights, moved since the solve began [m]."""
+    a, b = ctx.body.particles + corners[0], ctx.body.particles + corners[1]
+    first = xyz(load4(ctx.d, corners[0])) - ctx.state.rope.starts[a]
+    return point[0] * first + point[1] * (xyz(load4(ctx.d, corners[1])) - ctx.state.rope.starts[b])
+
+
 def make_lean_between(features: Features):
     """Return a Warp function that finds what a collider does to segment k between its particles.
 
-    Where several touch a segment, only the one that presses most acts within the solve.
+    It returns True if a contact is open that acts within the solve, or closed and does not act. Then the rope is solved
+    once more from where it is now, a step of a semi-smooth Newton method (Alart and Curnier 1991). With `writes` the
+    next solve takes what is found. Where several colliders touch a segment, only the one that presses most acts.
     """
     meet = make_ccd(features.shapes)
 
     @wp.func
-    def lean_between(k: int, near: Near, ctx: Context):
+    def lean_between(k: int, near: Near, ctx: Context, writes: bool) -> bool:
         corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
         push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), wp.vec2(0.0), float(0.0)
-        kept = int(-1)
+        kept, changed = int(-1), bool(False)
         c = next_of(-1, near, False)
         while c < ctx.colliders.shape[0]:
             entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
             press = ctx.state.contact.presses[entry]
-            ctx.state.contact.presses[entry].lean = wp.vec4(0.0)
-            if press.when >= ctx.substep - 1 and press.so_far[3] > 0.0:
+            if writes:
+                ctx.state.contact.presses[entry].lean = wp.vec4(0.0)
+            if wp.max(press.weights) > 0.0:  # it touched this point of the segment at some time
                 collider, sweep = ctx.colliders[c], ctx.state.contact.sweeps[ctx.sweep + c]
                 facet, w = facet_of(corners, ctx, sweep), _inverse_mass(corners, press.weights, ctx)
                 p, slip = point_of(facet, press.weights), slip_at(facet, press.weights)
                 apart = pace(collider, ctx.step)
                 met = meet(collider.shape, collider.size, collider.data, p, slip, ctx.material.thickness, apart)
+                met[3] += NOISE  # as in surface.py
                 local = sweep.to_local * press.normal
-                before = (w * ctx.step.effective * ctx.step.effective) * (xyz(press.so_far) + press.so_far[3] * local)
+                before = wp.vec3(0.0)
+                if press.when >= ctx.substep - 1:
+                    before = xyz(press.so_far) + press.so_far[3] * local
+                before *= w * ctx.step.effective * ctx.step.effective
                 softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
                 found = augmented(before, met, slip, wp.length(p), softness, 0.0, collider, ctx)
                 pressed = wp.dot(xyz(found), xyz(met))
-                if found[3] > 0.0 and w > 0.0 and pressed > most:
+                acts = found[3] > 0.0 and w > 0.0
+                changed = changed or acts != (press.lean[3] > 0.0)
+                if writes and acts and pressed > most:
                     most, back = pressed, wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push = (1.0 / w) * (back * xyz(found))
@@ -239,16 +256,15 @@ def make_lean_between(features: Features):
                     point = wp.vec2(press.weights[0], press.weights[1] + press.weights[2])
                     if kept >= 0:
                         ctx.state.contact.presses[kept].lean = wp.vec4(0.0)
-                        ctx.state.contact.presses[kept].so_far = wp.vec4(0.0)
                     kept = entry
                     ctx.state.contact.presses[entry].lean = pack(n, found[3])
                     ctx.state.contact.presses[entry].leaned = press.weights
-                else:
-                    ctx.state.contact.presses[entry].so_far = wp.vec4(0.0)
             c = next_of(c, near, False)
-        ctx.state.rope.segment_pushes[place] = push
-        ctx.state.rope.segment_holds[place] = hold
-        ctx.state.rope.segment_points[place] = point
+        if writes:  # the solve counts moves from `starts`
+            ctx.state.rope.segment_pushes[place] = push + hold * _moved_at(corners, point, ctx)
+            ctx.state.rope.segment_holds[place] = hold
+            ctx.state.rope.segment_points[place] = point
+        return changed
 
     return lean_between
 

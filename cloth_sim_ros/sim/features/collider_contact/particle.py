@@ -19,14 +19,13 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import (
     slack_of,
 )
 from cloth_sim_ros.sim.features.collider_contact.strain import note_strain, widest_around
-from cloth_sim_ros.sim.features.collider_contact.sweep import pace, slip_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 from cloth_sim_ros.sim.physics.integrate import Step, carried
 
 NEARBY = wp.constant(3.0)  # reach of facets from their corners, stretched threefold, in gaps between particles
-NOISE = wp.constant(1.0e-6)  # distance [m] below which a motion may be rounding alone
 # Bits that contact returns: a collider may come near the particle in this substep, and one touched it.
 CLOSE, TOUCHED = wp.constant(1), wp.constant(2)
 

@@ -35,9 +35,8 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     is_tested,
     moved_since,
 )
-from cloth_sim_ros.sim.features.collider_contact.lean import friction_of, keep_lean
+from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, keep_lean
 from cloth_sim_ros.sim.features.collider_contact.particle import (
-    NOISE,
     Met,
     Push,
     add_force,
@@ -56,13 +55,14 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import (
     make_is_facet_squeezed,
     slack_of,
 )
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
 from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
 # Smallest divisor of a push beside a pinned or heavy corner, as a fraction of the largest inverse mass. No other corner
 # is then thrown farther than four times the gap.
 LEAST_SHARE = wp.constant(0.25)
-# Fraction of the facets around a particle that count as touching at once. At 1 they would lie deep; at half of this
+# Fraction of the triangles around a particle that count as touching at once. At 1 they would lie deep; at half of this
 # value, a cloth over a rail shakes by 1e-6 J/kg.
 _TOUCH_AT_ONCE = wp.constant(0.67)
 # Displacement as a fraction of the thickness; a facet that moved less reuses its deepest point (non-convex shapes).
@@ -91,7 +91,9 @@ def yielding(corners: wp.vec3i, weights: wp.vec3, ctx: Context) -> float:
     sum = float(0.0)
     most = float(0.0)
     for k in range(3):
-        facets = wp.max(_TOUCH_AT_ONCE * facets_around(corners[k], ctx), 1.0)
+        facets = facets_around(corners[k], ctx)
+        if corners[1] != corners[2]:
+            facets = wp.max(_TOUCH_AT_ONCE * facets, 1.0)
         w = facets * load4(ctx.d, corners[k])[3]
         sum += weights[k] * weights[k] * w
         most = wp.max(most, w)
@@ -174,6 +176,18 @@ def _make_so_far(leans: bool):
     return so_far_of
 
 
+def _make_gap(leans: bool):
+    """Return a Warp function: the gap [m] of a point of a facet at p that slipped, in a place `touching`."""
+
+    @wp.func
+    def gap_of(touching: wp.vec4, slip: wp.vec3, p: wp.vec3) -> float:
+        if wp.static(leans):
+            return exact_gap(touching[3] + NOISE, wp.dot(slip, xyz(touching)), wp.length(p))
+        return touching[3] + NOISE
+
+    return gap_of
+
+
 def make_press_on(features: Features):
     """Return a Warp function: the Press of a facet against one collider, with friction; `last` is its last Press.
 
@@ -185,7 +199,7 @@ def make_press_on(features: Features):
         make_is_facet_squeezed(features),
         features.leans,
     )
-    so_far_of = _make_so_far(leans)
+    so_far_of, gap_of = _make_so_far(leans), _make_gap(leans)
 
     @wp.func
     def press_on(
@@ -206,9 +220,9 @@ def make_press_on(features: Features):
         touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness + slack, apart)
         c = entry % ctx.colliders.shape[0]
         squeezed = is_between(squeezed, xyz(touching), c, ctx)
-        gap = wp.where(keeps_a_corner(corners, collider, ctx), 0.0, touching[3] + slack)
+        gap = wp.where(keeps_a_corner(corners, collider, ctx), 0.0, slack + gap_of(touching, slip, p))
         before = so_far_of(last, ctx)
-        if gap >= -NOISE and before[3] == 0.0 and not squeezed:  # its corners are outside; the rest may be rounding
+        if gap >= 0.0 and before[3] == 0.0 and not squeezed:
             return press
         gap += depth_before_middle(squeezed, collider, thickness)
         n = xyz(touching)

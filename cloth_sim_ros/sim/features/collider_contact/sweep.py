@@ -8,6 +8,10 @@ from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.physics.path import bend_at, orientation_at
 
+# Distance [m] below which a motion may be rounding alone. A facet touches a collider where it is that deep: if it were
+# let sink so far and then lifted to the surface, each lift would throw it off.
+NOISE = wp.constant(1.0e-6)
+
 
 @wp.func
 def sweep_collider(c: ColliderMotion, before: float, after: float) -> Sweep:

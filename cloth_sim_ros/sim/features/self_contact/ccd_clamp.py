@@ -10,7 +10,7 @@ If nothing is pinned, planes move at the mean velocity of all bodies. A group th
 
 import warp as wp
 
-from cloth_sim_ros.sim.features.collider_contact.particle import NOISE
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
 from cloth_sim_ros.sim.features.self_contact.nearest import nearest
 from cloth_sim_ros.sim.features.self_contact.pairs import Pair, Pairs, pair_of
 from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Surface, dt_of, panel_of, surface_of, velocity

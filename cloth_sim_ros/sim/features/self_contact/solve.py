@@ -13,7 +13,7 @@ conserved. Corrections are summed as integers, so the order of pairs does not ch
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Material
-from cloth_sim_ros.sim.features.collider_contact.particle import NOISE
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.features.self_contact.arrays import ASKED
 from cloth_sim_ros.sim.features.self_contact.nearest import nearest
