@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from cloth_sim_ros.sim import Capsule, Handle, Plane, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Capsule, Cylinder, Handle, Plane, Rope, Scene, Settings, Simulation
 
 G = 9.81
 ACROSS = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))  # turns local z to y
@@ -158,3 +158,36 @@ def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(device,
     assert np.hypot(x[:, 0], x[:, 2]).min() > radius + 0.99 * rope.radius
     strain = np.linalg.norm(np.diff(x, axis=0), axis=1) / (length / segments) - 1.0
     assert strain.max() < 1.1 * pull[-2] / 1.5e4
+
+
+@pytest.mark.parametrize(("substeps", "order"), [(50, 1), (50, 2), (200, 2)])
+def test_a_rope_rests_on_a_bar_that_is_felt_between_its_particles(device, substeps, order):
+    """Weights of 1 : 2 on both sides rest below exp(mu pi) = 2.57. The rope crept, faster with more substeps."""
+    mu, radius, thickness, light, heavy, segments = 0.3, 0.05, 0.001, 0.15, 0.3, 40
+    reach, area = radius + thickness, np.pi * thickness**2
+    length = light + np.pi * reach + heavy
+    s = np.linspace(0.0, length, segments + 1)
+    turn = np.clip((s - light) / reach, 0.0, np.pi)
+    below = np.where(s < light, s - light, np.where(s > length - heavy, (length - heavy) - s, 0.0))
+    points = np.column_stack([-reach * np.cos(turn), 0 * s, reach * np.sin(turn) + below])
+    on = (turn > 0.0) & (turn < np.pi)
+    points[on] *= [[1.0 / np.cos(0.5 * s[1] / reach), 1.0, 1.0 / np.cos(0.5 * s[1] / reach)]]  # corners lie outside
+    rubs = {"static_friction": mu, "kinetic_friction": mu}
+    rope = Rope(
+        points=np.column_stack([s, 0 * s, 0 * s + 1.0]),
+        pins=None,
+        mass=1000.0 * area * length,
+        radius=thickness,
+        stretch_compliance=1.0 / (3e5 * area),
+        bend_compliance=4.0 / (3e5 * area * thickness**2),
+        **rubs,
+    )
+    bar = Cylinder(radius=radius, half_length=0.05, orientation=ACROSS, **rubs)
+    settings = Settings(frame_dt=0.01, substeps=substeps, order=order, global_damping=7.5)
+    sim = Simulation(Scene({"rope": rope}, {"bar": bar}), settings, device=device)
+    assert sim.choices["rope"].surface
+    sim.set_positions("rope", points)
+    sim.step(100)
+    before = sim.positions("rope").copy()
+    sim.step(50)
+    assert np.abs(sim.positions("rope") - before)[:, 2].max() < 2e-5

@@ -286,7 +286,11 @@ def keep_lean(k: int, near: Near, ctx: Context):
         lean = ctx.state.contact.presses[entry].lean
         if lean[3] > 0.0:
             n = xyz(lean)
-            rub = ctx.state.contact.sweeps[ctx.sweep + c].to_local * (acted - wp.dot(acted, n) * n)
+            most = friction_of(ctx.colliders[c], 0.0, ctx) * wp.max(wp.dot(acted, n), 0.0)
+            rub = acted - wp.dot(acted, n) * n
+            if wp.length(rub) > most[0]:
+                rub *= most[1] / wp.length(rub)
+            rub = ctx.state.contact.sweeps[ctx.sweep + c].to_local * rub
             ctx.state.contact.presses[entry].when = ctx.substep
             ctx.state.contact.presses[entry].normal = n
             ctx.state.contact.presses[entry].acted = acted

@@ -240,6 +240,11 @@ def make_press_on(features: Features):
         w_rubbed = yielding(corners, press.rubbed, ctx)
         slid = point_of(facet, press.stuck) - press.anchor
         slid -= wp.dot(slid, n) * n
+        moves = float(1.0)
+        if wp.static(leans):
+            # Friction within the solve only has its multiplier cut to the cone, see `settled`.
+            moves = wp.where(before[3] > 0.0, 0.0, 1.0)
+        slid *= moves
         rubbed_before = w_rubbed * (xyz(before) - wp.dot(xyz(before), n) * n)
         rubbed = friction_correction(slid, rubbed_before, w_rubbed * pressed, mu[0], mu[1])
         if wp.length_sq(rubbed - (rubbed_before - slid)) > 0.0:
@@ -247,7 +252,7 @@ def make_press_on(features: Features):
         press.weights = weights
         press.normal = wp.transpose(sweep.to_local) * n
         press.push = more * press.normal
-        press.rub = wp.transpose(sweep.to_local) * ((rubbed - rubbed_before) / w_rubbed)
+        press.rub = wp.transpose(sweep.to_local) * ((moves / w_rubbed) * (rubbed - rubbed_before))
         press.so_far = pack(rubbed / w_rubbed, pressed)
         if wp.static(leans):
             press.so_far *= ctx.step.inverse_square
